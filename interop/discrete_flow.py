@@ -23,6 +23,7 @@ from ..core.errors import GyrosparkError, InputError
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.inputs import InputRows
+from ..runtime.bindings.run_memory import Rows, RunState
 from ..runtime.derivatives.binding import KeptRun
 from ..runtime.derivatives.frame import FrameMotion
 from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
@@ -220,16 +221,13 @@ class DiscreteFlow:
 
     def _value(self, x: Array) -> Array:
         run, binding = self._run(x), self.stepper.binding
-        none, report = binding.new(0), binding.report()
-        status = binding.integrate(
-            binding.parameters(run.parameters, run.t0),
-            binding.options(None, run.max_iterations, run.solver), run.dt, run.steps, run.every,
-            run.q, run.p, (none, none, none, np.zeros(0, np.intc), none), report, binding.work(),
-            run.inputs)
+        state = RunState.at_start(binding, run.q, run.p)
+        status = binding.integrate(run.constants(binding), run.steps, run.every, state,
+                                   Rows.allocate(binding, 0))
         if status:
-            raise GyrosparkError(f"Step {int(report.steps) + 1} of {self.steps} failed: "
+            raise GyrosparkError(f"Step {state.steps + 1} of {self.steps} failed: "
                                  f"{REASONS[status]}.")
-        return np.concatenate([run.q, run.p])
+        return np.concatenate([state.q, state.p])
 
     def _kept(self, run: RunArguments) -> tuple[KeptRun, TangentSpace]:
         binding = self.stepper._derivative_binding()
@@ -255,7 +253,7 @@ class DiscreteFlow:
         frame = FrameMotion(binding, self.stepper.symmetries, run)
         if frame.moves:
             tangents = frame.matrix(self.steps) @ tangents + frame.own_derivatives(
-                self.steps, np.concatenate([kept.q, kept.p])) @ dz
+                self.steps, np.concatenate([kept.state.q, kept.state.p])) @ dz
         return tangents.T
 
     def _adjoint(self, x: Array, w: Array) -> Array:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..runtime.bindings.binding import REASONS, Binding
 from ..runtime.bindings.real_numbers import as_bytes, from_bytes
+from ..runtime.bindings.run_memory import RunState
 from ..runtime.events.detection import TAIL, Memory
 
 __all__ = ["CheckpointState", "EventProgress", "checkpoint_size", "pack", "unpack"]
@@ -50,9 +51,8 @@ class CheckpointState:
 
     Attributes
     ----------
-    q, p : array, shape (n,)
-    report, work : compiled structs
-        The running record and the work memory.
+    run : RunState
+        Its coordinates and momenta, running record and work memory.
     most : int
         Most iterations of a step since the last stored state.
     status : int
@@ -61,10 +61,7 @@ class CheckpointState:
         Of a run with events.
     """
 
-    q: Array
-    p: Array
-    report: Any
-    work: Any
+    run: RunState
     most: int = 0
     status: int = 0
     event_progress: EventProgress | None = None
@@ -72,7 +69,7 @@ class CheckpointState:
     @property
     def steps(self) -> int:
         """Steps done."""
-        return int(self.report.steps)
+        return self.run.steps
 
     @property
     def ended_by(self) -> int | None:
@@ -84,17 +81,17 @@ def checkpoint_size(binding: Binding, events: int = 0) -> int:
     """Return the size of a checkpoint in bytes."""
     start = binding.new(binding.n)
     event_progress = EventProgress.none(binding, events) if events else None
-    return len(pack(binding,
-                    CheckpointState(start, start, binding.report(), binding.work(),
-                                    event_progress=event_progress)))
+    return len(pack(binding, CheckpointState(RunState.at_start(binding, start, start),
+                                             event_progress=event_progress)))
 
 
 def pack(binding: Binding, state: CheckpointState) -> Array:
     """Return a state as bytes, the same for the same state: a digest, then the parts."""
-    binding.clear_padding(state.report, state.work)
+    run = state.run
+    binding.clear_padding(run.record, run.work)
     numbers = np.array([state.most, state.status], dtype="<i8")
-    parts = [numbers, as_bytes(state.q), as_bytes(state.p), binding.image(state.report),
-             binding.image(state.work), *_packed(binding, state.event_progress)]
+    parts = [numbers, as_bytes(run.q), as_bytes(run.p), binding.image(run.record),
+             binding.image(run.work), *_packed(binding, state.event_progress)]
     body = np.concatenate([np.ascontiguousarray(part).view(np.uint8).reshape(-1)
                            for part in parts])
     digest = np.frombuffer(hashlib.sha256(body.data).digest(), dtype=np.uint8)
@@ -124,7 +121,6 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> CheckpointState | 
         return None
     if hashlib.sha256(body.data).digest() != digest.tobytes():
         raise ValueError("the checkpoint is damaged")
-    report, work = binding.report(), binding.work()
     at = 0
 
     def take(size: int) -> Array:
@@ -138,19 +134,18 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> CheckpointState | 
         return from_bytes(take(empty.nbytes).reshape(empty.shape), binding.dtype)
 
     most, status = (int(x) for x in take(16).view("<i8"))
-    q, p = numbers(binding.n), numbers(binding.n)
-    for struct in (report, work):
+    run = RunState.at_start(binding, numbers(binding.n), numbers(binding.n))
+    for struct in (run.record, run.work):
         image = binding.image(struct)
         image[:] = take(image.size)
     if not (0 <= most < 2**31 and (-events <= status <= 0 or status in REASONS)
-            and binding.function("is_valid")(report, work)):
+            and binding.function("is_valid")(run.record, run.work)):
         raise ValueError(_UNSOUND)
     if not events:
-        return CheckpointState(q, p, report, work, most, status)
+        return CheckpointState(run, most, status)
     rows, *known = (int(x) for x in take(8 * (1 + 2 * events)).view("<i8"))
     if not (0 <= rows <= TAIL and min(known) >= 0 and max(known[events:]) <= 1):
         raise ValueError(_UNSOUND)
     tail = numbers(2, TAIL, binding.n)[:, :rows]
     memory = Memory(tail[0], tail[1], np.array(known[events:], bool))
-    return CheckpointState(q, p, report, work, most, status,
-                           EventProgress(np.array(known[:events]), memory))
+    return CheckpointState(run, most, status, EventProgress(np.array(known[:events]), memory))

@@ -10,7 +10,7 @@ import queue
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +21,10 @@ from ..core.errors import InputError, Stopped
 from ..core.event import Event
 from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
-from ..runtime.events.observer import Observer, TerminalEvent
+from ..runtime.bindings.run_memory import Rows, RunState
+from ..runtime.events.observer import Observer
 from ..runtime.integration.run_arguments import RunArguments
-from ..runtime.integration.step_loop import (
-    ChunkSize,
-    Rows,
-    advance,
-    advance_with_events,
-    ended_at,
-    next_chunk,
-)
+from ..runtime.integration.step_loop import ChunkSize, ended_at, next_chunk
 from ..runtime.results.crossings import Crossings
 from ..runtime.results.diagnostics import Report
 from ..runtime.steppers.stepper import Stepper
@@ -70,16 +64,15 @@ class Recorder:
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
         self.manifest, self.fields = stepper.manifest, fields_of(stepper.manifest)
         self.block = array_of(group, "time").chunks[0]
-        self.parameters = self.binding.parameters(run.parameters, run.t0)
+        self.constants = run.constants(self.binding)
         named = {one.name: one for one in events}  # in the order of the store
         self.events = tuple(named[name] for name in attributes_of(group).get("events", {}))
         #: Count of each event up to the last commit; time of the one that ended the run.
         self.counts = np.zeros(len(events), int)
         self.end: Any = None
         self.observer = Observer(stepper, run, self.events) if events else None
+        self._step_on = self.binding.integrate if self.observer is None else self.observer.advance
         self.state, self.first, self.rows = self._resume_state()
-        self.committed = pack(self.binding,
-                              replace(self.state, event_progress=self._event_progress()))
         self.pace = ChunkSize(self.observer is not None)
 
     # ------------------------------------------------------------ where it stands
@@ -124,7 +117,7 @@ class Recorder:
         if kept is not None and kept.event_progress is not None:
             self.counts = kept.event_progress.counts
             assert self.observer is not None
-            self.observer.go_on(kept.steps, kept.event_progress.memory)
+            self.observer.go_on(kept.run, kept.event_progress.memory)
             for one, count in zip(self.events, self.counts.tolist(), strict=True):
                 refuse_missing_blocks(self.path, self.group, 0, count,
                                       names_of(fields_of_event(self.manifest, one.name)))
@@ -137,11 +130,9 @@ class Recorder:
         """Return the state and the block at the start; no step is taken."""
         binding, run, rows = self.binding, self.run, self._empty()
         rows.q[0], rows.p[0] = run.q, run.p
-        state = CheckpointState(run.q.copy(), run.p.copy(), binding.report(), binding.work())
-        status = advance(binding, run, self.parameters, 0, 1, state.q, state.p,
-                         _output_rows(rows, 0),
-                         state.report, state.work)
-        return CheckpointState(state.q, state.p, state.report, state.work, status=status), 0, rows
+        state = RunState.at_start(binding, run.q, run.p)
+        status = binding.integrate(self.constants, 0, 1, state, rows[:0])
+        return CheckpointState(state, status=status), 0, rows
 
     def _states(self, state: CheckpointState) -> int:
         """Return the number of states, with the start and that of a final event."""
@@ -152,12 +143,8 @@ class Recorder:
 
     def _empty(self) -> Rows:
         """Return a block of rows; the start has no multipliers."""
-        binding, size = self.binding, self.block
-        none = binding.new(1)[0] + np.nan
-        rows = Rows(binding.new(size, binding.n), binding.new(size, binding.n),
-                    binding.new(size, binding.multipliers), np.zeros(size, dtype=np.intc),
-                    binding.new(size))
-        rows.multipliers[:1] = none
+        rows = Rows.allocate(self.binding, self.block)
+        rows.multipliers[:1] = self.binding.new(1)[0] + np.nan
         return rows
 
     def _next_block(self, writer: Writer) -> Rows:
@@ -221,8 +208,8 @@ class Recorder:
                     return
                 self.first, place = self.first + self.block, 0
                 self.rows = self._next_block(writer)
-            self._advance(place, self.run if self.observer is None else self.observer.run)
-            if self.observer is not None and self.observer.at_end:
+            self._advance(place)
+            if self.state.ended_by is not None:
                 return
             if progress is not None:
                 progress(self.state.steps)
@@ -235,60 +222,46 @@ class Recorder:
         """Whether a step has failed, or an event has ended the run."""
         return self.state.status != 0
 
-    def _advance(self, place: int, run: RunArguments) -> None:
-        """Compute the next chunk into the block, from that row on."""
-        state, rows = self.state, self.rows
-        count, every = next_chunk(run, state.steps, self.pace.begin(), self.block - place)
+    def _advance(self, place: int) -> None:
+        """Compute the next chunk into the block, from that row on, up to a terminal event."""
+        state, rows = self.state.run, self.rows
+        count, every = next_chunk(self.run, state.steps, self.pace.begin(), self.block - place)
         most = rows.iterations[place]  # of the pieces before, where a row takes several
-        step_on = advance if run.detector is None else advance_with_events
-        status = step_on(self.binding, run, self.parameters, count, every, state.q, state.p,
-                         _output_rows(rows, place), state.report, state.work)
+        status = self._step_on(self.constants, count, every, state, rows[place:])
         rows.iterations[place] = max(most, rows.iterations[place])
         self.pace.end(count)
-        self.state = CheckpointState(state.q, state.p, state.report, state.work, status=status)
+        self.state = CheckpointState(state, status=status)
+        self._end_at_event()
 
     # ------------------------------------------------------------ events
 
     def _commit_events(self) -> dict[str, Crossings]:
         """Return the events since the last commit; end the run at a terminal one."""
         observer = self.observer
-        if observer is None or self.state.ended_by is not None:
+        if observer is None:
             return {}
-        found, end = observer.settle(self._next_state() if observer.terminal else None)
-        if end is not None:
-            self._end(end)
-        return found
+        observer.close(self.state.run, self._next_state() if observer.terminal else None)
+        self._end_at_event()
+        return observer.settle()
 
     def _next_state(self) -> tuple[Any, Any] | None:
         """Return the state one step ahead, which is not part of the run; None if there is none."""
-        assert self.observer is not None
-        if self.state.status or self.state.steps == self.run.steps or self.observer.at_end:
+        if self.state.status or self.state.steps == self.run.steps:
             return None
-        copy = unpack(self.binding, pack(self.binding, replace(self.state, event_progress=None)))
-        assert copy is not None
-        rows = Rows.allocate(self.binding, 1)
-        status = advance(self.binding, self.run, self.parameters, 1, 1, copy.q, copy.p,
-                         rows.after(0), copy.report, copy.work)
-        return None if status else (rows.q[1:], rows.p[1:])
+        state = self.state.run.copy(self.binding)
+        status = self.binding.integrate(self.constants, 1, 1, state, Rows.allocate(self.binding, 1))
+        return None if status else (state.q[None], state.p[None])
 
-    def _end(self, end: TerminalEvent) -> None:
-        """End the run at an event, in the next step or an earlier one."""
-        run, steps = self.run, int(end.at.steps[0])
-        if steps < self.state.steps:  # a value that only touched its level: from the last commit
-            kept = unpack(self.binding, self.committed, len(self.events))
-            assert kept is not None
-            self.state, place = kept, kept.steps // run.every + 1 - self.first
-            self.rows.iterations[place:] = 0
-            self.rows.iterations[place] = kept.most
-            while self.state.steps < steps:
-                self._advance(self.state.steps // run.every + 1 - self.first, run.until(steps))
-        state, place = self.state, steps // run.every + 1 - self.first
-        work = self._report(state).work
-        for part, row in zip(_output_rows(self.rows, place), _output_rows(end.row, 0), strict=True):
-            part[0] = row[0]
-        self.rows.work[place] += work
+    def _end_at_event(self) -> None:
+        """Store the state of the event that ends the run, if one does, in the row behind."""
+        end = None if self.observer is None else self.observer.end
+        if end is None or self.state.ended_by is not None:
+            return
+        self.state = replace(self.state, status=-1 - end.event)
+        place = self.state.steps // self.run.every + 1 - self.first
+        self.rows.assign(np.s_[place : place + 1], end.row)
+        self.rows.work[place] += self._report(self.state).work
         self.end = end.at.t
-        self.state = replace(state, status=-1 - end.event)
 
     # ------------------------------------------------------------ committing
 
@@ -308,10 +281,9 @@ class Recorder:
         kept = replace(state, most=most, event_progress=self._event_progress())
         rows = self.rows
         if count < self.block:  # more rows come into it while these are written
-            rows = Rows(*(getattr(rows, field.name)[:count].copy() for field in fields(Rows)))
-        self.committed = pack(self.binding, kept)
-        writer.put(Batch(self.first, count, rows, self.committed, self._run_attributes(kept),
-                         self.end, counts, found, reusable))
+            rows = rows[:count].copy()
+        writer.put(Batch(self.first, count, rows, pack(self.binding, kept),
+                         self._run_attributes(kept), self.end, counts, found, reusable))
 
     def _event_progress(self) -> EventProgress | None:
         """Return the event progress at the state; detection stops behind an end."""
@@ -322,7 +294,8 @@ class Recorder:
         return EventProgress(self.counts, self.observer.memory)
 
     def _report(self, state: CheckpointState) -> Report:
-        return Report.read(state.report, state.q, state.p, forced=self.binding.has_forces)
+        run = state.run
+        return Report.read(run.record, run.q, run.p, forced=self.binding.has_forces)
 
     def _run_attributes(self, state: CheckpointState) -> dict[str, Any]:
         """Return the attributes of the run so far."""
@@ -336,9 +309,3 @@ class Recorder:
                 "report": asdict(self._report(state))}
         counts = {one.name: int(n) for one, n in zip(self.events, self.counts, strict=True)}
         return said | ({"events": counts} if counts else {})
-
-
-def _output_rows(rows: Rows, place: int) -> tuple[Any, ...]:
-    """Return the output arrays of compiled code from this row on."""
-    return (rows.q[place:], rows.p[place:], rows.multipliers[place:], rows.iterations[place:],
-            rows.work[place:])

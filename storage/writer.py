@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ..core.manifest import Manifest
 from ..runtime.bindings.real_numbers import as_bytes
+from ..runtime.bindings.run_memory import Rows
 from ..runtime.integration.run_arguments import RunArguments
-from ..runtime.integration.step_loop import Rows
 from ..runtime.results.crossings import Crossings
 from ..runtime.results.run_arrays import OUTPUTS, States, parts, pieces, value_of
 from .array_layout import CHECKPOINT, StoredField, array_of, attributes_of, consolidate, wide_name

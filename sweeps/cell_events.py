@@ -53,7 +53,8 @@ def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Arr
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     _fill(computed)
-    crossings = crossings_of(stepper, levels, runs, computed.detectors, _fill)
+    crossings = crossings_of(stepper, levels, runs,
+                             [one.final_brackets() for one in computed.detectors], _fill)
     binding, rows = computed.binding, steps // every + 1
     found: dict[str, Array] = {}
     for event in study.events:

@@ -7,8 +7,9 @@ back the numbers that changed.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,18 @@ from numpy.typing import NDArray
 from ..compilation.quad_wrapper import PREFIX
 from . import binary128
 from .binding import SOLVERS, Binding, SolverName
-from .inputs import InputRows
 from .real_numbers import aligned
+from .run_memory import (
+    BatchMemory,
+    BatchState,
+    OptionStruct,
+    ParameterStruct,
+    Rows,
+    RunConstants,
+    RunRecord,
+    RunState,
+    WorkMemory,
+)
 
 __all__ = ["QuadBinding"]
 
@@ -79,66 +90,69 @@ class QuadBinding(Binding):
 
     # ------------------------------------------------------------ structs
 
-    def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
+    def parameters(self, values: dict[str, Any], t: Any = 0.0) -> ParameterStruct:
         """Return the parameter struct for a run, or a step, that starts at time t."""
         columns = {name: np.array([value], dtype=object) for name, value in values.items()}
         return self.parameter_sets(columns, np.array([t], dtype=object))
 
-    def sets_of(self, rows: Array) -> Any:
+    def sets_of(self, rows: Array) -> ParameterStruct:
         """Return rows of ``parameter_rows`` as an array of parameter structs."""
         block = _Block(self.ffi, f"{self.name}_parameters", len(rows))
         block.write(0, binary128.pack([number for row in rows for number in row]))
-        return block
+        return ParameterStruct(block)
 
-    def sets(self, parameters: Any) -> int:
+    def sets(self, parameters: ParameterStruct) -> int:
         """Return 1: the parameters are those of one run."""
         return 1
 
-    def set_time(self, parameters: Any, t0: Any, steps: int, dt: Any) -> None:
+    def set_time(self, parameters: ParameterStruct, t0: Any, steps: int, dt: Any) -> None:
         """Set the time in the parameter struct to t0 + steps dt."""
         if self.time is not None:
             time = binary128.quad(t0) + steps * binary128.quad(dt)
-            parameters.write(len(self.parameter_names) * binary128.BYTES, binary128.pack([time]))
+            place = len(self.parameter_names) * binary128.BYTES
+            cast(_Block, parameters).write(place, binary128.pack([time]))
 
-    def feed(self, parameters: Any, row: Array) -> None:
+    def feed(self, parameters: ParameterStruct, row: Array) -> None:
         """Put the inputs of a step into the parameter struct."""
         for name, value in zip(self.input_names, row, strict=True):
             place = self.parameter_names.index(name) * binary128.BYTES
-            parameters.write(place, binary128.pack([value]))
+            cast(_Block, parameters).write(place, binary128.pack([value]))
 
-    def options(self, tolerance: float | None, max_iterations: int, solver: SolverName) -> Any:
+    def options(
+        self, tolerance: float | None, max_iterations: int, solver: SolverName
+    ) -> OptionStruct:
         """Return the options struct; tolerance None means down to round-off."""
         block = _Block(self.ffi, f"{self.name}_options")
         block.write(0, binary128.pack([tolerance or 0.0]))
         block.pointer.max_iterations = min(max_iterations, 2**31 - 1)
         block.pointer.solver = SOLVERS[solver]
-        return block
+        return OptionStruct(block)
 
-    def work(self) -> Any:
+    def work(self) -> WorkMemory:
         """Return work memory for one thread."""
-        return _Block(self.ffi, f"{self.name}_work")
+        return WorkMemory(_Block(self.ffi, f"{self.name}_work"))
 
-    def batch_memory(self) -> tuple[Any, Any]:
+    def batch_memory(self) -> BatchMemory:
         """Return the memory of ``integrate_lanes`` for one thread."""
         return _Block(self.ffi, f"{self.name}_batch"), self.work()
 
-    def report(self) -> Any:
+    def report(self) -> RunRecord:
         """Return an empty running record."""
-        return self.reports(1)[0]
+        return cast(RunRecord, self.reports(1)[0])
 
     def reports(self, count: int) -> Any:
         """Return empty running records."""
         block = _Block(self.ffi, f"{self.name}_report", count)
         return _Records([_Record(block, i) for i in range(count)])
 
-    def record_of(self, work: Any) -> Any:
+    def record_of(self, work: WorkMemory) -> RunRecord:
         """Return the running record of the trajectory that work memory holds: a copy."""
         block = _Block(self.ffi, f"{self.name}_report")
         held = self.ffi.cast("char *", self.function("report_of")(work))
         block.write(0, bytes(self.ffi.buffer(held, block.size)))
         return _Record(block, 0)
 
-    def copy_of(self, report: Any) -> Any:
+    def copy_of(self, report: RunRecord) -> RunRecord:
         """Return the running record itself: it owns its memory."""
         return report
 
@@ -157,27 +171,22 @@ class QuadBinding(Binding):
     # ------------------------------------------------------------ calls
 
     def integrate(
-        self, parameters: Any, options: Any, dt: float, steps: int, every: int,
-        q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
-        inputs: InputRows | None = None,
+        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
     ) -> int:
-        """Advance (q, p) in place by up to ``steps`` steps; return the status."""
-        rows = steps // every  # converted: those of this call, not all that are left
-        return super().integrate(parameters, options, dt, steps, every, q, p,
-                                 tuple(part[:rows] for part in out), report, work, inputs)
+        """Advance a state in place by up to ``steps`` steps; return the status."""
+        # Rows are converted: those of this call, not all that are left.
+        return super().integrate(constants, steps, every, state, rows[: steps // every])
 
     def integrate_lanes(
-        self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
-        q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
-        memory: tuple[Any, Any], inputs: InputRows | None = None,
+        self, constants: RunConstants, steps: int, every: int, batch: BatchState, rows: Rows,
+        row: int, memory: BatchMemory,
     ) -> None:
-        """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
-        now = slice(row, row + steps // every)
-        copies = tuple(part[:, now].copy() for part in out)
-        super().integrate_lanes(parameters, options, dt, steps, every, 0, q, p, copies,
-                                reports.first, status, memory, inputs)
-        for part, made in zip(out, copies, strict=True):
-            part[:, now] = made
+        """Advance a batch in place by up to ``steps`` steps, stored from ``row`` of each on."""
+        now = np.s_[:, row : row + steps // every]
+        copies = rows[now].copy()
+        super().integrate_lanes(constants, steps, every,
+                                replace(batch, records=batch.records.first), copies, 0, memory)
+        rows.assign(now, copies)
 
 
 class _Box:

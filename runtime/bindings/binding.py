@@ -9,13 +9,14 @@ Compiled code projects on its own; this is for its failures: damped steps, and n
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.manifest import Manifest
 from .compiled_module import SOLVERS, Compiled, SolverName
+from .run_memory import OptionStruct, ParameterStruct, WorkMemory
 
 __all__ = ["REASONS", "SOLVERS", "Binding", "CompiledConstraints", "SolverName"]
 
@@ -29,7 +30,9 @@ REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite", 4: "stagna
 class Binding(Compiled):
     """Calls into a compiled module; one instance may serve many threads."""
 
-    def guess(self, parameters: Any, dt: float, q: Array, p: Array, work: Any) -> Array:
+    def guess(
+        self, parameters: ParameterStruct, dt: float, q: Array, p: Array, work: WorkMemory
+    ) -> Array:
         """Return the starting guess of T1."""
         x = self.new(self.unknowns)
         self.function("guess")(parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x),
@@ -37,7 +40,7 @@ class Binding(Compiled):
         return x
 
     def residual(
-        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+        self, parameters: ParameterStruct, dt: float, q: Array, p: Array, x: Array, work: WorkMemory
     ) -> Array:
         """Return r(x) of T1."""
         r = self.new(self.unknowns)
@@ -46,7 +49,7 @@ class Binding(Compiled):
         return r
 
     def jacobian(
-        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+        self, parameters: ParameterStruct, dt: float, q: Array, p: Array, x: Array, work: WorkMemory
     ) -> Array:
         """Return dr/dx of T1."""
         J = self.new(self.unknowns, self.unknowns)
@@ -55,7 +58,8 @@ class Binding(Compiled):
         return J
 
     def step(
-        self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
+        self, parameters: ParameterStruct, options: OptionStruct, dt: float, q: Array, p: Array,
+        work: WorkMemory,
     ) -> tuple[int, Array, Array]:
         """Try one step from (q, p); return its status and the state after it."""
         ends = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
@@ -65,7 +69,8 @@ class Binding(Compiled):
         return int(status), *ends[:2]
 
     def first_half(
-        self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
+        self, parameters: ParameterStruct, options: OptionStruct, dt: float, q: Array, p: Array,
+        work: WorkMemory,
     ) -> tuple[int, float]:
         """T1 by full Newton: return its status and the size of its last increment."""
         x, taken = self.new(self.unknowns), self.ffi.new("int *")
@@ -73,12 +78,12 @@ class Binding(Compiled):
                                      self.pointer(x), taken, work)
         return int(status), self.last_increment(work)
 
-    def last_increment(self, work: Any) -> float:
+    def last_increment(self, work: WorkMemory) -> float:
         """Return the size of Newton's last increment, relative to the state."""
         return float(self.function("last_increment")(work))
 
     def finish(
-        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+        self, parameters: ParameterStruct, dt: float, q: Array, p: Array, x: Array, work: WorkMemory
     ) -> tuple[int, Array, Array, Array]:
         """T2: return status, q1, p1 and multipliers."""
         q1, p1 = self.new(self.n), self.new(self.n)
@@ -88,7 +93,7 @@ class Binding(Compiled):
             self.pointer(p1), self.pointer(multipliers), work)
         return int(status), q1, p1, multipliers[: self.multipliers]
 
-    def quantities(self, parameters: Any, t: Array, q: Array, p: Array) -> Array:
+    def quantities(self, parameters: ParameterStruct, t: Array, q: Array, p: Array) -> Array:
         """Return the user's quantities of each row of q and p, a column each."""
         values = self.new(len(q), len(self.quantity_names))
         if self.quantity_names:
@@ -98,8 +103,8 @@ class Binding(Compiled):
         return values
 
     def near(
-        self, parameters: Any, t: Array, q: Array, p: Array, values: Array, levels: Array,
-        last: Array,
+        self, parameters: ParameterStruct, t: Array, q: Array, p: Array, values: Array,
+        levels: Array, last: Array,
     ) -> tuple[int, int] | None:
         """Return the first and the last of rows of states behind one near a level, or None.
 
@@ -113,23 +118,29 @@ class Binding(Compiled):
             self.ffi.from_buffer("int[]", values), self.pointer(levels), self.pointer(last), rows)
         return (rows[0], rows[1]) if found else None
 
-    def hamiltonian(self, parameters: Any, q: Array, p: Array, t: Array | None = None) -> Array:
+    def hamiltonian(
+        self, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
+    ) -> Array:
         """Return H of each row of q and p, at the times t; by default that of the parameters."""
         H = self.new(len(q))
         self.function("hamiltonian")(parameters, len(q), *self._times(t), self.pointer(q),
                                      self.pointer(p), self.pointer(H))
         return H
 
-    def velocities(self, parameters: Any, q: Array, p: Array, t: Array | None = None) -> Array:
+    def velocities(
+        self, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
+    ) -> Array:
         """Return the velocities of each row of q and p, of a system from its Lagrangian."""
         return self._other_rates("velocities", parameters, q, p, t)
 
-    def momenta(self, parameters: Any, q: Array, v: Array, t: Array | None = None) -> Array:
+    def momenta(
+        self, parameters: ParameterStruct, q: Array, v: Array, t: Array | None = None
+    ) -> Array:
         """Return the momenta of each row of q and velocities, of such a system."""
         return self._other_rates("momenta", parameters, q, v, t)
 
     def _other_rates(
-        self, name: str, parameters: Any, q: Array, given: Array, t: Array | None
+        self, name: str, parameters: ParameterStruct, q: Array, given: Array, t: Array | None
     ) -> Array:
         """Return velocities of momenta or the way back, at the times t as of ``hamiltonian``."""
         found = self.new(len(q), self.n)
@@ -144,7 +155,7 @@ class Binding(Compiled):
         return [self.ffi.NULL if t is None else self.pointer(t)]
 
     def defects(
-        self, parameters: Any, q: Array, p: Array, t: Array | None = None
+        self, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
     ) -> tuple[Array, Array]:
         """Return g(q), and f(q, p) and A H_p + a of each row of q and p.
 
@@ -163,15 +174,15 @@ class Binding(Compiled):
         widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
         for i in range(sets):
             own = [array + i * width for array, width in zip(arrays, widths, strict=True)]
-            function(parameters + i, rows, *self._times(None), *own)
+            function(cast(Any, parameters) + i, rows, *self._times(None), *own)
         return g, f
 
-    def sets(self, parameters: Any) -> int:
+    def sets(self, parameters: ParameterStruct) -> int:
         """Return of how many runs these are the parameters."""
         is_array = self.ffi.typeof(parameters).kind == "array"
-        return len(parameters) if is_array else 1
+        return len(cast(Any, parameters)) if is_array else 1
 
-    def project(self, parameters: Any, q: Array, p: Array) -> int:
+    def project(self, parameters: ParameterStruct, q: Array, p: Array) -> int:
         """Move (q, p) onto the constraints in place; return the status."""
         if not self.conditions:
             return 0
@@ -181,7 +192,7 @@ class Binding(Compiled):
 class CompiledConstraints:
     """g, f and their derivatives at given parameters, in double."""
 
-    def __init__(self, binding: Binding, manifest: Manifest, parameters: Any) -> None:
+    def __init__(self, binding: Binding, manifest: Manifest, parameters: ParameterStruct) -> None:
         self._binding, self._parameters = binding, parameters
         system = manifest.system
         self.coordinates, self.momenta = system.coordinates, system.momenta

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,17 @@ from ..compilation.newton_library import checked
 from .array_checks import as_array, as_numbers, converted_to
 from .inputs import InputRows
 from .real_numbers import aligned, rounding
+from .run_memory import (
+    BatchMemory,
+    BatchState,
+    OptionStruct,
+    ParameterStruct,
+    Rows,
+    RunConstants,
+    RunRecord,
+    RunState,
+    WorkMemory,
+)
 
 __all__ = ["CORES", "SOLVERS", "Compiled", "Pool", "SolverName"]
 
@@ -149,49 +160,51 @@ class Compiled:
         found = self.ffi.from_buffer(self._reals, array, require_writable=True)
         return found + start if start else found
 
-    def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
+    def parameters(self, values: dict[str, Any], t: Any = 0.0) -> ParameterStruct:
         """Return the parameter struct for a run, or a step, that starts at time t."""
         fields = [*map(values.__getitem__, self.parameter_names)]
         if self.time is not None:
             fields.append(t)
         if self.dtype is np.longdouble:
             fields = [*map(self._passed, fields)]
-        return self.ffi.new(f"{self.name}_parameters *", fields)
+        return ParameterStruct(self.ffi.new(f"{self.name}_parameters *", fields))
 
-    def set_time(self, parameters: Any, t0: Any, steps: int, dt: Any) -> None:
+    def set_time(self, parameters: ParameterStruct, t0: Any, steps: int, dt: Any) -> None:
         """Set the time in the parameter struct to t0 + steps dt."""
         if self.time is not None:
             fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
             fields[-1] = self.dtype(t0) + steps * self.dtype(dt)
 
-    def work(self) -> Any:
+    def work(self) -> WorkMemory:
         """Return work memory for one thread, and for a run that may be gone on with."""
         struct = f"{self.name}_work"
-        return self.ffi.from_buffer(f"{struct} *", aligned(self.ffi.sizeof(struct)))
+        return WorkMemory(
+            self.ffi.from_buffer(f"{struct} *", aligned(self.ffi.sizeof(struct))))
 
-    def options(self, tolerance: float | None, max_iterations: int, solver: SolverName) -> Any:
+    def options(
+        self, tolerance: float | None, max_iterations: int, solver: SolverName
+    ) -> OptionStruct:
         """Return the options struct; tolerance None means down to round-off."""
-        return self.ffi.new(f"{self.name}_options *",
-                            [self._passed(tolerance or 0.0), min(max_iterations, 2**31 - 1),
-                             SOLVERS[solver]])
+        return OptionStruct(self.ffi.new(f"{self.name}_options *", [
+            self._passed(tolerance or 0.0), min(max_iterations, 2**31 - 1), SOLVERS[solver]]))
 
-    def report(self) -> Any:
+    def report(self) -> RunRecord:
         """Return an empty running record."""
-        return self.ffi.new(f"{self.name}_report *")
+        return cast(RunRecord, self.ffi.new(f"{self.name}_report *"))
 
-    def record_of(self, work: Any) -> Any:
+    def record_of(self, work: WorkMemory) -> RunRecord:
         """Return the running record of the trajectory that work memory holds: a copy."""
-        return self.ffi.new(f"{self.name}_report *", self.function("report_of")(work)[0])
+        return self.copy_of(self.function("report_of")(work)[0])
 
-    def copy_of(self, report: Any) -> Any:
+    def copy_of(self, report: RunRecord) -> RunRecord:
         """Return a copy of a running record; an entry of ``reports`` does not own its memory."""
-        return self.ffi.new(f"{self.name}_report *", report)
+        return cast(RunRecord, self.ffi.new(f"{self.name}_report *", report))
 
-    def image(self, struct: Any) -> NDArray[np.uint8]:
+    def image(self, struct: RunRecord | WorkMemory) -> NDArray[np.uint8]:
         """Return the bytes of a running record or of work memory, to read and to write."""
         return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)
 
-    def clear_padding(self, report: Any, work: Any) -> None:
+    def clear_padding(self, report: RunRecord, work: WorkMemory) -> None:
         """Set to zero the bytes of both that mean nothing: then equal runs have equal images."""
         if self.c_type == "long double":  # no other type has any that compiled code writes to
             self.function("clear_padding")(report, work)
@@ -226,19 +239,20 @@ class Compiled:
     # ------------------------------------------------------------ calls
 
     def integrate(
-        self, parameters: Any, options: Any, dt: float, steps: int, every: int,
-        q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
-        inputs: InputRows | None = None,
+        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
     ) -> int:
-        """Advance (q, p) in place by up to ``steps`` steps; return the status."""
-        q_out, p_out, multipliers, iterations, work_out = out
-        done = [self.pointer(work_out)] if self.has_forces else []
-        counts = (self.ffi.NULL if iterations.size == 0
-                  else self.ffi.from_buffer("int[]", iterations, require_writable=True))
+        """Advance a state in place by up to ``steps`` steps; return the status.
+
+        Every ``every``-th state is stored, from the first of the rows on; without rows none is.
+        """
+        done = [self.pointer(rows.work)] if self.has_forces else []
+        counts = (self.ffi.NULL if rows.iterations.size == 0
+                  else self.ffi.from_buffer("int[]", rows.iterations, require_writable=True))
         return int(self.function("integrate")(
-            parameters, options, *self._fed(inputs)[:2], dt, steps, every, self.pointer(q),
-            self.pointer(p), self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers),
-            counts, *done, report, work,
+            constants.parameters, constants.options, *self._fed(constants.inputs)[:2],
+            constants.dt, steps, every, *map(self.pointer, (
+                state.q, state.p, rows.q, rows.p, rows.multipliers)),
+            counts, *done, state.record, state.work,
         ))
 
     def _fed(self, inputs: InputRows | None) -> list[Any]:
@@ -249,13 +263,13 @@ class Compiled:
             return [self.ffi.NULL, 0, 0]
         return [self.pointer(inputs.values), inputs.hold, inputs.stride]
 
-    def feed(self, parameters: Any, row: Array) -> None:
+    def feed(self, parameters: ParameterStruct, row: Array) -> None:
         """Put the inputs of a step into the parameter struct."""
         fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
         for name, value in zip(self.input_names, row, strict=True):
             fields[self.parameter_names.index(name)] = value
 
-    def batch_memory(self) -> tuple[Any, Any]:
+    def batch_memory(self) -> BatchMemory:
         """Return the memory of ``integrate_lanes`` for one thread."""
         return self.ffi.new(f"{self.name}_batch *"), self.work()
 
@@ -263,13 +277,13 @@ class Compiled:
         """Return empty running records."""
         return self.ffi.new(f"{self.name}_report[]", count)
 
-    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
+    def parameter_sets(self, columns: dict[str, Array], times: Array) -> ParameterStruct:
         """Return an array of parameter structs, for runs that start at those times."""
         return self.sets_of(self.parameter_rows(columns, times))
 
-    def sets_of(self, rows: Array) -> Any:
+    def sets_of(self, rows: Array) -> ParameterStruct:
         """Return rows of ``parameter_rows`` as an array of parameter structs."""
-        return self.ffi.from_buffer(f"{self.name}_parameters[]", rows)
+        return ParameterStruct(self.ffi.from_buffer(f"{self.name}_parameters[]", rows))
 
     def parameter_rows(self, columns: dict[str, Array], times: Array) -> Array:
         """Return the numbers of ``parameter_sets``, a row for each struct."""
@@ -282,21 +296,20 @@ class Compiled:
         return rows
 
     def integrate_lanes(
-        self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
-        q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
-        memory: tuple[Any, Any], inputs: InputRows | None = None,
+        self, constants: RunConstants, steps: int, every: int, batch: BatchState, rows: Rows,
+        row: int, memory: BatchMemory,
     ) -> None:
-        """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
-        rows = out[0].shape[1]
-        done = [self.pointer(out[4], row)] if self.has_forces else []
-        counts = self.ffi.from_buffer("int[]", out[3], require_writable=True)
-        widths = [self.n, self.n, self.multipliers]
-        starts = [self.pointer(part, row * width)
-                  for part, width in zip(out[:3], widths, strict=True)]
+        """Advance a batch in place by up to ``steps`` steps, stored from ``row`` of each on."""
+        done = [self.pointer(rows.work, row)] if self.has_forces else []
+        counts = self.ffi.from_buffer("int[]", rows.iterations, require_writable=True)
+        places = [self.pointer(part, row * width) for part, width in (
+            (rows.q, self.n), (rows.p, self.n), (rows.multipliers, self.multipliers))]
         self.function("integrate_lanes")(
-            len(dt), parameters, options, *self._fed(inputs), self.pointer(dt), steps, every, rows,
-            self.pointer(q), self.pointer(p), *starts, counts + row, *done, reports,
-            self.ffi.from_buffer("int[]", status, require_writable=True), *memory,
+            len(constants.dt), constants.parameters, constants.options,
+            *self._fed(constants.inputs), self.pointer(constants.dt), steps, every,
+            rows.q.shape[1], self.pointer(batch.q), self.pointer(batch.p), *places, counts + row,
+            *done, batch.records,
+            self.ffi.from_buffer("int[]", batch.status, require_writable=True), *memory,
         )
 
     @property
@@ -317,8 +330,8 @@ class Compiled:
         })
 
     def integrate_many(
-        self, parameters: Array, options: Any, dt: Array, steps: int, every: int, q: Array,
-        p: Array, out: tuple[Array, ...] | None, memory: tuple[Any, ...],
+        self, parameters: Array, options: OptionStruct, dt: Array, steps: int, every: int,
+        q: Array, p: Array, out: tuple[Array, ...] | None, memory: BatchMemory | tuple[WorkMemory],
     ) -> tuple[Array, Array]:
         """Advance the rows of q and p in place by whole runs; return records and statuses.
 
@@ -337,6 +350,6 @@ class Compiled:
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory)
         return reports, status
 
-    def many_memory(self) -> tuple[Any, ...]:
+    def many_memory(self) -> BatchMemory | tuple[WorkMemory]:
         """Return the memory of ``integrate_many`` for one thread."""
         return self.batch_memory() if self.lanes else (self.work(),)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
+from ..bindings.run_memory import ParameterStruct, Rows, RunState
 from ..compilation.quad_wrapper import PREFIX
 from ..integration.run_arguments import RunArguments
 
@@ -105,8 +105,9 @@ class DerivativeBinding:
         address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(
             primal.lib, f"{primal.name}_integrate")))
         return int(own.function("integrate_and_keep")(
-            address, run.parameters, run.options, *own._fed(arguments.inputs)[:2], arguments.dt,
-            count, own.pointer(q), own.pointer(p), own.pointer(x), run.report, run.work))
+            address, run.parameters, run.constants.options, *own._fed(arguments.inputs)[:2],
+            arguments.dt, count, own.pointer(q), own.pointer(p), own.pointer(x), run.state.record,
+            run.state.work))
 
     def tangent(
         self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, dz: Array,
@@ -173,39 +174,29 @@ class KeptRun:
 
     def __init__(self, binding: DerivativeBinding, run: RunArguments) -> None:
         self.binding, self.run = binding, run
-        own = binding.own
-        self.parameters = own.parameters(run.parameters, run.t0)
-        self.options = own.options(run.tolerance, run.max_iterations, run.solver)
-        self.report, self.work = own.report(), own.work()
-        self.q, self.p = run.q.copy(), run.p.copy()
-        self.done = 0
+        self.constants = run.constants(binding.own)
+        self.state = RunState.at_start(binding.own, run.q, run.p)
 
-    def image(self) -> tuple[Any, ...]:
-        """Return what the run goes on from: a checkpoint."""
-        own = self.binding.own
-        return (self.done, self.q.copy(), self.p.copy(), own.image(self.report).copy(),
-                own.image(self.work).copy())
+    @property
+    def parameters(self) -> ParameterStruct:
+        """The parameters of the run."""
+        return self.constants.parameters
 
-    def restore(self, image: tuple[Any, ...]) -> None:
-        """Go back to a checkpoint."""
-        own = self.binding.own
-        self.done, self.q, self.p = image[0], image[1].copy(), image[2].copy()
-        own.image(self.report)[:] = image[3]
-        own.image(self.work)[:] = image[4]
+    @property
+    def done(self) -> int:
+        """Steps done."""
+        return self.state.steps
 
     def keep(self, count: int) -> tuple[KeptSteps, int]:
         """Return the next steps, up to one that fails, and the status."""
-        own = self.binding.own
+        own, state, first = self.binding.own, self.state, self.done
         q, p = own.new(count + 1, own.n), own.new(count + 1, own.n)
         x = own.new(count, own.unknowns)
-        q[0], p[0] = self.q, self.p
-        before = int(self.report.steps)
+        q[0], p[0] = state.q, state.p
         status = self.binding.integrate_and_keep(self, count, q, p, x)
-        made = int(self.report.steps) - before
-        found = KeptSteps(self.done, q[: made + 1], p[: made + 1], x[:made])
-        self.done += made
-        self.q, self.p = q[made].copy(), p[made].copy()
-        return found, status
+        taken = self.done - first
+        state.q[:], state.p[:] = q[taken], p[taken]
+        return KeptSteps(first, q[: taken + 1], p[: taken + 1], x[:taken]), status
 
 
 class QuadDerivativeBinding(DerivativeBinding):
@@ -213,27 +204,22 @@ class QuadDerivativeBinding(DerivativeBinding):
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
         """Fill rows of q, p and x with steps of the primal module; return the status."""
-        own, primal, given = self.own, self.primal, run.run
-        none = tuple(own.new(0) for _ in range(3)), np.zeros(0, np.intc), own.new(0)
-        out = (*none[0], *none[1:])
-        parameters = primal.parameters(given.parameters, given.t0)
-        options = primal.options(given.tolerance, given.max_iterations, given.solver)
-        report, work = primal.report(), primal.work()
+        own, primal, kept = self.own, self.primal, run.state
+        constants, none = run.run.constants(primal), Rows.allocate(primal, 0)
+        state = RunState.at_start(primal, q[0], p[0])
         # The run may have been restored to a checkpoint since the last call.
-        primal.image(work)[:] = own.image(run.work)
-        primal.image(report)[:] = own.image(run.report)
+        primal.image(state.work)[:] = own.image(kept.work)
+        primal.image(state.record)[:] = own.image(kept.record)
         for j in range(count):
-            state = q[j].copy(), p[j].copy()
-            status = primal.integrate(
-                parameters, options, given.dt, 1, 1, *state, out, report, work, given.inputs)
+            status = primal.integrate(constants, 1, 1, state, none)
             if status:
-                return int(status)
-            own.image(run.work)[:] = primal.image(work)
-            own.image(run.report)[:] = primal.image(report)
+                return status
+            own.image(kept.work)[:] = primal.image(state.work)
+            own.image(kept.record)[:] = primal.image(state.record)
             if hasattr(own.lib, f"{PREFIX}{own.name}_frame_state"):
-                own.function("frame_state")(run.work, *state)
-            q[j + 1], p[j + 1] = state
-            found = own.new(own.unknowns)
-            own.function("keep")(run.work, run.options, own.pointer(found))
-            x[j] = found
+                own.function("frame_state")(kept.work, state.q, state.p)
+            q[j + 1], p[j + 1] = state.q, state.p
+            unknowns = own.new(own.unknowns)
+            own.function("keep")(kept.work, run.constants.options, own.pointer(unknowns))
+            x[j] = unknowns
         return 0

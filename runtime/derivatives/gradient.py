@@ -23,6 +23,7 @@ from ...core.errors import InputError
 from ...core.exact_numbers import exact
 from ...core.registry import function_of
 from ..bindings.array_checks import as_numbers, as_real
+from ..bindings.run_memory import RunState
 from ..integration.run_arguments import RunArguments
 from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
 from .binding import KeptSteps
@@ -428,22 +429,22 @@ def backwards(
         _check(stepper, run, kept, status, end)
         yield steps
         return
-    a_checkpoint = sum(np.asarray(x).nbytes for x in kept.image()[1:])
+    a_checkpoint = kept.state.nbytes(kept.binding.own)
     piece = max(1, math.isqrt(run.steps * a_checkpoint // a_step))
     count = -(-run.steps // piece)
     needed = count * a_checkpoint + piece * a_step
     if needed > memory:
         raise InputError(f"memory = {memory:,} bytes are too few for {run.steps:,} steps; "
                          f"checkpoints need {needed:,}. Give these, or memory=\"none\".")
-    images = []
+    checkpoints = list[RunState]()
     while kept.done < run.steps:
-        images.append(kept.image())
+        checkpoints.append(kept.state.copy(kept.binding.own))
         _, status = kept.keep(min(piece, run.steps - kept.done))
         if status:
             _check(stepper, run, kept, status, None)
     _check(stepper, run, kept, 0, end)
-    for image in reversed(images):
-        kept.restore(image)
+    for checkpoint in reversed(checkpoints):
+        kept.state.assign(kept.binding.own, checkpoint)
         yield kept.keep(min(piece, run.steps - kept.done))[0]
 
 
@@ -455,8 +456,8 @@ def _check(
         stepper._run(run)
         raise singular(kept.done, status)
     if end is not None and not stepper.symmetries:
-        _refuse_mismatch((kept.q, kept.p), end, "the run, done again, ends elsewhere than it did; "
-                         "give the solver that it had")
+        _refuse_mismatch((kept.state.q, kept.state.p), end, "the run, done again, ends elsewhere "
+                         "than it did; give the solver that it had")
 
 
 def _refuse_mismatch(found: tuple[Array, Array], wanted: tuple[Array, Array], why: str) -> None:

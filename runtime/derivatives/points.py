@@ -116,7 +116,7 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
             trajectory.events, "A trajectory that was stored does not know which quantities its "
             "events are of; integrate again for derivatives of events."))
     done = int(trajectory.report.steps)
-    run = replace(run.until(done), stored_steps=None, detector=None)
+    run = replace(run.until(done), stored_steps=None)
     events: dict[str, list[Point]] = {}
     refused: dict[str, str] = {}
     for event in origin.events:

@@ -6,15 +6,16 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..bindings.binding import Binding
+from ..bindings.run_memory import Rows, RunRecord
 from ..integration.lanes import EnsembleStates
 from ..integration.run_arguments import EnsembleArguments
-from ..integration.step_loop import ChunkSize, Rows
+from ..integration.step_loop import ChunkSize
 from ..results.run_arrays import defect_sizes
 from .device import Device, Memory, View
 
@@ -173,7 +174,7 @@ class DeviceStates(EnsembleStates):
         """The stored states of each trajectory, its start among them."""
         return [self.runs.first.stored(done) + 1 for done in self.steps.tolist()]
 
-    def report(self, i: int) -> Any:
+    def report(self, i: int) -> RunRecord:
         """Return the running record of a trajectory, whose errors are those of stored states."""
         binding, run, done = self.binding, self.runs[i], int(self.steps[i])
         rows = run.stored(done) + 1
@@ -183,9 +184,9 @@ class DeviceStates(EnsembleStates):
         H = binding.hamiltonian(parameters, q, p, t).astype(float)
         errors = np.abs(H - H[0] - (np.nan if binding.has_forces else 0))
         g, f = defect_sizes(binding, parameters, q, p, t)
-        return SimpleNamespace(
+        return cast(RunRecord, SimpleNamespace(
             steps=done, recorded=rows, iterations=int(self.iterations[i]),
             iterations_max=int(self.rows.iterations[i, 1:rows].max(initial=0)), newton_steps=0,
             energy_start=H[0], energy_error_max=errors.max(), energy_error_sum=errors.sum(),
             constraint_max=g.max(), constraint_sum=g.sum(), hidden_max=f.max(), hidden_sum=f.sum(),
-            work=np.nan)
+            work=np.nan))

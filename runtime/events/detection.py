@@ -25,6 +25,7 @@ from ...core.event import Event
 from ...core.manifest import Manifest
 from ..bindings.array_checks import as_real
 from ..bindings.binding import Binding
+from ..bindings.run_memory import ParameterStruct, Rows
 
 __all__ = ["TAIL", "Brackets", "EventDetector", "Levels", "Memory"]
 
@@ -64,7 +65,7 @@ class Levels:
                    np.array([column + first[of] for of, column in columns], np.intc),
                    levels.astype(binding.dtype))
 
-    def values(self, parameters: Any, t: Array | None, q: Array, p: Array) -> Array:
+    def values(self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array) -> Array:
         """Return the values of rows of states, a column an event; with times where ``timed``."""
         quantities = (self.binding.quantities(parameters, self._times(t), q, p)
                       if self._of_quantities else q)
@@ -76,7 +77,7 @@ class Levels:
         return values
 
     def near(
-        self, parameters: Any, t: Array | None, q: Array, p: Array, last: Array
+        self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array, last: Array
     ) -> tuple[int, int] | None:
         """Return the first and the last of rows of states behind one that is near its level.
 
@@ -174,7 +175,7 @@ class Memory:
 class EventDetector:
     """Detects the events of one run, piece by piece; the result does not depend on the pieces."""
 
-    def __init__(self, levels: Levels, parameters: Any, t0: Any, dt: Any) -> None:
+    def __init__(self, levels: Levels, parameters: ParameterStruct, t0: Any, dt: Any) -> None:
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
         self._tail: tuple[Array, Array] | None = None
         self._done = 0
@@ -186,11 +187,18 @@ class EventDetector:
         self._closed = np.zeros(len(levels.events), bool)
         #: The step within which a terminal event happens; None as long as there is none.
         self.ends_in: int | None = None
-        #: Where whoever takes the steps keeps states that are not stored.
-        self.buffer: Any = None
+        self._room: Rows | None = None
+        #: How many of the parts have none of terminal events any more.
+        self._split = 0
         self.terminal = any(one.terminal for one in levels.events)
         self._wanted = np.array([one.direction for one in levels.events])
         self._ending = np.array([one.terminal for one in levels.events])
+
+    def room(self, steps: int) -> Rows:
+        """Return rows for the states of so many steps that are not stored."""
+        if self._room is None or len(self._room.iterations) < steps:
+            self._room = Rows.allocate(self._levels.binding, steps)
+        return self._room
 
     def _times(self, done: int, q: Array) -> Array | None:
         if not self._levels.timed:
@@ -314,12 +322,29 @@ class EventDetector:
 
     def forget(self) -> None:
         """Forget the steps that are noted: they are solved for."""
-        self._parts = []
+        self._parts, self._split = [], 0
 
     @property
     def brackets(self) -> Brackets | None:
         """All that was found, in the order of the run; None if nothing was."""
-        if not self._parts:
-            return None
-        found = Brackets.together(self._parts)
-        return found.of(np.argsort(found.step, kind="stable"))
+        return _in_order(self._parts)
+
+    def final_brackets(self) -> Brackets | None:
+        """Look into the last step of the run; return all that was found."""
+        self.close()
+        return self.brackets
+
+    def take_terminal_brackets(self) -> Brackets | None:
+        """Return the brackets of terminal events, which are then noted no longer."""
+        new = [(part, self._ending[part.event]) for part in self._parts[self._split :]]
+        self._parts[self._split :] = [part.of(~ends) for part, ends in new if not ends.all()]
+        self._split = len(self._parts)
+        return _in_order([part.of(ends) for part, ends in new if ends.any()])
+
+
+def _in_order(parts: Sequence[Brackets]) -> Brackets | None:
+    """Return brackets in the order of the run; None if there are none."""
+    if not parts:
+        return None
+    found = Brackets.together(parts)
+    return found.of(np.argsort(found.step, kind="stable"))

@@ -12,11 +12,13 @@ from ...core.errors import StepFailed, Stopped
 from ...core.event import Event
 from ...core.records import changed
 from ..bindings.array_checks import as_real
+from ..bindings.run_memory import Rows
 from ..integration.run_arguments import RunArguments
 from ..results.crossings import Crossings
 from ..results.run_arrays import flat_multipliers
 from ..results.trajectory import Trajectory
-from .location import ending, observed, with_row
+from .location import ending
+from .observer import observed, with_row
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
@@ -44,8 +46,7 @@ def ended_between(
     begun = found.elapsed[-1]
     grid = found[len(found) - 1]
     part = replace(run.at_step(done), q=found.q[-1].copy(), p=found.p[-1].copy(), t0=found.t[-1],
-                   dt=binding.number(rest), steps=1, every=1, inputs=None, stored_steps=None,
-                   detector=None)
+                   dt=binding.number(rest), steps=1, every=1, inputs=None, stored_steps=None)
     try:
         last = observed(stepper, part, events, None)
     except StepFailed as error:
@@ -70,8 +71,8 @@ def ended_between(
         constraint_max=max(found.report.constraint_max, last.report.constraint_max),
         momentum_constraint_max=max(found.report.momentum_constraint_max,
                                     last.report.momentum_constraint_max))
-    joined = with_row(stepper, found, rows, times, last.q[-1:], last.p[-1:],
-                      flat_multipliers(last)[-1:], last.iterations[-1:], work)
+    joined = with_row(stepper, found, rows, times, Rows(
+        last.q[-1:], last.p[-1:], flat_multipliers(last)[-1:], last.iterations[-1:], work))
     crossings = {name: _together(stepper, run, before, last.events[name], begun)
                  for name, before in found.events.items()}
     return changed(joined, report=report, events=crossings, _grid=grid)

@@ -17,25 +17,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import StepFailed, Stopped
 from ...core.event import Event
-from ...core.interrupts import catch_ctrl_c
-from ...core.records import changed
-from ..integration.dense_output import epsilon_of_times, partial_steps, run_together
-from ..integration.lanes import fill_ensemble, threads_of
-from ..integration.run_arguments import EnsembleArguments, RunArguments
-from ..integration.step_loop import Rows, integrate
+from ..integration.dense_output import epsilon_of_times, partial_steps
+from ..integration.run_arguments import EnsembleArguments
 from ..results.crossings import Crossings
-from ..results.run_arrays import States, flat_multipliers
-from ..results.trajectory import Trajectory
 from .detection import Brackets, EventDetector, Levels
 
 if TYPE_CHECKING:
     from ..integration.lanes import EnsembleStates
     from ..steppers.stepper import Stepper
 
-__all__ = ["crossings_of", "detectors_for", "ending", "observed", "row_of_event", "with_row",
-           "zeros"]
+__all__ = ["crossings_of", "detectors_for", "ending", "zeros"]
 
 Array = NDArray[Any]
 
@@ -129,21 +121,18 @@ _LOOKS = 80
 
 
 def crossings_of(
-    stepper: Stepper, levels: Levels, runs: EnsembleArguments, detectors: Sequence[EventDetector],
-    fill: Callable[[EnsembleStates], None],
+    stepper: Stepper, levels: Levels, runs: EnsembleArguments,
+    brackets: Sequence[Brackets | None], fill: Callable[[EnsembleStates], None],
 ) -> list[dict[str, Crossings]]:
-    """Return the crossings of each run by the events' names, from its detector's brackets."""
+    """Return the crossings of each run by the events' names, from its brackets."""
     if runs.inputs is not None:  # they are held throughout, as parameters are
         each = [runs[i] for i in range(len(runs))]
         runs = replace(EnsembleArguments.of(each, stepper.binding.number_type), inputs=runs.inputs)
-    for detector in detectors:
-        detector.close()
-    found = [detector.brackets for detector in detectors]
-    seen = [(i, brackets) for i, brackets in enumerate(found) if brackets is not None]
+    seen = [(i, own) for i, own in enumerate(brackets) if own is not None]
     parts: list[_Roots] = []
     if seen:
-        every = Brackets.together([brackets for _, brackets in seen])
-        owner = np.repeat([i for i, _ in seen], [len(brackets) for _, brackets in seen])
+        every = Brackets.together([own for _, own in seen])
+        owner = np.repeat([i for i, _ in seen], [len(own) for _, own in seen])
         for i in range(0, len(every), _AT_ONCE):
             part = np.arange(i, min(i + _AT_ONCE, len(every)))
             work = _Work(stepper, levels, runs, every.of(part), owner[part], fill)
@@ -158,115 +147,11 @@ def detectors_for(
     """Return the event detector of each run; none without events."""
     if levels is None:
         return []
-    binding, found = stepper.binding, []
+    binding, found = stepper.binding, list[EventDetector]()
     for run in map(runs.__getitem__, range(len(runs))):
         parameters = binding.parameters(run.parameters, run.t0)
         found.append(EventDetector(levels, parameters, run.t0, run.dt))
     return found
-
-
-def observed(
-    stepper: Stepper, run: RunArguments, events: tuple[Event, ...],
-    progress: Callable[[int], None] | None,
-) -> Trajectory:
-    """Return the trajectory of a run with its events, up to the first terminal one."""
-    if not events:
-        return integrate(stepper.binding, stepper.manifest, run, progress)
-    levels = Levels.of(stepper.binding, stepper.manifest, events)
-    runs = EnsembleArguments.of([run], stepper.binding.number_type)
-    (detector,) = detectors_for(stepper, levels, runs)
-    trouble: StepFailed | Stopped | None = None
-    try:
-        trajectory = integrate(stepper.binding, stepper.manifest, replace(run, detector=detector),
-                               progress)
-    except (StepFailed, Stopped) as error:
-        if error.trajectory is None:
-            raise
-        trouble, trajectory = error, error.trajectory
-    found = _solved(stepper, levels, run, detector, trajectory)
-    name = ending(events, found, run.dt)
-    if name is not None:
-        last = found[name].first
-        trajectory = _ended(stepper, run, trajectory, detector.brackets, last)
-        found = {key: crossings.until(last, run.dt) for key, crossings in found.items()}
-    trajectory = changed(trajectory, events=found)
-    if trouble is None or (name is not None and isinstance(trouble, StepFailed)):
-        return trajectory  # a step that fails behind the run's end is none of its own
-    trouble.trajectory = trajectory
-    raise trouble
-
-
-def _solved(
-    stepper: Stepper, levels: Levels, run: RunArguments, detector: EventDetector,
-    trajectory: Trajectory,
-) -> dict[str, Crossings]:
-    """Return the crossings of a run that has ended.
-
-    Raises
-    ------
-    Stopped
-        After Ctrl-C while they are solved for, with the states alone.
-    """
-    runs = replace(EnsembleArguments.of([run], stepper.binding.number_type), inputs=run.inputs)
-    with catch_ctrl_c() as interrupts:
-        before = interrupts.requested  # that has ended the run, and not what is solved for now
-        found = crossings_of(stepper, levels, runs, [detector], lambda computed: fill_ensemble(
-            computed, threads_of(None), lambda: interrupts.requested and not before))[0]
-    if interrupts.requested and not before:
-        raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
-                      "for; the states are in .trajectory, without events.", interrupts.signal,
-                      trajectory=trajectory)
-    return found
-
-
-def _ended(
-    stepper: Stepper, run: RunArguments, trajectory: Trajectory, brackets: Brackets | None,
-    last: Crossings,
-) -> Trajectory:
-    """Return a trajectory up to its terminal event, whose state is one row more."""
-    assert brackets is not None
-    if last.steps[0] < trajectory.report.steps:  # a value that only touched its level ends it
-        trajectory = integrate(stepper.binding, stepper.manifest, run.until(int(last.steps[0])))
-    rows = row_of_event(stepper, run, brackets, last)
-    steps = run.stored(int(last.steps[0]))  # without a last state that is stored as the last one
-    return with_row(stepper, trajectory, steps + 1, (last.t, last.elapsed), last.q, last.p,
-                    rows.multipliers, rows.iterations, trajectory.report.work + rows.work)
-
-
-def with_row(
-    stepper: Stepper, trajectory: Trajectory, rows: int, times: tuple[Array, Array], q: Array,
-    p: Array, multipliers: Array, iterations: Array, work: Array,
-) -> Trajectory:
-    """Return the first rows of a trajectory and after them one more.
-
-    ``times`` are its time and the time since the start.
-    """
-    binding, states, steps = stepper.binding, slice(rows), rows - 1
-    t, elapsed = times
-    made = States(
-        binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
-        np.concatenate([trajectory.t[states], t]), np.concatenate([trajectory.q[states], q]),
-        np.concatenate([trajectory.p[states], p]),
-        np.concatenate([flat_multipliers(trajectory)[:steps], multipliers]).astype(binding.dtype),
-        np.concatenate([trajectory.iterations[:steps], iterations]),
-        np.concatenate([trajectory.work[states], work]),
-        np.concatenate([trajectory.elapsed[states], elapsed]))
-    return trajectory.of_states(made)
-
-
-def row_of_event(stepper: Stepper, run: RunArguments, brackets: Brackets, event: Crossings) -> Rows:
-    """Return the one row that leads from the state before an event to the event.
-
-    Its work is that of the part of a step.
-    """
-    at = np.flatnonzero(brackets.step == event.steps[0])[:1]
-    t0 = stepper.binding.times(run.t0, run.dt, event.steps)
-    part = event.elapsed - stepper.binding.times(0 * run.t0, run.dt, event.steps)
-    parameters = {name: np.array([value], stepper.binding.number_type)
-                  for name, value in run.at_step(int(event.steps[0])).parameters.items()}
-    rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, part, parameters,
-                        lambda computed: fill_ensemble(computed, 1, lambda: False), 1).rows
-    return Rows(event.q, event.p, rows.multipliers[:, 1], rows.iterations[:, 1], rows.work[:, 1])
 
 
 def ending(events: tuple[Event, ...], found: dict[str, Crossings], dt: Any) -> str | None:

@@ -1,24 +1,39 @@
-"""The events of a run that somebody else takes on, piece by piece: solved for now and then."""
+"""The events of one run: detected while it is advanced, solved for now and then, or at its end.
+
+A terminal event ends the run at the step within which it happens. What changes its sign in a piece
+of the run, or may touch its level there, is solved for before the next piece; the run then goes
+back to the beginning of this piece, or of the one before if the event is in the last step of that,
+and from there to the step before the event.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from ...core.errors import StepFailed, Stopped
 from ...core.event import Event
-from ..integration.lanes import fill_ensemble, threads_of
+from ...core.interrupts import catch_ctrl_c
+from ...core.records import changed
+from ..bindings.run_memory import Rows, RunConstants, RunState
+from ..integration.dense_output import run_together
+from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import EnsembleArguments, RunArguments
-from ..integration.step_loop import Rows
+from ..integration.step_loop import advance_and_detect, integrate
 from ..results.crossings import Crossings
+from ..results.run_arrays import States, flat_multipliers
+from ..results.trajectory import Trajectory
 from .detection import Levels, Memory
-from .location import crossings_of, detectors_for, ending, row_of_event
+from .location import crossings_of, detectors_for, ending
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["Observer", "TerminalEvent"]
+__all__ = ["Observer", "TerminalEvent", "observed", "with_row"]
 
 Array = NDArray[Any]
 
@@ -26,9 +41,71 @@ Array = NDArray[Any]
 _MOST = 2**14
 
 
+def observed(
+    stepper: Stepper, run: RunArguments, events: tuple[Event, ...],
+    progress: Callable[[int], None] | None,
+) -> Trajectory:
+    """Return the trajectory of a run with its events, up to the first terminal one.
+
+    Raises
+    ------
+    StepFailed, Stopped
+        As ``integrate`` does. Stopped while events are solved for, with the states alone.
+    """
+    if not events:
+        return integrate(stepper.binding, stepper.manifest, run, progress)
+    observer = Observer(stepper, run, events)
+    trouble: StepFailed | Stopped | None = None
+    try:
+        trajectory = integrate(stepper.binding, stepper.manifest, run, progress, observer)
+    except (StepFailed, Stopped) as error:
+        if error.trajectory is None:
+            raise
+        trouble, trajectory = error, error.trajectory
+    with catch_ctrl_c() as interrupts:
+        before = interrupts.requested  # that has ended the run, and not what is solved for now
+        found = observer.settle(lambda: interrupts.requested and not before)
+    if interrupts.requested and not before:
+        raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
+                      "for; the states are in .trajectory, without events.", interrupts.signal,
+                      trajectory=trajectory)
+    end = observer.end
+    if end is not None:
+        row = replace(end.row, work=trajectory.report.work + end.row.work)
+        trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed), row)
+    trajectory = changed(trajectory, events=found)
+    if trouble is None:
+        return trajectory
+    trouble.trajectory = trajectory
+    raise trouble
+
+
+def with_row(
+    stepper: Stepper, trajectory: Trajectory, rows: int, times: tuple[Array, Array], row: Rows
+) -> Trajectory:
+    """Return the first rows of a trajectory and after them one more.
+
+    ``times`` are its time and the time since the start.
+    """
+    binding, states, steps = stepper.binding, slice(rows), rows - 1
+    t, elapsed = times
+    flat = flat_multipliers(trajectory)[:steps]
+    return trajectory.of_states(States(
+        binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
+        np.concatenate([trajectory.t[states], t]), np.concatenate([trajectory.q[states], row.q]),
+        np.concatenate([trajectory.p[states], row.p]),
+        np.concatenate([flat, row.multipliers]).astype(binding.dtype),
+        np.concatenate([trajectory.iterations[:steps], row.iterations]),
+        np.concatenate([trajectory.work[states], row.work]),
+        np.concatenate([trajectory.elapsed[states], elapsed])))
+
+
 @dataclass(frozen=True)
 class TerminalEvent:
-    """Where an event ends a run: its place among the events, the state there, the row to it."""
+    """Where an event ends a run: its place among the events, the state there, the row to it.
+
+    The work of the row is that of its part of a step.
+    """
 
     event: int
     at: Crossings
@@ -36,67 +113,121 @@ class TerminalEvent:
 
 
 class Observer:
-    """Detection and location of the events of a run while it is stored.
+    """Detection and location of the events of a run that somebody else stores.
 
-    What it finds, and where that ends the run, is what ``integrate`` finds, however the run is cut
-    into pieces and wherever events are solved for.
+    What it finds, and where that ends the run, does not depend on how the run is cut into pieces,
+    nor on when events are solved for.
 
     Attributes
     ----------
     events : tuple of Event
-    run : RunArguments
-        With the watch that looks at each state.
+    end : TerminalEvent or None
+        Where an event ends the run.
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event, ...]) -> None:
         self.events = events
-        self._stepper, self._levels = stepper, Levels.of(stepper.binding, stepper.manifest, events)
-        self._runs = EnsembleArguments.of([run], stepper.binding.number_type)
-        (self._watch,) = detectors_for(stepper, self._levels, self._runs)
-        self.run = replace(run, detector=self._watch)
+        self.end: TerminalEvent | None = None
+        self._stepper, self._run, self._binding = stepper, run, stepper.binding
+        self._levels = Levels.of(stepper.binding, stepper.manifest, events)
+        self._runs = replace(EnsembleArguments.of([run], stepper.binding.number_type),
+                             inputs=run.inputs)
+        (self._detector,) = detectors_for(stepper, self._levels, self._runs)
+        #: The states at the beginning of the last two pieces, where an event may end the run.
+        self._begun: list[RunState] = []
+        #: Crossings of the terminal events, once one of them ends the run.
+        self._ends: dict[str, Crossings] = {}
 
     @property
     def terminal(self) -> bool:
         """Whether an event may end the run."""
-        return self._watch.terminal
-
-    @property
-    def at_end(self) -> bool:
-        """Whether a terminal event happens in the next step."""
-        return self._watch.ends_in is not None
+        return self._detector.terminal
 
     @property
     def full(self) -> bool:
         """Whether what is seen should be solved for before the run goes on."""
-        return self._watch.noted >= _MOST
+        return self._detector.noted >= _MOST
 
     @property
     def memory(self) -> Memory:
         """What looking goes on from."""
-        return self._watch.memory
+        return self._detector.memory
 
-    def go_on(self, done: int, memory: Memory) -> None:
-        """Go on after so many steps."""
-        self._watch.go_on(done, memory)
+    def go_on(self, state: RunState, memory: Memory) -> None:
+        """Go on from a state."""
+        self._detector.go_on(state.steps, memory)
+        self._begun = [state.copy(self._binding)]
 
-    def settle(
-        self, ahead: tuple[Array, Array] | None = None
-    ) -> tuple[dict[str, Crossings], TerminalEvent | None]:
-        """Return what has happened since the last time, and where that ends the run.
+    def advance(
+        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
+    ) -> int:
+        """Advance as ``binding.integrate`` does, up to the step before a terminal event."""
+        if self.terminal:
+            begun = self._begun.pop(0) if len(self._begun) == 2 else state.copy(self._binding)
+            begun.assign(self._binding, state)
+            self._begun.append(begun)
+        status = advance_and_detect(self._detector, self._binding, constants, steps, every, state,
+                                    rows)
+        if self._detector.ends_in is not None:  # no state behind that step is one of the run's
+            self._detector.close()
+        self._look_for_end(state)
+        return status if self.end is None else 0
+
+    def close(self, state: RunState, ahead: tuple[Array, Array] | None = None) -> None:
+        """Look into the last step, though no step follows, and go back where that ends the run.
 
         ``ahead`` is the state one step on, of a run that a terminal event may end: what has
         happened is then known for good, and the run need not go back behind this place.
         """
-        detector, run = self._watch, self.run
-        detector.close(ahead)
-        (found,) = crossings_of(self._stepper, self._levels, self._runs, [detector],
-                                lambda computed: fill_ensemble(computed, threads_of(None),
-                                                           lambda: False))
-        brackets, name = detector.brackets, ending(self.events, found, run.dt)
-        detector.forget()
-        if name is None or brackets is None:
-            return found, None
-        last = found[name].first
-        end = TerminalEvent([one.name for one in self.events].index(name), last,
-                  row_of_event(self._stepper, run, brackets, last))
-        return {key: one.until(last, run.dt) for key, one in found.items()}, end
+        if self.end is None:
+            self._detector.close(ahead)
+            self._look_for_end(state)
+
+    def settle(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
+        """Return what has happened since the last time, up to the end of the run."""
+        found = self._solved(self._detector.brackets, stop) | self._ends
+        self._detector.forget()
+        self._ends = {}
+        if self.end is None:
+            return found
+        return {name: one.until(self.end.at, self._run.dt) for name, one in found.items()}
+
+    def _solved(self, brackets: Any, stop: Callable[[], bool]) -> dict[str, Crossings]:
+        (found,) = crossings_of(self._stepper, self._levels, self._runs, [brackets],
+                                lambda computed: fill_ensemble(computed, threads_of(None), stop))
+        return found
+
+    def _look_for_end(self, state: RunState) -> None:
+        """Solve for terminal events, and take the state back to the step before the first."""
+        brackets = self._detector.take_terminal_brackets()
+        if brackets is None:
+            return
+        found = self._solved(brackets, lambda: False)
+        name = ending(self.events, found, self._run.dt)
+        if name is None:
+            return
+        self._ends = {one.name: found[one.name] for one in self.events if one.terminal}
+        at, binding = found[name].first, self._binding
+        steps = int(at.steps[0])
+        begun = next(one for one in reversed(self._begun) if one.steps <= steps)
+        left = steps - begun.steps
+        state.assign(binding, begun)
+        if left:
+            binding.integrate(self._run.constants(binding), left, left + 1, state,
+                              Rows.allocate(binding, 0))
+        self.end = TerminalEvent([one.name for one in self.events].index(name), at,
+                                 self._row_to(state, at))
+
+    def _row_to(self, state: RunState, event: Crossings) -> Rows:
+        """Return the one row that leads from the state before an event to the event."""
+        stepper, run, binding = self._stepper, self._run, self._binding
+        t0 = binding.times(run.t0, run.dt, event.steps)
+        part = event.elapsed - binding.times(0 * run.t0, run.dt, event.steps)
+        parameters = {name: np.array([value], binding.number_type)
+                      for name, value in run.at_step(int(event.steps[0])).parameters.items()}
+
+        def fill(computed: EnsembleStates) -> None:
+            fill_ensemble(computed, 1, lambda: False)
+
+        rows = run_together(stepper, state.q[None], state.p[None], t0, part, parameters, fill, 1)
+        return replace(rows.rows[:, 1], q=event.q, p=event.p)

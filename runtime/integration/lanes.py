@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import Binding
 from ..bindings.compiled_module import CORES
+from ..bindings.run_memory import BatchMemory, BatchState, Rows, RunConstants, RunRecord, RunState
 from .run_arguments import EnsembleArguments, RunArguments
-from .step_loop import FIRST_STEPS, ChunkSize, Rows, fill, next_chunk, thin
+from .step_loop import FIRST_STEPS, ChunkSize, advance_and_detect, fill, next_chunk, thin
 
 if TYPE_CHECKING:
     from ..events.detection import EventDetector
@@ -41,11 +42,7 @@ _TOGETHER = 16
 
 @dataclass(frozen=True)
 class EnsembleStates:
-    """The stored states of many runs, row 0 the start, their ends, records and statuses.
-
-    multipliers and iterations have a row 0 too, of no meaning: compiled code takes one distance
-    from a trajectory to the next.
-    """
+    """The stored states of many runs, their ends, records and statuses."""
 
     binding: Binding
     runs: EnsembleArguments
@@ -61,7 +58,7 @@ class EnsembleStates:
     #: The parameters of all and their time steps, as compiled code takes those of lanes.
     parameters: Array
     dt: Array
-    #: What looks at every state for events, one for each trajectory; or none.
+    #: Event detectors, one for each trajectory; or none.
     detectors: tuple[EventDetector, ...] = ()
 
     @classmethod
@@ -79,20 +76,20 @@ class EnsembleStates:
                    ] if in_lanes else [binding.report() for _ in range(count)]
         found = cls(
             binding, runs, in_lanes, batch,
-            Rows(binding.new(count, rows, binding.n), binding.new(count, rows, binding.n),
-                 binding.new(count, rows, binding.multipliers),
-                 np.zeros((count, rows), dtype=np.intc), binding.new(count, rows)),
-            runs.q.copy(), runs.p.copy(), np.zeros(count, dtype=np.intc),
+            Rows.allocate(binding, count, rows), runs.q.copy(), runs.p.copy(),
+            np.zeros(count, dtype=np.intc),
             reports, binding.parameter_rows(runs.parameters, runs.t0) if in_lanes else runs.dt,
             runs.dt.astype(binding.dtype), tuple(detectors))
         found.rows.q[:, 0], found.rows.p[:, 0] = runs.q, runs.p
         return found
 
-    def report(self, i: int) -> Any:
+    def report(self, i: int) -> RunRecord:
         """Return the running record of a trajectory."""
-        return self.reports[i // self.batch][i % self.batch] if self.in_lanes else self.reports[i]
+        record: RunRecord = (self.reports[i // self.batch][i % self.batch] if self.in_lanes
+                             else self.reports[i])
+        return record
 
-    def final_report(self, i: int) -> Any:
+    def final_report(self, i: int) -> RunRecord:
         """Return the record of a trajectory that has ended; it owns its memory."""
         report = self.report(i)
         return self.binding.copy_of(report) if self.in_lanes else report
@@ -104,76 +101,60 @@ class EnsembleStates:
         rows = {steps: self.runs.first.stored(steps) + 1 for steps in set(done)}
         return [rows[steps] for steps in done]
 
-    def rows_of(self, i: int) -> Rows:
-        """Return the stored states of a trajectory."""
-        rows = self.rows
-        return Rows(rows.q[i], rows.p[i], rows.multipliers[i, 1:], rows.iterations[i, 1:],
-                    rows.work[i])
-
     def fill(self, batches: Iterable[int], stop: Callable[[], bool]) -> None:
         """Integrate the trajectories of some batches in this thread, until they shall stop.
 
         One that fails ends there; the others are not touched.
         """
-        memory = self.binding.batches.take() if self.in_lanes else None
+        if not self.in_lanes:
+            for i in batches:
+                self._fill_one(i, stop)
+            return
+        memory = self.binding.batches.take()
         for batch in batches:
-            if self.in_lanes:
-                self._fill_lanes(batch, memory, stop)
-            else:
-                self._fill_one(batch, stop)
-        if self.in_lanes:
-            self.binding.batches.give_back(memory)
+            self._fill_lanes(batch, memory, stop)
+        self.binding.batches.give_back(memory)
 
     def _fill_one(self, i: int, stop: Callable[[], bool]) -> None:
-        detector = self.detectors[i] if self.detectors else None
-        run = replace(self.runs[i], detector=detector)
-        self.status[i] = fill(self.binding, run, self.rows_of(i), self.q[i], self.p[i],
-                              self.report(i), stop)
+        binding, run = self.binding, self.runs[i]
+        state = RunState(self.q[i], self.p[i], self.report(i), binding.works.take())
+        step_on = (partial(advance_and_detect, self.detectors[i], binding) if self.detectors
+                   else None)
+        self.status[i] = fill(binding, run, self.rows[i], state, stop, step_on=step_on)
+        binding.works.give_back(state.work)
 
-    def _fill_lanes(self, batch: int, memory: Any, stop: Callable[[], bool]) -> None:
-        binding, first, reports = self.binding, self.runs.first, self.reports[batch]
+    def _fill_lanes(self, batch: int, memory: BatchMemory, stop: Callable[[], bool]) -> None:
+        binding, first = self.binding, self.runs.first
         part = slice(batch * self.batch, (batch + 1) * self.batch)
-        rows, status, q, p = self.rows, self.status[part], self.q[part], self.p[part]
-        out = (rows.q[part], rows.p[part], rows.multipliers[part], rows.iterations[part],
-               rows.work[part])
-        dt, parameters = self.dt[part], binding.sets_of(self.parameters[part])
-        inputs = None if self.runs.inputs is None else self.runs.inputs.between(part)
-        options = binding.options(first.tolerance, first.max_iterations, first.solver)
-        iterations, done, pace = rows.iterations[part], 0, ChunkSize()
-        while done < first.steps and not status.all() and not stop():
+        rows, state = self.rows[part], BatchState(
+            self.q[part], self.p[part], self.reports[batch], self.status[part])
+        constants = RunConstants(
+            binding.sets_of(self.parameters[part]),
+            binding.options(first.tolerance, first.max_iterations, first.solver), self.dt[part],
+            None if self.runs.inputs is None else self.runs.inputs.between(part))
+        done, pace = 0, ChunkSize()
+        while done < first.steps and not state.status.all() and not stop():
             row = done // first.every + 1
             count, every = next_chunk(first, done, pace.begin(first.steps - done))
-            most = iterations[:, row].copy()  # of the pieces before, where a row takes several
-            step_on = partial(_lanes, binding, parameters, options, dt, count, reports, status,
-                              memory, inputs)
+            most = rows.iterations[:, row].copy()  # of the pieces before: a row may take several
             if self.detectors:
-                self._look(part, done, count, every, row, out, reports, step_on)
+                seen = Rows.allocate(binding, len(state.q), count + 1)
+                seen.q[:, 0], seen.p[:, 0] = state.q, state.p
+                binding.integrate_lanes(constants, count, 1, state, seen, 1, memory)
+                self._detect(part, done, every, seen, rows[:, row:])
             else:
-                step_on(every, row, q, p, out)
-            np.maximum(iterations[:, row], most, out=iterations[:, row])
+                binding.integrate_lanes(constants, count, every, state, rows, row, memory)
+            np.maximum(rows.iterations[:, row], most, out=rows.iterations[:, row])
             done += count
             pace.end(count)
 
-    def _look(
-        self, part: slice, done: int, count: int, every: int, row: int, out: tuple[Array, ...],
-        reports: Any, step_on: Callable[..., None],
-    ) -> None:
-        """Take so many steps, look at each of them, and store every ``every``-th."""
-        binding, q, p = self.binding, self.q[part], self.p[part]
-        size = len(q)
-        room = size, count + 1
-        seen = Rows(binding.new(*room, binding.n), binding.new(*room, binding.n),
-                    binding.new(*room, binding.multipliers), np.zeros(room, dtype=np.intc),
-                    binding.new(*room))
-        seen.q[:, 0], seen.p[:, 0] = q, p
-        step_on(1, 1, q, p, (seen.q, seen.p, seen.multipliers, seen.iterations, seen.work))
+    def _detect(self, part: slice, done: int, every: int, seen: Rows, rows: Rows) -> None:
+        """Give the states of a batch to their detectors, and store every ``every``-th."""
         for i, detector in enumerate(self.detectors[part]):
-            steps = int(reports[i].steps) - done
-            if steps <= 0:
-                continue
-            detector.detect(done, seen.q[i, : steps + 1], seen.p[i, : steps + 1])
-            own = tuple(part[i, 1:] for part in vars(seen).values())
-            thin(own, steps, every, tuple(array[i, row:] for array in out))
+            count = int(self.report(part.start + i).steps) - done
+            if count > 0:
+                detector.detect(done, seen.q[i, : count + 1], seen.p[i, : count + 1])
+                thin(seen[i, 1:], count, every, rows[i])
 
 
 def _batches_in_a_call(binding: Binding, first: RunArguments) -> int:
@@ -181,16 +162,6 @@ def _batches_in_a_call(binding: Binding, first: RunArguments) -> int:
     short = first.steps <= FIRST_STEPS and (
         first.every >= first.steps or first.steps % first.every == 0)
     return _TOGETHER if short and binding.dtype is not object else 1
-
-
-def _lanes(
-    binding: Binding, parameters: Any, options: Any, dt: Array, count: int, reports: Any,
-    status: Array, memory: Any, inputs: Any, every: int, row: int, q: Array, p: Array,
-    out: tuple[Array, ...],
-) -> None:
-    """Take a batch on by so many steps; where to store comes last."""
-    binding.integrate_lanes(parameters, options, dt, count, every, row, q, p, out, reports, status,
-                            memory, inputs)
 
 
 def threads_of(workers: int | None) -> int:

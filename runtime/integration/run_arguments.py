@@ -30,13 +30,14 @@ from ...core.start import GAMMA_M, Rule
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count, as_real, as_step
 from ..bindings.inputs import InputRows
+from ..bindings.run_memory import RunConstants
 from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia, inertia_names, is_inertia_parameter
 from .consistency import defects_of_starts
 from .manifest_symmetries import Symmetry, refuse_broken
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding, SolverName
-    from ..events.detection import EventDetector
+    from ..bindings.compiled_module import Compiled
     from ..steppers.stepper import Stepper
 
 __all__ = ["EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
@@ -73,8 +74,12 @@ class RunArguments:
     inputs: InputRows | None = None
     #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
     stored_steps: Array | None = None
-    #: What looks at every state for events; one for each trajectory.
-    detector: EventDetector | None = None
+
+    def constants(self, binding: Compiled) -> RunConstants:
+        """Return what compiled code takes for all of its steps."""
+        return RunConstants(
+            binding.parameters(self.parameters, self.t0),
+            binding.options(self.tolerance, self.max_iterations, self.solver), self.dt, self.inputs)
 
     @property
     def rows(self) -> int:

@@ -4,30 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError, StepFailed, Stopped
+from ...core.errors import StepFailed, Stopped
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.manifest import Manifest
 from ..bindings.binding import Binding
+from ..bindings.run_memory import Rows, RunConstants, RunRecord, RunState
 from ..compilation.call_stack import thread_seconds
 from ..results.diagnostics import Report
-from ..results.run_arrays import States, defect_sizes
+from ..results.run_arrays import States
 from ..results.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
 from .run_arguments import RunArguments
 
 if TYPE_CHECKING:
     from ..events.detection import EventDetector
+    from ..events.observer import Observer
 
-__all__ = ["FIRST_STEPS", "ChunkSize", "Rows", "advance", "course", "defect_sizes", "ended_at",
-           "failure_of", "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
+__all__ = ["FIRST_STEPS", "ChunkSize", "advance_and_detect", "course", "ended_at", "failure_of",
+           "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
 
 Array = NDArray[Any]
+#: Takes steps as ``Binding.integrate`` does.
+StepOn = Callable[[RunConstants, int, int, RunState, Rows], int]
 
 #: Steps between two looks at the progress bar and at signals: at first, at most.
 FIRST_STEPS, _CHUNK = 16, 4096
@@ -35,39 +39,6 @@ FIRST_STEPS, _CHUNK = 16, 4096
 _CHUNK_WITH_EVENTS = 2**14
 #: Seconds between two looks, where a step does not take longer.
 _LOOK = 0.1
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Where stored states go: row 0 of q, p and work is the start."""
-
-    q: Array
-    p: Array
-    multipliers: Array
-    iterations: Array
-    work: Array
-
-    @classmethod
-    def allocate(cls, binding: Binding, rows: int) -> Rows:
-        """Return empty rows, or raise InputError where there is no memory for them."""
-        try:
-            return cls(
-                binding.new(rows + 1, binding.n),
-                binding.new(rows + 1, binding.n),
-                binding.new(rows, binding.multipliers),
-                np.zeros(rows, dtype=np.intc),
-                binding.new(rows + 1),
-            )
-        except (MemoryError, ValueError) as error:  # ValueError: more than can be addressed
-            raise InputError(
-                f"There is no memory for {rows + 1} states; take fewer steps, or keep fewer of "
-                "their states with a larger every."
-            ) from error
-
-    def after(self, row: int) -> tuple[Array, ...]:
-        """Return what compiled code fills from this row on."""
-        return (self.q[row + 1 :], self.p[row + 1 :], self.multipliers[row:],
-                self.iterations[row:], self.work[row + 1 :])
 
 
 class ChunkSize:
@@ -78,10 +49,10 @@ class ChunkSize:
     """
 
     def __init__(
-        self, catch_signals: bool = False, clock: Callable[[], float] | None = None
+        self, has_events: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
         self._clock = clock or thread_seconds
-        self._largest = _CHUNK_WITH_EVENTS if catch_signals else _CHUNK
+        self._largest = _CHUNK_WITH_EVENTS if has_events else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
         self._began: float | None = None
 
@@ -106,8 +77,9 @@ def integrate(
     manifest: Manifest,
     run: RunArguments,
     progress: Callable[[int], None] | None = None,
+    observer: Observer | None = None,
 ) -> Trajectory:
-    """Return the trajectory of a run.
+    """Return the trajectory of a run, up to the terminal event that its observer finds.
 
     Raises
     ------
@@ -118,7 +90,8 @@ def integrate(
     """
     # One step is done or not: there is nothing to lose.
     with catch_ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
-        trajectory, status = course(binding, manifest, run, lambda: interrupts.requested, progress)
+        trajectory, status = course(binding, manifest, run, lambda: interrupts.requested, progress,
+                                    observer)
     if status:
         last = trajectory.report
         q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
@@ -140,44 +113,47 @@ def ended_at(done: int, steps: int) -> str:
 
 def course(
     binding: Binding, manifest: Manifest, run: RunArguments, stop: Callable[[], bool],
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] | None = None, observer: Observer | None = None,
 ) -> tuple[Trajectory, int]:
     """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
-    rows = Rows.allocate(binding, run.rows)
+    rows = Rows.allocate(binding, run.rows + 1)
     rows.q[0], rows.p[0] = run.q, run.p
-    q, p, report = run.q.copy(), run.p.copy(), binding.report()
-    status = fill(binding, run, rows, q, p, report, stop, progress)
-    return trajectory_of(binding, manifest, run, rows, report, q, p), status
+    state = RunState.at_start(binding, run.q, run.p, binding.works.take())
+    if observer is None:
+        status = fill(binding, run, rows, state, stop, progress)
+    else:
+        status = fill(binding, run, rows, state, lambda: observer.end is not None or stop(),
+                      progress, observer.advance)
+        observer.close(state)
+        if observer.end is not None:  # a step that fails behind it is none of the run's
+            status = 0
+    binding.works.give_back(state.work)
+    return trajectory_of(binding, manifest, run, rows, state.record, state.q, state.p), status
 
 
 def fill(
-    binding: Binding, run: RunArguments, rows: Rows, q: Array, p: Array, report: Any,
-    stop: Callable[[], bool], progress: Callable[[int], None] | None = None,
+    binding: Binding, run: RunArguments, rows: Rows, state: RunState, stop: Callable[[], bool],
+    progress: Callable[[int], None] | None = None, step_on: StepOn | None = None,
 ) -> int:
-    """Fill the rows of a run, up to its end or as ``course`` does; (q, p) goes there.
+    """Fill the rows of a run from its start, as ``course`` does; return the status.
 
-    Returns the status.
+    ``step_on`` is ``binding.integrate``, or takes steps as it does and looks at each of them.
     """
-    parameters, work = binding.parameters(run.parameters, run.t0), binding.works.take()
-    pace = ChunkSize(run.detector is not None)
+    constants, pace = run.constants(binding), ChunkSize(step_on is not None)
     status = 0
-    if not run.steps or run.detector is not None or stop():  # else the first steps start the record
-        status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
-    step_on = advance if run.detector is None else advance_with_events
-    ended = run.detector is not None and run.detector.ends_in is not None
-    while report.steps < run.steps and status == 0 and not ended and not stop():
-        row = run.stored(int(report.steps))
-        done = int(report.steps)
+    if not run.steps or step_on is not None or stop():  # else the first steps start the record
+        status = binding.integrate(constants, 0, 1, state, rows[:0])
+    step_on = step_on or binding.integrate
+    while state.steps < run.steps and status == 0 and not stop():
+        done = state.steps
+        row = run.stored(done) + 1
         count, every = next_chunk(run, done, pace.begin(run.steps - done))
         most = rows.iterations[row]  # of the pieces before, where a row takes several
-        status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
-                         work)
-        ended = run.detector is not None and run.detector.ends_in is not None
+        status = step_on(constants, count, every, state, rows[row:])
         rows.iterations[row] = max(most, rows.iterations[row])
         pace.end(count)
         if progress is not None:
-            progress(int(report.steps))
-    binding.works.give_back(work)
+            progress(state.steps)
     return status
 
 
@@ -188,66 +164,29 @@ def failure_of(run: RunArguments, trajectory: Trajectory, found: Diagnosis) -> S
                       **asdict(found))
 
 
-def advance(
-    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
-    p: Array, out: tuple[Array, ...], report: Any, work: Any,
+def advance_and_detect(
+    detector: EventDetector, binding: Binding, constants: RunConstants, steps: int, every: int,
+    state: RunState, rows: Rows,
 ) -> int:
-    """Advance (q, p) in place by up to ``steps`` steps with the run's solver; return the status.
-
-    Every ``every``-th state goes to ``out``: q, p, multipliers, iterations, work.
-    """
-    options = binding.options(run.tolerance, run.max_iterations, run.solver)
-    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work,
-                             run.inputs)
-
-
-def advance_with_events(
-    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
-    p: Array, out: tuple[Array, ...], report: Any, work: Any,
-) -> int:
-    """Advance as ``advance`` does, with the run's event detector on every state.
-
-    Where it sees the run's end within a step, the state before that step is the last one.
-    """
-    detector = run.detector
-    assert detector is not None
-    begun, start = int(report.steps), (q.copy(), p.copy())
-    images = [binding.image(struct) for struct in (report, work)] if detector.terminal else []
-    before = [image.copy() for image in images]
-    seen = out if every == 1 else _room(binding, detector, steps)
-    status = advance(binding, run, parameters, steps, 1, q, p, seen, report, work)
-    done = int(report.steps) - begun
-    detector.detect(begun, start[0][None], start[1][None])
-    detector.detect(begun + 1, seen[0][:done], seen[1][:done])
-    if detector.ends_in is not None:
-        status, done = 0, detector.ends_in - begun
-        q[:], p[:] = start
-        for image, kept in zip(images, before, strict=True):
-            image[:] = kept
-        if done:
-            advance(binding, run, parameters, done, done + 1, q, p, seen, report, work)
+    """Advance as ``binding.integrate`` does, with an event detector on every state."""
+    done, start = state.steps, (state.q.copy(), state.p.copy())
+    seen = rows if every == 1 else detector.room(steps)
+    status = binding.integrate(constants, steps, 1, state, seen)
+    count = state.steps - done
+    detector.detect(done, start[0][None], start[1][None])
+    detector.detect(done + 1, seen.q[:count], seen.p[:count])
     if every > 1:
-        thin(seen, done, every, out)
+        thin(seen, count, every, rows)
     return status
 
 
-def _room(binding: Binding, detector: EventDetector, steps: int) -> tuple[Array, ...]:
-    """Return arrays for the states of so many steps, those of the last piece if they are long
-    enough."""
-    if detector.buffer is None or len(detector.buffer.iterations) < steps:
-        detector.buffer = Rows.allocate(binding, steps)
-    room: Rows = detector.buffer
-    return room.after(0)
-
-
-def thin(seen: tuple[Array, ...], done: int, every: int, out: tuple[Array, ...]) -> None:
+def thin(seen: Rows, done: int, every: int, rows: Rows) -> None:
     """Store every ``every``-th of the states that were seen, ``done`` of them."""
     count = done // every
     if not count:
         return
-    most = seen[3][: count * every].reshape(count, every).max(axis=1)
-    for part, found in zip(out, (*seen[:3], None, seen[4]), strict=True):
-        part[:count] = most if found is None else found[every - 1 : done : every]
+    rows.assign(np.s_[:count], seen[every - 1 : done : every])
+    rows.iterations[:count] = seen.iterations[: count * every].reshape(count, every).max(axis=1)
 
 
 def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
@@ -269,25 +208,26 @@ def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None)
 
 
 def trajectory_of(
-    binding: Binding, manifest: Manifest, run: RunArguments, rows: Rows, report: Any,
+    binding: Binding, manifest: Manifest, run: RunArguments, rows: Rows, record: RunRecord,
     q: Array, p: Array,
 ) -> Trajectory:
-    """Return the rows that were filled; they, the report, q and p are read when asked for."""
+    """Return the rows that were filled; they, the record, q and p are read when asked for."""
     given = run.parameters.copy()  # those of the trajectory are its owner's
 
     def states() -> States:
-        done = int(report.steps)
+        done = int(record.steps)
         stored = run.stored(done)
         steps = run.steps_of_rows(done)
         return States(
             binding, manifest, binding.parameters(given, run.t0),
             binding.times(run.t0, run.dt, steps), rows.q[: stored + 1],
-            rows.p[: stored + 1], rows.multipliers[:stored], rows.iterations[:stored],
-            rows.work[: stored + 1], binding.times(0 * run.t0, run.dt, steps))
+            rows.p[: stored + 1], rows.multipliers[1 : stored + 1],
+            rows.iterations[1 : stored + 1], rows.work[: stored + 1],
+            binding.times(0 * run.t0, run.dt, steps))
 
     return Trajectory.of(
         states,
-        _read=lambda: Report.read(report, q, p, forced=binding.has_forces),
+        _read=lambda: Report.read(record, q, p, forced=binding.has_forces),
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,

@@ -243,8 +243,8 @@ def integrate_members(
             fill_ensemble(some, threads_of(workers), lambda: interrupts.requested, report)
 
         fill(computed)
-        crossings = [] if levels is None else crossings_of(stepper, levels, runs,
-                                                           computed.detectors, fill)
+        crossings = [] if levels is None else crossings_of(
+            stepper, levels, runs, [one.final_brackets() for one in computed.detectors], fill)
         found = _ensemble(stepper, computed, crossings, () if levels is None else levels.events)
         if tangents is not None:
             found = _with_tangents(stepper, found, tangents, threads_of(workers),
@@ -345,7 +345,7 @@ def _ensemble(
         multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
 
     def member(i: int) -> Trajectory:
-        made = trajectory_of(binding, stepper.manifest, runs[i], computed.rows_of(i),
+        made = trajectory_of(binding, stepper.manifest, runs[i], rows[i],
                              computed.final_report(i), computed.q[i], computed.p[i])
         return changed(made, events=crossings[i] if crossings else {},
                        _origin=Origin(runs[i], asked))

@@ -30,6 +30,7 @@ from ...core.start import Start
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import Binding
 from ..bindings.inputs import InputRows
+from ..bindings.run_memory import Rows, RunRecord, RunState, WorkMemory
 from ..compilation.body_columns import body_named, joint_named
 from ..integration.consistency import refuse_inconsistent
 from ..integration.failure import diagnose
@@ -37,8 +38,6 @@ from ..integration.run_arguments import RunArguments, steps_until, warn_of_negat
 from ..integration.step_loop import (
     FIRST_STEPS,
     ChunkSize,
-    Rows,
-    advance,
     ended_at,
     integrate,
     trajectory_of,
@@ -60,7 +59,7 @@ Array = NDArray[Any]
 class AdvancingRun:
     """A run with its own solver memory; compiled code advances ``steps``, ``q`` and ``p``."""
 
-    def __init__(self, binding: Binding, run: RunArguments, work: Any = None) -> None:
+    def __init__(self, binding: Binding, run: RunArguments, work: WorkMemory | None = None) -> None:
         self.run, self.binding = run, binding
         self.q, self.p = run.q.copy(), run.p.copy()
         self.work = binding.work() if work is None else work
@@ -76,7 +75,7 @@ class AdvancingRun:
         return int(self.record.steps)
 
     @property
-    def record(self) -> Any:
+    def record(self) -> RunRecord:
         """The running record."""
         return self.binding.record_of(self.work)
 
@@ -117,7 +116,7 @@ class AdvancingRun:
         t = self.run.t0 + self.steps * self.run.dt
         run = replace(self.run, q=self.q, p=self.p, t0=t, steps=self.steps + 1,
                       every=self.steps + 2)
-        rows = Rows.allocate(self.binding, 0)
+        rows = Rows.allocate(self.binding, 1)
         rows.q[0], rows.p[0] = self.q, self.p
         return changed(trajectory_of(self.binding, manifest, run, rows, self.record,
                                      self.q.copy(), self.p.copy()), every=1)
@@ -127,7 +126,8 @@ class ContinuedStep(AdvancingRun):
     """A trajectory of ``Stepper.step``: the caller passes all arguments again at each step."""
 
     def __init__(
-        self, binding: Binding, run: RunArguments, given: tuple[Any, ...], work: Any = None
+        self, binding: Binding, run: RunArguments, given: tuple[Any, ...],
+        work: WorkMemory | None = None,
     ) -> None:
         super().__init__(binding, run, work)
         #: What the caller gave beside the state, as given: a call that gives the same goes on.
@@ -155,17 +155,18 @@ class RecordingRun(AdvancingRun):
 
     def __init__(self, binding: Binding, run: RunArguments) -> None:
         super().__init__(binding, run)
-        self._report, self._failed = binding.report(), False
-        self._rows = Rows.allocate(binding, FIRST_STEPS)
-        self._rows.q[0], self._rows.p[0], self._rows.work[0] = run.q, run.p, 0
+        self._run_state = RunState(self.q, self.p, binding.report(), self.work)
+        self._failed = False
+        self._rows = Rows.allocate(binding, FIRST_STEPS + 1)
+        self._rows.q[0], self._rows.p[0] = run.q, run.p
         #: The inputs of each step, and whether any were given.
         self._inputs, self._fed = binding.new(FIRST_STEPS, len(binding.input_names)), False
         self._piece(0)
 
     @property
-    def record(self) -> Any:
+    def record(self) -> RunRecord:
         """The running record."""
-        return self._report
+        return self._run_state.record
 
     def advance(self, steps: int) -> int:
         """Take up to that many steps; return the status."""
@@ -181,24 +182,20 @@ class RecordingRun(AdvancingRun):
         return status
 
     def _piece(self, steps: int) -> int:
-        parameters = self.binding.parameters(self.run.parameters, self.run.t0)
-        return advance(self.binding, self.run, parameters, steps, 1, self.q, self.p,
-                       self._rows.after(self.steps), self._report, self.work)
+        return self.binding.integrate(self.run.constants(self.binding), steps, 1,
+                                      self._run_state, self._rows[self.steps + 1 :])
 
     def _make_room(self, steps: int) -> None:
         """Make room for so many, at least twice as many as before where there is none."""
-        done, before = self.steps, self._rows
-        if steps <= len(before.iterations):
-            return
-        self._rows = Rows.allocate(self.binding, max(steps, 2 * len(before.iterations)))
-        self._put(done, vars(before), self._inputs)
+        if steps > len(self._inputs):
+            self._put(max(steps, 2 * len(self._inputs)), self._rows, self._inputs)
 
-    def _put(self, done: int, rows: Mapping[str, Array], inputs: Array) -> None:
-        """Set the rows of so many steps; there is room for them."""
-        for name, array in vars(self._rows).items():
-            count = done + (name in ("q", "p", "work"))
-            array[:count] = rows[name][:count]
-        self._inputs = self.binding.new(len(self._rows.iterations), inputs.shape[1])
+    def _put(self, room: int, rows: Rows, inputs: Array) -> None:
+        """Take over the rows of all steps done, with room for so many steps."""
+        done = self.steps
+        self._rows, self._inputs = (Rows.allocate(self.binding, room + 1),
+                                    self.binding.new(room, inputs.shape[1]))
+        self._rows.assign(np.s_[: done + 1], rows[: done + 1])
         self._inputs[:done] = inputs[:done]
 
     def feed(self, row: Array) -> None:
@@ -215,28 +212,25 @@ class RecordingRun(AdvancingRun):
     def image(self) -> tuple[Any, ...]:
         """All that differs from a run that has just begun."""
         done = self.steps
-        rows = {name: array[: done + 1].copy() for name, array in vars(self._rows).items()}
-        return (*super().image, self.binding.image(self._report).tobytes(), rows,
-                self._inputs[:done].copy(), self._fed, self._failed)
+        return (*super().image, self.binding.image(self.record).tobytes(),
+                self._rows[: done + 1].copy(), self._inputs[:done].copy(), self._fed, self._failed)
 
     @image.setter
     def image(self, image: tuple[Any, ...]) -> None:
         AdvancingRun.image.__set__(self, image[:3])  # type: ignore[attr-defined]
         report, rows, inputs, self._fed, self._failed = image[3:]
-        self.binding.image(self._report)[:] = np.frombuffer(report, dtype=np.uint8)
-        self._rows = Rows.allocate(self.binding, max(self.steps, FIRST_STEPS))
-        self._put(self.steps, rows, inputs)
+        self.binding.image(self.record)[:] = np.frombuffer(report, dtype=np.uint8)
+        self._put(max(self.steps, FIRST_STEPS), rows, inputs)
 
     def trajectory(self, manifest: Manifest) -> Trajectory:
         """Return all states, and the inputs of each step."""
         done = self.steps
-        rows = Rows(**{name: array[: done + (name in ("q", "p", "work"))].copy()
-                       for name, array in vars(self._rows).items()})
+        rows = self._rows[: done + 1].copy()
         inputs = InputRows(self.binding.input_names, self._inputs[None, :done].copy(), 1)
         run = replace(self.run, steps=done).with_inputs(inputs if self._fed else None)
-        report = self.binding.report()
-        self.binding.image(report)[:] = self.binding.image(self._report)
-        return trajectory_of(self.binding, manifest, run, rows, report, self.q.copy(),
+        record = self.binding.report()
+        self.binding.image(record)[:] = self.binding.image(self.record)
+        return trajectory_of(self.binding, manifest, run, rows, record, self.q.copy(),
                              self.p.copy())
 
 

@@ -33,7 +33,7 @@ from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
 from ..devices.ensemble import DeviceName
 from ..events.last_step import ended_between
-from ..events.location import observed
+from ..events.observer import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
 from ..integration.linear_frequency import warn_of_frequency

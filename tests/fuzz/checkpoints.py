@@ -20,7 +20,7 @@ import numpy as np
 
 import gyrospark as gs
 from gyrospark.core.errors import GyrosparkError
-from gyrospark.runtime.integration.step_loop import Rows, advance
+from gyrospark.runtime.bindings.run_memory import Rows
 from gyrospark.runtime.results.crossings import Crossings
 from gyrospark.storage import array_layout, recorder
 from gyrospark.storage.checkpoint import pack, unpack
@@ -64,8 +64,9 @@ class Case:
         state = unpack(self.binding, self.sound, len(self.events))
         assert state is not None
         assert pack(self.binding, state).tobytes() == self.sound.tobytes()
-        report, work = (self.binding.image(part).size for part in (state.report, state.work))
-        numbers = 2 * len(gs.runtime.bindings.real_numbers.as_bytes(state.q).reshape(-1))
+        report, work = (self.binding.image(part).size
+                        for part in (state.run.record, state.run.work))
+        numbers = 2 * len(gs.runtime.bindings.real_numbers.as_bytes(state.run.q).reshape(-1))
         with tempfile.TemporaryDirectory() as folder:
             found = integers_of(stepper.name, stepper.files, Path(folder))
         at = {"report": 48 + numbers, "work": 48 + numbers + report}
@@ -134,9 +135,8 @@ def forged_checkpoint(choices: Choices, one: Case) -> str:
         return "refused"
     if state is None or state.status or state.steps > 2**40:
         return "accepted"
-    rows = Rows.allocate(one.binding, STEPS)
-    status = advance(one.binding, one.run, one.binding.parameters(one.run.parameters, 0.0), STEPS,
-                     1, state.q, state.p, rows.after(0), state.report, state.work)
+    status = one.binding.integrate(one.run.constants(one.binding), STEPS, 1, state.run,
+                                   Rows.allocate(one.binding, STEPS))
     return "went on" if status == 0 else "step failed"
 
 

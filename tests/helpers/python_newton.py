@@ -8,13 +8,17 @@ states and signals are those of compiled runs.
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gyrospark.core.solver import as_solver
 from gyrospark.runtime.bindings.array_checks import all_finite
-from gyrospark.runtime.integration import step_loop
+from gyrospark.runtime.bindings.compiled_module import Compiled
+from gyrospark.runtime.bindings.run_memory import RunConstants
+from gyrospark.runtime.integration.run_arguments import RunArguments
 from gyrospark.runtime.results.run_arrays import defect_sizes
 
 __all__ = ["integrate", "newton_in_python", "one_step"]
@@ -38,23 +42,40 @@ def one_step(step, *start, solver="auto", **options):
 @contextmanager
 def newton_in_python():
     """Have ``newton_step`` take the steps of runs with solver newton."""
+    compiled, constants = Compiled.integrate, RunArguments.constants
+
+    def with_run(run, binding):
+        return ConstantsOfRun(**vars(constants(run, binding)), run=run)
+
+    def integrate(binding, constants, steps, every, state, rows):
+        if state.steps == 0:  # the compiled code starts the record; no step is taken
+            compiled(binding, constants, 0, 1, state, rows[:0])
+        return advance(binding, constants, steps, every, state, rows)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(step_loop, "advance", advance)
+        patch.setattr(RunArguments, "constants", with_run)
+        patch.setattr(Compiled, "integrate", integrate)
         yield
 
 
-def advance(binding, run, parameters, steps, every, q, p, out, report, work):
-    """Advance as ``step_loop.advance`` does, with ``newton_step`` for each step."""
-    if report.steps == 0:  # the compiled code starts the record; no step is taken
-        options = binding.options(run.tolerance, run.max_iterations, "newton")
-        binding.integrate(parameters, options, run.dt, 0, 1, q, p, out, report, work, run.inputs)
+@dataclass(frozen=True)
+class ConstantsOfRun(RunConstants):
+    """With the arguments in Python's numbers."""
+
+    run: Any = None
+
+
+def advance(binding, constants, steps, every, state, rows):
+    """Advance as ``Compiled.integrate`` does, with ``newton_step`` for each step."""
+    run, parameters, q, p, report = constants.run, constants.parameters, state.q, state.p, \
+        state.record
     most = 0
     for k in range(1, steps + 1):
         binding.set_time(parameters, run.t0, int(report.steps), run.dt)
         if run.inputs is not None:
             binding.feed(parameters, run.inputs.at(int(report.steps)))
         status, q[:], p[:], multipliers, taken, done = newton_step(
-            binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work)
+            binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, state.work)
         if status:
             return status
         binding.set_time(parameters, run.t0, int(report.steps) + 1, run.dt)
@@ -64,8 +85,9 @@ def advance(binding, run, parameters, steps, every, q, p, out, report, work):
         observe(binding, parameters, q, p, taken, report)
         if k % every == 0:
             total = recorded(binding, report, "work") if binding.has_forces else 0
-            for part, value in zip(out, (q, p, multipliers, most, total), strict=True):
-                part[k // every - 1] = value
+            row = rows[k // every - 1]
+            row.q[:], row.p[:], row.multipliers[:] = q, p, multipliers
+            rows.iterations[k // every - 1], rows.work[k // every - 1] = most, total
             most = 0
     return 0
 

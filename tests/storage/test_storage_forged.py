@@ -15,7 +15,7 @@ import pytest
 
 import gyrospark as gs
 from fuzz.checkpoints import EDGES, STEPS, case
-from gyrospark.runtime.integration.step_loop import Rows, advance
+from gyrospark.runtime.bindings.run_memory import Rows
 from gyrospark.storage import array_layout
 from gyrospark.storage.checkpoint import pack, unpack
 from processes import ROOT, environment
@@ -36,10 +36,9 @@ def state_of(one, data=None):
 
 def gone_on(one, state):
     """Return the bytes of a state after some more steps."""
-    rows = Rows.allocate(one.binding, STEPS)
-    status = advance(one.binding, one.run, one.binding.parameters(one.run.parameters, 0.0), STEPS,
-                     1, state.q, state.p, rows.after(0), state.report, state.work)
-    return status, state.q.tobytes(), state.p.tobytes(), rows.iterations.tobytes()
+    rows, run = Rows.allocate(one.binding, STEPS), state.run
+    status = one.binding.integrate(one.run.constants(one.binding), STEPS, 1, run, rows)
+    return status, run.q.tobytes(), run.p.tobytes(), rows.iterations.tobytes()
 
 
 def signed(body):
@@ -59,16 +58,16 @@ def test_each_integer_of_work_memory_is_checked_or_not_read(number, tmp_path):
     for kind, found in places.items():
         for place in found:
             if kind == "work" and place.path.startswith(UNREAD):
-                image = one.binding.image(ignored.work)
+                image = one.binding.image(ignored.run.work)
                 image[place.offset : place.offset + place.size] = 0x5A
                 continue
             for at in range(place.offset, place.offset + place.size, place.item):
                 for value in (-(2 ** (8 * place.item - 1)), 2 ** (8 * place.item - 1) - 1):
-                    state = state_of(one)
-                    struct = state.report if kind == "report" else state.work
+                    run = state_of(one).run
+                    struct = run.record if kind == "report" else run.work
                     one.binding.image(struct)[at : at + place.item] = np.frombuffer(
                         value.to_bytes(place.item, "little", signed=True), np.uint8)
-                    is_valid = one.binding.function("is_valid")(state.report, state.work)
+                    is_valid = one.binding.function("is_valid")(run.record, run.work)
                     counts = kind == "report" and place.path != "newton_steps" and value > 0
                     assert is_valid == counts, (kind, place, value)
     assert gone_on(one, ignored) == sound
@@ -104,7 +103,7 @@ def test_more_steps_than_the_run_has_are_refused(tmp_path):
     one, path = case(1), tmp_path / "run.zarr"
     shutil.copytree(one.path, path)
     state = state_of(one)
-    state.report.steps = 121
+    state.run.record.steps = 121
     group = array_layout.open_group(path, write=True)
     array_layout.array_of(group, array_layout.CHECKPOINT)[:] = pack(one.binding, state)
     with pytest.raises(gs.InputError, match="checkpoint"):

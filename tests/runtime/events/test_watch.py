@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from event_runs import pendulum, period, start
-from gyrospark.runtime.events import location
+from gyrospark.runtime.bindings.compiled_module import Compiled
+from gyrospark.runtime.events import observer
 from gyrospark.runtime.events.detection import EventDetector
 
 #: Values beside their level, of two events.
@@ -126,22 +127,33 @@ def test_a_step_that_fails_behind_the_end_is_none_of_the_run() -> None:
     """A dip ends the run at once, whatever the steps behind it would do."""
     step = pendulum()
     whole = step.integrate(*start(), **dips(0.05), steps=100)
-    real = location.integrate
+    real, last = Compiled.integrate, [40]
 
-    def failing(binding, manifest, run, progress=None):
-        found = real(binding, manifest, run, progress)
-        if run.detector is None:
-            return found
-        raise gs.StepFailed(step=101, t=5.05, reason="was made to fail", trajectory=found)
+    def failing(binding, constants, steps, every, state, rows):
+        status = real(binding, constants, steps, every, state, rows)
+        return 1 if state.steps >= last[0] else status
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(location, "integrate", failing)
+        patch.setattr(Compiled, "integrate", failing)
         found = step.integrate(*start(), **dips(0.05), steps=100)
         assert found.t.tolist() == whole.t.tolist()
         assert found.report == whole.report
+        last[0] = 10
         with pytest.raises(gs.StepFailed) as failed:
             step.integrate(*start(), **dips(0.05), steps=10)
     assert len(failed.value.trajectory) == 11
+
+
+def test_a_dip_within_the_step_of_the_end_is_told() -> None:
+    """The step before the end is looked into, though no state behind it is one of the run's."""
+    below = gs.Event("height", level=-1 + 1e-7)
+    end = gs.Event("side", level=-0.02, terminal=True)
+    run = pendulum().integrate(*start(), dt=0.25, steps=20, parameters={"g": 1.0},
+                               events=[below, end])
+    assert len(run.events["side"]) == 1
+    assert run.events["height"].steps.tolist() == 2 * [len(run) - 2]
+    sides = run.events["height"].q[:, 0]
+    assert np.allclose(np.abs(sides), np.sqrt(2e-7), rtol=1e-5)
 
 
 @pytest.mark.parametrize("t0", [-100.0, 100.0])
@@ -160,13 +172,13 @@ def test_of_two_ends_in_one_step_the_first_is_the_end(t0: float, dt: float) -> N
 
 def test_ctrl_c_where_events_are_solved_for(monkeypatch) -> None:
     """What was not solved is not told: the states come without events."""
-    real = location.crossings_of
+    real = observer.crossings_of
 
     def interrupted(*arguments):
         os.kill(os.getpid(), signal.SIGINT)
         return real(*arguments)
 
-    monkeypatch.setattr(location, "crossings_of", interrupted)
+    monkeypatch.setattr(observer, "crossings_of", interrupted)
     with pytest.raises(gs.errors.Stopped, match="without events") as stopped:
         pendulum().integrate(*start(), dt=0.05, steps=60, parameters={"g": 1.0},
                              events=gs.Event("side"))

@@ -17,6 +17,7 @@ import gyrospark as gs
 from calls import RUN, TOP, integrate
 from command_line import RUN as COMMAND
 from gyrospark.core.interrupts import catch_ctrl_c, catch_signals
+from gyrospark.runtime.bindings.compiled_module import Compiled
 from gyrospark.runtime.integration import step_loop
 from gyrospark.sweeps.results import NOT_COMPUTED
 from processes import PATIENCE, catches, environment, gyrospark_command, wait_for
@@ -62,7 +63,7 @@ def test_run_that_is_over_is_reported_too(gl3):
 
 
 def test_a_search_for_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
-    monkeypatch.setattr(step_loop, "advance",
+    monkeypatch.setattr(Compiled, "integrate",
                         lambda *arguments: (interrupt(), 0)[1])  # of the first pilot run
     start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "auto"})
     for call in (lambda: gl3.integrate(start, dt=1e-3, steps=20),

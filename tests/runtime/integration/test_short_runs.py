@@ -141,9 +141,9 @@ def test_many_batches_in_one_call_have_the_bits_of_single_ones(make, arguments, 
     for every in (1, 3, 4):
         sizes, found = [], []
 
-        def counted(self, parameters, options, dt, *rest, sizes=sizes):
-            sizes.append(len(dt))
-            return called(self, parameters, options, dt, *rest)
+        def counted(self, constants, *rest, sizes=sizes):
+            sizes.append(len(constants.dt))
+            return called(self, constants, *rest)
 
         monkeypatch.setattr(binding, "integrate_lanes", counted)
         for together in (16, 1):

@@ -8,6 +8,7 @@ import pytest
 import gyrospark as gs
 import systems
 from gyrospark.core.errors import InputError
+from gyrospark.runtime.bindings.run_memory import Rows, RunConstants, RunState
 from processes import DATA
 from rolling_systems import (
     DISC,
@@ -126,13 +127,11 @@ def test_integers_of_work_memory_are_checked(tmp_path):
     """History and factors go from step to step, and from a store to a run that is resumed."""
     step = stepper_of(sleigh, 2)
     binding = step.binding
-    parameters = binding.parameters(SLEIGH, 0.0)
-    q, p = (x.copy() for x in sleigh_state(0.7, 1.5))
-    report, work = binding.report(), binding.work()
-    out = (binding.new(20, 3), binding.new(20, 3), binding.new(20, binding.multipliers),
-           np.zeros(20, np.intc), binding.new(20))
-    options = binding.options(None, 50, "auto")
-    assert binding.integrate(parameters, options, 0.1, 20, 1, q, p, out, report, work) == 0
+    constants = RunConstants(binding.parameters(SLEIGH, 0.0), binding.options(None, 50, "auto"),
+                             0.1)
+    state = RunState.at_start(binding, *sleigh_state(0.7, 1.5))
+    report, work = state.record, state.work
+    assert binding.integrate(constants, 20, 1, state, Rows.allocate(binding, 20)) == 0
     assert binding.function("is_valid")(report, work)
     found = {}
     for place in integers_of(step.name, step.files, tmp_path)["work"]:
