@@ -110,7 +110,7 @@ def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -
                                        newton_library, object_files, quad_wrapper)],
             "command": compiler.command,
             "version": compiler.version,
-            "flags": [compiler.flags, compiler.seldom_flags, compiler.link_flags, STRICT_FLAGS,
+            "flags": [compiler.flags, compiler.lower_flags, compiler.link_flags, STRICT_FLAGS,
                       SPEED_FLAGS, WRAPPER_FLAGS],
             "cpu": cpu_description(),
             "python": extension_suffix(),

@@ -26,6 +26,7 @@ from .kernel_check import CheckFunction, check_functions, check_text
 from .kernel_text import kernels_of
 from .object_files import (
     WITHOUT_PERMUTATIONS,
+    Level,
     Part,
     declarations_of,
     has_newton_apart,
@@ -43,8 +44,10 @@ STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-
 EXTENDED_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
 SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
-#: For gcc, which knows names of parts of -O3.
-SELDOM_FLAGS = ["-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fpeel-loops"]
+#: For gcc, which knows names of parts of -O3: flags of objects whose level is lower.
+LOWER_FLAGS: dict[Level, list[str]] = {
+    "most": ["-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fpeel-loops"],
+    "seldom": ["-O2"]}
 #: For gcc: products of dual numbers, which are complex ones in C, look for no infinity.
 DUAL_FLAGS = ["-fcx-limited-range"]
 #: For cffi's wrapper, which hands arguments on and computes nothing: what builds fastest.
@@ -102,13 +105,14 @@ class Compiler:
         return [*flags, native, "-fPIC"]
 
     @property
-    def seldom_flags(self) -> list[str]:
+    def lower_flags(self) -> dict[Level, list[str]]:
         """Flags, behind these, for objects of which -O3 makes nothing faster: less of it.
 
-        What is called once a step or a run takes as many instructions with them, and so do long
-        kernels, which are straight lines; the compiler takes up to a third less time.
+        Loops of an iteration have constant numbers of turns and long kernels are straight lines,
+        which take as long with "most" of -O3; so does with -O2 what is called once a step or a run.
+        The compiler takes a sixth to a third less time.
         """
-        return SELDOM_FLAGS if self.is_gcc and optimisation() == "-O3" else []
+        return LOWER_FLAGS if self.is_gcc and optimisation() == "-O3" else {}
 
     @property
     def is_gcc(self) -> bool:
@@ -230,7 +234,7 @@ def compile_module(
             with_inline_functions(source) if made.sparse
             else source + check_text(own_checks, source), encoding="utf-8")
         on_duals = compiler.is_gcc and "typedef _Complex" in source
-        own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags,
+        own = [*made.flags, *compiler.lower_flags.get(made.level, ()), *more_flags,
                *(DUAL_FLAGS if on_duals else ())]
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))

@@ -37,12 +37,15 @@ from typing import Literal
 from ...core.manifest import Manifest
 from .kernel_check import Kind
 
-__all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Object", "Part", "declarations_of",
+__all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Level", "Object", "Part", "declarations_of",
            "has_newton_apart", "has_permutation", "newton_functions", "objects_of",
            "with_inline_functions"]
 
 #: Which of the modules.
 Part = Literal["runs", "lanes", "newton", "derivatives", "second", "motion"]
+
+#: How much of -O3 an object has: all, most, or no more than -O2.
+Level = Literal["all", "most", "seldom"]
 
 #: Of both modules: how many trajectories lie side by side, and the size of work memory.
 _BOTH = {"lanes", "work_size"}
@@ -65,6 +68,8 @@ _LATER: dict[Part, set[str]] = {
 #: lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {
     1: ("numbers",), 2: ("lanes",), 3: ("lanes",), 5: ("numbers",)}
+#: The levels of objects by their numbers: the loops of one trajectory, what is evaluated seldom.
+_LEVELS: dict[int, Level] = {2: "most", 4: "seldom", 5: "seldom"}
 #: Of objects that have functions which nothing in them calls.
 _FLAGS = ("-fvisibility=hidden", "-Wno-unused-function")
 
@@ -76,8 +81,8 @@ class Object:
     name: str
     header: str
     flags: tuple[str, ...] = ()
-    #: Whether it has no loops of an iteration.
-    seldom: bool = False
+    #: How much of -O3 makes it faster.
+    level: Level = "all"
     #: Kernels of these kinds are compared with their statements when it has been compiled.
     checks: tuple[Kind, ...] = ()
     #: Whether most functions of the text are not called, so that it pays to have them dropped.
@@ -98,7 +103,7 @@ def objects_of(
     if part in _LATER:
         only = _only(name, header, _LATER[part])
         return [Object(part, with_inline_functions(only) if whole else only, _FLAGS,
-                       seldom=part != "derivatives", sparse=whole)]
+                       level="all" if part == "derivatives" else "most", sparse=whole)]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
     if whole:
@@ -149,7 +154,8 @@ def declarations_of(name: str, header: str, part: Part) -> str:
 
 def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
     return Object(f"object{number}", _only(name, header, functions),
-                  (f"-DGYROSPARK_OBJECT={number}", *_FLAGS), seldom=number == 4,
+                  (f"-DGYROSPARK_OBJECT={number}", *_FLAGS),
+                  level=_LEVELS.get(number, "all"),
                   checks=_CHECKS.get(number, ()))
 
 
