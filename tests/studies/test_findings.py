@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from gyrospark.studies.body_frame import BodyFrameTop, motion
 from gyrospark.studies.case_runner import Engine
 from gyrospark.studies.energy_law import energy_law, node_numbers
 from gyrospark.studies.equivalence import gradients_claim, nodes_claim, stages_claim
+from gyrospark.studies.gamma_auto import LONGER, energy_claim, longer_claim
+from gyrospark.studies.gamma_trials import BODIES
 from gyrospark.studies.one_step import energy_error
 from gyrospark.studies.power_series import PowerSeries
 from gyrospark.studies.study_result import Claim
@@ -30,13 +33,24 @@ MEASURED = ("one-stage-alpha", "gamma-auto", "frames")
 STATE = odd_proof._rational_tops()[0]
 
 
-
-
 #: The proofs of the slow one are checked by themselves below.
 every_finding = pytest.mark.parametrize("key", [
     pytest.param(key, marks=pytest.mark.slow) if key in (
         "odd-stages", "frames", "gamma-auto", "alpha-equals-gamma", "zero-of-the-error")
     else key for key in FINDINGS])  # proofs and searches of several seconds
+
+
+@pytest.mark.parametrize(("claim", "times"), [(energy_claim, 1), (longer_claim, LONGER)])
+def test_claims_on_the_energy_hold_for_gains_of_their_runs(claim: Any, times: int) -> None:
+    def trial(method: str, **gains: float) -> Any:
+        of = {1: gains["short"], LONGER: gains["long"]}
+        return SimpleNamespace(method=method, energy_gain=lambda times: of[times],
+                               at_round_off=lambda times=1: of[times] == 0)
+
+    good, other = trial("IMS", short=2.0, long=3.0), trial("EMS", short=0, long=0)
+    assert claim(BODIES[0], [good, other]).holds
+    bad = trial("G-L", **{"short": 3.0, "long": 3.0, "short" if times == 1 else "long": 0.9})
+    assert not claim(BODIES[0], [good, bad]).holds
 
 
 @every_finding

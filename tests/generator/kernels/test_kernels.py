@@ -418,12 +418,12 @@ def test_text_and_operations_of_small_expressions(e, text, operations):
 
 @pytest.mark.parametrize(
     ("real", "text"),
-    [("float", "0.5f*a->x*sqrtf(y)/3.0f"), ("double", "0.5*a->x*sqrt(y)/3.0"),
-     ("long-double", "0.5L*a->x*sqrtl(y)/3.0L"),
-     ("float128", "0.5F128*a->x*sqrtf128(y)/3.0F128")],
+    [("float", "0.5f*a->x*sinf(sqrtf(y))/3.0f"), ("double", "0.5*a->x*sin(sqrt(y))/3.0"),
+     ("long-double", "0.5L*a->x*sinl(sqrtl(y))/3.0L"),
+     ("float128", "0.5F128*a->x*sinf128(sqrtf128(y))/3.0F128")],
 )
 def test_names_suffixes_and_literals_of_each_type(real, text):
-    e = sp.Mul(HALF, x, sp.sqrt(y), sp.Pow(3, -1, evaluate=False), evaluate=False)
+    e = sp.Mul(HALF, x, sp.sin(sp.sqrt(y)), sp.Pow(3, -1, evaluate=False), evaluate=False)
     assert CPrinter(REALS[real], {x: "a->x"})(e) == text
 
 

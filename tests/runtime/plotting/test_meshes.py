@@ -10,12 +10,14 @@ import zlib
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 import gyrospark as gs
 from gyrospark.core import mesh_files
 from gyrospark.core.mesh_files import located, read_triangles
 from gyrospark.core.shapes import Shape
 from gyrospark.runtime.plotting.meshes import IndexedMesh, encoded, read_meshes
+from gyrospark.runtime.plotting.solids import mesh_of_file
 
 #: A tetrahedron, seen counterclockwise from outside.
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], float)
@@ -83,6 +85,23 @@ def test_files_that_are_no_meshes_are_refused(tmp_path, name, content, said):
     path.write_bytes(content)
     with pytest.raises(gs.InputError, match=said):
         read_triangles(path)
+
+
+def test_edges_are_sharp_and_rounds_are_smooth():
+    """Normals of a tetrahedron are those of its faces, of many facets on a sphere radial."""
+    flat = mesh_of_file(Shape("mesh", np.ones(3), file="a.stl"), IndexedMesh(CORNERS, FACES))
+    sides = np.cross(TRIANGLES[:, 1] - TRIANGLES[:, 0], TRIANGLES[:, 2] - TRIANGLES[:, 0])
+    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+    assert np.abs(flat.normals - np.repeat(sides, 3, axis=0)).max() < 1e-15
+    rng = np.random.default_rng(3)
+    points = rng.standard_normal((2000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    hull = ConvexHull(points)
+    outwards = (np.cross(*(points[hull.simplices[:, k]] - points[hull.simplices[:, 0]]
+                           for k in (1, 2))) * hull.equations[:, :3]).sum(axis=1) > 0
+    faces = np.where(outwards[:, None], hull.simplices, hull.simplices[:, ::-1])
+    round_ = mesh_of_file(Shape("mesh", np.ones(3), file="a.stl"), IndexedMesh(points, faces))
+    assert ((round_.normals * round_.points).sum(axis=1) > 0.98).all()
 
 
 def test_files_that_are_too_large_are_refused(tmp_path, monkeypatch):
