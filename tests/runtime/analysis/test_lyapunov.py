@@ -125,6 +125,10 @@ def test_progress_and_display():
     assert done[-1] == 1200
     assert done == sorted(done)
     assert f"{found.exponents[0]:.4g}" in repr(found)
+    above, below = found.plot().axes
+    assert [line.get_ydata()[-1] for line in above.get_lines()[:4]] == found.exponents.tolist()
+    assert below.get_lines()[0].get_ydata()[-1] == found.megno
+    assert (above.get_ylabel(), below.get_xlabel()) == ("exponents so far [1/s]", "t [s]")
 
 
 def test_too_few_decompositions():

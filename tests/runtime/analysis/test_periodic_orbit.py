@@ -44,6 +44,11 @@ def test_energy():
     assert closed(found) < 1e-13
     assert np.prod(found.multipliers) == pytest.approx(1, abs=1e-12)
     assert "2.805" in repr(found)
+    left, right = found.plot().axes
+    assert left.get_xlabel() == "t [s]"
+    assert all(abs(np.ptp(line.get_ydata()[[0, -1]])) < 1e-13 for line in left.get_lines())
+    points = right.collections[0].get_offsets()
+    assert np.abs(points @ [1, 1j] - found.multipliers).max() < 1e-15
 
 
 @pytest.mark.parametrize("fix", ["period", "x1"])
