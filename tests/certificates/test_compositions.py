@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import replace
 from fractions import Fraction
 from math import factorial
@@ -28,10 +30,12 @@ from gyrospark.certificates.lyndon_words import (
 from gyrospark.core.errors import InputError
 from gyrospark.generator.tableaux.compositions import (
     COMPOSITIONS,
+    PATH,
     composition,
     composition_named,
     flatten,
 )
+from gyrospark.studies import composition_search
 from gyrospark.studies.composition_search import FloatConditions, search
 
 #: Closed forms: Chin's a₀ and c, Suzuki's w, and w where the base has order 4.
@@ -247,6 +251,17 @@ def test_a_search_finds_what_is_stored(name, starts):
     F, _ = floats.evaluate(x)
     assert np.abs(F[: len(conditions.words)]).max() < 1e-12
     assert search(name, seed=1, starts=starts)[1] == value  # the seed says it all
+
+
+@pytest.mark.parametrize("name", ["G4", "BM4"])  # without free numbers, and with some
+def test_digits_from_doubles_are_those_stored(name, tmp_path, monkeypatch):
+    written, before = tmp_path / "compositions.json", json.loads(PATH.read_text(encoding="utf-8"))
+    shutil.copy(PATH, written)
+    monkeypatch.setattr(composition_search, "PATH", written)
+    x = [float(value) for value in OrderConditions(COMPOSITIONS[name]).unknowns]
+    composition_search.store(name, x, "a test")
+    before[name]["found"] = "a test"
+    assert json.loads(written.read_text(encoding="utf-8")) == before
 
 
 def test_slopes_of_the_search_are_those_of_differences():
