@@ -5,6 +5,7 @@
     g_q, e^{hA}    in running text get subscripts and superscripts
     gallery        its list of pages shows the first picture of bodies, or of curves, of each
     pictures       without an alternative text are a warning, hence an error
+    simulations    pages that integrate, of WebAssembly, are built beside the site's own
     progress       a line for each page that is read, its cells with it; time and size at the end
 """
 
@@ -28,6 +29,8 @@ from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.util import logging
 
+import gyrospark
+
 LOGGER = logging.getLogger(__name__)
 #: A letter with an optional combining mark, and its subscript or superscript.
 SIGNS = re.compile(r"(?<![^\W\d])(?<![/.<-])([^\W\d_][\u0300-\u036f]?)"
@@ -45,6 +48,13 @@ MENDED = {
 #: Files of the MathJax package that a browser needs.
 MATHJAX = ("tex-chtml.js", "output/chtml", "input/tex/extensions", "a11y/assistive-mml.js",
            "ui")
+
+#: Page that integrates, in the site's _static → arguments of ``gyrospark.build``.
+SIMULATIONS = {
+    "heavy_top": {"system": "fast-top", "dt": 1e-3,
+                  "scheme": ["3-G-L", "1-G-L", "2-G-L", "3-LIIIA-B", "IMS", "EMS"]},
+    "double_pendulum": {"system": "double-pendulum", "dt": 5e-3, "scheme": ["3-G-L", "EMS"]},
+}
 
 #: Number of pages read so far, in all processes, and the total number.
 READ = multiprocessing.Value("i", 0)
@@ -67,6 +77,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("doctree-resolved", show_first_pictures)
     app.connect("build-finished", copy_mathjax)
     app.connect("build-finished", mend_pages)
+    app.connect("build-finished", build_simulations, priority=600)  # after pages are mended
     app.connect("build-finished", show_size, priority=900)  # after all that write files
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -210,6 +221,15 @@ def mend_pages(app: Sphinx, error: Exception | None) -> None:
             for old, new in MENDED.items():
                 text = text.replace(old, new)
             path.write_text(text, encoding="utf-8")
+
+
+def build_simulations(app: Sphinx, error: Exception | None) -> None:
+    """Build the pages that integrate, which the site's pages have in frames."""
+    if error is None and app.builder.format == "html":
+        for name, arguments in SIMULATIONS.items():
+            target = Path(app.outdir) / "_static" / f"{name}.html"
+            target.unlink(missing_ok=True)
+            gyrospark.build("web", **arguments, out=target)
 
 
 def copy_mathjax(app: Sphinx, error: Exception | None) -> None:

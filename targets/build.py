@@ -171,14 +171,15 @@ def _schemes(
     """
     if given is None or not target.several:
         return [(given, stages, order, composition)]
-    names = given.split(",") if isinstance(given, str) else as_items("scheme", given, "names")
+    names = given.split(",") if isinstance(given, str) else [
+        str(name) for name in as_items("scheme", given, "names")]
     if not names:
         raise InputError("scheme = [] names none; give one such as 'G-L'.")
     if len(names) == 1 and names[0] in SCHEMES:
         return [(names[0], stages, order, composition)]
     found = []
     for text in dict.fromkeys(names):
-        number = re.match(r"(\d+)-", str(text))
+        number = re.match(r"(\d+)-", text)
         name = text if number is None else text[number.end():]
         scheme = SCHEMES[choose("scheme", name, SCHEMES)]
         count = int(number[1]) if number else stages if scheme.counted else None

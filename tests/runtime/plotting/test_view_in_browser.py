@@ -16,7 +16,7 @@ import pytest
 
 import gyrospark as gs
 import systems
-from processes import ROOT
+from gyrospark.targets.tools import TOOLS
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
@@ -126,13 +126,15 @@ def of_meshes(run, folder: Path) -> str:
     return found
 
 
-@pytest.mark.parametrize("name", ["view", "meshes", "heavy_top", "double_pendulum"])
+@pytest.mark.parametrize("name", ["view", "meshes", "web"])
 def test_a_page_is_as_high_as_its_frame_and_drawn_by_webgl(run, page, name, tmp_path):
     if name == "meshes":
         page = of_meshes(run, tmp_path)
         assert '"triangles": 8' in page
-    elif name != "view":
-        page = (ROOT / "docs" / "_static" / f"{name}.html").read_text(encoding="utf-8")
+    elif name == "web":
+        if TOOLS["zig"].find() is None:
+            pytest.skip("ziglang is not installed")
+        page = gs.playground("fast-top", scheme="IMS", dt=1e-3).page
     reports = framed(page, tmp_path, "--enable-unsafe-swiftshader")
     assert len(reports) == len(SIZES)
     for found in reports:
