@@ -32,7 +32,7 @@ from ..derivatives.tangent_space import Tangents
 from ..integration.starts import StartNumbers, merged_start
 from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates
-from .least_squares import SHARE, Linear, determined, minimise, reduced
+from .least_squares import SHARE, Linear, identify, minimise, reduced_basis
 from .observations import Observation, Observe, observation_of
 
 if TYPE_CHECKING:
@@ -65,13 +65,13 @@ class Fit:
     q, p : array, shape (n,)
         The start at ``t0``.
     names : list of str
-        What was fitted: parameters, and start[0], start[1], … of the columns of ``basis``.
+        The fitted quantities: parameters, and start[0], start[1], … for the columns of ``basis``.
     covariance : array, shape (names, names)
-        Of the estimates, in units of the parameters, σ²(JᵀJ)⁺ over the determined directions: what
-        is ``undetermined`` has no part in it.
+        σ²(JᵀJ)⁺ of the estimates, in units of the parameters, over the determined directions; the
+        ``undetermined`` ones are left out.
     sigma : dict of str to float
-        One standard deviation of each name; infinite where the data do not tell it to within its
-        own size. A small part of an undetermined combination may be known.
+        One standard deviation of each name; infinite where the data determine a quantity to no
+        better than its own size.
     undetermined : list of dict of str to float
         Combinations that the data do not determine, each as relative changes of parameters (of a
         parameter that is 0, the change itself) and of the "start" (the larger of |dq|/|q| and
@@ -82,10 +82,9 @@ class Fit:
     rms : float
         Root mean square of the residuals.
     truncation : float
-        Root mean square of what a step half as long changes in the predictions: a fit can be no
-        better than this.
+        Root mean square of prediction(dt/2) − prediction(dt): a fit can be no better than this.
     basis : array, shape (2 n, k)
-        Directions of (q, p) that start[0], start[1], … are coordinates of.
+        Directions of (q, p) along which start[0], start[1], … are measured.
     horizons : list of int
         The numbers of samples that were fitted one after the other.
     iterations : int
@@ -110,9 +109,9 @@ class Fit:
     converged: bool
 
     def __repr__(self) -> str:
-        rows, columns = self.residuals.shape
+        samples, columns = self.residuals.shape
         state = "" if self.converged else ", not converged"
-        lines = [f"<Fit of {rows} samples in {columns} columns: rms {self.rms:.3g}, truncation "
+        lines = [f"<Fit of {samples} samples in {columns} columns: rms {self.rms:.3g}, truncation "
                  f"{self.truncation:.1g}, {self.iterations} iterations{state}"]
         for name, sigma in self.sigma.items():
             if name in self.parameters:
@@ -163,40 +162,40 @@ class Fitting:
     """The data of a fit as functions of a point, over the first samples."""
 
     def __init__(
-        self, step: Stepper, observation: Observation, run: RunArguments, at: Array, data: Array,
-        sigma: Array, free: Sequence[str], start: bool,
+        self, step: Stepper, observation: Observation, run: RunArguments, sample_steps: Array,
+        data: Array, sigma: Array, free: Sequence[str], start: bool,
     ) -> None:
         self.step, self.observation, self.run = step, observation, run
-        self.at, self.data, self.sigma = at, data, sigma
+        self.sample_steps, self.data, self.sigma = sample_steps, data, sigma
         self.start, self.coordinates = start, Coordinates(step, free, run.parameters)
         self.free = list(free)
-        self.samples = len(at)
+        self.samples = len(sample_steps)
 
     def arguments(self, point: Point, halvings: int = 0) -> tuple[RunArguments, Array]:
         """Return the run of the first samples, and the row of each of them."""
         factor = 2**halvings
-        at = self.at[: self.samples] * factor
-        last = int(at[-1])
-        every = max(1, int(np.gcd.reduce(at)))
+        sample_steps = self.sample_steps[: self.samples] * factor
+        last_step = int(sample_steps[-1])
+        every = max(1, int(np.gcd.reduce(sample_steps)))
         inputs = self.run.inputs if not halvings or self.run.inputs is None else (
             self.run.inputs.refined(factor))
-        changed = replace(self.run, q=self.step.binding.array("q", point.q, point.q.shape),
-                          p=self.step.binding.array("p", point.p, point.p.shape), steps=last,
-                          every=every, dt=self.run.dt / factor, inputs=inputs,
-                          parameters=self.run.parameters | {
+        run = replace(self.run, q=self.step.binding.array("q", point.q, point.q.shape),
+                      p=self.step.binding.array("p", point.p, point.p.shape), steps=last_step,
+                      every=every, dt=self.run.dt / factor, inputs=inputs,
+                      parameters=self.run.parameters | {
                               name: as_real(name, point.parameters[name], self.step.binding.number)
                               for name in self.free})
-        return changed, at // every
+        return run, sample_steps // every
 
     def states(self, point: Point, halvings: int = 0) -> tuple[Array, Array]:
         """Return q and p of the samples."""
-        run, rows = self.arguments(point, halvings)
-        found = self.step._run(run)
-        q, p = (np.asarray(x[rows], dtype=float) for x in (found.q, found.p))
+        run, sample_rows = self.arguments(point, halvings)
+        trajectory = self.step._run(run)
+        q, p = (np.asarray(x[sample_rows], dtype=float) for x in (trajectory.q, trajectory.p))
         return q, p
 
     def residuals(self, point: Point, halvings: int = 0) -> Array:
-        """Return residuals of the samples, shape (rows, c)."""
+        """Return residuals of the samples, shape (samples, c)."""
         return self.observation.residuals(self.data[: self.samples],
                                           *self.states(point, halvings))[0]
 
@@ -205,21 +204,22 @@ class Fitting:
         return (self.residuals(point) / self.sigma).ravel()
 
     def truncation(self, point: Point) -> float:
-        """Return what a step half as long changes, root mean square, in standard deviations."""
+        """Return the root mean square of prediction(dt/2) − prediction(dt), in units of σ."""
         changes = (self.residuals(point, 1) - self.residuals(point)) / self.sigma
         return float(np.sqrt(np.mean(changes**2)))
 
     def derivatives(self, point: Point) -> tuple[Array, Array]:
-        """Return residuals (rows, c), and J by free parameters and start, (rows, c, k).
+        """Return residuals, shape (samples, c), and their derivatives J, shape (samples, c, k).
 
-        The point is given its basis and sizes.
+        The columns of J belong to the free parameters and then to the coordinates of the start.
+        Sets the basis and the sizes of ``point``.
         """
         q, p = self.states(point)
         r, by_q, by_p = self.observation.residuals(self.data[: self.samples], q, p)
-        run, rows = self.arguments(point)
-        wanted = Tangents(start="all" if self.start else None, parameters=self.free)
-        tangents = tangents_of(self.step, run, wanted)
-        dq, dp = (np.asarray(x[rows], dtype=float) for x in (tangents.q, tangents.p))
+        run, sample_rows = self.arguments(point)
+        directions = Tangents(start="all" if self.start else None, parameters=self.free)
+        tangents = tangents_of(self.step, run, directions)
+        dq, dp = (np.asarray(x[sample_rows], dtype=float) for x in (tangents.q, tangents.p))
         J = by_q @ dq + by_p @ dp
         starts = J.shape[2] - len(self.free)
         point.basis = np.asarray(tangents.start[:, :starts], dtype=float)
@@ -236,16 +236,17 @@ class Fitting:
         return self.scaled(point, r, J, self.coordinates.units(point.parameters))
 
     def scaled(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
-        """Return residuals in standard deviations, with the units of the start behind others."""
-        flat = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
+        """Return residuals in standard deviations; the units of the start follow ``units``."""
+        jacobian = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
         relative = point.basis / point.sizes[:, None]
         units = np.concatenate([units, 1 / np.linalg.norm(relative, axis=0)])
-        unknown = ~np.isfinite(units)  # of what is 0: as large as all others are in effect
-        effects = np.linalg.norm(flat, axis=0)
-        units[unknown] = np.max(effects[~unknown] * units[~unknown], initial=0.0) / np.where(
-            effects[unknown] > 0, effects[unknown], 1.0)
+        without_unit = ~np.isfinite(units)  # parameters that are 0: scaled to the largest effect
+        effects = np.linalg.norm(jacobian, axis=0)
+        units[without_unit] = np.max(effects[~without_unit] * units[~without_unit],
+                                     initial=0.0) / np.where(
+            effects[without_unit] > 0, effects[without_unit], 1.0)
         units[units == 0] = 1.0
-        return Linear((r / self.sigma).ravel(), flat, units)
+        return Linear((r / self.sigma).ravel(), jacobian, units)
 
     def moved(self, point: Point, y: Array) -> Point:
         """Return the point at y, on the constraints."""
@@ -257,21 +258,21 @@ class Fitting:
         return self.consistent(parameters, z[: self.step.n], z[self.step.n :])
 
     def consistent(self, parameters: dict[str, float], q: Array, p: Array) -> Point:
-        """Return the point next to this with a start on the constraints."""
+        """Return the point with these parameters and (q, p) projected onto the constraints."""
         if self.step.m:
-            known = self.step._parameters_with_inputs(self.run.parameters, self.run.inputs)
-            q, p = self.step.project(q, p, parameters=known | parameters, t=self.run.t0)
+            all_parameters = self.step._parameters_with_inputs(self.run.parameters, self.run.inputs)
+            q, p = self.step.project(q, p, parameters=all_parameters | parameters, t=self.run.t0)
         return Point(parameters, np.asarray(q, dtype=float), np.asarray(p, dtype=float))
 
     def fewest(self, point: Point) -> int:
-        """Return how many samples have as many residuals as there are unknowns, and some."""
+        """Return the length of the first horizon: samples for more residuals than unknowns."""
         self.samples = 1
         columns = int(self.residuals(point).shape[1])
         unknowns = len(self.free) + 2 * (self.step.n - self.step.m) * self.start
         return max(_FIRST, -(-unknowns // columns) + 1)
 
     def excess(self, point: Point, y: Array) -> float:
-        """Return by how much y is longer than a step may be."""
+        """Return the length of the step y as a multiple of the longest step allowed."""
         return self.coordinates.excess(point.parameters, y[: len(self.free)])
 
 
@@ -360,46 +361,49 @@ def fit(
     if not hasattr(stepper, "integrate_ensemble"):
         raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
                          "returned.")
-    first = merged_start(stepper, start, None, parameters)
+    first_guess = merged_start(stepper, start, None, parameters)
     observation = observation_of(stepper, observe)
-    most = as_positive_count("max_iterations", max_iterations, least=1)
+    iteration_limit = as_positive_count("max_iterations", max_iterations, least=1)
     times = as_numbers("t", t)
     if times.ndim != 1 or not len(times):
         raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
-    rows = observation.checked(data, len(times))
-    size, at = _steps_at(np.array(times, dtype=float), float(as_real("t", first.t)), dt)
+    samples = observation.checked(data, len(times))
+    step_size, sample_steps = _steps_at(np.array(times, dtype=float),
+                                        float(as_real("t", first_guess.t)), dt)
     names = _free(stepper, free, fixed)
     starts = "start" in names
     names = [name for name in names if name != "start"]
-    run = _first_run(stepper, first, size, int(at[-1]), inputs)
-    fitting = Fitting(stepper, observation, run, at, rows, np.ones(1), names, starts)
-    values = {name: float(x) for name, x in run.parameters.items()
-              if name in stepper.parameter_domains
-              and not (run.inputs is not None and name in stepper.binding.input_names)}
-    values = fitting.coordinates.inside(values)
-    point = fitting.consistent(values, np.asarray(run.q, float), np.asarray(run.p, float))
+    run = _first_run(stepper, first_guess, step_size, int(sample_steps[-1]), inputs)
+    fitting = Fitting(stepper, observation, run, sample_steps, samples, np.ones(1), names, starts)
+    guess = {name: float(x) for name, x in run.parameters.items()
+             if name in stepper.parameter_domains
+             and not (run.inputs is not None and name in stepper.binding.input_names)}
+    guess = fitting.coordinates.inside(guess)
+    point = fitting.consistent(guess, np.asarray(run.q, float), np.asarray(run.p, float))
     if sigma is not None:
         fitting.sigma = _sigma(sigma, fitting, point)
     counts = _horizons(horizons, len(times), fitting.fewest(point))
     iterations = 0
     with log_progress(f"fitting {stepper.name}", len(counts)) as report:
-        for number, count in enumerate(counts):
-            last = count == counts[-1]
+        for horizon, count in enumerate(counts):
+            is_last = count == counts[-1]
             fitting.samples = count
             linearise = fitting.linearise if report is None else partial(
-                _reported, fitting.linearise, report, number)
-            found = minimise(point, fitting.scaled_residuals, linearise, fitting.moved,
-                             fitting.excess, _TOLERANCE if last else _EARLY_TOLERANCE,
-                             most if last else _EARLY, fitting.truncation(point))
-            point, iterations = found.point, iterations + found.iterations
-    return _result(fitting, point, iterations, counts, found.converged, known=sigma is not None)
+                _reported, fitting.linearise, report, horizon)
+            minimum = minimise(point, fitting.scaled_residuals, linearise, fitting.moved,
+                               fitting.excess, _TOLERANCE if is_last else _EARLY_TOLERANCE,
+                               iteration_limit if is_last else _EARLY, fitting.truncation(point))
+            point, iterations = minimum.point, iterations + minimum.iterations
+    return _result(fitting, point, iterations, counts, minimum.converged,
+                   sigma_known=sigma is not None)
 
 
 def _reported(
-    linearise: Callable[[Point], Linear], report: Callable[[int], Any], done: int, point: Point
+    linearise: Callable[[Point], Linear], report: Callable[[int], Any], horizons_done: int,
+    point: Point
 ) -> Linear:
     """Return the residuals at a point with their derivatives; report the horizons that are done."""
-    report(done)
+    report(horizons_done)
     return linearise(point)
 
 
@@ -407,65 +411,67 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
     """Return dt and the number of steps to each time."""
     if not np.isfinite(times).all():
         raise InputError("A time in t is not finite; leave out samples that are missing.")
-    apart = np.diff(times)
-    if (apart <= 0).any() or times[0] < t0:
+    intervals = np.diff(times)
+    if (intervals <= 0).any() or times[0] < t0:
         raise InputError("The times in t do not increase from the start's; sort the samples, one "
                          "for each time, and give a start not after the first of them.")
     if dt is None:
         gaps = np.diff([t0, *times])
         if not times[-1] > t0:
             raise InputError("All samples are at the start, from which no dt follows; give dt.")
-        least = float(gaps[gaps > 0].min(initial=np.inf))
-        dt = (times[-1] - t0) / max(1.0, np.rint((times[-1] - t0) / least))
-    size = float(as_real("dt", dt))
-    if not (np.isfinite(size) and size > 0):
+        smallest_gap = float(gaps[gaps > 0].min(initial=np.inf))
+        dt = (times[-1] - t0) / max(1.0, np.rint((times[-1] - t0) / smallest_gap))
+    step_size = float(as_real("dt", dt))
+    if not (np.isfinite(step_size) and step_size > 0):
         raise InputError(f"dt = {shown(dt)} is no time step; give a number of seconds above 0.")
-    steps = (times - t0) / size
-    found = np.rint(steps).astype(int)
-    worst = int(np.argmax(np.abs(steps - found)))
-    if abs(steps[worst] - found[worst]) > _OFF_GRID:
+    steps = (times - t0) / step_size
+    whole_steps = np.rint(steps).astype(int)
+    worst = int(np.argmax(np.abs(steps - whole_steps)))
+    if abs(steps[worst] - whole_steps[worst]) > _OFF_GRID:
         raise InputError(f"t[{worst}] = {times[worst]:.9g} s is {steps[worst]:.6g} steps of "
-                         f"dt = {size:g} s from the start: no whole number. Give a dt "
+                         f"dt = {step_size:g} s from the start: no whole number. Give a dt "
                          "that divides the times of all samples.")
-    return dt, found
+    return dt, whole_steps
 
 
 def _free(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str]) -> list[str]:
     """Return the names that are fitted."""
-    known = [name for name in step.parameter_domains if name not in step.binding.input_names]
-    allowed = [*known, "start"]
+    parameter_names = [name for name in step.parameter_domains
+                       if name not in step.binding.input_names]
+    allowed = [*parameter_names, "start"]
     fixed = as_items("fixed", [fixed] if isinstance(fixed, str) else fixed, "names")
     for name in fixed:
         if not isinstance(name, str) or name not in allowed:
             raise unknown("name in fixed", name, allowed)
     if free is None:
-        found = [name for name in allowed if not is_inertia_parameter(name)]
+        free_names = [name for name in allowed if not is_inertia_parameter(name)]
     else:
-        found = as_items("free", [free] if isinstance(free, str) else free, "names")
-    for name in found:
+        free_names = as_items("free", [free] if isinstance(free, str) else free, "names")
+    for name in free_names:
         if not isinstance(name, str) or name not in allowed:
             raise unknown("name in free", name, allowed)
-    both = [name for name in found if name in fixed]
-    if free is not None and both:
-        raise InputError(f"{both[0]!r} is in free and in fixed; give it in one of them.")
-    found = [name for name in dict.fromkeys(found) if name not in fixed]
-    if not found:
+    overlapping = [name for name in free_names if name in fixed]
+    if free is not None and overlapping:
+        raise InputError(f"{overlapping[0]!r} is in free and in fixed; give it in one of them.")
+    free_names = [name for name in dict.fromkeys(free_names) if name not in fixed]
+    if not free_names:
         raise InputError(f"Nothing is free; choose among {', '.join(allowed)}.")
-    return found
+    return free_names
 
 
 def _first_run(
     step: Stepper, start: StartNumbers, dt: Any, steps: int, inputs: Any
 ) -> RunArguments:
     """Return the run of the first guess, its start on the constraints."""
-    fed: InputRows | None = as_inputs(inputs, step.binding, steps)
-    numbers = step._parameters_with_inputs(start.parameters, fed)
+    input_rows: InputRows | None = as_inputs(inputs, step.binding, steps)
+    all_parameters = step._parameters_with_inputs(start.parameters, input_rows)
     q, p = start.q, start.p
     if step.m:
-        known = {name: 1.0 if isinstance(x, Rule) else x for name, x in numbers.items()}
-        q, p = step.project(q, p, parameters=known, t=start.t)
+        numeric_parameters = {name: 1.0 if isinstance(x, Rule) else x for name,
+                              x in all_parameters.items()}
+        q, p = step.project(q, p, parameters=numeric_parameters, t=start.t)
     run = step._resolved(step._run_arguments(
-        q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=fed))
+        q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=input_rows))
     refuse_run(run)
     return run
 
@@ -475,69 +481,78 @@ def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
     fitting.samples = 1
     columns = fitting.residuals(point).shape[1]
     numbers = as_numbers("sigma", sigma)
-    given = np.reshape([as_double(x) for x in numbers.flat], numbers.shape)
-    if given.shape not in ((), (1,), (columns,)) or not (np.isfinite(given) & (given > 0)).all():
+    deviations = np.reshape([as_double(x) for x in numbers.flat], numbers.shape)
+    positive = (np.isfinite(deviations) & (deviations > 0)).all()
+    if deviations.shape not in ((), (1,), (columns,)) or not positive:
         raise InputError(f"sigma = {shown(sigma)} is no noise; give a number above 0, or one for "
                          f"each of {columns} columns of residuals.")
-    made: Array = np.broadcast_to(given, (columns,)).copy()
-    return made
+    column_deviations: Array = np.broadcast_to(deviations, (columns,)).copy()
+    return column_deviations
 
 
 def _horizons(horizons: Sequence[int] | None, samples: int, fewest: int) -> list[int]:
     """Return increasing numbers of samples, the last of them all."""
     if horizons is None:
-        found = [fewest * 2**k for k in range(64) if fewest * 2**k < samples]
+        counts = [fewest * 2**k for k in range(64) if fewest * 2**k < samples]
     else:
-        found = [as_positive_count("horizon", x, least=1) for x in as_items(
+        counts = [as_positive_count("horizon", x, least=1) for x in as_items(
             "horizons", horizons, "numbers of samples")]
-        if found != sorted(found) or (found and found[-1] > samples):
+        if counts != sorted(counts) or (counts and counts[-1] > samples):
             raise InputError(f"horizons = {shown(horizons)} do not increase up to {samples}, the "
                              "number of samples; give for example [16, 64, 256].")
-    return [*(x for x in found if x < samples), samples]
+    return [*(x for x in counts if x < samples), samples]
 
 
 def _result(
     fitting: Fitting, point: Point, iterations: int, horizons: list[int], converged: bool, *,
-    known: bool,
+    sigma_known: bool,
 ) -> Fit:
-    """Return the fit at the minimum that was found; ``known`` is whether σ was given."""
+    """Return the fit at a minimum, with covariance (JᵀJ)⁺ over the determined directions.
+
+    If σ is not known, the covariance is scaled by the variance of the residuals.
+    """
     free, coordinates = fitting.free, fitting.coordinates
     r, J = fitting.derivatives(point)
     basis, halved = point.basis, fitting.residuals(point, 1)
     rms, truncation = (float(np.sqrt(np.mean(x**2))) for x in (r, halved - r))
-    values = np.array([point.parameters[name] for name in free])
+    estimates = np.array([point.parameters[name] for name in free])
     scaled = (r / fitting.sigma).ravel()
-    noise = 1.0 if known else float(np.sqrt(scaled @ scaled / max(1, len(scaled) - J.shape[2])))
-    uncertain = float(np.hypot(noise, np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))))
-    at = fitting.scaled(point, r, J, coordinates.scales(point.parameters))
-    held = determined(at, uncertain)
-    covariance = held.covariance * noise**2
+    noise = 1.0 if sigma_known else float(np.sqrt(scaled @ scaled
+                                                  / max(1, len(scaled) - J.shape[2])))
+    noise_with_truncation = float(np.hypot(noise,
+                                           np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))))
+    linear = fitting.scaled(point, r, J, coordinates.scales(point.parameters))
+    identified = identify(linear, noise_with_truncation)
+    covariance = identified.covariance * noise**2
     names = [*free, *(f"start[{k}]" for k in range(basis.shape[1]))]
-    undetermined = _combinations(held.null, free, values, basis, _start_sizes(point))
+    undetermined = _combinations(identified.null, free, estimates, basis, _start_sizes(point))
     sigma = {name: noise * float(np.sqrt(variance))
-             for name, variance in zip(names, held.variances, strict=True)}
+             for name, variance in zip(names, identified.variances, strict=True)}
     return Fit(dict(point.parameters), point.q, point.p, names, covariance, sigma, undetermined, r,
                rms, truncation, basis, horizons, iterations, converged)
 
 
 def _start_sizes(point: Point) -> Array:
-    """Return |q| and |p| of the start, for each coordinate and momentum; of its motion at rest."""
-    own = np.repeat([np.linalg.norm(x) for x in (point.q, point.p)], len(point.q))
-    return np.where(own > 1e-6 * point.sizes, own, point.sizes)
+    """Return |q| and |p| of the start, shape (2 n,).
+
+    At a start with q = 0 or p = 0: the largest |q| or |p| of the samples.
+    """
+    start_norms = np.repeat([np.linalg.norm(x) for x in (point.q, point.p)], len(point.q))
+    return np.where(start_norms > 1e-6 * point.sizes, start_norms, point.sizes)
 
 
 def _combinations(
-    null: Array, free: list[str], values: Array, basis: Array, sizes: Array
+    null: Array, free: list[str], estimates: Array, basis: Array, sizes: Array
 ) -> list[dict[str, float]]:
-    """Return undetermined directions by names."""
+    """Return undetermined directions as relative changes by parameter name, and of the start."""
     count, n = len(free), len(sizes) // 2
     starts = basis @ null[count:] / sizes[:, None]
-    relative = null[:count] / np.where(values == 0, 1.0, values)[:, None]
-    found: list[dict[str, float]] = []
-    for row in reduced(np.concatenate([relative, starts])):
+    relative = null[:count] / np.where(estimates == 0, 1.0, estimates)[:, None]
+    combinations: list[dict[str, float]] = []
+    for row in reduced_basis(np.concatenate([relative, starts])):
         weights = dict(zip(free, row[:count].tolist(), strict=True))
         if basis.shape[1]:
             weights["start"] = float(max(np.linalg.norm(row[count : count + n]),
                                          np.linalg.norm(row[count + n :])))
-        found.append({name: x for name, x in weights.items() if abs(x) > SHARE})
-    return found
+        combinations.append({name: x for name, x in weights.items() if abs(x) > SHARE})
+    return combinations

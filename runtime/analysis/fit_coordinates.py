@@ -45,34 +45,34 @@ class Inertia:
         """Rows and columns of the entries of L that move."""
         return np.diag_indices(3) if len(self.names) == 3 else np.tril_indices(3)
 
-    def factor(self, values: Mapping[str, float], least: float = _FLOOR) -> Array:
-        """Return L of parameters; principal values of Σ are at least this share of its trace."""
-        own = [values[name] for name in self.names]
-        if len(own) == 3:
-            J = np.diag(own)
+    def factor(self, parameters: Mapping[str, float], least_share: float = _FLOOR) -> Array:
+        """Return L with LLᵀ = Σ = tr(J)/2 − J; eigenvalues of Σ are at least a share of tr(J)."""
+        inertia_entries = [parameters[name] for name in self.names]
+        if len(inertia_entries) == 3:
+            J = np.diag(inertia_entries)
         else:
             K = np.zeros((3, 3))
-            K[np.triu_indices(3)] = own
+            K[np.triu_indices(3)] = inertia_entries
             J = np.linalg.inv(K + np.triu(K, 1).T)
-        second, axes = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J)
-        lowest = least * abs(float(np.trace(J)))
-        if second[0] < lowest:
-            second = np.maximum(second, lowest)
-        found: Array = np.linalg.cholesky((axes * second) @ axes.T)
-        return found
+        second_moments, axes = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J)
+        lowest = least_share * abs(float(np.trace(J)))
+        if second_moments[0] < lowest:
+            second_moments = np.maximum(second_moments, lowest)
+        L: Array = np.linalg.cholesky((axes * second_moments) @ axes.T)
+        return L
 
-    def values(self, L: Array) -> tuple[list[float], Array]:
-        """Return the parameters of L, and their derivatives by the entries that move."""
-        def of(sigma: Array) -> Array:
-            found: Array = np.trace(sigma) * np.eye(3) - sigma
-            return found
+    def parameters_of(self, L: Array) -> tuple[list[float], Array]:
+        """Return the parameters of J(LLᵀ), and their derivatives by the moving entries of L."""
+        def inertia_of(sigma: Array) -> Array:
+            inertia: Array = np.trace(sigma) * np.eye(3) - sigma
+            return inertia
 
-        J = of(L @ L.T)
+        J = inertia_of(L @ L.T)
         changes = []
         for i, j in zip(*self.entries, strict=True):
             unit = np.zeros((3, 3))
             unit[i, j] = 1.0
-            changes.append(of(unit @ L.T + L @ unit.T))
+            changes.append(inertia_of(unit @ L.T + L @ unit.T))
         if len(self.names) == 3:
             return np.diag(J).tolist(), np.array([np.diag(dJ) for dJ in changes]).T
         K, upper = np.linalg.inv(J), np.triu_indices(3)
@@ -80,77 +80,78 @@ class Inertia:
 
 
 class Coordinates:
-    """Coordinates y of the free parameters, zero at the values where they are asked for."""
+    """Coordinates y of the free parameters, with y = 0 at the current parameters."""
 
     def __init__(self, step: Stepper, free: Sequence[str], first: Mapping[str, float]) -> None:
         self._first = {name: float(first[name]) for name in free}
         self.free = list(free)
         self._bodies = [Inertia(body.inertia) for body in bodies_of(step.manifest).values()
                         if {*body.inertia} <= {*free}]
-        taken = {name for body in self._bodies for name in body.names}
+        inertia_names = {name for body in self._bodies for name in body.names}
         domains = step.parameter_domains
         #: Whether each free parameter is above 0; its relative changes are those of its logarithm.
         self.positive = np.array([domains.get(name) == "positive" for name in free], dtype=bool)
         self._single = [(i, name, bool(self.positive[i])) for i, name in enumerate(free)
-                        if name not in taken]
+                        if name not in inertia_names]
 
-    def inside(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return parameters whose inertias are those of bodies, next to these."""
-        found = dict(values)
+    def inside(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Return parameters with physical inertias: J moved until Σ is positive definite."""
+        moved_parameters = dict(parameters)
         for body in self._bodies:
-            L = body.factor(values)
-            if not np.array_equal(L, inner := body.factor(values, _INSIDE)):
-                found.update(zip(body.names, body.values(inner)[0], strict=True))
-        return found
+            L = body.factor(parameters)
+            if not np.array_equal(L, inner := body.factor(parameters, _INSIDE)):
+                moved_parameters.update(zip(body.names, body.parameters_of(inner)[0], strict=True))
+        return moved_parameters
 
-    def jacobian(self, values: Mapping[str, float]) -> Array:
+    def jacobian(self, parameters: Mapping[str, float]) -> Array:
         """Return ∂θ/∂y of the free parameters, square."""
-        found = np.zeros((len(self.free), len(self.free)))
-        at = 0
+        jacobian = np.zeros((len(self.free), len(self.free)))
+        column = 0
         for body in self._bodies:
-            rows = [self.free.index(name) for name in body.names]
-            size = len(rows)
-            found[rows, at : at + size] = body.values(body.factor(values))[1]
-            at += size
+            indices = [self.free.index(name) for name in body.names]
+            size = len(indices)
+            block = body.parameters_of(body.factor(parameters))[1]
+            jacobian[indices, column : column + size] = block
+            column += size
         for i, name, positive in self._single:
-            found[i, at] = values[name] if positive else 1.0
-            at += 1
-        return found
+            jacobian[i, column] = parameters[name] if positive else 1.0
+            column += 1
+        return jacobian
 
-    def moved(self, values: Mapping[str, float], y: Array) -> dict[str, float]:
-        """Return the parameters at y from these."""
-        found, at = dict(values), 0
+    def moved(self, parameters: Mapping[str, float], y: Array) -> dict[str, float]:
+        """Return θ(y): the parameters after a step y from ``parameters``."""
+        moved_parameters, column = dict(parameters), 0
         for body in self._bodies:
-            L = body.factor(values)
+            L = body.factor(parameters)
             size = len(body.names)
-            L[body.entries] += y[at : at + size]
-            found.update(zip(body.names, body.values(L)[0], strict=True))
-            at += size
+            L[body.entries] += y[column : column + size]
+            moved_parameters.update(zip(body.names, body.parameters_of(L)[0], strict=True))
+            column += size
         for _, name, positive in self._single:
-            found[name] = values[name] * float(np.exp(y[at])) if positive else (
-                values[name] + float(y[at]))
-            at += 1
-        return found
+            moved_parameters[name] = parameters[name] * float(np.exp(y[column])) if positive else (
+                parameters[name] + float(y[column]))
+            column += 1
+        return moved_parameters
 
-    def excess(self, values: Mapping[str, float], y: Array) -> float:
-        """Return how many times y is longer than a step may be."""
-        return float(np.abs(y / self.units(values)).max(initial=0.0)) / _LARGEST
+    def excess(self, parameters: Mapping[str, float], y: Array) -> float:
+        """Return the length of y as a multiple of the longest step allowed."""
+        return float(np.abs(y / self.units(parameters)).max(initial=0.0)) / _LARGEST
 
-    def units(self, values: Mapping[str, float]) -> Array:
-        """Return changes of y that are large; infinite for what was 0 at first."""
-        found: list[float] = []
+    def units(self, parameters: Mapping[str, float]) -> Array:
+        """Return the unit of each y, a large change; infinite for parameters that began at 0."""
+        units: list[float] = []
         for body in self._bodies:
-            found += [float(np.abs(body.factor(values)).max())] * len(body.names)
-        found += [1.0 if positive else self._size(name, values)
+            units += [float(np.abs(body.factor(parameters)).max())] * len(body.names)
+        units += [1.0 if positive else self._size(name, parameters)
                   for _, name, positive in self._single]
-        return np.array(found)
+        return np.array(units)
 
-    def scales(self, values: Mapping[str, float]) -> Array:
-        """Return changes of the parameters themselves that are large, as ``units`` of y."""
-        return np.array([self._size(name, values) for name in self.free])
+    def scales(self, parameters: Mapping[str, float]) -> Array:
+        """Return the unit of each free parameter, a large change of it, as ``units`` for y."""
+        return np.array([self._size(name, parameters) for name in self.free])
 
-    def _size(self, name: str, values: Mapping[str, float]) -> float:
+    def _size(self, name: str, parameters: Mapping[str, float]) -> float:
         first = abs(self._first[name])
         if self.positive[self.free.index(name)]:
-            return abs(values[name])
-        return max(abs(values[name]), first) if first else np.inf
+            return abs(parameters[name])
+        return max(abs(parameters[name]), first) if first else np.inf

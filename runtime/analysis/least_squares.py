@@ -1,4 +1,4 @@
-"""The method of Levenberg and Marquardt in relative units, and what data determine.
+"""The Levenberg-Marquardt method in relative units, and the identifiability of unknowns.
 
 Unknowns y are measured in units u, changes that are large: 1 of a logarithm, of a momentum its
 size. The step minimises |r + J y|² + μ |y/u|². The damping μ = 4 σ², with the variance σ² of the
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import GyrosparkError
 
-__all__ = ["Determined", "Found", "Linear", "determined", "minimise", "reduced"]
+__all__ = ["Identifiability", "Linear", "Minimum", "identify", "minimise", "reduced_basis"]
 
 Array = NDArray[Any]
 Point = TypeVar("Point")
@@ -48,7 +48,7 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Found(Generic[Point]):
+class Minimum(Generic[Point]):
     """A point where the sum of squares is least."""
 
     point: Point
@@ -59,53 +59,53 @@ class Found(Generic[Point]):
 def minimise(
     point: Point, residuals: Callable[[Point], Array], linearise: Callable[[Point], Linear],
     moved: Callable[[Point, Array], Point], excess: Callable[[Point, Array], float],
-    tolerance: float, most: int, noise: float = 0.0,
-) -> Found[Point]:
-    """Return where |r|² is least, from a point near to it.
+    tolerance: float, iteration_limit: int, noise: float = 0.0,
+) -> Minimum[Point]:
+    """Return the point where |r|² is least, by damped Gauss-Newton steps from ``point``.
 
     Parameters
     ----------
     residuals, linearise : callable
-        The residuals at a point, and these linearised.
+        r at a point, and r with J and units.
     moved : callable
-        The point at y.
+        The point after a step y.
     excess : callable
-        How many times y is longer than a step may be; where this is above 1, y is shortened.
+        Length of y as a multiple of the longest step allowed; above 1, y is shortened.
     tolerance : float
         The iteration ends where the expected decrease of |r|² is below this share of the variance
         of a residual: the step is then a part √tolerance of one standard deviation.
-    most : int
+    iteration_limit : int
         Largest number of iterations.
     noise : float
-        What residuals are uncertain by at least.
+        Least standard deviation of the residuals, such as their truncation error.
     """
-    at = linearise(point)
+    linear = linearise(point)
     factor = 1.0
-    for iteration in range(most):
-        R = triangle(np.column_stack([at.J * at.units, at.r]))
+    for iteration in range(iteration_limit):
+        R = triangle(np.column_stack([linear.J * linear.units, linear.r]))
         U, s, Vt = np.linalg.svd(R[:, :-1], full_matrices=False)
         g = U.T @ R[:, -1]
-        cost = float(at.r @ at.r)
-        variance = cost / max(1, len(at.r) - len(s)) + noise**2
-        kept = _BEYOND * s > np.sqrt(variance)
+        cost = float(linear.r @ linear.r)
+        variance = cost / max(1, len(linear.r) - len(s)) + noise**2
+        within_reach = _BEYOND * s > np.sqrt(variance)
         failed = False
         while True:
             damping = factor * _DAMPING * variance + (RANK * s[0]) ** 2 + np.finfo(float).tiny
-            part = kept * s * g / (s**2 + damping)
-            y = -(Vt.T @ part) * at.units
+            singular_step = within_reach * s * g / (s**2 + damping)
+            y = -(Vt.T @ singular_step) * linear.units
             share = min(1.0, 1 / max(excess(point, y), 1e-300))
-            part, y = part * share, y * share
-            expected = float(g @ g - np.sum((g - s * part) ** 2))
+            singular_step, y = singular_step * share, y * share
+            expected = float(g @ g - np.sum((g - s * singular_step) ** 2))
             if expected <= tolerance * variance:
-                return Found(point, iteration, True)
-            trial = _tried(point, y, residuals, linearise, moved, cost - 1e-3 * expected)
+                return Minimum(point, iteration, True)
+            trial = _evaluate_trial(point, y, residuals, linearise, moved, cost - 1e-3 * expected)
             if trial is not None:
                 break
             factor, failed = factor * _GROWTH, True
-        point, at = trial
+        point, linear = trial
         if not failed:
             factor = max(1.0, factor / _GROWTH)
-    return Found(point, most, False)
+    return Minimum(point, iteration_limit, False)
 
 
 def triangle(A: Array) -> Array:
@@ -114,33 +114,33 @@ def triangle(A: Array) -> Array:
     A few rows at a time, which LAPACK does on one thread: with two threads on 600 × 24 numbers, a
     fit of a double body took 1.0 CPU seconds in place of 0.36.
     """
-    rows = 2 * A.shape[1]
+    block_rows = 2 * A.shape[1]
     R: Array = A[:0]
-    for first in range(0, len(A), rows):
-        made: Any = np.linalg.qr(np.concatenate([R, A[first : first + rows]]), mode="r")
+    for first in range(0, len(A), block_rows):
+        made: Any = np.linalg.qr(np.concatenate([R, A[first : first + block_rows]]), mode="r")
         R = made
     return R
 
 
-def _tried(
+def _evaluate_trial(
     point: Point, y: Array, residuals: Callable[[Point], Array],
-    linearise: Callable[[Point], Linear], moved: Callable[[Point, Array], Point], below: float,
+    linearise: Callable[[Point], Linear], moved: Callable[[Point, Array], Point], cost_bound: float,
 ) -> tuple[Point, Linear] | None:
-    """Return the point at y, linearised; None where |r|² is not below a bound or no motion is."""
+    """Return the point at y, linearised; None if |r|² is not below a bound or the run fails."""
     try:
-        new = moved(point, y)
-        r = residuals(new)
-        if not float(r @ r) < below:
+        trial = moved(point, y)
+        r = residuals(trial)
+        if not float(r @ r) < cost_bound:
             return None
-        made = linearise(new)
+        linear = linearise(trial)
     except GyrosparkError:  # a step too far, which damping shortens
         return None
-    return (new, made) if made.finite else None
+    return (trial, linear) if linear.finite else None
 
 
 @dataclass(frozen=True)
-class Determined:
-    """What data determine of unknowns.
+class Identifiability:
+    """The directions of the unknowns that the data determine, and those they leave free.
 
     Attributes
     ----------
@@ -158,38 +158,37 @@ class Determined:
     variances: Array
 
 
-def determined(at: Linear, noise: float) -> Determined:
-    """Return what residuals of this noise determine.
+def identify(linear: Linear, noise: float) -> Identifiability:
+    """Return the determined directions of the unknowns, for residuals with this deviation.
 
-    A direction is undetermined where its singular value is round-off, or where one standard
-    deviation of it is longer than 1 in the units.
+    A direction is undetermined if its singular value is round-off, or if one standard deviation
+    along it exceeds 1 in the units of y.
     """
-    _, s, Vt = np.linalg.svd(triangle(at.J * at.units), full_matrices=True)
-    full = np.zeros(len(Vt))
-    full[: len(s)] = s
-    moves = full > RANK * full[0]
-    kept = moves & (full > noise)
-    directions = Vt.T * at.units[:, None]
-    part = directions[:, kept] / full[kept]
-    variances = ((directions[:, moves] / full[moves])**2).sum(axis=1)
-    idle = (np.abs(Vt.T[:, ~moves]) > SHARE).any(axis=1)
-    vague = ~kept.all() & (noise * np.sqrt(variances) > at.units)
-    return Determined(part @ part.T, directions[:, ~kept],
-                      np.where(idle | vague, np.inf, variances))
+    _, s, Vt = np.linalg.svd(triangle(linear.J * linear.units), full_matrices=True)
+    singular_values = np.zeros(len(Vt))
+    singular_values[: len(s)] = s
+    has_effect = singular_values > RANK * singular_values[0]
+    measured = has_effect & (singular_values > noise)
+    directions = Vt.T * linear.units[:, None]
+    measured_directions = directions[:, measured] / singular_values[measured]
+    variances = ((directions[:, has_effect] / singular_values[has_effect])**2).sum(axis=1)
+    without_effect = (np.abs(Vt.T[:, ~has_effect]) > SHARE).any(axis=1)
+    beyond_unit = ~measured.all() & (noise * np.sqrt(variances) > linear.units)
+    return Identifiability(measured_directions @ measured_directions.T, directions[:, ~measured],
+                           np.where(without_effect | beyond_unit, np.inf, variances))
 
 
-def reduced(null: Array) -> Array:
-    """Return a readable basis of the space of the columns, in rows.
+def reduced_basis(null: Array) -> Array:
+    """Return a basis of the space of the columns in reduced echelon form, one vector per row.
 
-    Each has a 1 where the others have 0. By Gauss-Jordan elimination with full pivots: entries of a
-    single row are at most 1 in size.
+    Gauss-Jordan elimination with full pivoting. A basis of one vector has entries of size ≤ 1.
     """
     A = null.T.copy()
     free = list(range(A.shape[1]))
     for i in range(len(A)):
         sizes = np.abs(A[i:][:, free])
-        row, at = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
-        column = free.pop(int(at))
+        row, pivot_column = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+        column = free.pop(int(pivot_column))
         A[[i, i + int(row)]] = A[[i + int(row), i]]
         A[i] /= A[i, column]
         for j in range(len(A)):

@@ -54,7 +54,7 @@ _SPREAD = 1e8
 @explain_arguments
 @dataclass(frozen=True, eq=False)
 class Lyapunov:
-    """Lyapunov exponents of a run, with what shows how far they have converged.
+    """Lyapunov exponents of a run, with their statistical errors and running means.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Lyapunov:
         The same up to each time.
     ftle : float
         log σ_max(Φ')/t at the end, in the kinetic metric made compatible with Ω: the largest
-        growth of any direction; with ``count`` of those that were taken along.
+        growth rate of a direction, with ``count`` among the propagated directions only.
     running_ftle : array, shape (rows,)
     volume_rate : float
         ½ log(det(VᵀΩV)/det(V₀ᵀΩV₀))/t of all directions, in 1/s: the sum of all exponents, 0 for a
@@ -112,9 +112,9 @@ class Lyapunov:
         return float(np.abs(self.exponents + self.exponents[::-1]).max())
 
     def __repr__(self) -> str:
-        values = few(f"{value:.4g} ± {error:.1g}"
-                     for value, error in zip(self.exponents, self.errors, strict=True))
-        return (f"<Lyapunov of {self.name}: {values} /s over {self.times[-1]:.6g} s; MEGNO "
+        exponents = few(f"{value:.4g} ± {error:.1g}"
+                        for value, error in zip(self.exponents, self.errors, strict=True))
+        return (f"<Lyapunov of {self.name}: {exponents} /s over {self.times[-1]:.6g} s; MEGNO "
                 f"{self.megno:.4g}>")
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
@@ -171,34 +171,35 @@ def lyapunov(
                          "returned.")
     every = as_positive_count("every", every, least=1)
     state = merged_start(stepper, start, p, parameters)
-    total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), least=1)
+    step_total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), least=1)
     size = 2 * (stepper.n - stepper.m)
-    wanted = size if count is None else as_positive_count("count", count, least=1)
-    if wanted > size or not size:
-        raise InputError(f"count = {wanted} is more than the dimension 2 (n − m) = {size} of the "
-                         f"tangent spaces of {stepper.name}"
+    vector_count = size if count is None else as_positive_count("count", count, least=1)
+    if vector_count > size or not size:
+        raise InputError(f"count = {vector_count} is more than the dimension 2 (n − m) = {size} of "
+                         f"the tangent spaces of {stepper.name}"
                          + (f"; give at most {size}." if size else ": nothing moves."))
-    keep = as_flag("covariant", covariant)
+    with_covariant = as_flag("covariant", covariant)
     as_progress(progress)
     run = stepper._resolved(stepper._run_arguments(
-        state.q, state.p, dt=dt, steps=total, every=every, parameters=state.parameters, t0=state.t,
-        inputs=inputs, solver=solver))
+        state.q, state.p, dt=dt, steps=step_total, every=every, parameters=state.parameters,
+        t0=state.t, inputs=inputs, solver=solver))
     refuse_run(run)
     stepper._warned(run)
-    found = Benettin(stepper, run, wanted, keep)
+    benettin = Benettin(stepper, run, vector_count, with_covariant)
     with log_progress(f"exponents of {stepper.name}", run.steps, progress) as report:
-        for done in found.advance():
+        for done in benettin.advance():
             if report is not None:
                 report(done)
-    return found.result()
+    return benettin.result()
 
 
 class Benettin:
     """Directions along a run, with a QR decomposition after every so many steps."""
 
-    def __init__(self, stepper: Stepper, run: RunArguments, count: int, keep: bool) -> None:
+    def __init__(self, stepper: Stepper, run: RunArguments, count: int,
+                 with_covariant: bool) -> None:
         self.stepper, self.run, self.binding = stepper, run, stepper._derivative_binding()
-        self.keep, self._kept_run = keep, stepper._derivative_binding().begin(run)
+        self.with_covariant, self._stored_run = with_covariant, self.binding.begin(run)
         self.frame = self._frame(0, run.q, run.p)
         self.unit = isotropic_flag(self.frame.J)[:, :count]
         self.full = count == len(self.frame.J)
@@ -214,15 +215,15 @@ class Benettin:
     def advance(self) -> Iterator[int]:
         """Do the run; yield how many steps are done, now and then."""
         every = self.run.every
-        for steps in pieces(self.stepper, self.run, self._kept_run):
+        for steps in pieces(self.stepper, self.run, self._stored_run):
             done, last = 0, steps.first + steps.count
             while done < steps.count:
-                at = steps.first + done
-                ahead = min(every - at % every, steps.count - done)
-                self._carry(_part(steps, done, ahead))
-                done += ahead
-                if (at + ahead) % every == 0 or at + ahead == self.run.steps:
-                    self._decompose(at + ahead, steps.q[done], steps.p[done])
+                step = steps.first + done
+                count = min(every - step % every, steps.count - done)
+                self._carry(_sub_steps(steps, done, count))
+                done += count
+                if (step + count) % every == 0 or step + count == self.run.steps:
+                    self._decompose(step + count, steps.q[done], steps.p[done])
             yield last
         if self.spread > _SPREAD:
             warn(f"Between two decompositions directions grow {self.spread:.1e} times more than "
@@ -230,12 +231,13 @@ class Benettin:
                  f"{every}, or a smaller dt.")
 
     def _carry(self, steps: KeptSteps) -> None:
-        """Advance the directions by kept steps."""
-        own = self.binding.own
-        still, none = own.new(self.binding.rows, self.V.shape[1]), own.new(0)
+        """Propagate the directions by the derivatives of stored steps."""
+        number_type = self.binding.own
+        no_increment, no_parameters = number_type.new(self.binding.rows,
+                                                      self.V.shape[1]), number_type.new(0)
         status = self.binding.integrate_tangent(
-            self.run, self._kept_run.parameters, steps, still, steps.first + steps.count + 1, none,
-            none, self.V)
+            self.run, self._stored_run.parameters, steps, no_increment,
+            steps.first + steps.count + 1, no_parameters, no_parameters, self.V)
         if status:
             raise singular(steps.first, status)
 
@@ -265,7 +267,7 @@ class Benettin:
         self.V = self._directions()
         if self.full:
             self.start_volume = self._log_volume()
-        if self.keep:
+        if self.with_covariant:
             self.units.append(self.V.copy())
             self.factors.append(R)
 
@@ -275,9 +277,9 @@ class Benettin:
         return UnitaryFrame(self.binding, run.parameters, t, q, p)
 
     def _directions(self) -> Array:
-        found: Array = np.ascontiguousarray(
+        directions: Array = np.ascontiguousarray(
             self.binding.own.converted(self.frame.directions(self.unit)))
-        return found
+        return directions
 
     def _log_volume(self) -> float:
         """Return ½ log|det(VᵀΩV)|, 0 where V does not span the space."""
@@ -287,7 +289,7 @@ class Benettin:
         return float(np.linalg.slogdet(V.T @ canonical_form(self.binding.n) @ V)[1]) / 2
 
     def result(self) -> Lyapunov:
-        """Return what the run has given."""
+        """Return exponents, MEGNO and growth rates from the logarithms of R_ii."""
         logs, dt = np.array(self.logs), abs(float(self.run.dt))
         times = np.array(self.ends) * dt
         lengths = np.diff(times, prepend=0.0)
@@ -298,35 +300,35 @@ class Benettin:
         return Lyapunov(
             running[-1].copy(), _errors(logs, lengths), times, running, float(megno[-1]), megno,
             float(ftle[-1]), ftle, self.volume / times[-1] if self.full else float("nan"),
-            self.defect, self._covariant() if self.keep else None, self.run.dt, self.run.steps,
-            self.run.every, self.stepper.name)
+            self.defect, self._covariant() if self.with_covariant else None, self.run.dt,
+            self.run.steps, self.run.every, self.stepper.name)
 
     def _covariant(self) -> Array:
-        """Return covariant vectors V C: C is triangular, and R C of a row is that of the next."""
+        """Return covariant vectors V_k C_k, backwards by C_k = R_{k+1}⁻¹ C_{k+1}, normalised."""
         C: Array = np.eye(self.unit.shape[1])
-        found = [self.units[-1].astype(float) @ C]
+        vectors = [self.units[-1].astype(float) @ C]
         for V, R in zip(reversed(self.units[:-1]), reversed(self.factors), strict=True):
             C = np.linalg.solve(R, C)
             C /= np.linalg.norm(C, axis=0)
-            found.append(V.astype(float) @ C)
-        return np.array(found[::-1])
+            vectors.append(V.astype(float) @ C)
+        return np.array(vectors[::-1])
 
 
-def _part(steps: KeptSteps, begin: int, count: int) -> KeptSteps:
-    """Return some steps of a piece."""
-    rows, ends = slice(begin, begin + count), slice(begin, begin + count + 1)
-    return replace(steps, first=steps.first + begin, q=steps.q[ends], p=steps.p[ends],
-                   x=steps.x[rows])
+def _sub_steps(steps: KeptSteps, begin: int, count: int) -> KeptSteps:
+    """Return ``count`` of the stored steps, from index ``begin`` on."""
+    increments, states = slice(begin, begin + count), slice(begin, begin + count + 1)
+    return replace(steps, first=steps.first + begin, q=steps.q[states], p=steps.p[states],
+                   x=steps.x[increments])
 
 
 def _errors(logs: Array, lengths: Array) -> Array:
     """Return standard errors of the means of logs over time, by means over blocks."""
-    most, fewest = _BLOCKS
-    found: Array = np.full(logs.shape[1], np.nan)
-    blocks = fewest
-    while blocks <= min(most, len(logs)):
+    block_limit, fewest_blocks = _BLOCKS
+    errors: Array = np.full(logs.shape[1], np.nan)
+    blocks = fewest_blocks
+    while blocks <= min(block_limit, len(logs)):
         edges = np.arange(blocks) * len(logs) // blocks
         means = np.add.reduceat(logs, edges) / np.add.reduceat(lengths, edges)[:, None]
-        found = np.fmax(found, means.std(axis=0, ddof=1) / np.sqrt(blocks))
+        errors = np.fmax(errors, means.std(axis=0, ddof=1) / np.sqrt(blocks))
         blocks *= 2
-    return found
+    return errors

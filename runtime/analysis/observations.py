@@ -1,8 +1,8 @@
-"""What is measured of states: values, residuals against data, and their derivatives by q and p.
+"""Measured quantities of a state: their residuals against data, and derivatives by q and p.
 
-The residual of a measured attitude d against q is the small rotation between them in the axes of
-the measured body, twice the vector part L(d) q of d*q with the sign of its scalar part dᵀq, in rad:
-−d is the same measurement as d.
+The residual of a measured attitude d at the attitude q is the rotation vector between them in rad,
+in the axes of the measured body: r = 2 sign(dᵀq) L(d) q, with L(d) q the vector part of d* q. The
+sign makes d and −d the same measurement.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _NORM = 1e-3
 
 @dataclass(frozen=True)
 class Observation:
-    """Columns of data, and what a state says of them.
+    """The measured quantities: which component of a state predicts which column of data.
 
     Attributes
     ----------
@@ -64,76 +64,80 @@ class Observation:
         InputError
             For data of another shape, for NaN, and for quaternions that are no attitudes.
         """
-        given = as_numbers("data", data)
-        if given.ndim == 1 and rows != 1:
-            given = given[:, None]
-        elif given.ndim == 3:
-            given = given.reshape(len(given), -1)
-        wanted = len(self.names)
-        if given.ndim != 2 or len(given) != rows or (wanted and given.shape[1] != wanted):
-            columns = f"{wanted} columns ({', '.join(self.names)})" if wanted else "its columns"
+        samples = as_numbers("data", data)
+        if samples.ndim == 1 and rows != 1:
+            samples = samples[:, None]
+        elif samples.ndim == 3:
+            samples = samples.reshape(len(samples), -1)
+        column_count = len(self.names)
+        if samples.ndim != 2 or len(samples) != rows or (
+                column_count and samples.shape[1] != column_count):
+            columns = (f"{column_count} columns ({', '.join(self.names)})" if column_count
+                       else "its columns")
             raise InputError(f"data has the shape {np.shape(data)}; give {rows} rows, one for each "
                              f"time, with {columns}.")
-        made = np.array(given, dtype=float)
-        if not np.isfinite(made).all():
-            row, column = np.argwhere(~np.isfinite(made))[0]
-            raise InputError(f"data[{row}, {column}] = {made[row, column]} is not finite; leave "
-                             "out the samples that are missing, and their times.")
+        measurements = np.array(samples, dtype=float)
+        if not np.isfinite(measurements).all():
+            row, column = np.argwhere(~np.isfinite(measurements))[0]
+            raise InputError(f"data[{row}, {column}] = {measurements[row, column]} is not finite; "
+                             "leave out the samples that are missing, and their times.")
         for k in range(len(self.attitudes)):
-            part = made[:, 4 * k : 4 * k + 4]
-            norms = np.linalg.norm(part, axis=1)
+            attitudes = measurements[:, 4 * k : 4 * k + 4]
+            norms = np.linalg.norm(attitudes, axis=1)
             off = int(np.argmax(np.abs(norms - 1)))
             if abs(norms[off] - 1) > _NORM:
-                raise InputError(f"data[{off}] = {shown(part[off].tolist())} is no unit "
+                raise InputError(f"data[{off}] = {shown(attitudes[off].tolist())} is no unit "
                                  f"quaternion: its length is {norms[off]:.6g}. Scale the rows to "
                                  "length 1.")
-            part /= norms[:, None]
-        return made
+            attitudes /= norms[:, None]
+        return measurements
 
     def residuals(self, data: Array, q: Array, p: Array) -> tuple[Array, Array, Array]:
         """Return residuals, shape (rows, c), and their derivatives by q and p, (rows, c, n)."""
         if self.function is not None:
             return self._of_function(self.function, data, q, p)
-        rows, at = len(data), 3 * len(self.attitudes)
-        count = at + len(self.columns)
-        found = np.zeros((rows, count))
-        by_state = np.zeros((rows, count, 2 * self.n))
+        # Columns of residuals: three angles for each attitude, then one for each other quantity.
+        sample_count, first_column = len(data), 3 * len(self.attitudes)
+        count = first_column + len(self.columns)
+        residuals = np.zeros((sample_count, count))
+        by_state = np.zeros((sample_count, count, 2 * self.n))
         for k, columns in enumerate(self.attitudes):
-            d, own = data[:, 4 * k : 4 * k + 4], q[:, columns]
-            left = left_matrix(d)
-            sign = 2 * np.where((d * own).sum(axis=1) < 0, -1.0, 1.0)
-            part = slice(3 * k, 3 * k + 3)
-            by_state[:, part, columns] = left * sign[:, None, None]
-            found[:, part] = (left @ own[:, :, None])[:, :, 0] * sign[:, None]
+            d, attitude = data[:, 4 * k : 4 * k + 4], q[:, columns]
+            left_matrices = left_matrix(d)
+            sign = 2 * np.where((d * attitude).sum(axis=1) < 0, -1.0, 1.0)
+            angle_columns = slice(3 * k, 3 * k + 3)
+            by_state[:, angle_columns, columns] = left_matrices * sign[:, None, None]
+            rotated = (left_matrices @ attitude[:, :, None])[:, :, 0]
+            residuals[:, angle_columns] = rotated * sign[:, None]
         if self.columns:
             z = np.concatenate([q, p], axis=1)
-            found[:, at:] = z[:, self.columns] - data[:, 4 * len(self.attitudes) :]
-            by_state[:, range(at, count), self.columns] = 1.0
-        return found, by_state[:, :, : self.n], by_state[:, :, self.n :]
+            residuals[:, first_column:] = z[:, self.columns] - data[:, 4 * len(self.attitudes) :]
+            by_state[:, range(first_column, count), self.columns] = 1.0
+        return residuals, by_state[:, :, : self.n], by_state[:, :, self.n :]
 
     def _of_function(
         self, function: Observe, data: Array, q: Array, p: Array
     ) -> tuple[Array, Array, Array]:
-        made = function(q, p)
-        if not isinstance(made, tuple) or len(made) != 3:
-            raise InputError(f"observe returned {shown(made)}; return the values and their "
+        returned = function(q, p)
+        if not isinstance(returned, tuple) or len(returned) != 3:
+            raise InputError(f"observe returned {shown(returned)}; return the values and their "
                              "derivatives by q and by p.")
-        rows, columns = data.shape
-        shape = (rows, columns, self.n)
-        values, by_q, by_p = (np.asarray(x, dtype=float) for x in made)
-        if columns == 1 and values.shape == (rows,):
-            values = values[:, None]
-        if columns == 1 and by_q.shape == by_p.shape == (rows, self.n):
+        sample_count, columns = data.shape
+        shape = (sample_count, columns, self.n)
+        predictions, by_q, by_p = (np.asarray(x, dtype=float) for x in returned)
+        if columns == 1 and predictions.shape == (sample_count,):
+            predictions = predictions[:, None]
+        if columns == 1 and by_q.shape == by_p.shape == (sample_count, self.n):
             by_q, by_p = by_q[:, None], by_p[:, None]
-        if values.shape != data.shape or by_q.shape != shape or by_p.shape != shape:
-            raise InputError(f"observe returned arrays of the shapes {values.shape}, {by_q.shape} "
-                             f"and {by_p.shape}; values are {data.shape} as data are, and "
-                             f"derivatives by q and by p {shape}.")
-        return values - data, by_q, by_p
+        if predictions.shape != data.shape or by_q.shape != shape or by_p.shape != shape:
+            raise InputError(f"observe returned arrays of the shapes {predictions.shape}, "
+                             f"{by_q.shape} and {by_p.shape}; values are {data.shape} as data are, "
+                             f"and derivatives by q and by p {shape}.")
+        return predictions - data, by_q, by_p
 
 
 def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Observation:
-    """Return what ``observe`` of a fit names.
+    """Return the observation that the argument ``observe`` of ``fit`` names.
 
     Raises
     ------
@@ -145,28 +149,29 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
         return Observation(n, [], [], observe, [])
     system = step.manifest.system
     coordinates, momenta = list(system.coordinates), list(system.momenta)
-    both = coordinates + momenta
+    state_names = coordinates + momenta
     bodies = bodies_of(step.manifest)
-    many = {"q": list(range(n)), "p": list(range(n, 2 * n))}
-    turns = {f"{name} attitude": [body.q] for name, body in bodies.items()}
+    vector_columns = {"q": list(range(n)), "p": list(range(n, 2 * n))}
+    attitude_columns = {f"{name} attitude": [body.q] for name, body in bodies.items()}
     if bodies:
-        turns["attitude"] = [body.q for body in bodies.values()]
+        attitude_columns["attitude"] = [body.q for body in bodies.values()]
     names = [observe] if isinstance(observe, str) else as_items("observe", observe, "names")
     attitudes: list[list[int]] = []
     columns: list[int] = []
     for name in names:
         if not isinstance(name, str):
             raise InputError(f"observe has {shown(name)}, which is no name; write text.")
-        if name in turns:
-            attitudes += turns[name]
-        elif name in many:
-            columns += many[name]
-        elif name in both:
-            columns.append(both.index(name))
+        if name in attitude_columns:
+            attitudes += attitude_columns[name]
+        elif name in vector_columns:
+            columns += vector_columns[name]
+        elif name in state_names:
+            columns.append(state_names.index(name))
         else:
-            raise unknown("quantity to observe", name, [*turns, *many, *both],
+            raise unknown("quantity to observe", name,
+                          [*attitude_columns, *vector_columns, *state_names],
                           " or a function of (q, p)")
     if not names:
         raise InputError("observe names nothing; give for example observe=\"attitude\".")
     labels = [coordinates[i] for body in attitudes for i in body]
-    return Observation(n, attitudes, columns, None, [*labels, *(both[i] for i in columns)])
+    return Observation(n, attitudes, columns, None, [*labels, *(state_names[i] for i in columns)])

@@ -5,17 +5,18 @@ period is fixed, and a parameter if one is free:
 
     Bᵀ (Φ_h^N(z) − z) = 0,   v·B y = 0,   c(z) = c(z_0)
 
-with v the rate of change along the orbit, and with what is fixed, such as the energy. Orbits of a
-Hamiltonian system are families, whose members differ in energy and period; kept energy makes one of
-these equations follow from the others. Symmetries add families. So the least squares solution of
-least norm is taken, without singular values that are round-off of the residual.
+with v the rate of change along the orbit, and c the fixed quantities, such as the energy. Orbits of
+a Hamiltonian system form families, whose members differ in energy and period; conservation of
+energy makes one of these equations follow from the others. Symmetries add families. So each step is
+the least squares solution of least norm, without singular values that are round-off of the
+residual.
 
-A symplectic map keeps no energy exactly, and instead of a family it has pairs of isolated orbits,
-at two places within a step. Between these |Φ_h^N(z) − z| is of the order e^(−c/h). Where that is
-below 1e-7, it is what is reached; where it is larger, the phase v·B y is left free.
+A symplectic map conserves no energy exactly, and instead of a family it has pairs of isolated
+orbits, at two phases within a step. Between these |Φ_h^N(z) − z| is of the order e^(−c/h). If that
+is below 1e-7, the iteration ends there; if it is larger, the phase v·B y is left free.
 
 The monodromy matrix M = BᵀΦ' has the Floquet multipliers as its eigenvalues. For a Hamiltonian
-system MᵀΩM = Ω, and 1 is a double eigenvalue with one eigenvector: of its digits a half is known.
+system MᵀΩM = Ω, and 1 is a double eigenvalue with one eigenvector: half of its digits are lost.
 """
 
 from __future__ import annotations
@@ -112,10 +113,10 @@ class PeriodicOrbit:
         return self.steps * self.dt
 
     def __repr__(self) -> str:
-        values = few(_text(value) for value in self.multipliers if value.imag >= 0)
+        multipliers = few(_text(value) for value in self.multipliers if value.imag >= 0)
         return (f"<PeriodicOrbit of {self._stepper.name}: period {float(self.period):.12g} s, "
-                f"{self.steps:,} steps; multipliers {values}; closed to {self.residuals[-1]:.1e} "
-                f"after {self.iterations} iterations>")
+                f"{self.steps:,} steps; multipliers {multipliers}; closed to "
+                f"{self.residuals[-1]:.1e} after {self.iterations} iterations>")
 
     def run(self, periods: int = 1, every: int = 1) -> Trajectory:
         """Return the trajectory of so many revolutions."""
@@ -204,139 +205,143 @@ class OrbitSearch:
             start.q, start.p, dt=dt, steps=steps, t0=start.t, parameters=start.parameters))
         self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free
         self.start = run
-        self.timed = stepper.binding.time is not None
-        self.phased = not self.timed
-        self.fixed = _fixed(stepper, fix, free, timed=self.timed)
+        self.time_dependent = stepper.binding.time is not None
+        self.phase_fixed = not self.time_dependent
+        self.fixed = _fixed(stepper, fix, free, time_dependent=self.time_dependent)
         if free is not None and not (
                 isinstance(free, str) and free in stepper.parameter_domains):
             raise unknown("parameter", free, stepper.parameter_domains)
         z = np.concatenate([run.q, run.p])
-        self.wanted = {name: self._value(name, z, run.parameters) for name in self.fixed
-                       if name != "period"}
+        self.fixed_values = {name: self._value(name, z, run.parameters) for name in self.fixed
+                             if name != "period"}
         self.epsilon = float(stepper.binding.epsilon)
 
-    def orbit(self, most: int) -> PeriodicOrbit:
+    def orbit(self, iteration_limit: int) -> PeriodicOrbit:
         """Return the orbit."""
         start = self.start
-        now = self._evaluated(start.q, start.p, start.dt, dict(start.parameters))
-        found = [now.size]
-        while not self._closed(now, found):
-            ahead = self._next(now) if len(found) <= most else None
-            near = self.phased and now.size < _NEAR * self._scale(now)
-            if ahead is None and not near:
-                raise self._failure(now, found)
-            if near and (ahead is None or ahead.size > max(now.size / 2, self._least(now))):
-                self.phased = False  # the place within a step may be what is missing
-            if ahead is not None:
-                now = ahead
-                found.append(now.size)
-        way = float(np.linalg.norm(self._tangents(now)[2]) * abs(float(now.dt)))
-        if not self.timed and way <= _STILL * self._scale(now):
+        guess = self._evaluate(start.q, start.p, start.dt, dict(start.parameters))
+        gaps = [guess.size]
+        while not self._closed(guess, gaps):
+            next_guess = self._newton_step(guess) if len(gaps) <= iteration_limit else None
+            near = self.phase_fixed and guess.size < _NEAR * self._scale(guess)
+            if next_guess is None and not near:
+                raise self._failure(guess, gaps)
+            if near and (next_guess is None
+                         or next_guess.size > max(guess.size / 2, self._stagnation_level(guess))):
+                self.phase_fixed = False  # the phase within a step: see the module's text
+            if next_guess is not None:
+                guess = next_guess
+                gaps.append(guess.size)
+        path_length = float(np.linalg.norm(self._tangents(guess)[2]) * abs(float(guess.dt)))
+        if not self.time_dependent and path_length <= _STILL * self._scale(guess):
             raise GyrosparkError("Newton's method came to an equilibrium, which is no orbit; fix "
                                  "the energy or a coordinate, or begin farther from it.")
-        return self._result(now, found)
+        return self._result(guess, gaps)
 
-    def _failure(self, now: Guess, sizes: list[float]) -> GyrosparkError:
+    def _failure(self, guess: Guess, gaps: list[float]) -> GyrosparkError:
         return GyrosparkError(
             f"Newton's method found no periodic orbit of {self.steps:,} steps: after "
-            f"{len(sizes) - 1} iterations the end is off the start by {sizes[-1]:.2e} "
-            f"({min(sizes):.2e} at best, {sizes[0]:.2e} at first), with dt = {float(now.dt):.6g}; "
+            f"{len(gaps) - 1} iterations the end is off the start by {gaps[-1]:.2e} "
+            f"({min(gaps):.2e} at best, {gaps[0]:.2e} at first), with dt = {float(guess.dt):.6g}; "
             "give a state and a dt nearer to an orbit, more steps, or something else to fix.")
 
-    def _closed(self, now: Guess, sizes: list[float]) -> bool:
-        """Whether the end is the start to round-off, or near it and no nearer than before."""
-        if self._residual(now) <= _CLOSED * self.epsilon * self._scale(now):
+    def _closed(self, guess: Guess, gaps: list[float]) -> bool:
+        """Convergence test: the gap is round-off, or small and no longer halved by a step."""
+        if self._residual(guess) <= _CLOSED * self.epsilon * self._scale(guess):
             return True
-        return len(sizes) > 1 and sizes[-1] >= sizes[-2] / 2 and now.size <= self._least(now)
+        stagnant = len(gaps) > 1 and gaps[-1] >= gaps[-2] / 2
+        return stagnant and guess.size <= self._stagnation_level(guess)
 
-    def _least(self, now: Guess) -> float:
+    def _stagnation_level(self, guess: Guess) -> float:
         """Return the gap below which an iteration may stagnate."""
-        least = _STAGNATED * self.epsilon * math.sqrt(self.steps)
-        return self._scale(now) * (max(_SMALL, least) if self.phased else least)
+        round_off = _STAGNATED * self.epsilon * math.sqrt(self.steps)
+        return self._scale(guess) * (max(_SMALL, round_off) if self.phase_fixed else round_off)
 
-    def _next(self, now: Guess) -> Guess | None:
+    def _newton_step(self, guess: Guess) -> Guess | None:
         """Return the guess after a Newton increment, halved while the residual grows."""
-        increment, B = self._increment(now)
-        before, part = self._residual(now), 1.0
+        increment, B = self._increment(guess)
+        residual, damping = self._residual(guess), 1.0
         for _ in range(_HALVINGS + 1):
-            moved = self._moved(now, B, increment * part)
-            if moved is not None and self._residual(moved) < max(
-                    before, _SMALL * self._scale(now)):
-                return moved
-            part /= 2
+            trial = self._moved_guess(guess, B, increment * damping)
+            if trial is not None and self._residual(trial) < max(
+                    residual, _SMALL * self._scale(guess)):
+                return trial
+            damping /= 2
         return None
 
-    def _increment(self, now: Guess) -> tuple[Array, Array]:
+    def _increment(self, guess: Guess) -> tuple[Array, Array]:
         """Return (dy, dh, dθ), and the basis B."""
-        Phi, B, by_step, by_parameter = self._tangents(now)
+        Phi, B, by_step, by_parameter = self._tangents(guess)
         dim = B.shape[1]
         columns = [B.T @ Phi - np.eye(dim)]
-        rows_of = [B]  # derivatives of (q, p) by the unknowns, at the start
+        start_derivatives = [B]  # derivatives of (q, p) by the unknowns, at the start
         if "period" not in self.fixed:
             columns.append((B.T @ by_step)[:, None])
-            rows_of.append(np.zeros((2 * self.stepper.n, 1)))
+            start_derivatives.append(np.zeros((2 * self.stepper.n, 1)))
         if self.free is not None:
             columns.append((B.T @ (by_parameter[1] - by_parameter[0]))[:, None])
-            rows_of.append(by_parameter[0][:, None])
-        A, D = np.hstack(columns), np.hstack(rows_of)
-        right = [*(-B.T @ now.gap.astype(float))]
-        if self.phased:
+            start_derivatives.append(by_parameter[0][:, None])
+        A, D = np.hstack(columns), np.hstack(start_derivatives)
+        right_side = [*(-B.T @ guess.gap.astype(float))]
+        if self.phase_fixed:
             A = np.vstack([A, np.pad(by_step @ B / self.steps, (0, A.shape[1] - dim))])
-            right.append(0.0)
-        for name in self.wanted:
-            row = self._slope(name, now, D)
+            right_side.append(0.0)
+        for name in self.fixed_values:
+            row = self._slope(name, guess, D)
             A = np.vstack([A, row])
-            right.append(-float(self._value(name, now.z, now.parameters) - self.wanted[name]))
+            right_side.append(-float(self._value(name, guess.z,
+                                                 guess.parameters) - self.fixed_values[name]))
         norms = np.linalg.norm(A, axis=0)
         norms[norms == 0] = 1.0
-        share = _RESIDUAL_SHARE * now.size / self._scale(now)
-        least = min(max(share, _LEAST), _MOST) if self.phased else _LEAST
-        return np.linalg.lstsq(A / norms, np.array(right), rcond=least)[0] / norms, B
+        share = _RESIDUAL_SHARE * guess.size / self._scale(guess)
+        cutoff = min(max(share, _LEAST), _MOST) if self.phase_fixed else _LEAST
+        return np.linalg.lstsq(A / norms, np.array(right_side), rcond=cutoff)[0] / norms, B
 
-    def _moved(self, now: Guess, B: Array, increment: Array) -> Guess | None:
-        """Return the guess after an increment; None where it leads nowhere."""
+    def _moved_guess(self, guess: Guess, B: Array, increment: Array) -> Guess | None:
+        """Return the guess after an increment; None if dt changes sign or the run fails."""
         binding, dim = self.stepper.binding, B.shape[1]
-        rest = list(increment[dim:])
-        dt = now.dt
+        further_increments = list(increment[dim:])
+        dt = guess.dt
         if "period" not in self.fixed:
-            dt = now.dt + binding.number(Fraction(rest.pop(0)))
-        parameters = dict(now.parameters)
+            dt = guess.dt + binding.number(Fraction(further_increments.pop(0)))
+        parameters = dict(guess.parameters)
         if self.free is not None:
-            parameters[self.free] += binding.number(Fraction(rest.pop(0)))
-        if not float(dt) * float(now.dt) > 0:
+            parameters[self.free] += binding.number(Fraction(further_increments.pop(0)))
+        if not float(dt) * float(guess.dt) > 0:
             return None
-        z = now.z + binding.converted(B @ increment[:dim])
+        z = guess.z + binding.converted(B @ increment[:dim])
         n = self.stepper.n
         try:
             q, p = self.stepper.project(z[:n], z[n:], parameters=parameters, t=self.t0)
-            return self._evaluated(q, p, dt, parameters)
+            return self._evaluate(q, p, dt, parameters)
         except GyrosparkError:  # no constraints, or no step, that far away: half as far
             return None
 
-    def _evaluated(self, q: Array, p: Array, dt: Any, parameters: dict[str, Any]) -> Guess:
+    def _evaluate(self, q: Array, p: Array, dt: Any, parameters: dict[str, Any]) -> Guess:
         run = self.stepper.integrate(
             Start(q, p, parameters, self.t0), dt=dt, steps=self.steps, every=self.steps,
             tangents=Tangents(start="all", dt=True,
                               parameters=() if self.free is None else (self.free,)))
         assert run.tangents is not None
-        start, end = (np.concatenate(state) for state in ((run.q[0], run.p[0]), self._kept(run)))
+        start, end = (np.concatenate(state) for state in ((run.q[0], run.p[0]),
+                                                          self._projected_end(run)))
         return Guess(start, dt, parameters, end - start, run.tangents)
 
-    def _kept(self, run: Trajectory) -> tuple[Array, Array]:
-        """Return the end on the constraints, which some schemes keep of g alone."""
+    def _projected_end(self, run: Trajectory) -> tuple[Array, Array]:
+        """Return the last (q, p), projected onto f = 0 where the scheme keeps g = 0 alone."""
         if self.stepper.manifest.scheme.keeps_momentum_constraint:
             return run.q[-1], run.p[-1]
         return self.stepper.project(run.q[-1], run.p[-1], parameters=run.parameters, t=run.t[-1])
 
-    def _tangents(self, now: Guess) -> tuple[Array, Array, Array, Array]:
+    def _tangents(self, guess: Guess) -> tuple[Array, Array, Array, Array]:
         """Return Φ'B, B, ∂Φ^N/∂h, and the derivatives of start and end by the free parameter."""
-        names, start = now.tangents.names, now.tangents.start.astype(float)
-        end = np.concatenate([now.tangents.q[-1], now.tangents.p[-1]]).astype(float)
+        names, start = guess.tangents.names, guess.tangents.start.astype(float)
+        end = np.concatenate([guess.tangents.q[-1], guess.tangents.p[-1]]).astype(float)
         dim, k = 2 * (self.stepper.n - self.stepper.m), names.index(self.free or "dt")
         if not self.stepper.manifest.scheme.keeps_momentum_constraint:
             binding, n = self.stepper._derivative_binding(), self.stepper.n
-            z = now.z + now.gap
-            end = tangent_projection(binding, binding.own.parameters(now.parameters, self.t0),
+            z = guess.z + guess.gap
+            end = tangent_projection(binding, binding.own.parameters(guess.parameters, self.t0),
                                      z[:n].copy(), z[n:].copy())[1] @ end
         return (end[:, :dim], start[:, :dim], end[:, names.index("dt")],
                 np.array([start[:, k], end[:, k]]))
@@ -347,51 +352,54 @@ class OrbitSearch:
             return self.stepper.energy(z[:n], z[n:], parameters=parameters, t=self.t0)[()]
         return z[self._names().index(name)]
 
-    def _slope(self, name: str, now: Guess, D: Array) -> Array:
-        """Return the derivative of what is fixed by the unknowns, of the energy by differences."""
+    def _slope(self, name: str, guess: Guess, D: Array) -> Array:
+        """Return the derivatives of a fixed quantity by the unknowns; of the energy by differences.
+        """
         if name != "energy":
-            found: Array = D[self._names().index(name)]
-            return found
-        n, scale = self.stepper.n, 1e-5 * self._scale(now)
+            slope: Array = D[self._names().index(name)]
+            return slope
+        n, scale = self.stepper.n, 1e-5 * self._scale(guess)
         sizes = scale / np.maximum(np.linalg.norm(D, axis=0), 1e-300)
         sizes[np.linalg.norm(D, axis=0) == 0] = 0
         z = self.stepper.binding.converted((D * sizes).T)
-        rows = np.concatenate([now.z + z, now.z - z])
-        H = self.stepper.energy(rows[:, :n], rows[:, n:], parameters=now.parameters, t=self.t0)
+        states = np.concatenate([guess.z + z, guess.z - z])
+        H = self.stepper.energy(states[:, :n], states[:, n:], parameters=guess.parameters,
+                                t=self.t0)
         k = D.shape[1]
         difference = (H[:k] - H[k:]).astype(float)
         slopes: Array = np.divide(difference, 2 * sizes, out=np.zeros(k), where=sizes > 0)
         if self.free is not None:
-            slopes[-1] += self._energy_by_parameter(now)
+            slopes[-1] += self._energy_by_parameter(guess)
         return slopes
 
-    def _energy_by_parameter(self, now: Guess) -> float:
-        value = float(now.parameters[self.free or ""])
-        size = 1e-5 * (abs(value) or 1.0)
-        both = [float(self._value("energy", now.z, now.parameters | {
-            self.free or "": now.parameters[self.free or ""] + sign * size})) for sign in (1, -1)]
-        return (both[0] - both[1]) / (2 * size)
+    def _energy_by_parameter(self, guess: Guess) -> float:
+        value = float(guess.parameters[self.free or ""])
+        increment = 1e-5 * (abs(value) or 1.0)
+        energies = [float(self._value("energy", guess.z, guess.parameters | {
+            self.free
+            or "": guess.parameters[self.free or ""] + sign * increment})) for sign in (1, -1)]
+        return (energies[0] - energies[1]) / (2 * increment)
 
     def _names(self) -> list[str]:
         system = self.stepper.manifest.system
         return [*system.coordinates, *system.momenta]
 
-    def _scale(self, now: Guess) -> float:
-        return max(float(np.linalg.norm(now.z.astype(float))), 1e-300)
+    def _scale(self, guess: Guess) -> float:
+        return max(float(np.linalg.norm(guess.z.astype(float))), 1e-300)
 
-    def _off(self, now: Guess) -> float:
-        """Return how far what is fixed is from where it was, in parts of it."""
-        found = 0.0
-        for name, wanted in self.wanted.items():
-            value = float(self._value(name, now.z, now.parameters) - wanted)
-            found = max(found, abs(value) / max(abs(float(wanted)), self._scale(now)))
-        return found
+    def _fixed_residual(self, guess: Guess) -> float:
+        """Return the largest relative change of a fixed quantity since the start."""
+        largest = 0.0
+        for name, fixed_value in self.fixed_values.items():
+            change = float(self._value(name, guess.z, guess.parameters) - fixed_value)
+            largest = max(largest, abs(change) / max(abs(float(fixed_value)), self._scale(guess)))
+        return largest
 
-    def _residual(self, now: Guess) -> float:
-        return math.hypot(now.size, self._off(now) * self._scale(now))
+    def _residual(self, guess: Guess) -> float:
+        return math.hypot(guess.size, self._fixed_residual(guess) * self._scale(guess))
 
-    def _result(self, now: Guess, sizes: list[float]) -> PeriodicOrbit:
-        Phi, B, *_ = self._tangents(now)
+    def _result(self, guess: Guess, gaps: list[float]) -> PeriodicOrbit:
+        Phi, B, *_ = self._tangents(guess)
         M = B.T @ Phi
         omega = B.T @ canonical_form(self.stepper.n) @ B
         defect = float(np.abs(M.T @ omega @ M - omega).max() / max(np.abs(M).max(), 1.0) ** 2)
@@ -399,14 +407,21 @@ class OrbitSearch:
         order = np.lexsort((-multipliers.imag, np.round(multipliers.real, 6),
                             -np.round(np.abs(multipliers), 6)))
         return PeriodicOrbit(
-            now.z[: self.stepper.n], now.z[self.stepper.n :], now.dt, self.steps, now.parameters,
-            self.t0, multipliers[order], M, B, defect, len(sizes) - 1, tuple(sizes), self.stepper)
+            guess.z[: self.stepper.n], guess.z[self.stepper.n :], guess.dt, self.steps,
+            guess.parameters,
+            self.t0, multipliers[order], M, B, defect, len(gaps) - 1, tuple(gaps), self.stepper)
 
 
 def _fixed(
-    stepper: Stepper, fix: str | Sequence[str] | None, free: str | None, *, timed: bool
+    stepper: Stepper, fix: str | Sequence[str] | None, free: str | None, *, time_dependent: bool
 ) -> tuple[str, ...]:
-    """Return what is fixed, checked."""
+    """Return the names of the fixed quantities.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, and for a time-dependent system whose period is not fixed.
+    """
     names = () if fix is None else (fix,) if isinstance(fix, str) else tuple(
         as_items("fix", fix, "names"))
     system = stepper.manifest.system
@@ -414,7 +429,7 @@ def _fixed(
     for name in names:
         if not isinstance(name, str) or name not in allowed:
             raise unknown("name in fix", name, allowed)
-    if timed and "period" not in names:
+    if time_dependent and "period" not in names:
         raise InputError(f"fix = {shown(fix)} leaves the period free, but {stepper.name} depends "
                          "on time: its orbits have the period of what drives it; give "
                          "fix='period'.")

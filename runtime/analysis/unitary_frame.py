@@ -43,31 +43,35 @@ class UnitaryFrame:
         self, binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array
     ) -> None:
         n = binding.n
-        rows, onto = tangent_projection(binding, binding.own.parameters(parameters, t), q, p)
-        sizes, axes = np.linalg.eigh(_inverse_mass(binding, parameters, t, q, p))
-        sizes = np.abs(sizes)
-        roots = np.sqrt(np.maximum(sizes, max(_LEAST * sizes.max(), np.finfo(float).tiny)))
-        root, inverse = (axes * roots) @ axes.T, (axes / roots) @ axes.T
+        constraint_rows, projection = tangent_projection(binding,
+                                                         binding.own.parameters(parameters, t), q,
+                                                         p)
+        eigenvalues, axes = np.linalg.eigh(_inverse_mass(binding, parameters, t, q, p))
+        eigenvalues = np.abs(eigenvalues)
+        eigenvalue_roots = np.sqrt(np.maximum(eigenvalues,
+                                              max(_LEAST * eigenvalues.max(),
+                                                  np.finfo(float).tiny)))
+        root, inverse = (axes * eigenvalue_roots) @ axes.T, (axes / eigenvalue_roots) @ axes.T
         to_unit, from_unit = _blocks(inverse, root), _blocks(root, inverse)
-        normals = (rows @ from_unit).T
+        normals = (constraint_rows @ from_unit).T
         basis = np.linalg.qr(normals, mode="complete")[0][:, normals.shape[1] :]
         W = basis.T @ canonical_form(n) @ basis
-        _, stretches, turns = np.linalg.svd(W)
-        root = (turns.T * np.sqrt(stretches)) @ turns
-        inverse = (turns.T / np.sqrt(stretches)) @ turns
+        _, stretches, rotations = np.linalg.svd(W)
+        root = (rotations.T * np.sqrt(stretches)) @ rotations
+        inverse = (rotations.T / np.sqrt(stretches)) @ rotations
         self.J = inverse @ W @ inverse
-        self._to = root @ basis.T @ to_unit @ onto
+        self._to = root @ basis.T @ to_unit @ projection
         self._from = from_unit @ basis @ inverse
 
     def coordinates(self, directions: Array) -> Array:
         """Return c of directions (rows q and p, a column each), projected onto the space."""
-        found: Array = self._to @ directions.astype(float)
-        return found
+        coordinates: Array = self._to @ directions.astype(float)
+        return coordinates
 
     def directions(self, c: Array) -> Array:
         """Return the directions with these coordinates."""
-        found: Array = self._from @ c
-        return found
+        directions: Array = self._from @ c
+        return directions
 
 
 def tangent_projection(
@@ -75,25 +79,25 @@ def tangent_projection(
 ) -> tuple[Array, Array]:
     """Return the normals of the tangent space, 2 m rows, and the projection onto it, in double.
 
-    It moves dq along Gᵀ and then dp along Gᵀ: so does ``project`` with states, and Ω of directions
-    with G dq = 0 does not change. IMS and EMS need it, whose steps keep g and not f.
+    Like ``project`` with states, it moves dq along Gᵀ and then dp along Gᵀ; Ω of directions with
+    G dq = 0 does not change. IMS and EMS need it: their steps keep g = 0 but not f = 0.
     """
     n = binding.n
-    g, f = (rows[:, : 2 * n].astype(float)
-            for rows in binding.constraint_derivatives(parameters, q, p))
+    g, f = (derivatives[:, : 2 * n].astype(float)
+            for derivatives in binding.constraint_derivatives(parameters, q, p))
     G, unit = g[:, :n], np.eye(n)
-    along = unit - G.T @ np.linalg.solve(G @ G.T, G)
+    position_projection = unit - G.T @ np.linalg.solve(G @ G.T, G)
     lift = G.T @ np.linalg.inv(f[:, n:] @ G.T)
-    onto = _blocks(along, unit - lift @ f[:, n:])
-    onto[n:, :n] = -lift @ f[:, :n] @ along
-    return np.concatenate([g, f]), onto
+    projection = _blocks(position_projection, unit - lift @ f[:, n:])
+    projection[n:, :n] = -lift @ f[:, :n] @ position_projection
+    return np.concatenate([g, f]), projection
 
 
 def canonical_form(n: int) -> Array:
     """Return Ω with Ω(u, v) = u_q·v_p − u_p·v_q, shape (2 n, 2 n)."""
-    found = np.zeros((2 * n, 2 * n))
-    found[:n, n:], found[n:, :n] = np.eye(n), -np.eye(n)
-    return found
+    form = np.zeros((2 * n, 2 * n))
+    form[:n, n:], form[n:, :n] = np.eye(n), -np.eye(n)
+    return form
 
 
 def isotropic_flag(J: Array, seed: int = 0) -> Array:
@@ -103,22 +107,22 @@ def isotropic_flag(J: Array, seed: int = 0) -> Array:
     matrix keeps this, so that the diagonal of R in its QR decomposition is pairs r, 1/r. The
     directions are random, for no exponent shall be missed.
     """
-    size, random, found = len(J), np.random.default_rng(seed), list[Array]()
+    size, random, vectors = len(J), np.random.default_rng(seed), list[Array]()
     for _ in range(size // 2):
         v = random.standard_normal(size)
         for _twice in range(2):
-            for u in found:
+            for u in vectors:
                 v -= u * (u @ v) + J @ u * ((J @ u) @ v)
-        found.append(v / np.linalg.norm(v))
-    return np.array([*found, *(J @ v for v in reversed(found))]).T.reshape(size, size)
+        vectors.append(v / np.linalg.norm(v))
+    return np.array([*vectors, *(J @ v for v in reversed(vectors))]).T.reshape(size, size)
 
 
 def _blocks(first: Array, second: Array) -> Array:
     """Return the matrix with two square blocks of equal size on its diagonal."""
     n = len(first)
-    found = np.zeros((2 * n, 2 * n))
-    found[:n, :n], found[n:, n:] = first, second
-    return found
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[:n, :n], matrix[n:, n:] = first, second
+    return matrix
 
 
 def _inverse_mass(
@@ -126,15 +130,15 @@ def _inverse_mass(
 ) -> Array:
     """Return H_pp by second differences, exact but for rounding where H is quadratic in p."""
     primal, n = binding.primal, binding.n
-    size = float(np.abs(p.astype(float)).max(initial=0.0)) or 1.0
-    moves = [np.zeros(n), *np.eye(n)]
+    p_scale = float(np.abs(p.astype(float)).max(initial=0.0)) or 1.0
+    momentum_changes = [np.zeros(n), *np.eye(n)]
     pairs = [(i, j) for i in range(n) for j in range(i + 1)]
-    moves += [moves[i + 1] + moves[j + 1] for i, j in pairs]
-    rows = primal.converted(np.array(moves) * size) + p
-    H = primal.hamiltonian(primal.parameters(parameters, t), np.repeat(q[None], len(rows), axis=0),
-                           rows)
+    momentum_changes += [momentum_changes[i + 1] + momentum_changes[j + 1] for i, j in pairs]
+    momenta = primal.converted(np.array(momentum_changes) * p_scale) + p
+    H = primal.hamiltonian(primal.parameters(parameters, t),
+                           np.repeat(q[None], len(momenta), axis=0), momenta)
     H = (H - H[0]).astype(float)
-    found = np.zeros((n, n))
+    inverse_mass = np.zeros((n, n))
     for (i, j), value in zip(pairs, H[n + 1 :], strict=True):
-        found[i, j] = found[j, i] = (value - H[i + 1] - H[j + 1]) / size**2
-    return found
+        inverse_mass[i, j] = inverse_mass[j, i] = (value - H[i + 1] - H[j + 1]) / p_scale**2
+    return inverse_mass

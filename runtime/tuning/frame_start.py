@@ -46,7 +46,7 @@ _RANK = 1e-9
 
 
 class Direction:
-    """A rate that may be chosen: of one symmetry, or of three rotations of space about l.
+    """A free rate of the frame: of one symmetry, or of three rotations of space about l.
 
     Attributes
     ----------
@@ -65,22 +65,25 @@ class Direction:
 def directions_of(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Any]
 ) -> list[Direction]:
-    """Return the rates that may be chosen for a start: those of symmetries that hold there."""
-    place, momenta = (np.array(x, dtype=float) for x in (q, p))
-    found = []
+    """Return the free rates of the frame: one per symmetry group that holds at the parameters.
+
+    Three rotations share one rate, along their momenta l; none if l = 0.
+    """
+    position, momenta = (np.array(x, dtype=float) for x in (q, p))
+    directions = []
     for _, group in groupby(stepper.symmetries, key=lambda symmetry: symmetry.group):
-        together = list(group)
-        if not all(symmetry.holds(parameters) for symmetry in together):
+        symmetries = list(group)
+        if not all(symmetry.holds(parameters) for symmetry in symmetries):
             continue
         weights = np.ones(1)
-        if len(together) > 1:
-            weights = np.array([symmetry.momentum(place, momenta) for symmetry in together])
+        if len(symmetries) > 1:
+            weights = np.array([symmetry.momentum(position, momenta) for symmetry in symmetries])
             size = float(np.linalg.norm(weights))
             if size == 0:
                 continue
             weights = weights / size
-        found.append(Direction(together, weights))
-    return found
+        directions.append(Direction(symmetries, weights))
+    return directions
 
 
 class Velocities:
@@ -98,13 +101,13 @@ class Velocities:
         n, x = self._stepper.n, np.zeros(self._stepper.unknowns)
         if self._ends:
             x[: 2 * n] = [*q, *p]
-        found = self._stepper.residual(x, q, p, dt=1.0, parameters=self._parameters, t=self._t)
-        return -np.array(found[:n], dtype=float)
+        residual = self._stepper.residual(x, q, p, dt=1.0, parameters=self._parameters, t=self._t)
+        return -np.array(residual[:n], dtype=float)
 
     def acceleration(self, q: ArrayLike, p: ArrayLike, dt: Any) -> Array | None:
-        """Return q̈, by a difference of H_p over a small part of a step.
+        """Return q̈ by a difference of H_p over a small part of a step.
 
-        None where that step can't be taken: the run itself then says why.
+        None if that step fails: the run itself then raises the error.
         """
         step, h = self._stepper, float(dt) * self.epsilon ** (1 / 3)
         try:
@@ -120,54 +123,57 @@ class Velocities:
         size = float(np.abs(p).max()) or 1.0
         steps = size * np.eye(len(p))
         H_pp = np.array([self(q, p + e) - self(q, p - e) for e in steps]) / (2 * size)
-        values, vectors = np.linalg.eigh((H_pp + H_pp.T) / 2)
-        usable = values > 1e-12 * max(values.max(), 0.0)
-        return np.asarray((vectors[:, usable] / np.sqrt(values[usable])).T)
+        eigenvalues, eigenvectors = np.linalg.eigh((H_pp + H_pp.T) / 2)
+        usable = eigenvalues > 1e-12 * max(eigenvalues.max(), 0.0)
+        return np.asarray((eigenvectors[:, usable] / np.sqrt(eigenvalues[usable])).T)
 
 
 def least_squares(
     velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike
 ) -> Array:
-    """Return the rates for which least is left over of H_p, over all rows of q and p."""
-    rows, wanted = [], []
-    for place, momenta in zip(np.atleast_2d(np.array(q, dtype=float)),
-                              np.atleast_2d(np.array(p, dtype=float)), strict=True):
-        root = velocities.root_of_mass(place, momenta)
-        rows.append(root @ np.stack([d.A @ place for d in directions], axis=1))
-        wanted.append(root @ velocities(place, momenta))
-    found, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=_RANK)
-    return np.asarray(found)
+    """Return the ω that minimises Σ |W (H_p − Σ ω_i A_i q)|² over all rows of q and p."""
+    matrices, right_sides = [], []
+    for position, momenta in zip(np.atleast_2d(np.array(q, dtype=float)),
+                                 np.atleast_2d(np.array(p, dtype=float)), strict=True):
+        root = velocities.root_of_mass(position, momenta)
+        matrices.append(root @ np.stack([d.A @ position for d in directions], axis=1))
+        right_sides.append(root @ velocities(position, momenta))
+    rates, *_ = np.linalg.lstsq(np.concatenate(matrices), np.concatenate(right_sides), rcond=_RANK)
+    return np.asarray(rates)
 
 
 def start_rates(
     velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike, dt: Any
 ) -> tuple[Array, list[int]]:
-    """Return the least squares of a state, and which directions are left out, with rate 0."""
-    place, momenta = (np.array(x, dtype=float) for x in (q, p))
-    root, velocity = velocities.root_of_mass(place, momenta), velocities(place, momenta)
-    columns = root @ np.stack([d.A @ place for d in directions], axis=1)
+    """Return the least squares rates of a state, and the directions left out, with rate 0.
 
-    def without(left_out: list[int]) -> Array:
-        kept = [i for i in range(len(directions)) if i not in left_out]
-        found = np.zeros(len(directions))
-        found[kept] = np.linalg.lstsq(columns[:, kept], root @ velocity, rcond=_RANK)[0]
-        return found
+    Directions are left out one by one while this more than halves the acceleration in the frame.
+    """
+    position, momenta = (np.array(x, dtype=float) for x in (q, p))
+    root, velocity = velocities.root_of_mass(position, momenta), velocities(position, momenta)
+    columns = root @ np.stack([d.A @ position for d in directions], axis=1)
 
-    def size(rates: Array) -> float:
+    def rates_without(left_out: list[int]) -> Array:
+        chosen = [i for i in range(len(directions)) if i not in left_out]
+        rates = np.zeros(len(directions))
+        rates[chosen] = np.linalg.lstsq(columns[:, chosen], root @ velocity, rcond=_RANK)[0]
+        return rates
+
+    def acceleration_norm(rates: Array) -> float:
         """Return the norm of the acceleration in a frame, in the metric of the kinetic energy."""
         turn = sum((w * d.A for w, d in zip(rates, directions, strict=True)), 0 * directions[0].A)
         return float(np.linalg.norm(root @ (
-            acceleration - 2 * turn @ velocity + turn @ (turn @ place))))
+            acceleration - 2 * turn @ velocity + turn @ (turn @ position))))
 
     left_out: list[int] = []
-    rates, acceleration = without(left_out), velocities.acceleration(q, p, dt)
+    rates, acceleration = rates_without(left_out), velocities.acceleration(q, p, dt)
     if acceleration is None:
         return rates, left_out
     noise = _NOISE * velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
     while len(left_out) < len(directions):
-        others = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
-        best = min(others, key=lambda other: size(without(other)))
-        if size(rates) <= _FASTER * size(without(best)) + noise:
+        candidates = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
+        best = min(candidates, key=lambda candidate: acceleration_norm(rates_without(candidate)))
+        if acceleration_norm(rates) <= _FASTER * acceleration_norm(rates_without(best)) + noise:
             break
-        rates, left_out = without(best), best
+        rates, left_out = rates_without(best), best
     return rates, left_out

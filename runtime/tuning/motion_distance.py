@@ -1,10 +1,11 @@
-"""How far one motion is from another, path by path: of each body's axes, and of points.
+"""The distance of one motion from another, path by path: of each body's axes, and of points.
 
-A unit quaternion q beside q_ref is turned by φ = 2 L(q_ref)(q − q_ref) in body axes (exact where
-both have one norm, whose difference L(q_ref) leaves out). The path of the body's axis i in space
-is then off by √(φ_j² + φ_k²), j and k the two other axes. Three paths a body tell what one angle
-hides: a top's axis, which carries its centre of mass, may be a thousand times more exact than its
-spin. What stands between quaternions are positions: each block of them is the path of a point.
+A unit quaternion q differs from q_ref by the rotation φ = 2 L(q_ref)(q − q_ref) in body axes (exact
+if both have the same norm; L(q_ref) removes the difference of the norms). The path of the body's
+axis i in space then differs by √(φ_j² + φ_k²), j and k the two other axes. Three paths per body
+show more than one angle: a top's axis, which carries its centre of mass, may be a thousand times
+more exact than its spin. Coordinates between quaternions are positions: each block of them is the
+path of a point.
 """
 
 from __future__ import annotations
@@ -34,10 +35,10 @@ class MotionError:
         coordinate of their point.
     """
 
-    def __init__(self, reference: Array, like: Array) -> None:
-        """Compare with ``reference``; ``like`` is a run, whose quaternions have norm 1."""
-        self.reference, rows = reference, np.asarray(like, dtype=float)
-        self.quaternions, points = _blocks(rows)
+    def __init__(self, reference: Array, run_states: Array) -> None:
+        """Compare with ``reference``; ``run_states`` are q of a run, with quaternions of norm 1."""
+        self.reference, states = reference, np.asarray(run_states, dtype=float)
+        self.quaternions, points = _blocks(states)
         self.turning = list(range(3 * len(self.quaternions)))
         self.paths = [[column for column in range(3 * body, 3 * body + 3) if column != 3 * body + i]
                       for body in range(len(self.quaternions)) for i in range(3)]
@@ -46,16 +47,16 @@ class MotionError:
             self.paths.append(list(range(first, first + len(point))))
             first += len(point)
         self._points = [i for point in points for i in point]
-        largest = np.abs(rows).max(axis=0, initial=0)
+        largest = np.abs(states).max(axis=0, initial=0)
         self._reach = np.array([largest[point].max() or 1.0 for point in points for _ in point])
 
     def __call__(self, q: Array) -> Array:
         """Return the differences of a motion's rows from the reference, one column a component."""
         change = np.asarray(q - self.reference, dtype=float)  # float128: subtracted in full first
-        place = np.asarray(self.reference, dtype=float)
-        turns = [2 * np.einsum("kij,kj->ki", left_matrix(place[:, at]), change[:, at])
-                 for at in self.quaternions]
-        return np.concatenate([*turns, change[:, self._points] / self._reach], axis=1)
+        position = np.asarray(self.reference, dtype=float)
+        angles = [2 * np.einsum("kij,kj->ki", left_matrix(position[:, columns]), change[:, columns])
+                  for columns in self.quaternions]
+        return np.concatenate([*angles, change[:, self._points] / self._reach], axis=1)
 
 
 def distances(errors: Array, paths: list[list[int]]) -> Array:
@@ -77,14 +78,15 @@ def _blocks(q: Array) -> tuple[list[slice], list[list[int]]]:
     """
     quaternions: list[slice] = []
     points: list[list[int]] = []
-    i, n, new = 0, q.shape[1], True
-    while i < n:
-        if i + 4 <= n and np.abs((q[:, i : i + 4] ** 2).sum(axis=1) - 1).max() < 1e-4:
-            quaternions.append(slice(i, i + 4))
-            i, new = i + 4, True
+    column, n, starts_point = 0, q.shape[1], True
+    while column < n:
+        if column + 4 <= n and np.abs((q[:, column : column + 4] ** 2).sum(axis=1)
+                                      - 1).max() < 1e-4:
+            quaternions.append(slice(column, column + 4))
+            column, starts_point = column + 4, True
             continue
-        if new:
+        if starts_point:
             points.append([])
-        points[-1].append(i)
-        i, new = i + 1, False
+        points[-1].append(column)
+        column, starts_point = column + 1, False
     return quaternions, points

@@ -140,11 +140,11 @@ class Pilots:
             If the refined runs of neither converge.
         """
         plain = self._reference(base)
-        moved = None if np.array_equal(start, base) else self._reference(start)
+        in_frame = None if np.array_equal(start, base) else self._reference(start)
         reference = plain
-        if moved is not None and (plain is None or (
-                moved.change < plain.change and self._agrees(plain, moved, self.run(base)))):
-            reference = moved
+        if in_frame is not None and (plain is None or (
+                in_frame.change < plain.change and self._agrees(plain, in_frame, self.run(base)))):
+            reference = in_frame
         if reference is None:
             self.stepper._run(self.stepper._checked_run(self.arguments.refined(8)))  # raises
             raise AssertionError("a step that failed has not failed again")
@@ -173,18 +173,18 @@ class Pilots:
         return _Reference(motion, error, _total(change), root_mean_squares(change, error.paths),
                           runs[-1])
 
-    def _agrees(self, plain: _Reference, moved: _Reference, run: Trajectory | None) -> bool:
+    def _agrees(self, plain: _Reference, in_frame: _Reference, run: Trajectory | None) -> bool:
         distance, error = (0.0 if q is None else _total(plain.error(np.asarray(q))[1:])
-                           for q in (moved.motion, None if run is None else run.q))
+                           for q in (in_frame.motion, None if run is None else run.q))
         return distance <= max(_AGREES * plain.change, _SMALL * error)
 
     # ------------------------------------------------------------ errors
 
     def measure(self, label: str, x: Array) -> int:
-        """Return the number of the pilot run of a trial, made now if it is new."""
-        for number, trial in enumerate(self.trials):
+        """Return the index of the pilot run of a trial; the run is integrated if it is new."""
+        for index, trial in enumerate(self.trials):
             if np.array_equal(x, trial):
-                return number
+                return index
         run = self.run(x)
         self.trials.append(x)
         self._labels.append(label)
@@ -193,91 +193,93 @@ class Pilots:
             np.asarray(run.energy_error()[1:], dtype=float)[:, None]))
         return len(self.trials) - 1
 
-    def errors(self, number: int, part: slice | None = None) -> Array | None:
-        """Return the errors that the search makes small, by rows and columns; None: it failed."""
-        both = self._errors[number]
-        if both is None:
+    def errors(self, index: int, rows: slice | None = None) -> Array | None:
+        """Return the errors that the search minimises, (rows, columns); None if the run failed."""
+        errors = self._errors[index]
+        if errors is None:
             return None
-        return both[self.aim == "energy"][: self.rows][part or slice(None)]
+        return errors[self.aim == "energy"][: self.rows][rows or slice(None)]
 
-    def sizes(self, number: int, part: slice | None = None) -> Array:
+    def sizes(self, index: int, rows: slice | None = None) -> Array:
         """Return the root mean square error of each path; infinite if the run failed."""
-        errors = self.errors(number, part)
+        errors = self.errors(index, rows)
         return root_mean_squares(errors, self.paths) if errors is not None else np.full(
             len(self.paths), math.inf)
 
-    def largest(self, number: int, part: slice | None = None) -> float:
+    def largest(self, index: int, rows: slice | None = None) -> float:
         """Return the largest of ``sizes``."""
-        return float(self.sizes(number, part).max())
+        return float(self.sizes(index, rows).max())
 
     @property
-    def searched(self) -> slice:
-        """The rows that searches look at: of rates, which are many, the first half."""
+    def searched_rows(self) -> slice:
+        """Rows whose errors a search minimises: the first half with rates, which would overfit."""
         return slice(0, (self.rows + 1) // 2 if self.directions else self.rows)
 
-    def is_round_off(self, number: int) -> bool:
+    def is_round_off(self, index: int) -> bool:
         """Whether the error of every path is round-off."""
-        return bool((self.sizes(number) <= _ROUND_OFF * self.doubt).all())
+        return bool((self.sizes(index) <= _ROUND_OFF * self.doubt).all())
 
-    def is_clear(self, number: int, base: int = 0) -> bool:
+    def is_clear(self, index: int, base: int = 0) -> bool:
         """Return whether the error of every path is well below the base's.
 
         1.05 (e + δ) ≤ e_base − δ over all rows, δ the uncertainty; for a longer run also
         e + δ ≤ e_base − δ over the second, third and fourth quarter. Where the base's error is
         round-off, e may be that.
         """
-        if self.largest(number) * _CLEAR > self.largest(base):
+        if self.largest(index) * _CLEAR > self.largest(base):
             return False
-        near = self.sizes(base) <= 2 * _ROUND_OFF * self.rounding
+        base_is_round_off = self.sizes(base) <= 2 * _ROUND_OFF * self.rounding
         quarters = np.array_split(np.arange(self.rows), 4)[1:] if self.longer else []
-        for factor, part in ((_CLEAR, None), *((1.0, slice(rows[0], rows[-1] + 1))
-                                               for rows in quarters if len(rows))):
-            plain = self.sizes(base, part)
-            bound = np.where(near, np.maximum(plain, _ROUND_OFF * self.rounding) + self.rounding,
-                             (plain - self.doubt) / factor - self.doubt)
-            if not (self.sizes(number, part) <= bound).all():
+        for factor, rows in ((_CLEAR, None), *((1.0, slice(quarter[0], quarter[-1] + 1))
+                                               for quarter in quarters if len(quarter))):
+            base_sizes = self.sizes(base, rows)
+            bound = np.where(base_is_round_off,
+                             np.maximum(base_sizes, _ROUND_OFF * self.rounding) + self.rounding,
+                             (base_sizes - self.doubt) / factor - self.doubt)
+            if not (self.sizes(index, rows) <= bound).all():
                 return False
         return True
 
-    def gain(self, number: int) -> float:
+    def gain(self, index: int) -> float:
         """Return the largest error of the base over the largest error of a run."""
-        if number == 0:
+        if index == 0:
             return 1.0
-        return self.largest(0) / max(self.largest(number), self.rounding)
+        return self.largest(0) / max(self.largest(index), self.rounding)
 
     def pilots(self) -> tuple[Pilot, ...]:
-        """Return all runs but those for differences, as callers see them."""
-        return tuple(self.pilot(number) for number, label in enumerate(self._labels)
+        """Return the records of all runs except those for differences."""
+        return tuple(self.pilot(index) for index, label in enumerate(self._labels)
                      if label != DIFFERENCE)
 
-    def pilot(self, number: int) -> Pilot:
-        """Return a run as callers see it."""
-        both, label, values = (self._errors[number], self._labels[number],
-                               self.parameters(self.trials[number]))
+    def pilot(self, index: int) -> Pilot:
+        """Return the record of a run."""
+        errors, label, parameters = (self._errors[index], self._labels[index],
+                                     self.parameters(self.trials[index]))
         dt = float(self.arguments.dt)
-        if both is None:
-            return Pilot(label, values, dt, math.inf, math.inf, math.inf)
-        paths, base, worst = self._motion.paths, self._errors[0], math.nan
-        motion = root_mean_squares(both[0][: self.rows], paths)
-        if base is not None:
-            plain = root_mean_squares(base[0][: self.rows], paths)
-            worst = float((motion[plain > 0] / plain[plain > 0]).max(initial=-math.inf))
-        return Pilot(label, values, dt, float(motion.max()),
+        if errors is None:
+            return Pilot(label, parameters, dt, math.inf, math.inf, math.inf)
+        paths, base_errors, worst = self._motion.paths, self._errors[0], math.nan
+        motion = root_mean_squares(errors[0][: self.rows], paths)
+        if base_errors is not None:
+            base_sizes = root_mean_squares(base_errors[0][: self.rows], paths)
+            worst = float((motion[base_sizes > 0]
+                           / base_sizes[base_sizes > 0]).max(initial=-math.inf))
+        return Pilot(label, parameters, dt, float(motion.max()),
                      worst if math.isfinite(worst) else math.nan,
-                     float(root_mean_squares(both[1], [[0]])[0]))
+                     float(root_mean_squares(errors[1], [[0]])[0]))
 
-    def lost(self, number: int, angle: float) -> int:
-        """Return the rows before an attitude is off by so many rad."""
-        both = self._errors[number]
-        if both is None:
+    def rows_before(self, index: int, angle: float) -> int:
+        """Return the number of rows before an attitude differs by more than ``angle``, in rad."""
+        errors = self._errors[index]
+        if errors is None:
             return self.rows
-        off = np.abs(both[0][:, self._motion.turning]).max(axis=1, initial=0) > angle
-        return int(off.argmax()) if off.any() else self.rows
+        exceeds = np.abs(errors[0][:, self._motion.turning]).max(axis=1, initial=0) > angle
+        return int(exceeds.argmax()) if exceeds.any() else self.rows
 
-    def quarters(self, number: int) -> Array:
+    def quarters(self, index: int) -> Array:
         """Return the error of each path in each quarter of the rows, shape (4, paths)."""
-        return np.array([self.sizes(number, slice(rows[0], rows[-1] + 1))
-                         for rows in np.array_split(np.arange(self.rows), 4)])
+        return np.array([self.sizes(index, slice(quarter[0], quarter[-1] + 1))
+                         for quarter in np.array_split(np.arange(self.rows), 4)])
 
 
 def _total(errors: Array) -> float:

@@ -7,9 +7,9 @@ runs alone, over their first half. Chosen is the smallest of the largest error o
 trials whose error is well below the base's on every path (``Pilots.is_clear``): no axis and no
 point is sacrificed. Otherwise the base stays, γ_m without a frame.
 
-What pilot runs cannot tell of γ: where the base is off by more than 0.3 rad no law is linear, and
-rows are left out; where its error does not grow like t (a motion slower than the pilot runs, or a
-chaotic one) nothing follows for a run that is longer.
+Limits of the search for γ: rows at which the base is off by more than 0.3 rad are left out, because
+the error is not linear in 1/γ there. If the error of the base does not grow like t (a motion slower
+than the pilot runs, or a chaotic one), γ_m stays for longer runs.
 """
 
 from __future__ import annotations
@@ -81,60 +81,66 @@ class Search:
         return np.concatenate([rates, np.ones(len(self.moments))])
 
     def best(self) -> tuple[int, str]:
-        """Return the number of the best pilot run, and why; the base is run 0."""
+        """Return the index of the best pilot run, and the reason for it; the base is run 0."""
         pilots, name = self.pilots, "no frame" if self.rates else self._symbol("γ_m")
         finest = pilots.set_reference(self.base, self.start)
         base = pilots.measure(name, self.base)
         if pilots.is_round_off(base):
             return base, f"{name}: the error is round-off"
-        tried = [base]
+        trials = [base]
         if self.rates:
-            tried.append(pilots.measure("least squares of the start", self.start))
-            if pilots.is_round_off(tried[1]) and pilots.is_clear(tried[1]):
-                return tried[1], "least squares of the start: the error is round-off"
-            tried += [pilots.measure(*pair) for pair in self._frames(finest)]
-        best, why = self._choose(tried), ""
+            trials.append(pilots.measure("least squares of the start", self.start))
+            if pilots.is_round_off(trials[1]) and pilots.is_clear(trials[1]):
+                return trials[1], "least squares of the start: the error is round-off"
+            trials += [pilots.measure(*pair) for pair in self._frames(finest)]
+        best, gamma_reason = self._choose(trials), ""
         if self.moments:
-            why = self._why_gamma_stays(best)
-            self.free = self.rates if why else self.free
-            tried += [] if why else [pilots.measure(*pair) for pair in self._gammas(best, tried)]
-            best = self._choose(tried)
-        searched = [number for x in self._beginnings(tried) for number in self._searched(x, best)]
+            gamma_reason = self._why_gamma_stays(best)
+            self.free = self.rates if gamma_reason else self.free
+            if not gamma_reason:
+                trials += [pilots.measure(*pair) for pair in self._gammas(best, trials)]
+            best = self._choose(trials)
+        searched = [index for trial in self._search_starts(trials)
+                    for index in self._levenberg_marquardt(trial, best)]
         best = self._choose(searched, best, _CLEARLY if self.rates else 1.0)
-        return best, self._reason(best, why)
+        return best, self._reason(best, gamma_reason)
 
-    def _choose(self, numbers: Iterable[int], best: int = 0, factor: float = 1.0) -> int:
-        """Return the clear run with the smallest largest error; ``best`` unless that is beaten."""
+    def _choose(self, indices: Iterable[int], best: int = 0, factor: float = 1.0) -> int:
+        """Return the clear run with the smallest ``largest`` error, or ``best`` if none beats it.
+
+        The error must be ``factor`` times smaller than with ``best``.
+        """
         pilots = self.pilots
-        number = min(filter(pilots.is_clear, numbers), key=pilots.largest, default=best)
-        return number if factor * pilots.largest(number) < pilots.largest(best) else best
+        index = min(filter(pilots.is_clear, indices), key=pilots.largest, default=best)
+        return index if factor * pilots.largest(index) < pilots.largest(best) else best
 
     # ------------------------------------------------------------ trials
 
     def _frames(self, finest: Trajectory) -> Iterator[tuple[str, Array]]:
-        """Yield rates and their labels, γ being γ_m."""
+        """Yield labels and trials: rates of the frame, with γ = γ_m."""
         pilots = self.pilots
-        rows = slice(0, (len(finest.q) + 1) // 2, max(1, len(finest.q) // 24))
+        sample_rows = slice(0, (len(finest.q) + 1) // 2, max(1, len(finest.q) // 24))
         q, p = (np.asarray(x, dtype=float) for x in (finest.q, finest.p))
-        mean = least_squares(self.velocities, pilots.directions, q[rows], p[rows])
+        mean = least_squares(self.velocities, pilots.directions, q[sample_rows], p[sample_rows])
         yield "least squares of the motion", self._with(mean)
         lines = SpectralLines(q, p, float(pilots.arguments.dt) * pilots.every,
                               [direction.A for direction in pilots.directions])
         order = pilots.stepper.order
         for k in {order // 2 + 1, order + 1} if lines.resolved else ():
-            yield f"frequencies, power {2 * k}", self._with(lines.least(k, mean))
-        for part in (0.6, 0.8, 0.9, 1.1):
-            yield f"{part} of the least squares", self._with(part * self.start[: self.rates])
+            yield f"frequencies, power {2 * k}", self._with(lines.minimise(k, mean))
+        for factor in (0.6, 0.8, 0.9, 1.1):
+            yield f"{factor} of the least squares", self._with(factor * self.start[: self.rates])
 
-    def _gammas(self, best: int, tried: list[int]) -> Iterator[tuple[str, Array]]:
-        """Yield γ of all bodies and labels: means at the best rates, half and twice γ_m at all."""
+    def _gammas(self, best: int, trials: list[int]) -> Iterator[tuple[str, Array]]:
+        """Yield labels and trials: γ by each mean at the best rates, γ_m/2 and 2γ_m at all rates.
+        """
         means = [*self.pilots.means.values()]
         for rule, symbol in MEANS.items():
             u = np.divide(means, [mean_inertia(inertia, rule) for inertia in self.moments.values()])
             yield self._symbol(symbol), np.concatenate(
                 [self.pilots.trials[best][: self.rates], u])
-        for number, factor in product(dict.fromkeys(tried), (0.5, 2.0)):
-            x = self.pilots.trials[number]
+        for index, factor in product(dict.fromkeys(trials), (0.5, 2.0)):
+            x = self.pilots.trials[index]
             yield f"{self._symbol('γ_m')} times {1 / factor:g}", np.where(
                 np.arange(len(x)) < self.rates, x, factor)
 
@@ -142,124 +148,135 @@ class Search:
         alpha = bool(self.moments) and all(name.endswith("alpha") for name in self.moments)
         return symbol.replace("γ", "α") if alpha else symbol
 
-    def _why_gamma_stays(self, number: int) -> str:
-        """Return why pilots tell nothing of γ, the best run with γ_m being given; "" if they do."""
+    def _why_gamma_stays(self, index: int) -> str:
+        """Return why the pilot runs give no γ, from the best run with γ_m; "" if they give one."""
         pilots, steps = self.pilots, self.pilots.arguments.steps
-        if pilots.aim == "energy" or pilots.errors(number) is None:
+        if pilots.aim == "energy" or pilots.errors(index) is None:
             return ""
         all_rows = pilots.rows
-        pilots.rows = max(pilots.lost(number, _LINEAR) - 1, 1) if (
-            pilots.lost(number, _LINEAR) < all_rows) else all_rows
+        pilots.rows = max(pilots.rows_before(index, _LINEAR) - 1, 1) if (
+            pilots.rows_before(index, _LINEAR) < all_rows) else all_rows
         if pilots.rows < _FEWEST and (self.pilots.longer or pilots.rows < all_rows):
             return (f"pilot runs of {steps} steps say nothing of a longer run"
                     if pilots.rows == all_rows else
                     f"the motion is lost within {(pilots.rows + 1) * pilots.every} steps")
-        growth = pilots.quarters(number)[1:] / np.array([[1.5], [2.5], [3.5]])
-        seen = pilots.sizes(number) > 4 * pilots.rounding
-        if self.pilots.longer and (growth.max(axis=0) > _STEADY * growth.min(axis=0))[seen].any():
+        growth = pilots.quarters(index)[1:] / np.array([[1.5], [2.5], [3.5]])
+        above_round_off = pilots.sizes(index) > 4 * pilots.rounding
+        if self.pilots.longer and (growth.max(axis=0) > _STEADY
+                                   * growth.min(axis=0))[above_round_off].any():
             return ("the error of the motion does not grow like t, and pilot runs say nothing of a "
                     "longer run; let them see its slowest period")
         return ""
 
     # ------------------------------------------------------------ the search
 
-    def _beginnings(self, tried: list[int]) -> list[Array]:
-        """Return the best trials that are apart."""
+    def _search_starts(self, trials: list[int]) -> list[Array]:
+        """Return the best trials, at most ``_SEARCHES`` of them, no two close to each other."""
         pilots, beginnings = self.pilots, list[Array]()
         if not self.free:
             return beginnings
-        for number in sorted(dict.fromkeys(tried),
-                             key=lambda i: pilots.largest(i, pilots.searched)):
-            x = pilots.trials[number]
-            if math.isfinite(pilots.largest(number)) and all(
-                    np.abs((x - other) / self.scale).max() > _APART for other in beginnings):
+        for index in sorted(dict.fromkeys(trials),
+                            key=lambda i: pilots.largest(i, pilots.searched_rows)):
+            x = pilots.trials[index]
+            if math.isfinite(pilots.largest(index)) and all(
+                    np.abs((x - beginning) / self.scale).max() > _APART
+                    for beginning in beginnings):
                 beginnings.append(x)
         return beginnings[:_SEARCHES]
 
-    def _searched(self, x: Array, best: int) -> list[int]:
-        """Return the runs of Levenberg and Marquardt's steps from a trial."""
-        pilots, numbers, damping = self.pilots, list[int](), 1e-3
-        number = pilots.measure("search", x)
+    def _levenberg_marquardt(self, x: Array, best: int) -> list[int]:
+        """Return the indices of the runs of Levenberg-Marquardt steps from a trial."""
+        pilots, indices, damping = self.pilots, list[int](), 1e-3
+        index = pilots.measure("search", x)
         for _ in range(_STEPS):
-            slopes = self._slopes(number)
+            slopes = self._slopes(index)
             if slopes is None:
                 break
-            forms = self._forms(number, slopes)
-            before = pilots.sizes(number, pilots.searched) ** 2
+            forms = self._square_forms(index, slopes)
+            squares = pilots.sizes(index, pilots.searched_rows) ** 2
             for _ in range(4):
-                change, weights = self._change(forms, damping)
-                new = pilots.trials[number].copy()
-                new[: self.free] += change * self.scale[: self.free]
-                after_number = pilots.measure("search", np.clip(new, self.low, self.high))
-                after = pilots.sizes(after_number, pilots.searched) ** 2
-                if weights @ after < weights @ before:
+                change, weights = self._weighted_step(forms, damping)
+                trial = pilots.trials[index].copy()
+                trial[: self.free] += change * self.scale[: self.free]
+                trial_index = pilots.measure("search", np.clip(trial, self.low, self.high))
+                trial_squares = pilots.sizes(trial_index, pilots.searched_rows) ** 2
+                if weights @ trial_squares < weights @ squares:
                     damping = max(damping / 10, 1e-12)
                     break
                 damping *= 10
             else:
                 break
-            numbers.append(after_number)
-            number = after_number
-            if weights @ before < 1.02**2 * (weights @ after) or pilots.is_round_off(number):
+            indices.append(trial_index)
+            index = trial_index
+            if weights @ squares < 1.02**2 * (weights @ trial_squares):
                 break
-        return numbers + self._between(number, best)
+            if pilots.is_round_off(index):
+                break
+        return indices + self._bisect(index, best)
 
-    def _between(self, number: int, best: int) -> list[int]:
-        """Return runs between the end of a search, if that is not clear, and the best clear run."""
-        pilots, numbers = self.pilots, list[int]()
-        if pilots.is_clear(number) or pilots.largest(number) >= pilots.largest(best):
-            return numbers
-        near, far = pilots.trials[best], pilots.trials[number]
+    def _bisect(self, index: int, best: int) -> list[int]:
+        """Return runs of a bisection between the best clear run and the unclear end of a search.
+
+        No runs if the end is clear, or no better than ``best``.
+        """
+        pilots, indices = self.pilots, list[int]()
+        if pilots.is_clear(index) or pilots.largest(index) >= pilots.largest(best):
+            return indices
+        clear_trial, unclear_trial = pilots.trials[best], pilots.trials[index]
         for _ in range(_BETWEEN):
-            middle = (near + far) / 2
-            numbers.append(pilots.measure("search", middle))
-            if pilots.is_clear(numbers[-1]):
-                near = middle
+            middle = (clear_trial + unclear_trial) / 2
+            indices.append(pilots.measure("search", middle))
+            if pilots.is_clear(indices[-1]):
+                clear_trial = middle
             else:
-                far = middle
-        return numbers
+                unclear_trial = middle
+        return indices
 
-    def _slopes(self, number: int) -> Array | None:
-        """Return ∂e/∂x times the scale, by differences, shape (rows, columns, free variables)."""
+    def _slopes(self, index: int) -> Array | None:
+        """Return scale · ∂e/∂x by differences, shape (rows, columns, free variables).
+
+        None if a run fails.
+        """
         pilots, columns = self.pilots, list[Array]()
-        x, base = pilots.trials[number], pilots.errors(number, pilots.searched)
+        x, base = pilots.trials[index], pilots.errors(index, pilots.searched_rows)
         for i in range(self.free):
             change = _CHANGE_OF_RATE if i < self.rates else _CHANGE_OF_GAMMA
-            moved = x.copy()
-            moved[i] += change * self.scale[i]
-            errors = pilots.errors(pilots.measure(DIFFERENCE, moved), pilots.searched)
+            shifted = x.copy()
+            shifted[i] += change * self.scale[i]
+            errors = pilots.errors(pilots.measure(DIFFERENCE, shifted), pilots.searched_rows)
             if errors is None or base is None:
                 return None
             columns.append((errors - base) / change)
         return np.stack(columns, axis=-1)
 
-    def _forms(self, number: int, slopes: Array) -> Array:
+    def _square_forms(self, index: int, slopes: Array) -> Array:
         """Return Σ e², a quadratic form in (1, change), of each path, shape (paths, n + 1, n + 1).
         """
-        errors = self.pilots.errors(number, self.pilots.searched)
+        errors = self.pilots.errors(index, self.pilots.searched_rows)
         assert errors is not None
-        joined, rows = np.concatenate([errors[..., None], slopes], axis=-1), len(errors)
+        joined, row_count = np.concatenate([errors[..., None], slopes], axis=-1), len(errors)
         columns = [joined[:, path].reshape(-1, joined.shape[-1]) for path in self.pilots.paths]
-        return np.array([A.T @ A / rows for A in columns])
+        return np.array([A.T @ A / row_count for A in columns])
 
-    def _change(self, forms: Array, damping: float) -> tuple[Array, Array]:
+    def _weighted_step(self, forms: Array, damping: float) -> tuple[Array, Array]:
         """Return the damped step that minimises Σ_j w_j e_j², and the weights w of the paths.
 
         Weights grow until no path's error is expected above the base's: multipliers of these
         inequalities.
         """
         pilots = self.pilots
-        bound = (_PROMISE * pilots.sizes(0, pilots.searched)) ** 2
+        bound = (_PROMISE * pilots.sizes(0, pilots.searched_rows)) ** 2
         bound = np.where(bound > (4 * pilots.rounding) ** 2, bound, math.inf)
         weights = np.ones(len(forms))
         for _ in range(60):
-            A, b = (np.tensordot(weights, part, 1) for part in (forms[:, 1:, 1:], forms[:, 1:, 0]))
+            A, b = (np.tensordot(weights, block, 1)
+                    for block in (forms[:, 1:, 1:], forms[:, 1:, 0]))
             change = -np.linalg.lstsq(A + damping * np.diag(np.diag(A)), b, rcond=None)[0]
-            one = np.concatenate([[1.0], change])
-            above = one @ forms @ one > bound
-            if not above.any():
+            affine = np.concatenate([[1.0], change])
+            exceeds = affine @ forms @ affine > bound
+            if not exceeds.any():
                 break
-            weights = weights * np.where(above, 1.25, 1.0)
+            weights = weights * np.where(exceeds, 1.25, 1.0)
         return change, weights / weights.max()
 
     # ------------------------------------------------------------ words
@@ -267,13 +284,14 @@ class Search:
     def _reason(self, best: int, why_gamma_stays: str) -> str:
         """Return why a run is chosen, as a sentence."""
         pilots = self.pilots
-        what = "error of the motion" if pilots.aim == "motion" else "energy error"
+        error_name = "error of the motion" if pilots.aim == "motion" else "energy error"
         chosen, base = pilots.pilot(best), pilots.pilot(0)
-        stays = f"; {self._symbol('γ_m')} stays: {why_gamma_stays}" if why_gamma_stays else ""
+        gamma_text = f"; {self._symbol('γ_m')} stays: {why_gamma_stays}" if why_gamma_stays else ""
         if best == 0:
-            return f"{base.label}: no trial makes the {what} of every path 5 % smaller{stays}"
-        price = ""
+            return (f"{base.label}: no trial makes the {error_name} of every path 5 % smaller"
+                    f"{gamma_text}")
+        cost_text = ""
         if pilots.aim == "energy" and chosen.worst > 1.05:
-            price = f"; the error of the motion grows up to {chosen.worst:.3g} times"
-        return (f"{chosen.label}: the {what} is {pilots.gain(best):.3g} times smaller than with "
-                f"{base.label}{price}{stays}")
+            cost_text = f"; the error of the motion grows up to {chosen.worst:.3g} times"
+        return (f"{chosen.label}: the {error_name} is {pilots.gain(best):.3g} times smaller than "
+                f"with {base.label}{cost_text}{gamma_text}")

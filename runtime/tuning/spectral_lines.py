@@ -43,37 +43,39 @@ class SpectralLines:
         mixed = sum((A / np.sqrt(i + 2) for i, A in enumerate(generators)),
                     np.zeros_like(generators[0]))
         _, vectors = np.linalg.eig(mixed)
-        back = np.linalg.inv(vectors)
-        shifts = np.array([np.einsum("ji,ik,kj->j", back, A, vectors).imag for A in generators]).T
+        inverse = np.linalg.inv(vectors)
+        shifts = np.array([np.einsum("ji,ik,kj->j", inverse, A,
+                                     vectors).imag for A in generators]).T
         frequencies = 2 * np.pi * np.fft.fftfreq(len(q), dt)
         window = np.kaiser(len(q), _KAISER)[:, None]
-        turning = np.abs(shifts).max(axis=1) > 1e-9
+        rotating = np.abs(shifts).max(axis=1) > 1e-9
         power, nu, alpha = [], [], []
         for x in (q, p) if all(np.array_equal(A, -A.T) for A in generators) else (q,):
-            modes = (x @ back.T)[:, turning]
-            found = np.abs(np.fft.fft(window * modes, axis=0)) ** 2
-            found /= found.sum() or 1.0
-            power.append(found.ravel())
-            nu.append(np.broadcast_to(frequencies[:, None], found.shape).ravel())
-            alpha.append(np.broadcast_to(shifts[turning], (*found.shape, shifts.shape[1])).reshape(
+            modes = (x @ inverse.T)[:, rotating]
+            spectrum = np.abs(np.fft.fft(window * modes, axis=0)) ** 2
+            spectrum /= spectrum.sum() or 1.0
+            power.append(spectrum.ravel())
+            nu.append(np.broadcast_to(frequencies[:, None], spectrum.shape).ravel())
+            alpha.append(np.broadcast_to(shifts[rotating],
+                                         (*spectrum.shape, shifts.shape[1])).reshape(
                 -1, shifts.shape[1]))
         self._power, self._nu, self._alpha = (np.concatenate(x) for x in (power, nu, alpha))
         self._band = float(np.abs(frequencies).max())
-        outer = np.abs(self._nu) > 0.875 * self._band
-        self.resolved = bool(self._power[outer].sum() <= _FOLDED * self._power.sum())
-        kept = self._power > _FAINT * self._power.max(initial=0)
-        self._power, self._nu, self._alpha = (x[kept] for x in (self._power, self._nu,
-                                                                self._alpha))
+        outer_band = np.abs(self._nu) > 0.875 * self._band
+        self.resolved = bool(self._power[outer_band].sum() <= _FOLDED * self._power.sum())
+        strong = self._power > _FAINT * self._power.max(initial=0)
+        self._power, self._nu, self._alpha = (x[strong] for x in (self._power, self._nu,
+                                                                  self._alpha))
 
-    def least(self, k: int, start: Array) -> Array:
-        """Return the ω of least M_k, from a start."""
+    def minimise(self, k: int, start: Array) -> Array:
+        """Return the ω that minimises M_k, by Newton's method from ``start``."""
         omega = np.array(start, dtype=float)
         for _ in range(60):
-            rest = (self._nu - self._alpha @ omega) / self._band
-            slope = self._alpha.T @ (self._power * rest ** (2 * k - 1))
-            weighted = self._alpha * (self._power * rest ** (2 * k - 2))[:, None]
-            bend = (2 * k - 1) * self._alpha.T @ weighted / self._band
-            step = np.linalg.lstsq(bend, slope, rcond=1e-12)[0]
+            shifted = (self._nu - self._alpha @ omega) / self._band
+            gradient = self._alpha.T @ (self._power * shifted ** (2 * k - 1))
+            weighted = self._alpha * (self._power * shifted ** (2 * k - 2))[:, None]
+            hessian = (2 * k - 1) * self._alpha.T @ weighted / self._band
+            step = np.linalg.lstsq(hessian, gradient, rcond=1e-12)[0]
             omega = omega + step
             if np.abs(step).max() <= 1e-9 * max(np.abs(omega).max(), 1e-9 * self._band):
                 break

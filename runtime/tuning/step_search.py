@@ -48,7 +48,7 @@ class StepSearch:
         self, stepper: Stepper, span: Fraction, bound: float, run: RunArguments,
         report: Callable[[int], Any] | None = None,
     ) -> None:
-        """``run`` has the start, the parameters and the solver; its steps are not looked at."""
+        """``run`` has the start, the parameters and the solver; its steps are not used."""
         self.stepper, self.span, self.bound, self.arguments = stepper, span, bound, run
         self.order, self.epsilon = stepper.order, stepper.binding.epsilon
         self.pilots: list[Pilot] = []
@@ -56,7 +56,8 @@ class StepSearch:
         self._report = report
 
     def best(self) -> tuple[int, Pilot]:
-        """Return the fewest steps that were measured to suffice, as all finer ones, and the run.
+        """Return the smallest measured number of steps that suffices, as all larger ones, and its
+        pilot run.
 
         Raises
         ------
@@ -69,26 +70,26 @@ class StepSearch:
         best = len(self.pilots) - 1
         while best and self.pilots[best - 1].motion <= self.bound:
             best -= 1
-        if best and self._measures_between(best, finest):
+        if best and self._interpolated_step_suffices(best, finest):
             best = len(self.pilots) - 1
         return self._steps[best], self.pilots[best]
 
     def _halve(self) -> Array:
         """Halve the step until the error is small enough, in two pilots at least; return q."""
-        n, before, failure = _ROWS, None, None
+        n, coarse_q, failure = _ROWS, None, None
         while n <= _MOST:
-            after, failed = self._run(n)
-            failure = failed or failure
+            fine_q, step_failure = self._run(n)
+            failure = step_failure or failure
             if n > _ROWS:
-                error = math.inf if before is None or after is None else (
-                    _distance(before, after) / (1 - 2.0**-self.order))
+                error = math.inf if coarse_q is None or fine_q is None else (
+                    _distance(coarse_q, fine_q) / (1 - 2.0**-self.order))
                 self._add(n // 2, math.inf if math.isnan(error) else error)
                 if len(self.pilots) > 1 and self.pilots[-1].motion <= self.bound:
-                    assert after is not None
-                    return after
+                    assert fine_q is not None
+                    return fine_q
                 self._refuse_round_off()
-            n, before = 2 * n, after
-        if before is None and failure is not None:
+            n, coarse_q = 2 * n, fine_q
+        if coarse_q is None and failure is not None:
             raise failure
         raise InputError(
             f"step_error = {self.bound:g} is not reached with {_MOST:,} steps: with "
@@ -112,34 +113,37 @@ class StepSearch:
         self._steps.append(n)
         self.pilots.append(Pilot(f"{n:,} steps", {}, as_double(self.span / n), error))
 
-    def _measures_between(self, best: int, finest: Array) -> bool:
+    def _interpolated_step_suffices(self, best: int, finest: Array) -> bool:
         """Measure what the law asks for above a pilot; return whether it suffices."""
-        coarse = self.pilots[best - 1].motion
-        if not math.isfinite(coarse):
+        coarse_error = self.pilots[best - 1].motion
+        if not math.isfinite(coarse_error):
             return False
-        law = self._steps[best - 1] * (coarse / (_SPARE * self.bound)) ** (1 / self.order)
-        n = _ROWS * math.ceil(law / _ROWS)
+        factor = (coarse_error / (_SPARE * self.bound)) ** (1 / self.order)
+        predicted_steps = self._steps[best - 1] * factor
+        n = _ROWS * math.ceil(predicted_steps / _ROWS)
         if n > _WORTH * self._steps[best]:
             return False
         q, _ = self._run(n)
         if q is None:
             return False
-        part = (n / (2 * self._steps[-1])) ** self.order
-        self._add(n, _distance(q, finest) / (1 - part))
+        refinement = (n / (2 * self._steps[-1])) ** self.order
+        self._add(n, _distance(q, finest) / (1 - refinement))
         return self.pilots[-1].motion <= self.bound
 
     def _refuse_round_off(self) -> None:
-        """Refuse an error below what the last halved steps could not make smaller."""
-        last = [pilot.motion for pilot in self.pilots[-3:]]
-        if len(last) < 3 or max(last[1:]) > math.sqrt(self.epsilon) or any(
-                before >= _HALVED * after for before, after in pairwise(last)):
+        """Raise an error if halving the step twice no longer reduces the error: round-off."""
+        last_errors = [pilot.motion for pilot in self.pilots[-3:]]
+        if len(last_errors) < 3 or max(last_errors[1:]) > math.sqrt(self.epsilon) or any(
+                coarse_error >= _HALVED * fine_error for coarse_error,
+                fine_error in pairwise(last_errors)):
             return
         raise InputError(
-            f"step_error = {self.bound:g} is below round-off: the error stays at {min(last):.1e} "
-            "however small dt is; ask for more than that, or take a stepper of a wider type.")
+            f"step_error = {self.bound:g} is below round-off: the error stays at "
+            f"{min(last_errors):.1e} however small dt is; ask for more than that, or take a "
+            "stepper of a wider type.")
 
 
 def _distance(q: Array, reference: Array) -> float:
-    """Return the largest distance of a path over the rows, in rad or in parts of its reach."""
+    """Return the largest distance of a path over the rows, in rad or relative to its extent."""
     error = MotionError(reference, reference)
     return float(distances(error(q), error.paths).max())

@@ -72,30 +72,30 @@ class Tuned:
     reason: str
     pilots: tuple[Pilot, ...]
 
-    def _values(self) -> list[str]:
+    def _settings(self) -> list[str]:
         return [*(f"{name} = {x:.6g}" for name, x in self.parameters.items()),
                 f"dt = {float(self.dt):.6g} s"]
 
     def __repr__(self) -> str:
-        return f"<Tuned {few(self._values())}: {len(self.pilots)} pilot runs>"
+        return f"<Tuned {few(self._settings())}: {len(self.pilots)} pilot runs>"
 
     def __str__(self) -> str:
         """Return the reason and a table of the pilot runs."""
-        rows = [self.reason, f"{'motion':>10}  {'worst path':>10}  {'energy':>10}  pilot run"]
+        lines = [self.reason, f"{'motion':>10}  {'worst path':>10}  {'energy':>10}  pilot run"]
         for pilot in self.pilots:
             cells = "  ".join(" " * 10 if math.isnan(x) else f"{x:10.3e}"
                               for x in (pilot.motion, pilot.worst, pilot.energy))
-            values = ", ".join(f"{name} = {x:.8g}" for name, x in pilot.parameters.items())
-            rows.append(f"{cells}  {values or f'dt = {pilot.dt:.6g} s'} ({pilot.label})")
-        return "\n".join(rows)
+            parameters = ", ".join(f"{name} = {x:.8g}" for name, x in pilot.parameters.items())
+            lines.append(f"{cells}  {parameters or f'dt = {pilot.dt:.6g} s'} ({pilot.label})")
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the values, the reason, and the pilot runs."""
-        rows = [(pilot.label, few(f"{x:.6g}" for x in pilot.parameters.values()),
-                 f"{pilot.dt:.6g}", f"{pilot.motion:.3e}", f"{pilot.energy:.3e}")
-                for pilot in self.pilots]
-        return card(f"Tuned: {few(self._values())}", table([(self.reason,)]), table(
-            rows, ("pilot run", "parameters", "dt / s", "error of the motion", "of the energy")))
+        """Return HTML for notebooks: the chosen numbers, the reason and the pilot runs."""
+        cells = [(pilot.label, few(f"{x:.6g}" for x in pilot.parameters.values()),
+                  f"{pilot.dt:.6g}", f"{pilot.motion:.3e}", f"{pilot.energy:.3e}")
+                 for pilot in self.pilots]
+        return card(f"Tuned: {few(self._settings())}", table([(self.reason,)]), table(
+            cells, ("pilot run", "parameters", "dt / s", "error of the motion", "of the energy")))
 
 
 def tune(
@@ -174,21 +174,23 @@ def tune(
         rules |= _gammas(step, state.parameters, fixed, rule, error)
     if frame is not None:
         rules |= _rates(step, fixed, choose("frame", frame, ("auto", "start")), error)
-    longest = as_positive_count("pilot_steps", pilot_steps, least=_LEAST)
-    given = {"t0": state.t, "parameters": {**state.parameters, **rules}, "inputs": inputs}
+    pilot_limit = as_positive_count("pilot_steps", pilot_steps, least=_LEAST)
+    common_arguments = {"t0": state.t, "parameters": {**state.parameters, **rules},
+                        "inputs": inputs}
     if step_error is not None:
         span = _span(step_error, t_end, state.t, dt=dt, steps=steps, inputs=inputs)
-        run = step._run_arguments(state.q, state.p, dt=span, steps=1, **given)
+        run = step._run_arguments(state.q, state.p, dt=span, steps=1, **common_arguments)
         with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
-            return _Rules(step, run, rules, report).tuned_step(span, float(step_error), longest)
+            return _Rules(step, run, rules, report).tuned_step(span, float(step_error), pilot_limit)
     if dt is None or not rules:
         raise InputError("There is nothing to choose: give dt with gamma='auto' or frame='auto', "
                          "or step_error with t_end.")
     unbounded = steps is None and t_end is None
-    count = longest if unbounded else step_count(steps, t_end, state.t, dt)
-    run = step._run_arguments(state.q, state.p, dt=dt, steps=count, **given)
+    count = pilot_limit if unbounded else step_count(steps, t_end, state.t, dt)
+    run = step._run_arguments(state.q, state.p, dt=dt, steps=count, **common_arguments)
     with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
-        return _Rules(step, run, rules, report).tuned(longest, longer=unbounded or count > longest)
+        return _Rules(step, run, rules, report).tuned(pilot_limit, longer=unbounded
+                                                      or count > pilot_limit)
 
 
 def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
@@ -196,26 +198,27 @@ def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
     rules = _searches(run.parameters) if isinstance(run.parameters, Mapping) else {}
     if not rules:
         return run
-    found = _Rules(stepper, run, rules).tuned(PILOT_STEPS, longer=not 0 < run.steps <= PILOT_STEPS)
-    return replace(run, parameters={**run.parameters, **found.parameters})
+    tuned = _Rules(stepper, run, rules).tuned(PILOT_STEPS, longer=not 0 < run.steps <= PILOT_STEPS)
+    return replace(run, parameters={**run.parameters, **tuned.parameters})
 
 
 # ---------------------------------------------------------------- arguments
 
 
 def _searches(parameters: Mapping[str, Any]) -> dict[str, Rule]:
-    """Return the rules that are no means: searches and least squares that a model asks for."""
+    """Return the rules other than means: searches and least squares that a model asks for."""
     return {name: x for name, x in parameters.items()
             if isinstance(x, Rule) and x.name not in MEANS}
 
 
 def _gammas(
-    step: Stepper, values: Mapping[str, Any], fixed: Mapping[str, Any], rule: str, aim: Aim
+    step: Stepper, parameters: Mapping[str, Any], fixed: Mapping[str, Any], rule: str, aim: Aim
 ) -> dict[str, Rule]:
     """Return the rule of each γ, but for those that are fixed."""
-    inertias = {name: value.inertia for name, value in values.items() if isinstance(value, Rule)}
+    inertias = {name: value.inertia for name, value in parameters.items()
+                if isinstance(value, Rule)}
     names = [name for name in step.parameter_domains if is_inertia_parameter(name)
-             and name not in fixed and (name in inertias or has_inertia(name, values))]
+             and name not in fixed and (name in inertias or has_inertia(name, parameters))]
     if not names:
         raise InputError(f"{step.name} has no gamma or alpha to choose, of its parameters "
                          f"{few(step.parameter_domains)}.")
@@ -238,24 +241,24 @@ def _rule_of(rule: str, aim: Aim) -> str:
     return next(name for name, error in AIMS.items() if error == aim) if rule == "auto" else rule
 
 
-def _span(step_error: Any, t_end: Any, t: Any, **counts: Any) -> Fraction:
+def _span(step_error: Any, t_end: Any, t: Any, **excluded: Any) -> Fraction:
     """Return t_end − t, for which a step is searched."""
     if as_real("step_error", step_error) <= 0:
         raise InputError(f"step_error = {shown(step_error)} is not positive; give one such as "
                          "1e-9.")
-    for name, value in counts.items():
+    for name, value in excluded.items():
         if value is not None:
             raise InputError(f"step_error is for a search of the time step, and {name} depends on "
                              "it; leave one of them away.")
     if t_end is None:
         raise InputError("step_error needs t_end, the time of the last state.")
-    begin, end = (exact(as_real(name, x)) for name, x in (("t", t), ("t_end", t_end)))
-    assert isinstance(begin, Fraction)
-    assert isinstance(end, Fraction)
-    if begin == end:
+    start_time, end_time = (exact(as_real(name, x)) for name, x in (("t", t), ("t_end", t_end)))
+    assert isinstance(start_time, Fraction)
+    assert isinstance(end_time, Fraction)
+    if start_time == end_time:
         raise InputError(f"t_end = {shown(t_end)} is the time of the start: there is no step to "
                          "choose.")
-    return end - begin
+    return end_time - start_time
 
 
 # ---------------------------------------------------------------- rules
@@ -281,26 +284,25 @@ class _Rules:
         self.aim = AIMS[searches.pop()] if searches else None
         self.reasons: list[str] = []
 
-    def numbers(self) -> dict[str, Any]:
-        """Return parameters without a search: γ by its mean, or γ_m; rates by least squares, or 0.
-        """
+    def initial_parameters(self) -> dict[str, Any]:
+        """Return parameters without a search: γ by its mean or γ_m, rates by least squares or 0."""
         means = {name: mean_inertia(self.moments[name], rule if rule in MEANS else "m")
                  for name, rule in self.gammas.items()}
-        numbers = {**self.run.parameters, **means, **dict.fromkeys(self.rates, 0.0)}
+        parameters = {**self.run.parameters, **means, **dict.fromkeys(self.rates, 0.0)}
         if "start" in self.rates.values():
-            numbers |= self._least_squares(numbers)
-        return numbers
+            parameters |= self._least_squares(parameters)
+        return parameters
 
-    def tuned(self, longest: int, *, longer: bool) -> Tuned:
+    def tuned(self, pilot_limit: int, *, longer: bool) -> Tuned:
         """Return numbers for the rules, by pilot runs of so many steps at most."""
-        length = longest if longer else max(self.run.steps, _LEAST)
+        length = pilot_limit if longer else max(self.run.steps, _LEAST)
         pilot = self.stepper._checked_run(replace(self.run.pilot(length),
-                                                 parameters=self.numbers()))
-        chosen = {name: float(pilot.parameters[name]) for name in (*self.gammas, *self.rates)}
+                                                 parameters=self.initial_parameters()))
+        parameters = {name: float(pilot.parameters[name]) for name in (*self.gammas, *self.rates)}
         moments = {name: self.moments[name] for name, rule in self.gammas.items() if rule in AIMS}
         directions = self._directions(pilot, longer=longer)
         if not moments and not directions:
-            return Tuned(chosen, self.run.dt, math.nan, math.nan,
+            return Tuned(parameters, self.run.dt, math.nan, math.nan,
                          "; ".join(self.reasons) or "a mean of the moments", ())
         assert self.aim is not None
         means = {name: float(mean_inertia(inertia)) for name, inertia in moments.items()}
@@ -309,42 +311,44 @@ class _Rules:
         velocities = Velocities(self.stepper, pilot.parameters, pilot.t0)
         with before_start("the parameters"):
             best, reason = Search(pilots, velocities, moments).best()
-        return Tuned(chosen | pilots.parameters(pilots.trials[best]), self.run.dt,
+        return Tuned(parameters | pilots.parameters(pilots.trials[best]), self.run.dt,
                      pilots.largest(best), pilots.gain(best), "; ".join([*self.reasons, reason]),
                      pilots.pilots())
 
-    def tuned_step(self, span: Fraction, bound: float, longest: int) -> Tuned:
+    def tuned_step(self, span: Fraction, bound: float, pilot_limit: int) -> Tuned:
         """Return the time step too, with which a run over a span has an error below a bound.
 
-        With the numbers that rules find a larger one may suffice.
+        With tuned γ and rates a larger step may suffice, so the step is searched again.
         """
-        numbers = self.numbers()
-        steps, last, pilots = self._steps(numbers, span, bound)
-        tuned = Tuned({}, span / steps, last.motion, math.nan, "", ())
+        parameters = self.initial_parameters()
+        steps, last_pilot, pilots = self._steps(parameters, span, bound)
+        tuned = Tuned({}, span / steps, last_pilot.motion, math.nan, "", ())
         if self.gammas or self.rates:
             # To leading order the best numbers do not depend on dt: the pilot runs see all of it.
-            count = min(steps, longest)
+            count = min(steps, pilot_limit)
             run = replace(self.run, dt=self.stepper.binding.number(span / count), steps=count)
-            tuned = _Rules(self.stepper, run, self.rules, self.report).tuned(longest, longer=False)
+            tuned = _Rules(self.stepper, run, self.rules, self.report).tuned(pilot_limit,
+                                                                             longer=False)
             pilots += tuned.pilots
-            if any(numbers[name] != x for name, x in tuned.parameters.items()):
-                steps, last, more = self._steps(numbers | tuned.parameters, span, bound)
-                pilots += more
-        reason = f"{steps:,} steps: the error of the motion is {last.motion:.2g} at most"
-        return replace(tuned, dt=span / steps, error=last.motion, pilots=pilots,
+            if any(parameters[name] != x for name, x in tuned.parameters.items()):
+                steps, last_pilot, further_pilots = self._steps(parameters | tuned.parameters,
+                                                                span, bound)
+                pilots += further_pilots
+        reason = f"{steps:,} steps: the error of the motion is {last_pilot.motion:.2g} at most"
+        return replace(tuned, dt=span / steps, error=last_pilot.motion, pilots=pilots,
                        reason="; ".join(filter(None, [tuned.reason, reason])))
 
     def _steps(
-        self, numbers: Mapping[str, Any], span: Fraction, bound: float
+        self, parameters: Mapping[str, Any], span: Fraction, bound: float
     ) -> tuple[int, Pilot, tuple[Pilot, ...]]:
-        """Return the number of steps that suffice, its pilot run, and all of them."""
+        """Return the number of steps that suffices, its pilot run, and all pilot runs."""
         search = StepSearch(self.stepper, span, bound,
-                            replace(self.run, parameters=dict(numbers)), self.report)
+                            replace(self.run, parameters=dict(parameters)), self.report)
         with before_start("dt"):
             return (*search.best(), tuple(search.pilots))
 
     def _directions(self, pilot: RunArguments, *, longer: bool) -> list[Direction]:
-        """Return the rates to search; none, and a reason, where there is nothing to search."""
+        """Return the rates to search; an empty list, and a reason noted, if there are none."""
         if not {*self.rates.values()} & {*AIMS}:
             return []
         directions = directions_of(self.stepper, pilot.q, pilot.p, pilot.parameters)
@@ -356,21 +360,22 @@ class _Rules:
             return []
         return directions
 
-    def _least_squares(self, numbers: Mapping[str, Any]) -> dict[str, float]:
+    def _least_squares(self, parameters: Mapping[str, Any]) -> dict[str, float]:
         """Return the rates of the least squares of the start.
 
-        A rate is 0 along which the frame is faster than the motion: ``start_rates``.
+        Rates of a frame that would turn faster than the motion are 0: see ``start_rates``.
         """
         rates = dict.fromkeys(self.rates, 0.0)
         run = self.run
-        known = self.stepper._checked_run(replace(run, parameters=dict(numbers))).parameters
-        directions = directions_of(self.stepper, run.q, run.p, known)
+        checked_run = self.stepper._checked_run(replace(run, parameters=dict(parameters)))
+        checked_parameters = checked_run.parameters
+        directions = directions_of(self.stepper, run.q, run.p, checked_parameters)
         if not directions:
             self.reasons.append("no frame: there is no symmetry with these parameters")
             return rates
-        values, left_out = start_rates(Velocities(self.stepper, known, run.t0), directions, run.q,
-                                       run.p, run.dt)
-        for rate, direction in zip(values.tolist(), directions, strict=True):
+        chosen_rates, left_out = start_rates(Velocities(self.stepper, checked_parameters, run.t0),
+                                             directions, run.q, run.p, run.dt)
+        for rate, direction in zip(chosen_rates.tolist(), directions, strict=True):
             for name, weight in direction.weights.items():
                 rates[name] += rate * weight
         names = few(name for i in left_out for name in directions[i].weights)

@@ -16,7 +16,7 @@ from benchmarks import fits
 from calls import refused
 from gyrospark.core.manifest import BodyManifest, SystemManifest
 from gyrospark.runtime.analysis.fit_coordinates import Coordinates
-from gyrospark.runtime.analysis.least_squares import Linear, determined
+from gyrospark.runtime.analysis.least_squares import Linear, identify
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 from processes import ROOT
 
@@ -333,9 +333,9 @@ def test_a_small_part_of_an_undetermined_combination_has_its_own_deviation():
     direction = np.array([1.0, 0.1]) / np.hypot(1, 0.1)
     across = direction[::-1] * [-1, 1]
     J = np.stack([0.7 * direction, 1000 * across])
-    held = determined(Linear(np.zeros(2), J, np.ones(2)), 1.0)
+    held = identify(Linear(np.zeros(2), J, np.ones(2)), 1.0)
     assert held.null.shape == (2, 1)
     assert held.variances[0] == np.inf
     assert np.sqrt(held.variances[1]) == pytest.approx(0.1 / np.hypot(1, 0.1) / 0.7, rel=1e-4)
-    exact = determined(Linear(np.zeros(2), J * [[0], [1]], np.ones(2)), 1.0)
+    exact = identify(Linear(np.zeros(2), J * [[0], [1]], np.ones(2)), 1.0)
     assert np.all(np.isinf(exact.variances))
