@@ -80,7 +80,8 @@ def animate(
     figure = figure_class()(figsize=(width / _DPI, height * 1.25 / _DPI), dpi=_DPI)
     stage = _Stage(figure, scene, meshes, shown_frames)
     stage.draw_energy(trajectory)
-    with result_file(target, "The film") as part, writer.saving(figure, part, dpi=_DPI):
+    with (result_file(target, "The film") as partial_file,
+          writer.saving(figure, partial_file, dpi=_DPI)):
         for frame in shown_frames:
             stage.show(frame)
             writer.grab_frame()
@@ -104,10 +105,10 @@ def check_film(path: str | os.PathLike[str]) -> Path:
 
 
 def _frames(seconds: Any, fps: Any) -> int:
-    """Return how many pictures a film has."""
-    given = [real_array(value) for value in (seconds, fps)]
-    known = [float(value) for value in given if value is not None and value.ndim == 0 < value]
-    count = known[0] * known[1] if len(known) == 2 else np.nan
+    """Return the number of pictures of a film, seconds · fps."""
+    arrays = [real_array(value) for value in (seconds, fps)]
+    numbers = [float(value) for value in arrays if value is not None and value.ndim == 0 < value]
+    count = numbers[0] * numbers[1] if len(numbers) == 2 else np.nan
     if not 2 <= count <= _MOST_FRAMES:
         raise InputError(f"A film of seconds = {shown(seconds)} and fps = {shown(fps)} is none; "
                          f"give two numbers with a product from 2 to {_MOST_FRAMES}.")
@@ -142,25 +143,25 @@ class _Stage:
         self.image = figure.figimage(np.zeros((*_SIZE[::-1], 3), np.uint8), 0, _SIZE[1] // 4)
         self.energy = figure.add_axes((0.14, 0.085, 0.83, 0.08))
         self.now = self.energy.axvline(scene.t[0], color="#c0392b", linewidth=1)
-        own = [(part.name, colour) for part, colour in zip(scene.parts, cycle(COLOURS))
-               if not part.own]
-        if 1 < len(own) <= 10:
-            figure.legend(handles=[Patch(color=colour, label=name) for name, colour in own],
-                          fontsize=8, loc="upper right", framealpha=0.5)
+        legend_entries = [(body.name, colour) for body, colour in zip(scene.parts, cycle(COLOURS))
+                          if not body.own]
+        if 1 < len(legend_entries) <= 10:
+            patches = [Patch(color=colour, label=name) for name, colour in legend_entries]
+            figure.legend(handles=patches, fontsize=8, loc="upper right", framealpha=0.5)
         figure.suptitle(scene.title, fontsize=11)
 
     def draw_energy(self, trajectory: Trajectory) -> None:
-        """Draw the energy error of all states, more than a film has."""
-        some = thin(trajectory)
-        self.energy.plot(trajectory.t[some].astype(float),
-                         trajectory.energy_error()[some].astype(float), linewidth=0.8)
+        """Draw the energy error of all stored states, also those without a picture."""
+        shown_states = thin(trajectory)
+        self.energy.plot(trajectory.t[shown_states].astype(float),
+                         trajectory.energy_error()[shown_states].astype(float), linewidth=0.8)
         self.energy.set_title("energy error H − H₀ − W", fontsize=9)
         self.energy.set_xlabel("t [s]", fontsize=8, labelpad=0)
         self.energy.tick_params(labelsize=7)
         self.energy.grid(alpha=0.3)
 
     def show(self, frame: int) -> None:
-        """Bring the picture and the mark in the energy to a frame."""
+        """Draw the bodies of a frame and move the mark of the time in the energy plot."""
         self.image.set_data(self.drawing.pixels(frame))
         self.now.set_xdata([self.scene.t[frame]] * 2)
 
@@ -169,5 +170,5 @@ def _plain(scene: Scene, shape: ShapeName) -> Scene:
     """Return a scene of boxes or ellipsoids."""
     kind: ShapeKind = "box" if shape == "box" else "sphere"
     return replace(scene, parts=[
-        replace(part, shapes=[Shape(kind, part.sizes[shape], part.centre, part.axes)], glass=False)
-        for part in scene.parts])
+        replace(body, shapes=[Shape(kind, body.sizes[shape], body.centre, body.axes)], glass=False)
+        for body in scene.parts])

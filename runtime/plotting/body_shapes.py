@@ -59,14 +59,14 @@ def plate_of(moments: Array) -> tuple[float, Array]:
     return float(np.sqrt(max(I1 + I2 - I3, 0.0) / 2)), half
 
 
-def shapes_of(part: ScenePart, held: list[Held], reach: float, *, inside: bool,
+def shapes_of(body: ScenePart, joints: list[Held], reach: float, *, inside: bool,
               loose: Sequence[Array] = ()) -> list[Shape]:
     """Return the shapes of a body.
 
     Parameters
     ----------
-    part : ScenePart
-    held : list of Held
+    body : ScenePart
+    joints : list of Held
         Its joints.
     reach : float
         Size of the scene, of which the thickness of bars is a part.
@@ -76,162 +76,164 @@ def shapes_of(part: ScenePart, held: list[Held], reach: float, *, inside: bool,
         Ends of rods in body axes.
     """
     thick = _BAR * reach
-    return [*_own_shapes(part, held, thick, reach, inside=inside),
-            *_arms(part, loose, thick, part.centre)]
+    return [*_body_shapes(body, joints, thick, reach, inside=inside),
+            *_arms(body, loose, thick, body.centre)]
 
 
-def _own_shapes(part: ScenePart, held: list[Held], thick: float, reach: float, *, inside: bool,
-                ) -> list[Shape]:
-    half = part.sizes["box"]
-    if part.plate is not None:
-        return list(_top(np.zeros(3), part.axes, *part.plate, 0.0))
-    hinges = [h.axis for h in held if h.axis is not None and not h.slides]
+def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float, *, inside: bool,
+                 ) -> list[Shape]:
+    half = body.sizes["box"]
+    if body.plate is not None:
+        return list(_top(np.zeros(3), body.axes, *body.plate, 0.0))
+    hinges = [joint.axis for joint in joints if joint.axis is not None and not joint.slides]
     ordered = np.sort(half)
-    slim = ordered[1] < (_SLIM if held else 0.08) * ordered[2]
-    if inside and not slim and any(h.outer for h in held) and any(
+    slim = ordered[1] < (_SLIM if joints else 0.08) * ordered[2]
+    if inside and not slim and any(joint.outer for joint in joints) and any(
             np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges):
-        return list(_ring(part, hinges, thick))
-    points = np.array([h.at for h in held]).reshape(-1, 3)
-    arms = list(_arms(part, points, thick, part.centre))
+        return list(_ring(body, hinges, thick))
+    points = np.array([joint.at for joint in joints]).reshape(-1, 3)
+    arms = list(_arms(body, points, thick, body.centre))
     span = max((float(np.linalg.norm(a - b)) for a in points for b in points), default=0.0)
     if inside and span < 0.5 * half.max():
-        return list(_frame(part, half))
-    if any(h.slides for h in held) and np.ptp(half) < _EQUAL * half.max():
-        return [Shape("box", half, part.centre, part.axes)]
-    stand = None if slim else _support(part, held, reach)
-    if stand is not None:
-        foot, k = stand
-        lever = part.centre - foot
+        return list(_frame(body, half))
+    if any(joint.slides for joint in joints) and np.ptp(half) < _EQUAL * half.max():
+        return [Shape("box", half, body.centre, body.axes)]
+    support = None if slim else _support(body, joints, reach)
+    if support is not None:
+        foot, k = support
+        lever = body.centre - foot
         arm = float(np.linalg.norm(lever))
-        axes = _turned(part.axes, k)
+        axes = _axes_with_third(body.axes, k)
         axes = axes * (1 if lever @ axes[:, 2] > 0 else np.array([1, -1, -1]))
-        end = max(float((h.at - foot) @ lever) / arm for h in held)
+        end = max(float((joint.at - foot) @ lever) / arm for joint in joints)
         return list(_top(foot, axes, arm, half[[(k + 1) % 3, (k + 2) % 3]] * _ROUND, end))
     axis = next((k for k in range(3)
                  if np.ptp(np.delete(half, k)) < _EQUAL * half.max()), None)
     if axis is not None:
-        e = part.axes[:, axis]
-        r, long = float(np.delete(half, axis)[0]) * _ROUND, float(half[axis])
-        if long < 1.5 * r and any(
+        e = body.axes[:, axis]
+        r, half_length = float(np.delete(half, axis)[0]) * _ROUND, float(half[axis])
+        if half_length < 1.5 * r and any(
                 abs(a @ e) > 1 - _EQUAL for a in hinges) and span < 0.5 * half.max():
-            return [Shape("disc", np.array([r, r, long]), part.centre, _turned(part.axes, axis)),
-                    Shape("disc", np.array([0.1 * r, 0.1 * r, 1.35 * long]), part.centre,
-                          _turned(part.axes, axis), METAL),
+            return [Shape("disc", np.array([r, r, half_length]), body.centre,
+                          _axes_with_third(body.axes, axis)),
+                    Shape("disc", np.array([0.1 * r, 0.1 * r, 1.35 * half_length]), body.centre,
+                          _axes_with_third(body.axes, axis), METAL),
                     *arms]
         if np.ptp(half) < _EQUAL * half.max():
-            return [Shape("sphere", part.sizes["ellipsoid"], part.centre, part.axes),
+            return [Shape("sphere", body.sizes["ellipsoid"], body.centre, body.axes),
                     *arms]
     if slim:
-        return list(_bar(part, held, ordered, thick))
+        return list(_bar(body, joints, ordered, thick))
     if span > 0 and ordered[1] < 0.3 * span:
         radius = float(np.clip(ordered[1], 0.7 * thick, 1.3 * thick))
         return [Shape.bar(points.mean(axis=0), r, radius) for r in points]
     if axis is not None:
-        return [Shape("disc", np.array([r, r, long]), part.centre, _turned(part.axes, axis)),
-                *arms, *_pointer(part, half)]
-    if not held and not part.to_scale and ordered[0] < 0.05 * ordered[2]:
-        return list(_wing_nut(part, half))
-    return [Shape("box", half, part.centre, part.axes), *arms,
-            *_pointer(part, half)]
+        return [Shape("disc", np.array([r, r, half_length]), body.centre,
+                      _axes_with_third(body.axes, axis)),
+                *arms, *_pointer(body, half)]
+    if not joints and not body.to_scale and ordered[0] < 0.05 * ordered[2]:
+        return list(_wing_nut(body, half))
+    return [Shape("box", half, body.centre, body.axes), *arms,
+            *_pointer(body, half)]
 
 
-def _turned(axes: Array, axis: int) -> Array:
+def _axes_with_third(axes: Array, axis: int) -> Array:
     """Return right-handed axes of which this one is the third."""
-    found: Array = axes[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
-    return found
+    turned_axes: Array = axes[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
+    return turned_axes
 
 
-def _support(part: ScenePart, held: list[Held], reach: float) -> tuple[Array, int] | None:
+def _support(body: ScenePart, joints: list[Held], reach: float) -> tuple[Array, int] | None:
     """Return the point on which a top stands and the number of its axis, if ball joints on one
     principal axis hold the body, and no others do."""
-    if not held or any(h.axis is not None for h in held):
+    if not joints or any(joint.axis is not None for joint in joints):
         return None
-    levers = np.array([(part.centre - h.at) @ part.axes for h in held])
+    levers = np.array([(body.centre - joint.at) @ body.axes for joint in joints])
     k = int(np.argmax(np.abs(levers).max(axis=0)))
     if np.abs(np.delete(levers, k, axis=1)).max() > _EQUAL * reach or abs(
             levers[0, k]) < _EQUAL * reach:
         return None
-    return held[0].at, k
+    return joints[0].at, k
 
 
 def _top(foot: Array, axes: Array, height: float, half: Array, end: float) -> Iterator[Shape]:
     """Yield a top: a stem from its foot along the third axis, through an elliptic flywheel."""
     r = float(half.max())
-    thick = min(_THICK[0] * r, _THICK[1] * height)
+    half_thickness = min(_THICK[0] * r, _THICK[1] * height)
     stem = 0.05 * max(r, height)
     knob = max(end, height + max(0.7 * r, 0.4 * height) if end == 0 else end)
     e, centre = axes[:, 2], foot + height * axes[:, 2]
-    yield Shape("disc", np.array([half[0], half[1], thick]), centre, axes)
-    yield Shape("disc", np.array([2 * stem, 2 * stem, 1.5 * thick]), centre, axes, DARK)
+    yield Shape("disc", np.array([half[0], half[1], half_thickness]), centre, axes)
+    yield Shape("disc", np.array([2 * stem, 2 * stem, 1.5 * half_thickness]), centre, axes, DARK)
     yield Shape.bar(foot + 2.4 * stem * e, foot + (knob - stem) * e, stem, METAL)
     yield Shape.bar(foot + 0.45 * stem * e, foot + 2.4 * stem * e, 0.45 * stem, METAL)
 
 
-def _ring(part: ScenePart, hinges: list[Array], thick: float) -> Iterator[Shape]:
+def _ring(body: ScenePart, hinges: list[Array], thick: float) -> Iterator[Shape]:
     """Yield a ring in the plane of two hinges, and their pins."""
-    first = hinges[0]
-    other = max(hinges, key=lambda a: float(np.linalg.norm(np.cross(a, first))))
-    normal = np.cross(first, other)
+    first_hinge = hinges[0]
+    second_hinge = max(hinges, key=lambda a: float(np.linalg.norm(np.cross(a, first_hinge))))
+    normal = np.cross(first_hinge, second_hinge)
     axes = axes_about(normal / np.linalg.norm(normal))
-    radius = float(part.sizes["box"].max())
-    turns = 2 * np.pi * np.arange(37) / 36
-    line = part.centre + radius * (np.outer(np.cos(turns), axes[:, 0])
-                                   + np.outer(np.sin(turns), axes[:, 1]))
+    radius = float(body.sizes["box"].max())
+    angles = 2 * np.pi * np.arange(37) / 36
+    line = body.centre + radius * (np.outer(np.cos(angles), axes[:, 0])
+                                   + np.outer(np.sin(angles), axes[:, 1]))
     for a, b in pairwise(line):
         yield Shape.bar(a, b, 0.9 * thick)
     for e in hinges:
         for side in (-1, 1):
-            yield Shape.bar(part.centre + side * (radius - thick) * e,
-                            part.centre + side * (radius + 2.5 * thick) * e, 0.6 * thick, METAL)
+            yield Shape.bar(body.centre + side * (radius - thick) * e,
+                            body.centre + side * (radius + 2.5 * thick) * e, 0.6 * thick, METAL)
 
 
-def _frame(part: ScenePart, half: Array) -> Iterator[Shape]:
+def _frame(body: ScenePart, half: Array) -> Iterator[Shape]:
     """Yield the edges of a box."""
-    thin = 0.035 * float(half.max())
+    edge_radius = 0.035 * float(half.max())
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         for a in (-1, 1):
             for b in (-1, 1):
                 ends = np.zeros((2, 3))
-                ends[:, i], ends[:, j] = a * (half[i] - thin), b * (half[j] - thin)
-                ends[:, k] = (thin - half[k], half[k] - thin)
-                start, end = part.centre + ends @ part.axes.T
-                yield Shape.bar(start, end, thin)
+                ends[:, i], ends[:, j] = a * (half[i] - edge_radius), b * (half[j] - edge_radius)
+                ends[:, k] = (edge_radius - half[k], half[k] - edge_radius)
+                start, end = body.centre + ends @ body.axes.T
+                yield Shape.bar(start, end, edge_radius)
 
 
-def _bar(part: ScenePart, held: list[Held], ordered: Array, thick: float) -> Iterator[Shape]:
+def _bar(body: ScenePart, joints: list[Held], ordered: Array, thick: float) -> Iterator[Shape]:
     """Yield a bar along the longest axis of a body, to its ends or its joints beyond."""
-    e = part.axes[:, int(np.argmax(part.sizes["box"]))]
+    e = body.axes[:, int(np.argmax(body.sizes["box"]))]
     radius = float(np.clip(ordered[1], 0.7 * thick, 1.3 * thick))
-    ends = [-ordered[2], ordered[2], *(float((h.at - part.centre) @ e) for h in held)]
-    joints = ends[2:]
-    if joints and min(joints) < -0.8 * ordered[2]:  # a bar ends where it is held
-        ends[0] = min(joints)
-    if joints and max(joints) > 0.8 * ordered[2]:
-        ends[1] = max(joints)
-    yield Shape.bar(part.centre + min(ends) * e, part.centre + max(ends) * e, radius)
-    for h, s in zip(held, joints, strict=True):
-        foot = part.centre + s * e
-        if np.linalg.norm(h.at - foot) > radius:
-            yield Shape.bar(foot, h.at, 0.8 * radius)
+    ends = [-ordered[2], ordered[2], *(float((joint.at - body.centre) @ e) for joint in joints)]
+    joint_positions = ends[2:]
+    if joint_positions and min(joint_positions) < -0.8 * ordered[2]:  # a bar ends where it is held
+        ends[0] = min(joint_positions)
+    if joint_positions and max(joint_positions) > 0.8 * ordered[2]:
+        ends[1] = max(joint_positions)
+    yield Shape.bar(body.centre + min(ends) * e, body.centre + max(ends) * e, radius)
+    for joint, s in zip(joints, joint_positions, strict=True):
+        foot = body.centre + s * e
+        if np.linalg.norm(joint.at - foot) > radius:
+            yield Shape.bar(foot, joint.at, 0.8 * radius)
 
 
-def _arms(part: ScenePart, points: Sequence[Array] | Array, thick: float, start: Array,
+def _arms(body: ScenePart, points: Sequence[Array] | Array, thick: float, start: Array,
           ) -> Iterator[Shape]:
     """Yield a bar from a point to each of others that is outside of the body."""
     for point in points:
-        r = (point - part.centre) @ part.axes
-        if (np.abs(r) > part.sizes["box"] + 0.1 * thick).any():
+        r = (point - body.centre) @ body.axes
+        if (np.abs(r) > body.sizes["box"] + 0.1 * thick).any():
             yield Shape.bar(start, point, 0.8 * thick, METAL)
 
 
-def _pointer(part: ScenePart, half: Array) -> Iterator[Shape]:
+def _pointer(body: ScenePart, half: Array) -> Iterator[Shape]:
     """Yield a rod to the point that leaves a trace, where it is outside of the body."""
-    if np.linalg.norm(part.tip - part.centre) > half.max():
-        yield Shape.bar(part.centre, part.tip, 0.025 * float(half.max()), METAL)
+    if np.linalg.norm(body.tip - body.centre) > half.max():
+        yield Shape.bar(body.centre, body.tip, 0.025 * float(half.max()), METAL)
 
 
-def _wing_nut(part: ScenePart, half: Array) -> Iterator[Shape]:
+def _wing_nut(body: ScenePart, half: Array) -> Iterator[Shape]:
     """Yield two rods that form a T: the longer axis is the bar across, the other the stem.
 
     Of a bar of half length 1 and a stem of length L of the same line density, the ratio of the two
@@ -245,6 +247,6 @@ def _wing_nut(part: ScenePart, half: Array) -> Iterator[Shape]:
         ratio = (2 * c**2 + L**3 / 12 + L * (c - L / 2) ** 2) / (2 / 3)
         low, high = (L, high) if ratio < (half[along] / half[across]) ** 2 else (low, L)
     size = 1.25 * float(half[across])
-    x, y = size * part.axes[:, across], size * part.axes[:, along]
-    yield Shape.bar(part.centre + c * y - x, part.centre + c * y + x, 0.11 * size)
-    yield Shape.bar(part.centre + c * y, part.centre + (c - L) * y, 0.08 * size, METAL)
+    x, y = size * body.axes[:, across], size * body.axes[:, along]
+    yield Shape.bar(body.centre + c * y - x, body.centre + c * y + x, 0.11 * size)
+    yield Shape.bar(body.centre + c * y, body.centre + (c - L) * y, 0.08 * size, METAL)

@@ -23,7 +23,7 @@ class Picture(Figure):
     """
 
     def _repr_png_(self) -> tuple[bytes, dict[str, Any]]:
-        """Return what Jupyter shows: the picture, and its size on the page."""
+        """Return the PNG for Jupyter, and its size on the page in pixels."""
         data = io.BytesIO()
         self.savefig(data, format="png", dpi=_DENSITY * _DPI)
         width, height = (round(_DPI * inches) for inches in self.get_size_inches())

@@ -69,54 +69,57 @@ class IndexedMesh:
         return IndexedMesh(points / np.bincount(index)[:, None], index[self.triangles]).cleaned()
 
 
-def _unique_rows(rows: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the numbers of the rows that differ, and which of these each row is."""
-    whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1])))
-    _, first, index = np.unique(whole.ravel(), return_index=True, return_inverse=True)
+def _unique_rows(vertices: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the indices of the distinct rows, and the position of each row among them."""
+    row_type = np.dtype((np.void, vertices.itemsize * vertices.shape[1]))
+    row_bytes = np.ascontiguousarray(vertices).view(row_type)
+    _, first, index = np.unique(row_bytes.ravel(), return_index=True, return_inverse=True)
     return first, index.ravel()
 
 
 def read_meshes(
     files: Iterable[str], meshes: MeshesName, budget: int = BUDGET
 ) -> tuple[dict[str, IndexedMesh], dict[str, str]]:
-    """Return meshes by their files, and why others cannot be shown.
+    """Return the meshes by file, and the errors of files that cannot be shown.
 
-    ``"small"`` ones are clustered until all together are in a budget of bytes, by default that of
-    a page; of ``"none"`` there are none.
+    ``"small"`` clusters the meshes until all together take at most ``budget`` bytes, by default the
+    budget of a page; ``"none"`` returns no meshes.
     """
-    found: dict[str, IndexedMesh] = {}
-    refused: dict[str, str] = {}
+    meshes_by_file: dict[str, IndexedMesh] = {}
+    reasons: dict[str, str] = {}
     for file in dict.fromkeys(files) if meshes != "none" else ():
         try:
-            found[file] = IndexedMesh.of(read_triangles(Path(file)))
+            meshes_by_file[file] = IndexedMesh.of(read_triangles(Path(file)))
         except InputError as error:
-            refused[file] = str(error)
-    if meshes == "full" or not found:
-        return found, refused
-    cells, longest = 0.0, max(mesh.extent for mesh in found.values())
-    while (size := sum(len(encoded(mesh)["data"]) for mesh in found.values())) > budget:
+            reasons[file] = str(error)
+    if meshes == "full" or not meshes_by_file:
+        return meshes_by_file, reasons
+    cells, longest = 0.0, max(mesh.extent for mesh in meshes_by_file.values())
+    while (size := sum(len(encoded(mesh)["data"]) for mesh in meshes_by_file.values())) > budget:
         # triangles are as the square of the cells along a side
         cells = cells * min(0.8, 0.95 * (budget / size) ** 0.5) if cells else _CELLS
         if cells < 1:
             break
-        found = {file: mesh.clustered(max(min(longest / cells, mesh.extent / _LEAST), 1e-12))
-                 for file, mesh in found.items()}
-    return found, refused
+        meshes_by_file = {file: mesh.clustered(max(min(longest / cells, mesh.extent / _LEAST),
+                                                   1e-12))
+                          for file, mesh in meshes_by_file.items()}
+    return meshes_by_file, reasons
 
 
 def encoded(mesh: IndexedMesh) -> Mapping[str, Any]:
-    """Return a mesh as JSON has it: bounds, and base64 of deflated numbers.
+    """Return a mesh as JSON: its bounds, and its vertices and triangles in base64.
 
-    Vertices are sorted 16-bit integers between the bounds, differences along each axis in turn;
-    then the numbers of corners, differences too. Both are little-endian, modulo their width.
+    Vertices are sorted 16-bit integers between the bounds, as differences along each axis in turn;
+    then the vertex numbers of the corners, as differences too. Both are little-endian, modulo their
+    width, and deflated together.
     """
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     width = np.where(high > low, high - low, 1.0)
     points = np.round((mesh.points - low) / width * 65535).astype(np.int64)
     order = np.lexsort(points.T[::-1])
-    points, number = points[order], np.empty_like(order)
-    number[order] = np.arange(len(order))
-    triangles = number[mesh.triangles]
+    points, vertex_number = points[order], np.empty_like(order)
+    vertex_number[order] = np.arange(len(order))
+    triangles = vertex_number[mesh.triangles]
     turned = np.take_along_axis(
         triangles, (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3, axis=1)
     corners = turned[np.lexsort(turned.T[::-1])].ravel()

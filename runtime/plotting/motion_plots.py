@@ -70,14 +70,14 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
                              f"{proposal(name, run.coordinates)}.")
     moving = [name for name, q in zip(run.coordinates, run.q.T, strict=True) if (q != q[0]).any()]
     chosen = names or (moving or run.coordinates)[:_PORTRAITS]
-    wide = min(len(chosen), 3)
-    figure = figure_class()(figsize=(3.6 * wide, 3.2 * -(-len(chosen) // wide)),
+    column_count = min(len(chosen), 3)
+    figure = figure_class()(figsize=(3.6 * column_count, 3.2 * -(-len(chosen) // column_count)),
                             layout="constrained")
-    some = thin(run)
+    shown_states = thin(run)
     for k, name in enumerate(chosen, start=1):
-        axes = figure.add_subplot(-(-len(chosen) // wide), wide, k)
+        axes = figure.add_subplot(-(-len(chosen) // column_count), column_count, k)
         column = run.coordinates.index(name)
-        q, p = (states[some, column].astype(float) for states in (run.q, run.p))
+        q, p = (states[shown_states, column].astype(float) for states in (run.q, run.p))
         axes.plot(q, p, linewidth=0.8)
         axes.plot(q[:1], p[:1], "o", markersize=4, color="#c0392b", label="start")
         axes.set_xlabel(name)
@@ -96,14 +96,14 @@ def _panels(title: str, run: Trajectory, panels: Sequence[Panel],
     """Draw panels above each other, a line for each column."""
     target = None if path is None else check_picture_path(path)
     figure = figure_class()(figsize=(8, 0.6 + 1.9 * len(panels)), layout="constrained")
-    some = thin(run)
-    t, first = run.t[some].astype(float), None
-    for k, (said, names, values) in enumerate(panels, start=1):
-        axes = figure.add_subplot(len(panels), 1, k, sharex=first)
-        first = first or axes
-        for name, column in zip(names, values[some].astype(float).T, strict=True):
+    shown_states = thin(run)
+    t, first_axes = run.t[shown_states].astype(float), None
+    for k, (panel_title, names, columns) in enumerate(panels, start=1):
+        axes = figure.add_subplot(len(panels), 1, k, sharex=first_axes)
+        first_axes = first_axes or axes
+        for name, column in zip(names, columns[shown_states].astype(float).T, strict=True):
             axes.plot(t, column, linewidth=1, label=name)
-        axes.set_title(said, fontsize=10)
+        axes.set_title(panel_title, fontsize=10)
         axes.legend(fontsize=8, loc="upper right", ncols=len(names))
         axes.grid(alpha=0.3)
         axes.label_outer()

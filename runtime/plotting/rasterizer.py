@@ -70,7 +70,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Triangles:
-    """What is drawn.
+    """Triangles to draw, each with its normals, colour, solid and opacity.
 
     Attributes
     ----------
@@ -88,10 +88,6 @@ class Triangles:
     part: NDArray[np.int64]
     alpha: Array
 
-    def some(self, which: NDArray[np.bool_]) -> Triangles:
-        """Return some of them."""
-        return Triangles(self.corners[which], self.normals[which], self.colours[which],
-                         self.part[which], self.alpha[which])
 
 
 def rasterize(screen: Array, width: int, height: int, depth: Array | None = None,
@@ -103,59 +99,60 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
     screen : array, shape (n, 3, 3)
         Pixel coordinates and depth of the corners.
     depth : array, shape (height, width), optional
-        Of what hides triangles.
+        Depth of solids that hide triangles.
     """
     index = np.full(height * width, -1, dtype=np.int64)
     buffer = np.zeros(height * width) if depth is None else depth.ravel().copy()
     x, y, w = screen[..., 0], screen[..., 1], screen[..., 2]
     area = ((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0]))
-    low = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, height).astype(np.int64)
-    high = np.clip(np.floor(y.max(axis=1) - 0.5) + 1, 0, height).astype(np.int64)
-    rows = np.where(np.abs(area) > 1e-12, np.maximum(high - low, 0), 0)
-    triangle = np.repeat(np.arange(len(screen)), rows)
-    row = low[triangle] + _counted(rows)
+    first_row = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, height).astype(np.int64)
+    end_row = np.clip(np.floor(y.max(axis=1) - 0.5) + 1, 0, height).astype(np.int64)
+    row_counts = np.where(np.abs(area) > 1e-12, np.maximum(end_row - first_row, 0), 0)
+    triangle = np.repeat(np.arange(len(screen)), row_counts)
+    row = first_row[triangle] + _counted(row_counts)
     # a x + b y + c ≥ 0 inside, for each edge; the row's part of it gives bounds of x.
-    left, right = np.full(len(row), 0.0), np.full(len(row), float(width))
+    left_bound, right_bound = np.full(len(row), 0.0), np.full(len(row), float(width))
     sign = np.sign(area)
     for k in range(3):
         j = (k + 1) % 3
         a, b = sign * (y[:, k] - y[:, j]), sign * (x[:, j] - x[:, k])
         c = -(a * x[:, k] + b * y[:, k])
-        at, slope = (b[triangle] * (row + 0.5) + c[triangle]), a[triangle]
+        edge_value, slope = (b[triangle] * (row + 0.5) + c[triangle]), a[triangle]
         with np.errstate(divide="ignore", invalid="ignore"):
-            bound = -at / slope
-        left = np.where(slope > 0, np.maximum(left, bound), left)
-        right = np.where(slope < 0, np.minimum(right, bound), right)
-    first = np.clip(np.ceil(left - 0.5), 0, width).astype(np.int64)
-    count = np.maximum(np.clip(np.floor(right - 0.5) + 1, 0, width).astype(np.int64) - first, 0)
+            bound = -edge_value / slope
+        left_bound = np.where(slope > 0, np.maximum(left_bound, bound), left_bound)
+        right_bound = np.where(slope < 0, np.minimum(right_bound, bound), right_bound)
+    first = np.clip(np.ceil(left_bound - 0.5), 0, width).astype(np.int64)
+    count = np.maximum(np.clip(np.floor(right_bound - 0.5) + 1, 0, width).astype(np.int64) - first,
+                       0)
     fragment = np.repeat(np.arange(len(row)), count)
     column = first[fragment] + _counted(count)
     triangle, row = triangle[fragment], row[fragment]
     # The depth is linear in the pixel: w0 + wx (x − x0) + wy (y − y0).
-    safe = np.where(np.abs(area) > 1e-12, area, 1.0)
+    safe_area = np.where(np.abs(area) > 1e-12, area, 1.0)
     dw1, dw2 = w[:, 1] - w[:, 0], w[:, 2] - w[:, 0]
-    wx = (dw1 * (y[:, 2] - y[:, 0]) - dw2 * (y[:, 1] - y[:, 0])) / safe
-    wy = (dw2 * (x[:, 1] - x[:, 0]) - dw1 * (x[:, 2] - x[:, 0])) / safe
-    deep = (w[:, 0] - wx * x[:, 0] - wy * y[:, 0])[triangle] + wx[triangle] * (
+    wx = (dw1 * (y[:, 2] - y[:, 0]) - dw2 * (y[:, 1] - y[:, 0])) / safe_area
+    wy = (dw2 * (x[:, 1] - x[:, 0]) - dw1 * (x[:, 2] - x[:, 0])) / safe_area
+    fragment_depth = (w[:, 0] - wx * x[:, 0] - wy * y[:, 0])[triangle] + wx[triangle] * (
         column + 0.5) + wy[triangle] * (row + 0.5)
     pixel = row * width + column
-    np.maximum.at(buffer, pixel, deep)
-    nearest = deep == buffer[pixel]
+    np.maximum.at(buffer, pixel, fragment_depth)
+    nearest = fragment_depth == buffer[pixel]
     index[pixel[nearest]] = triangle[nearest]
     return index.reshape(height, width), buffer.reshape(height, width)
 
 
 def _length(vectors: Array) -> Array:
     """Return the lengths of rows as a column."""
-    found: Array = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
-    return found
+    lengths: Array = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
+    return lengths
 
 
 def _counted(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return 0 … counts[0] − 1, 0 … counts[1] − 1, … in a row."""
+    """Return 0, …, counts[0] − 1, 0, …, counts[1] − 1, … as one array."""
     ends = np.cumsum(counts)
-    total = int(ends[-1]) if len(ends) else 0
-    return np.arange(total) - np.repeat(ends - counts, counts)
+    count_total = int(ends[-1]) if len(ends) else 0
+    return np.arange(count_total) - np.repeat(ends - counts, counts)
 
 
 def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int, int], *,
@@ -176,8 +173,8 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
     """
     width, height = (_OVER * n for n in size)
     zoom = Camera(camera.eye, camera.axes, _OVER * camera.focus, _OVER * camera.middle)
-    shown = np.concatenate([zoom.project(solid.corners),
-                            ribbons.corners * [_OVER, _OVER, 1.0]])
+    screen_corners = np.concatenate([zoom.project(solid.corners),
+                                     ribbons.corners * [_OVER, _OVER, 1.0]])
     opaque = np.concatenate([solid.alpha, ribbons.alpha]) >= 1
     lamp = _Lamp(solid.corners[solid.alpha >= 1], camera.axes, up, floor)
     image = _backdrop(camera, size[0], size[1], up, floor, cell, background, lamp, centre, reach)
@@ -185,63 +182,67 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
 
     everything = Triangles(*(np.concatenate([getattr(solid, name), getattr(ribbons, name)])
                              for name in ("corners", "normals", "colours", "part", "alpha")))
-    lit = np.arange(len(shown)) < len(solid.part)
+    lit = np.arange(len(screen_corners)) < len(solid.part)
     visible = np.flatnonzero(opaque)
-    index, depth = rasterize(shown[visible], width, height)
-    _paint(image, index, visible, shown, everything, lit, zoom, lamp)
+    index, depth = rasterize(screen_corners[visible], width, height)
+    _paint(image, index, visible, screen_corners, everything, lit, zoom, lamp)
     _outline(image, index, depth, everything.part[visible], lit[visible])
     glass = np.flatnonzero(~opaque)
     if len(glass):
-        index, _ = rasterize(shown[glass], width, height, depth)
-        _paint(image, index, glass, shown, everything, lit, zoom, lamp)
+        index, _ = rasterize(screen_corners[glass], width, height, depth)
+        _paint(image, index, glass, screen_corners, everything, lit, zoom, lamp)
     small = image.reshape(size[1], _OVER, size[0], _OVER, 3).mean(axis=(1, 3))
     pixels: NDArray[np.uint8] = (np.clip(small, 0, 1) * 255 + 0.5).astype(np.uint8)
     return pixels
 
 
-def _paint(image: Array, index: NDArray[np.int64], number: NDArray[np.int64], screen: Array,
+def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.int64],
+           screen: Array,
            drawn: Triangles, lit: NDArray[np.bool_], camera: Camera, lamp: _Lamp) -> None:
     """Shade the pixels that triangles cover: Lambert, Blinn-Phong, and the lamp's shadow."""
-    rows, columns = np.nonzero(index >= 0)
-    if not len(rows):
+    pixel_rows, pixel_columns = np.nonzero(index >= 0)
+    if not len(pixel_rows):
         return
-    which = number[index[rows, columns]]
-    x, y, w = (screen[which, :, k] for k in range(3))
-    px, py = columns.astype(float) + 0.5, rows.astype(float) + 0.5
+    covering = triangle_numbers[index[pixel_rows, pixel_columns]]
+    x, y, w = (screen[covering, :, k] for k in range(3))
+    px, py = pixel_columns.astype(float) + 0.5, pixel_rows.astype(float) + 0.5
     area = ((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0]))
     b1 = ((px - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (py - y[:, 0])) / area
     b2 = ((x[:, 1] - x[:, 0]) * (py - y[:, 0]) - (px - x[:, 0]) * (y[:, 1] - y[:, 0])) / area
     weight = np.stack([1 - b1 - b2, b1, b2], axis=1) * w
     nearness = weight.sum(axis=1)
     weight /= nearness[:, None]
-    colour = drawn.colours[which]
-    some = lit[which]
-    normal = np.einsum("nk,nkj->nj", weight[some], drawn.normals[which[some]])
+    colour = drawn.colours[covering]
+    lit_fragments = lit[covering]
+    normal = np.einsum("nk,nkj->nj", weight[lit_fragments], drawn.normals[covering[lit_fragments]])
     normal /= np.maximum(_length(normal), 1e-12)
-    rays = camera.rays(px[some], py[some])
-    place = camera.eye + rays / nearness[some, None]
+    rays = camera.rays(px[lit_fragments], py[lit_fragments])
+    points = camera.eye + rays / nearness[lit_fragments, None]
     back = -rays / _length(rays)
     normal *= np.where((normal * back).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    facing = np.clip(normal @ lamp.towards, 0, 1) * lamp.reaches(place, normal)
+    facing = np.clip(normal @ lamp.towards, 0, 1) * lamp.reaches(points, normal)
     half = back + lamp.towards
     half /= _length(half)
     shine = np.clip((normal * half).sum(axis=1), 0, 1) ** _GLOSS * (facing > 0)
     ambient = _AMBIENT * (0.84 + 0.16 * (normal @ lamp.up))
     shade = (ambient + _DIRECT * facing)[:, None]
-    colour[some] = colour[some] * shade + _SHINE * shine[:, None]
-    alpha = drawn.alpha[which, None]
-    image[rows, columns] = (1 - alpha) * image[rows, columns] + alpha * np.clip(colour, 0, 1)
+    colour[lit_fragments] = colour[lit_fragments] * shade + _SHINE * shine[:, None]
+    alpha = drawn.alpha[covering, None]
+    behind = image[pixel_rows, pixel_columns]
+    image[pixel_rows, pixel_columns] = (1 - alpha) * behind + alpha * np.clip(colour, 0, 1)
 
 
 def _outline(image: Array, index: NDArray[np.int64], depth: Array, part: NDArray[np.int64],
              lit: NDArray[np.bool_]) -> None:
     """Darken pixels in front of another solid, which separates overlapping solids."""
-    of = np.where(index >= 0, np.where(lit[index], part[index], -2), -1)
-    edge = np.zeros(of.shape, dtype=bool)
+    solid_of_pixel = np.where(index >= 0, np.where(lit[index], part[index], -2), -1)
+    edge = np.zeros(solid_of_pixel.shape, dtype=bool)
     for axis in (0, 1):
-        for way in (1, -1):
-            other, beside = np.roll(of, way, axis), np.roll(depth, way, axis)
-            edge |= (of >= 0) & (other != of) & (other != -2) & (depth >= beside)
+        for shift in (1, -1):
+            neighbour = np.roll(solid_of_pixel, shift, axis)
+            in_front = depth >= np.roll(depth, shift, axis)
+            edge |= (solid_of_pixel >= 0) & (neighbour != solid_of_pixel) & (neighbour != -2) & (
+                in_front)
     image[edge] *= 0.62
 
 
@@ -255,8 +256,8 @@ class _Lamp:
         first = np.cross(self.towards, over)
         first /= np.linalg.norm(first)
         self._axes = np.stack([first, np.cross(self.towards, first), self.towards])
-        seen = corners @ self._axes.T
-        low, high = seen.reshape(-1, 3).min(axis=0), seen.reshape(-1, 3).max(axis=0)
+        lamp_corners = corners @ self._axes.T
+        low, high = lamp_corners.reshape(-1, 3).min(axis=0), lamp_corners.reshape(-1, 3).max(axis=0)
         margin = 2.5 * _SOFT * _LAMP
         span = max(float((high - low)[:2].max()), 1e-12)
         self._scale = (_LAMP - 2 * margin) / span
@@ -269,37 +270,37 @@ class _Lamp:
             self._mask = _blurred(self._mask, round(_SOFT * _LAMP))
 
     def _pixels(self, points: Array) -> Array:
-        seen = points @ self._axes.T
-        return np.concatenate([seen[..., :2] * self._scale + self._shift,
-                               seen[..., 2:] - self._low], axis=-1)
+        lamp_points = points @ self._axes.T
+        return np.concatenate([lamp_points[..., :2] * self._scale + self._shift,
+                               lamp_points[..., 2:] - self._low], axis=-1)
 
     def reaches(self, points: Array, normals: Array) -> Array:
-        """Return how much of the lamp solids leave to points, from 0 to 1."""
-        seen = self._pixels(points + normals * self._bias * 0.6)
-        found = np.zeros(len(points))
+        """Return the share of the lamp that is visible from each point, from 0 to 1."""
+        shadow_pixels = self._pixels(points + normals * self._bias * 0.6)
+        unshadowed = np.zeros(len(points))
         offsets = [(i, j) for i in (-1.2, 0.0, 1.2) for j in (-1.2, 0.0, 1.2)]
         for i, j in offsets:
-            column = np.clip((seen[:, 0] + i).astype(np.int64), 0, _LAMP - 1)
-            row = np.clip((seen[:, 1] + j).astype(np.int64), 0, _LAMP - 1)
-            found += seen[:, 2] + self._bias * 0.5 >= self._depth[row, column]
-        return found / len(offsets)
+            column = np.clip((shadow_pixels[:, 0] + i).astype(np.int64), 0, _LAMP - 1)
+            row = np.clip((shadow_pixels[:, 1] + j).astype(np.int64), 0, _LAMP - 1)
+            unshadowed += shadow_pixels[:, 2] + self._bias * 0.5 >= self._depth[row, column]
+        return unshadowed / len(offsets)
 
     def darkens(self, points: Array) -> Array:
         """Return the soft shadow on a floor below all solids, from 0 to 1."""
-        seen = self._pixels(points)
-        column, row = (np.clip(seen[:, k].astype(np.int64), 0, _LAMP - 1) for k in (0, 1))
+        shadow_pixels = self._pixels(points)
+        column, row = (np.clip(shadow_pixels[:, k].astype(np.int64), 0, _LAMP - 1) for k in (0, 1))
         return self._mask[row, column]
 
 
-def _blurred(values: Array, radius: int) -> Array:
+def _blurred(image: Array, radius: int) -> Array:
     """Return means over squares of 2 radius + 1 pixels."""
     for axis in (0, 1):
-        padded = np.pad(values, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)])
+        padded = np.pad(image, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)])
         total = np.cumsum(padded, axis=axis)
-        length = values.shape[axis]
-        values = (np.take(total, np.arange(2 * radius + 1, 2 * radius + 1 + length), axis)
-                  - np.take(total, np.arange(length), axis)) / (2 * radius + 1)
-    return values
+        length = image.shape[axis]
+        image = (np.take(total, np.arange(2 * radius + 1, 2 * radius + 1 + length), axis)
+                 - np.take(total, np.arange(length), axis)) / (2 * radius + 1)
+    return image
 
 
 def _backdrop(camera: Camera, width: int, height: int, up: Array, floor: float | None, cell: float,
@@ -319,34 +320,35 @@ def _backdrop(camera: Camera, width: int, height: int, up: Array, floor: float |
     hit[hit] = _length(camera.eye + rays[hit] * distance[hit][:, None] - centre)[:, 0] < (
         _FADE * reach)
     rays, distance, slope = rays[hit], distance[hit], slope[hit]
-    places = camera.eye + rays * distance[:, None]
+    floor_points = camera.eye + rays * distance[:, None]
     first = np.eye(3)[np.argmin(np.abs(up))]
     first = first - (first @ up) * up
     first /= np.linalg.norm(first)
     across = np.stack([first, np.cross(up, first)])
-    flat = places @ across.T / cell
+    flat = floor_points @ across.T / cell
     # A line is one pixel wide; far away it fades before lines meet.
     pixel = distance / camera.focus / cell
     grazing = np.clip(np.abs(slope) / _length(rays)[:, 0], 0.02, 1)
     toward = rays @ across.T
     toward = np.abs(toward) / np.maximum(_length(toward), 1e-12)
     extent = pixel[:, None] * (1 + toward * (1 / grazing[:, None] - 1))  # of a pixel on the floor
-    off = np.abs(flat - np.round(flat))
-    drawn = np.clip(1.1 - off / extent, 0, 1) * np.clip(1.4 - 3 * extent, 0, 1)
-    fade = np.clip(_FADE - _length(places - centre)[:, 0] / reach, 0, 1)
-    strength = (drawn.max(axis=1) * fade)[:, None]
+    line_distance = np.abs(flat - np.round(flat))
+    line_strength = np.clip(1.1 - line_distance / extent, 0, 1) * np.clip(1.4 - 3 * extent, 0, 1)
+    fade = np.clip(_FADE - _length(floor_points - centre)[:, 0] / reach, 0, 1)
+    strength = (line_strength.max(axis=1) * fade)[:, None]
     drawn_floor = image[hit] * (1 - 0.75 * strength) + 0.75 * strength * line
-    image[hit] = drawn_floor * (1 - _FLOOR_SHADOW * lamp.darkens(places)[:, None])
+    image[hit] = drawn_floor * (1 - _FLOOR_SHADOW * lamp.darkens(floor_points)[:, None])
     return image
 
 
 def encode_png(pixels: NDArray[np.uint8]) -> bytes:
     """Return a picture of shape (height, width, 3) as a PNG file."""
     height, width, _ = pixels.shape
-    before = np.zeros_like(pixels)
-    before[1:] = pixels[:-1]
-    rows = np.concatenate([np.full((height, 1), 2, np.uint8),  # filter 2: less the row above
-                           (pixels - before).reshape(height, -1)], axis=1)
+    previous_rows = np.zeros_like(pixels)
+    previous_rows[1:] = pixels[:-1]
+    filter_up = np.full((height, 1), 2, np.uint8)  # PNG filter 2: differences to the row above
+    filtered_rows = np.concatenate(
+        [filter_up, (pixels - previous_rows).reshape(height, -1)], axis=1)
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         body = kind + data
@@ -354,4 +356,4 @@ def encode_png(pixels: NDArray[np.uint8]) -> bytes:
 
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head)
-            + chunk(b"IDAT", zlib.compress(rows.tobytes(), 9)) + chunk(b"IEND", b""))
+            + chunk(b"IDAT", zlib.compress(filtered_rows.tobytes(), 9)) + chunk(b"IEND", b""))

@@ -38,17 +38,17 @@ ENDINGS: dict[str, tuple[str, Any, tuple[str, ...]]] = {
 
 
 def show(run: Trajectory, path: str | os.PathLike[str] | None, options: dict[str, Any]) -> Any:
-    """Return what shows a run, written to a path where one is given; see ``Trajectory.show``."""
-    returned = {None: ".html", ".html": ".html", ".png": ".png"}
-    ending = returned.get(path) if path is None or isinstance(path, str) else None
+    """Return the page or picture of a run, or write it to a path; see ``Trajectory.show``."""
+    inline_endings = {None: ".html", ".html": ".html", ".png": ".png"}
+    ending = inline_endings.get(path) if path is None or isinstance(path, str) else None
     target = None if ending else as_path("path", path, "run.html")
     ending = ending or ending_of(Path(target or ""))
     if ending not in ENDINGS:
         raise InputError(f"A run is not shown as {target.name if target else ''!r}; end the "
                          f"name in {listed(ENDINGS)}. plot writes curves as .png, .svg and .pdf.")
-    kind, function, known = ENDINGS[ending]
+    kind, function, option_names = ENDINGS[ending]
     for name in options:
-        if name not in known:
-            raise InputError(f"{name} is no option of {kind}, which has {listed(known)}"
-                             f"{proposal(name, known)}.")
+        if name not in option_names:
+            raise InputError(f"{name} is no option of {kind}, which has {listed(option_names)}"
+                             f"{proposal(name, option_names)}.")
     return function(run, target, **options)

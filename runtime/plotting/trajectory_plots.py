@@ -36,8 +36,8 @@ _NAMED = 16  # lines that a legend names
 def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> Any:
     """Draw the axis trace on the sphere, the energy error and the constraint errors.
 
-    Of several bodies the places of their centres of mass stand where the sphere is, of systems
-    without bodies the coordinates.
+    With several bodies, the positions of their centres of mass replace the sphere; without bodies,
+    the coordinates do.
 
     Parameters
     ----------
@@ -57,20 +57,21 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
         Without matplotlib.
     """
     target = None if path is None else check_picture_path(path)
-    more = trajectory.panels()
-    rows = 2 + len(more)
-    figure = figure_class()(figsize=(11, 2.3 * rows), layout="constrained")
-    grid = figure.add_gridspec(rows, 2, width_ratios=(1, 1.4))
+    output_panels = trajectory.panels()
+    row_count = 2 + len(output_panels)
+    figure = figure_class()(figsize=(11, 2.3 * row_count), layout="constrained")
+    grid = figure.add_gridspec(row_count, 2, width_ratios=(1, 1.4))
     if len(trajectory.bodies) == 1:
         _sphere(figure.add_subplot(grid[:, 0], projection="3d"), trajectory)
-    elif all(at.centre for at in bodies_of(trajectory.manifest).values()) and trajectory.bodies:
-        _places(figure, grid[:, 0], trajectory)
+    elif all(columns.centre
+             for columns in bodies_of(trajectory.manifest).values()) and trajectory.bodies:
+        _positions(figure, grid[:, 0], trajectory)
     else:
         _coordinates(figure.add_subplot(grid[:, 0]), trajectory)
     _energy(figure.add_subplot(grid[0, 1]), trajectory)
     _constraints(figure.add_subplot(grid[1, 1]), trajectory)
-    for row, (title, values) in enumerate(more.items(), 2):
-        _output(figure.add_subplot(grid[row, 1]), trajectory, title, values)
+    for row, (title, output) in enumerate(output_panels.items(), 2):
+        _output(figure.add_subplot(grid[row, 1]), trajectory, title, output)
     figure.suptitle(f"{trajectory.manifest.name}, Δt = {trajectory.dt:g} s, "
                     f"{trajectory.report.steps:,} steps", fontsize=11)
     if target is not None:
@@ -102,8 +103,8 @@ def save(figure: Any, target: Path) -> None:
     GyrosparkError
         If it cannot be written.
     """
-    with result_file(target, "The picture") as part:
-        figure.savefig(part, dpi=150)
+    with result_file(target, "The picture") as partial_file:
+        figure.savefig(partial_file, dpi=150)
 
 
 def figure_class() -> Any:
@@ -147,11 +148,11 @@ def _sphere(axes: Any, trajectory: Trajectory) -> None:
 
 def _coordinates(axes: Any, trajectory: Trajectory) -> None:
     """Draw each coordinate against time."""
-    some = thin(trajectory)
-    t = trajectory.t[some].astype(float)
-    for name, values in zip(trajectory.coordinates, trajectory.q[some].astype(float).T,
-                            strict=True):
-        axes.plot(t, values, linewidth=1, label=name)
+    shown_states = thin(trajectory)
+    t = trajectory.t[shown_states].astype(float)
+    for name, coordinate in zip(trajectory.coordinates, trajectory.q[shown_states].astype(float).T,
+                                strict=True):
+        axes.plot(t, coordinate, linewidth=1, label=name)
     axes.set_xlabel("t [s]")
     axes.set_title("coordinates", fontsize=10)
     axes.grid(alpha=0.3)
@@ -159,39 +160,39 @@ def _coordinates(axes: Any, trajectory: Trajectory) -> None:
         axes.legend(fontsize=8, ncols=1 + len(trajectory.coordinates) // 8)
 
 
-def _places(figure: Any, place: Any, trajectory: Trajectory) -> None:
-    """Draw where the bodies' centres of mass are, an axis of space a panel, a line a body."""
-    some = thin(trajectory)
-    t = trajectory.t[some].astype(float)
-    where = {name: trajectory.body(name).position()[some] for name in trajectory.bodies}
-    panels = place.subgridspec(3, 1).subplots(sharex=True)
+def _positions(figure: Any, grid_cell: Any, trajectory: Trajectory) -> None:
+    """Draw the centres of mass: one panel per axis of space, one line per body."""
+    shown_states = thin(trajectory)
+    t = trajectory.t[shown_states].astype(float)
+    positions = {name: trajectory.body(name).position()[shown_states] for name in trajectory.bodies}
+    panels = grid_cell.subgridspec(3, 1).subplots(sharex=True)
     for k, axes in enumerate(panels):
-        for name, values in where.items():
-            axes.plot(t, values[:, k], linewidth=1, label=name)
+        for name, position in positions.items():
+            axes.plot(t, position[:, k], linewidth=1, label=name)
         axes.set_ylabel(f"{'xyz'[k]} [m]")
         axes.grid(alpha=0.3)
     panels[0].set_title("centres of mass", fontsize=10)
-    if len(where) <= _NAMED:
-        panels[0].legend(fontsize=8, loc="upper right", ncols=min(len(where), 4))
+    if len(positions) <= _NAMED:
+        panels[0].legend(fontsize=8, loc="upper right", ncols=min(len(positions), 4))
     panels[2].set_xlabel("t [s]")
 
 
 def _energy(axes: Any, trajectory: Trajectory) -> None:
-    some = thin(trajectory)
-    t = trajectory.t[some].astype(float)
-    error = trajectory.energy_error()[some].astype(float)
+    shown_states = thin(trajectory)
+    t = trajectory.t[shown_states].astype(float)
+    error = trajectory.energy_error()[shown_states].astype(float)
     axes.plot(t, error, color=_INK, linewidth=0.8)
     axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
-    less = " − W" if trajectory.manifest.system.forces else ""
-    axes.set_title(f"energy error H − H₀{less}", fontsize=10)
+    work_term = " − W" if trajectory.manifest.system.forces else ""
+    axes.set_title(f"energy error H − H₀{work_term}", fontsize=10)
     axes.grid(alpha=0.3)
 
 
-def _output(axes: Any, trajectory: Trajectory, title: str, values: Any) -> None:
+def _output(axes: Any, trajectory: Trajectory, title: str, output: Any) -> None:
     """Draw an output against time, a line for each of its numbers."""
-    some, t = thin(trajectory), trajectory.t[-len(values) :]
-    numbers = values.reshape(len(t), -1)[some].astype(float)
-    axes.plot(t[some].astype(float), numbers, linewidth=0.8)
+    shown_states, t = thin(trajectory), trajectory.t[-len(output) :]
+    components = output.reshape(len(t), -1)[shown_states].astype(float)
+    axes.plot(t[shown_states].astype(float), components, linewidth=0.8)
     axes.set_xlabel("t [s]")
     axes.set_title(title, fontsize=10)
     axes.grid(alpha=0.3)
@@ -199,13 +200,13 @@ def _output(axes: Any, trajectory: Trajectory, title: str, values: Any) -> None:
 
 def _constraints(axes: Any, trajectory: Trajectory) -> None:
     """Draw the constraint errors; exact zeros are drawn at the bottom."""
-    some = thin(trajectory)
-    t = trajectory.t[some].astype(float)
+    shown_states = thin(trajectory)
+    t = trajectory.t[shown_states].astype(float)
     floor = 1e-36 if REALS[trajectory.manifest.real].in_mpmath else 1e-18
-    for values, name, colour in zip(trajectory.constraint_errors(),
+    for errors, name, colour in zip(trajectory.constraint_errors(),
                                     ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
                                     strict=True):
-        sizes = np.maximum(values[some].astype(float), floor)
+        sizes = np.maximum(errors[shown_states].astype(float), floor)
         axes.semilogy(t, sizes, ".-" if len(t) <= _FEW else ".", markersize=2, linewidth=0.6,
                       color=colour, label=name)
     axes.set_xlabel("t [s]")
@@ -222,16 +223,16 @@ _MANY = 20_000
 def draw_section(section: Section, x: str, y: str, path: str | os.PathLike[str] | None) -> Any:
     """Draw the points of a section by two of their values; see ``Section.plot``."""
     target = None if path is None else check_picture_path(path)
-    across, up = section.values(x).astype(float), section.values(y).astype(float)
+    x_values, y_values = section.values(x).astype(float), section.values(y).astype(float)
     figure = figure_class()(figsize=(7, 6), layout="constrained")
     axes = figure.add_subplot()
-    many = len(section) > _MANY
-    axes.scatter(across, up, c=section.trajectory, s=0.2 if many else 2, cmap="viridis",
-                 linewidths=0, rasterized=many)
+    is_dense = len(section) > _MANY
+    axes.scatter(x_values, y_values, c=section.trajectory, s=0.2 if is_dense else 2, cmap="viridis",
+                 linewidths=0, rasterized=is_dense)
     axes.set_xlabel(x)
     axes.set_ylabel(y)
-    way = {-1: ", falling", 0: "", 1: ", rising"}[section.event.direction]
-    axes.set_title(f"{section.event.quantity} = {float(section.event.level):g}{way}: "
+    direction = {-1: ", falling", 0: "", 1: ", rising"}[section.event.direction]
+    axes.set_title(f"{section.event.quantity} = {float(section.event.level):g}{direction}: "
                    f"{len(section):,} points", fontsize=11)
     if target is not None:
         save(figure, target)
@@ -245,12 +246,16 @@ _LINES, _PANELS = 200, 6
 def names_and_path(
     names: Sequence[Any], path: str | os.PathLike[str] | None
 ) -> tuple[list[str], str | os.PathLike[str] | None]:
-    """Return the names of values, and the path of a picture, which may be the last of them."""
-    known = list(names)
-    if path is None and known and (isinstance(known[-1], os.PathLike) or (
-            isinstance(known[-1], str) and ending_of(Path(known[-1])) in endings("picture"))):
-        path = known.pop()
-    return known, path
+    """Return the names of values and the path of a picture.
+
+    Without ``path``, the last of ``names`` is the path if it ends in .png, .svg or .pdf.
+    """
+    value_names = list(names)
+    if path is None and value_names and (isinstance(value_names[-1], os.PathLike) or (
+            isinstance(value_names[-1], str)
+            and ending_of(Path(value_names[-1])) in endings("picture"))):
+        path = value_names.pop()
+    return value_names, path
 
 
 def draw_ensemble(
@@ -259,10 +264,10 @@ def draw_ensemble(
     """Draw values against time, a line for each trajectory; see ``Ensemble.plot``."""
     first, count = ensemble.members[0], len(ensemble)
     shown = np.unique(np.linspace(0, count - 1, min(count, _LINES)).astype(int))
-    some_of = f", {len(shown)} of them drawn" if len(shown) < count else ""
+    selection_note = f", {len(shown)} of them drawn" if len(shown) < count else ""
     default = [*(first.quantities or first.coordinates)[:_PANELS], "energy_error"]
     return draw_values([ensemble.members[i] for i in shown], names or default, path,
-                       f"{first.manifest.name}: {count:,} trajectories{some_of}, "
+                       f"{first.manifest.name}: {count:,} trajectories{selection_note}, "
                        f"{len(ensemble.failures):,} failed")
 
 
@@ -272,21 +277,21 @@ def draw_values(
 ) -> Any:
     """Draw values of runs against time, a panel for each name and a line for each run."""
     target = None if path is None else check_picture_path(path)
-    known = _known_values(runs[0])
-    wanted = [choose("value of a run", name, known) for name in names]
-    figure = figure_class()(figsize=(9, 2 + 1.8 * (len(wanted) - 1)), layout="constrained")
-    panels = np.atleast_1d(figure.subplots(len(wanted), 1, sharex=True))
+    available = _plottable_values(runs[0])
+    value_names = [choose("value of a run", name, available) for name in names]
+    figure = figure_class()(figsize=(9, 2 + 1.8 * (len(value_names) - 1)), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(len(value_names), 1, sharex=True))
     for i, run in enumerate(runs):
-        some = thin(run)
+        shown_states = thin(run)
         colour = (0.27 + 0.5 * i / len(runs), 0.2 + 0.5 * (1 - i / len(runs)), 0.5)
-        values = _known_values(run)
-        for axes, name in zip(panels, wanted, strict=True):
-            row = values[name]()
-            axes.plot(run.t[-len(row):][some].astype(float), row[some].astype(float),
-                      color=colour, linewidth=0.7)
-    less = " − W" if runs[0].manifest.system.forces else ""
-    for axes, name in zip(panels, wanted, strict=True):
-        axes.set_title(f"energy error H − H₀{less}" if name == "energy_error" else name,
+        run_values = _plottable_values(run)
+        for axes, name in zip(panels, value_names, strict=True):
+            series = run_values[name]()
+            axes.plot(run.t[-len(series):][shown_states].astype(float),
+                      series[shown_states].astype(float), color=colour, linewidth=0.7)
+    work_term = " − W" if runs[0].manifest.system.forces else ""
+    for axes, name in zip(panels, value_names, strict=True):
+        axes.set_title(f"energy error H − H₀{work_term}" if name == "energy_error" else name,
                        fontsize=10)
         axes.grid(alpha=0.3)
     panels[-1].set_xlabel("t [s]")
@@ -296,15 +301,18 @@ def draw_values(
     return figure
 
 
-def _known_values(run: Trajectory) -> dict[str, Callable[[], NDArray[Any]]]:
-    """Return the values of each state that are drawn by name; names of the system go first."""
-    found: dict[str, Callable[[], NDArray[Any]]] = {
+def _plottable_values(run: Trajectory) -> dict[str, Callable[[], NDArray[Any]]]:
+    """Return functions that return the values of each state, by name.
+
+    Names of the system replace names such as "energy".
+    """
+    functions: dict[str, Callable[[], NDArray[Any]]] = {
         "energy": run.energy, "energy_error": run.energy_error, "work": lambda: run.work,
         "iterations": lambda: run.iterations, "g_error": lambda: run.g_errors,
         "f_error": lambda: run.f_errors}
     for names, attribute in ((run.momenta, "p"), (run.coordinates, "q")):
-        found |= {name: partial(_column, run, attribute, i) for i, name in enumerate(names)}
-    return found | {name: partial(run.quantity, name) for name in run.quantities}
+        functions |= {name: partial(_column, run, attribute, i) for i, name in enumerate(names)}
+    return functions | {name: partial(run.quantity, name) for name in run.quantities}
 
 
 def _column(run: Trajectory, attribute: str, i: int) -> NDArray[Any]:
