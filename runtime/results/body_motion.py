@@ -44,9 +44,9 @@ class BodyMotion:
         The body's.
     """
 
-    def __init__(self, trajectory: Trajectory, name: str, at: BodyAt) -> None:
+    def __init__(self, trajectory: Trajectory, name: str, columns: BodyAt) -> None:
         self.name = name
-        self._run, self._at = trajectory, at
+        self._run, self._at = trajectory, columns
 
     def __repr__(self) -> str:
         return (f"<BodyMotion of {self.name} in {self._run.manifest.name}: "
@@ -57,8 +57,8 @@ class BodyMotion:
     @property
     def attitude(self) -> Array:
         """Unit quaternions from body to space axes, scalar first, shape (N+1, 4), as computed."""
-        values: Array = self._run.q[..., self._at.q]
-        return values
+        quaternions: Array = self._run.q[..., self._at.q]
+        return quaternions
 
     def rotation(self) -> Any:
         """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space."""
@@ -121,20 +121,20 @@ class BodyMotion:
         Raises
         ------
         InputError
-            For what is no point, and where nobody says where the centre of mass is.
+            If ``on_body`` is no point, and if the model does not give the centre of mass.
         """
         return self._origin() + self._in_space(self._point(on_body))
 
     def velocity(self, on_body: ArrayLike | None = None) -> Array:
-        """Return the velocity of such a point, ẋ + R(q) (Ω × r), shape (N+1, 3), in m/s.
+        """Return the velocity of a point of the body, ẋ + R(q) (Ω × r), shape (N+1, 3), in m/s.
 
-        ``on_body`` and what is raised are those of ``position``.
+        Takes the same argument and raises the same errors as ``position``.
         """
         r = self._point(on_body)
-        turning = self._in_space(np.cross(self.angular_velocity(), r))
+        rotation_velocity = self._in_space(np.cross(self.angular_velocity(), r))
         if not self.moves:
-            return turning
-        return self._run.p[..., self._at.x].astype(float) / self.mass + turning
+            return rotation_velocity
+        return self._run.p[..., self._at.x].astype(float) / self.mass + rotation_velocity
 
     def momentum(self) -> Array:
         """Return m ẋ of the centre of mass in space axes, shape (N+1, 3), in kg m/s.
@@ -142,7 +142,7 @@ class BodyMotion:
         Raises
         ------
         InputError
-            Where nobody says the mass, or where the centre of mass is.
+            If the model does not give the mass or the centre of mass.
         """
         return self.mass * self.velocity()
 
@@ -165,12 +165,12 @@ class BodyMotion:
         Raises
         ------
         InputError
-            Where nobody says it.
+            If the model does not give it.
         """
-        found = self._at.mass_of(self._run.parameters)
-        if found is None:
+        mass = self._at.mass_of(self._run.parameters)
+        if mass is None:
             raise InputError(self._unknown("the mass"))
-        return found
+        return mass
 
     @property
     def inertia(self) -> Array:
@@ -184,7 +184,7 @@ class BodyMotion:
         Raises
         ------
         InputError
-            Where nobody says it.
+            If the model does not give it.
         """
         if not self._at.centre:
             raise InputError(self._unknown("where the centre of mass is") + " (Other points are "
@@ -210,8 +210,8 @@ class BodyMotion:
 
     @property
     def _p(self) -> Array:
-        values: Array = self._run.p[..., self._at.q]
-        return values
+        momenta: Array = self._run.p[..., self._at.q]
+        return momenta
 
     @property
     def _inertia(self) -> Any:
@@ -221,8 +221,8 @@ class BodyMotion:
         """Return where the origin of the body axes is in space, a row a state."""
         if self.moves:
             return self._run.q[..., self._at.x].astype(float)
-        held = numbers(self._at.origin, self._run.parameters)
-        return np.broadcast_to(held, (*self._run.q.shape[:-1], 3))
+        fixed_point = numbers(self._at.origin, self._run.parameters)
+        return np.broadcast_to(fixed_point, (*self._run.q.shape[:-1], 3))
 
     def _point(self, on_body: ArrayLike | None) -> Array:
         if on_body is None:
@@ -242,8 +242,8 @@ class BodyMotion:
         in_body = choose("frame", frame, FRAMES) == "body"
         return vectors if in_body else self._in_space(vectors)
 
-    def _unknown(self, what: str) -> str:
-        return (f"System {self._run.manifest.system.name!r} does not say {what} of body "
+    def _unknown(self, quantity: str) -> str:
+        return (f"System {self._run.manifest.system.name!r} does not say {quantity} of body "
                 f"{self.name!r}; bodies of gyrospark.Multibody and of [[bodies]] in model files "
                 "have it.")
 
@@ -264,23 +264,24 @@ def total_momenta(run: Trajectory) -> tuple[Array, Array]:
         Where not all coordinates are those of bodies with quaternion and position.
     """
     bodies = bodies_of(run.manifest).values()
-    if sum(bool(at.x) for at in bodies) * 7 != run.q.shape[1]:
+    if sum(bool(body_columns.x) for body_columns in bodies) * 7 != run.q.shape[1]:
         raise InputError(f"System {run.manifest.system.name!r} has coordinates of others "
                          "than free bodies; add up what body(name).momentum() and "
                          "angular_momentum() return.")
-    places, positions = ([at.q for at in bodies], [at.x for at in bodies])
+    attitudes, positions = ([body_columns.q for body_columns in bodies],
+                            [body_columns.x for body_columns in bodies])
     x, p = (array[:, positions].astype(float) for array in (run.q, run.p))
-    m = np.einsum("kbij,kbj->kbi", quaternion.left_matrix(run.q[:, places]),
-                  run.p[:, places].astype(float)) / 2
-    l = np.einsum("kbij,kbj->kbi", quaternion.rotation_matrix(run.q[:, places]), m)  # noqa: E741
+    m = np.einsum("kbij,kbj->kbi", quaternion.left_matrix(run.q[:, attitudes]),
+                  run.p[:, attitudes].astype(float)) / 2
+    l = np.einsum("kbij,kbj->kbi", quaternion.rotation_matrix(run.q[:, attitudes]), m)  # noqa: E741
     return p.sum(axis=1), (l + np.cross(x, p)).sum(axis=1)
 
 
 class PlacedMotion(BodyMotion):
     """One body of a system in coordinates of its own: place and attitude; made as ``BodyMotion``.
 
-    The origin of its axes is the centre of mass. Velocities, momenta and inertia are not known of
-    it; asking for them raises ``InputError``.
+    The origin of its axes is the centre of mass. The model gives no velocities, momenta or inertia;
+    asking for them raises ``InputError``.
     """
 
     def __init__(self, trajectory: Trajectory, name: str, placed: PlacedAt) -> None:

@@ -32,7 +32,7 @@ def load(path: str | os.PathLike[str]) -> Trajectory:
         Where the package of a format is not installed.
     """
     target = as_path("path", path, "run.npz")
-    readable = {one.ending: one for one in FORMATS if one.reader}
+    readable = {format_.ending: format_ for format_ in FORMATS if format_.reader}
     form = readable.get(".zarr" if target.is_dir() else ending_of(target))
     if form is None:
         raise InputError(f"No run is read from {target.name!r}: give a name that ends in "

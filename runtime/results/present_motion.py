@@ -31,7 +31,7 @@ Floats = Sequence[float]
 
 
 class Present(Protocol):
-    """A simulation, as its bodies and joints see it; q and p have the shape (n,)."""
+    """The part of a simulation that bodies and joints read; q and p have the shape (n,)."""
 
     q: Array
     p: Array
@@ -49,11 +49,11 @@ class Present(Protocol):
         """Return one of the bodies."""
 
     def next_step(self) -> Trajectory:
-        """Return the step that would follow; the simulation stays where it is."""
+        """Return the next step as a trajectory, without advancing the simulation."""
 
 
-class _OfOneState:
-    """What a motion has and a state has not."""
+class _SingleState:
+    """A body or joint of one state, which refuses the methods that need a motion."""
 
     name: str
     _run: Any
@@ -70,12 +70,12 @@ class _OfOneState:
 
 
 @explain_arguments
-class PresentPlaced(_OfOneState, PlacedMotion):
+class PresentPlaced(_SingleState, PlacedMotion):
     """A body in coordinates of its own at the present state; made by ``Simulation.body``."""
 
 
 @explain_arguments
-class PresentBody(_OfOneState, BodyMotion):
+class PresentBody(_SingleState, BodyMotion):
     """One body of a simulation at its present state; made by ``Simulation.body``.
 
     It has the attributes and methods of ``BodyMotion``, whose arrays have one row less a
@@ -83,16 +83,16 @@ class PresentBody(_OfOneState, BodyMotion):
     then, so that one object serves a whole control loop.
     """
 
-    def __init__(self, run: Present, name: str, at: BodyAt) -> None:
-        super().__init__(run, name, at)  # type: ignore[arg-type]
-        self._columns = np.array(at.q)
-        self._inverse = _Recall(run, at.inertia, lambda: _inverse(self._inertia))
+    def __init__(self, run: Present, name: str, columns: BodyAt) -> None:
+        super().__init__(run, name, columns)  # type: ignore[arg-type]
+        self._columns = np.array(columns.q)
+        self._inverse = _CachedFunction(run, columns.inertia, lambda: _inverse(self._inertia))
 
     @property
     def attitude(self) -> Array:
         """Unit quaternion from body to space axes, scalar first, shape (4,), as computed."""
-        values: Array = self._run.q[self._columns]
-        return values
+        quaternion: Array = self._run.q[self._columns]
+        return quaternion
 
     def angular_velocity(self, frame: FrameName = "body") -> Array:
         """Return Ω = J⁻¹ ½ L(q) p (19), or R(q) Ω for ``frame="space"``, shape (3,), in rad/s.
@@ -107,8 +107,8 @@ class PresentBody(_OfOneState, BodyMotion):
 
     def _quaternion(self) -> list[float]:
         """Return the attitude as floats."""
-        values: list[float] = self._run.q[self._columns].astype(float).tolist()
-        return values
+        quaternion: list[float] = self._run.q[self._columns].astype(float).tolist()
+        return quaternion
 
     def _rates(self) -> list[float]:
         """Return Ω in body axes as floats."""
@@ -124,24 +124,25 @@ class PresentBody(_OfOneState, BodyMotion):
 
 
 @explain_arguments
-class PresentJoint(_OfOneState, JointMotion):
+class PresentJoint(_SingleState, JointMotion):
     """One joint of a simulation at its present state; made by ``Simulation.joint``.
 
     It has the methods of ``JointMotion``, whose arrays have one row less a dimension: ``angle()``
     and ``rate()`` are numbers.
     """
 
-    def __init__(self, run: Present, name: str, at: JointAt) -> None:
-        super().__init__(run, name, at)  # type: ignore[arg-type]
-        entries = [e for e in (*at.axis_a, *at.axis_b, *at.zero) if isinstance(e, str)]
-        self._vectors = _Recall(run, entries, self._constant_vectors)
+    def __init__(self, run: Present, name: str, columns: JointAt) -> None:
+        super().__init__(run, name, columns)  # type: ignore[arg-type]
+        entries = [e for e in (*columns.axis_a, *columns.axis_b, *columns.zero)
+                   if isinstance(e, str)]
+        self._vectors = _CachedFunction(run, entries, self._constant_vectors)
 
     def angle(self, *, degrees: bool = False) -> Any:
         """Return by how much b is turned against a about their axis, in rad or degrees.
 
-        It is that of ``JointMotion.angle`` in its first state: whole turns, which one state does
-        not tell, are counted by ``sim.trajectory.joint(name).angle()``. Where the model goes by
-        the angle it is known up to two turns, and else lies in (−π, π].
+        Equal to ``JointMotion.angle`` in its first state: one state does not tell whole turns,
+        which ``sim.trajectory.joint(name).angle()`` counts. If the model depends on the angle, it
+        is unique up to two turns; otherwise it lies in (−π, π].
 
         Raises
         ------
@@ -162,7 +163,7 @@ class PresentJoint(_OfOneState, JointMotion):
     def rate(self) -> Any:
         """Return the angular velocity of b against a about their axis, in rad/s.
 
-        What is raised is that of ``angle``.
+        Raises the same errors as ``angle``.
         """
         if self._is_measured("rate"):
             return self._run.quantity(f"{self.name}_rate")
@@ -174,16 +175,17 @@ class PresentJoint(_OfOneState, JointMotion):
         return rate
 
     def _reaction(self) -> tuple[Array, Array]:
-        """Return force and torque at the begin of the step that would follow."""
-        rows = JointMotion(self._run.next_step(), self.name, self._at)._reaction()
-        return rows[0][0], rows[1][0]
+        """Return force and torque at the begin of the next step."""
+        reactions = JointMotion(self._run.next_step(), self.name, self._at)._reaction()
+        return reactions[0][0], reactions[1][0]
 
     def _quaternion_of(self, name: str) -> list[float]:
-        values: list[float] = self._run.body(name)._quaternion() if name else [1.0, 0.0, 0.0, 0.0]
-        return values
+        ground = [1.0, 0.0, 0.0, 0.0]
+        quaternion: list[float] = self._run.body(name)._quaternion() if name else ground
+        return quaternion
 
     def _constant_vectors(self) -> tuple[list[float], ...]:
-        """Return e = n₁ × n₂, n₁ and n₂ in a, what n₁ is in b at angle 0, and ``zero``."""
+        """Return e = n₁ × n₂, n₁ and n₂ in a, the image of n₁ in b at angle 0, and ``zero``."""
         n1, n2, _, of_b = self._axes()
         e = np.cross(n1, n2)
         return (e.tolist(), n1.tolist(), n2.tolist(),
@@ -191,8 +193,8 @@ class PresentJoint(_OfOneState, JointMotion):
                 numbers(self._at.zero, self._run.parameters).tolist())
 
 
-class _Recall:
-    """A function of some parameters, called again when one of them has another value."""
+class _CachedFunction:
+    """A function of some parameters, whose result is kept until one of them changes."""
 
     def __init__(self, run: Present, names: Sequence[str], function: Any) -> None:
         self._run, self._names, self._function = run, names, function
@@ -201,23 +203,25 @@ class _Recall:
 
     def __call__(self) -> Any:
         """Return the value of the function at the present parameters."""
-        values = [*map(self._run.parameters.__getitem__, self._names)]
-        if values != self._values:
-            self._result, self._values = self._function(), values
+        parameter_values = [*map(self._run.parameters.__getitem__, self._names)]
+        if parameter_values != self._values:
+            self._result, self._values = self._function(), parameter_values
         return self._result
 
 
-def body_at_present(run: Present, name: str, at: BodyAt | PlacedAt) -> PresentBody | PresentPlaced:
+def body_at_present(
+    run: Present, name: str, columns: BodyAt | PlacedAt
+) -> PresentBody | PresentPlaced:
     """Return a body of a simulation."""
-    if isinstance(at, PlacedAt):
-        return PresentPlaced(run, name, at)  # type: ignore[arg-type]
-    return PresentBody(run, name, at)
+    if isinstance(columns, PlacedAt):
+        return PresentPlaced(run, name, columns)  # type: ignore[arg-type]
+    return PresentBody(run, name, columns)
 
 
 def _inverse(inertia: Any) -> list[list[float]]:
     """Return J⁻¹."""
-    rows: list[list[float]] = np.linalg.inv(inertia_matrix(inertia)).tolist()
-    return rows
+    inverse: list[list[float]] = np.linalg.inv(inertia_matrix(inertia)).tolist()
+    return inverse
 
 
 def rotated(q: Floats, v: Floats) -> list[float]:

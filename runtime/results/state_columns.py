@@ -1,6 +1,6 @@
-"""The states of a run as columns along the time, under the names that the system gives them.
+"""The states of a run as columns along the time, under their names in the system.
 
-They stand in the order of ``OUTPUTS``, here as in a stored run.
+The columns have the order of ``OUTPUTS``, here as in a stored run.
 """
 
 from __future__ import annotations
@@ -46,16 +46,20 @@ _NAMED = 12
 
 
 def states_of(trajectory: Trajectory) -> dict[str, Array]:
-    """Return the arrays of a trajectory, a row a state; those of steps begin with nothing."""
-    found: dict[str, Array] = {}
-    for one in OUTPUTS:
-        values = getattr(trajectory, one.attribute)
-        if one.of_steps:
-            none = 0 if one.whole else 0 * trajectory.q[0, 0] + np.nan  # of the stepper's own type
-            start = np.full((1, *values.shape[1:]), none, dtype=values.dtype)
-            values = np.concatenate([start, values])
-        found |= pieces(one, trajectory.manifest, values)
-    return found
+    """Return the arrays of a trajectory by name, one row per state.
+
+    Arrays of steps get a first row of NaN, or of 0 where their entries are whole numbers.
+    """
+    arrays: dict[str, Array] = {}
+    for output in OUTPUTS:
+        array = getattr(trajectory, output.attribute)
+        if output.of_steps:
+            # NaN in the stepper's own number type: 0 q + NaN.
+            missing_value = 0 if output.whole else 0 * trajectory.q[0, 0] + np.nan
+            start = np.full((1, *array.shape[1:]), missing_value, dtype=array.dtype)
+            array = np.concatenate([start, array])
+        arrays |= pieces(output, trajectory.manifest, array)
+    return arrays
 
 
 def headings(
@@ -64,65 +68,65 @@ def headings(
 ) -> list[str]:
     """Return a heading for each number of a state, all of them different.
 
-    ``shapes`` are those of one state's entries, ``of_bodies`` the headings of arrays of the bodies.
-    Coordinates, momenta and quantities go by the names
-    that the system gives them, unless a name is taken: by the time, the energy, … or by another
-    one of these.
+    ``shapes`` has the shape of one state's entry of each array, ``of_bodies`` the headings of the
+    arrays of bodies. Coordinates, momenta and quantities have their names in the system; a name
+    that is used already, such as "energy", gets a prefix, as in ``quantity_energy``.
     """
-    own: dict[str, tuple[str, Sequence[str]]] = {
+    system_labels: dict[str, tuple[str, Sequence[str]]] = {
         "q": ("q", system.coordinates), "p": ("p", system.momenta)}
-    own |= {"velocities": ("velocity", system.velocity_names)}
-    own |= {QUANTITY + name: ("quantity", (name,)) for name in system.quantities}
-    own |= {name: ("body", labels) for name, labels in of_bodies.items()}
-    counted = {name: [name + "_".join(map(str, index)) for index in np.ndindex(*shape)]
-               for name, shape in shapes.items()}
-    taken = {label for name, labels in counted.items() if name not in own for label in labels}
-    found = []
-    for name, numbered in counted.items():
-        kind, labels = own.get(name, ("", numbered))
+    system_labels |= {"velocities": ("velocity", system.velocity_names)}
+    system_labels |= {QUANTITY + name: ("quantity", (name,)) for name in system.quantities}
+    system_labels |= {name: ("body", labels) for name, labels in of_bodies.items()}
+    numbered_by_array = {name: [name + "_".join(map(str, index)) for index in np.ndindex(*shape)]
+                         for name, shape in shapes.items()}
+    used_headings = {label for name, labels in numbered_by_array.items()
+                     if name not in system_labels for label in labels}
+    headings_in_order = []
+    for name, numbered in numbered_by_array.items():
+        kind, labels = system_labels.get(name, ("", numbered))
         for label in labels:
-            while kind and label in taken:
+            while kind and label in used_headings:
                 label = f"{kind}_{label}"
-            taken.add(label)
-            found.append(label)
-    return found
+            used_headings.add(label)
+            headings_in_order.append(label)
+    return headings_in_order
 
 
 def places_of(
     columns: Any, titles: Sequence[str], sizes: Mapping[str, int]
 ) -> list[int]:
-    """Return the places of the columns that a caller wants, the time first; None wants all.
+    """Return the indices of selected columns, the time first; None selects all.
 
-    Each is wanted by its heading, by a pattern such as ``"*_angle"``, or by the name of the array
-    that it belongs to: ``"q"``, ``"multipliers"``, ``"quantities"``. ``sizes`` say how many of the
-    headings, in order, are an array's.
+    A column is selected by its heading, by a pattern such as ``"*_angle"``, or by the name of its
+    array: ``"q"``, ``"multipliers"``, ``"quantities"``. ``sizes`` has the number of columns of each
+    array, in the order of the headings.
 
     Raises
     ------
     InputError
-        For what is none of these.
+        For a name or pattern that selects no column.
     """
     if columns is None:
         return [*range(len(titles))]
     groups: dict[str, list[int]] = {}
-    begin = 0
+    first = 0
     for name, size in sizes.items():
         group = "quantities" if name.startswith(QUANTITY) else name
-        groups.setdefault(group, []).extend(range(begin, begin + size))
-        begin += size
-    found = {titles.index("time"): None}
-    for one in [columns] if isinstance(columns, str) else as_items("columns", columns, "names"):
-        pattern = as_text("columns", one)
-        places = [i for i, title in enumerate(titles) if fnmatchcase(title, pattern)]
-        places = places or groups.get(pattern, [])
-        if not places:
-            known = [*dict.fromkeys((*titles, *groups))]
-            raise InputError(f"columns has {shown(one)}, which no column is called; choose names "
-                             f"and patterns of {', '.join(known[:_NAMED])}"
-                             f"{', …' if len(known) > _NAMED else ''}, or arrays: "
-                             f"{listed(groups)}{proposal(one, known)}.")
-        found |= dict.fromkeys(places)
-    return [*found]
+        groups.setdefault(group, []).extend(range(first, first + size))
+        first += size
+    places = {titles.index("time"): None}
+    for column in [columns] if isinstance(columns, str) else as_items("columns", columns, "names"):
+        pattern = as_text("columns", column)
+        matches = [i for i, title in enumerate(titles) if fnmatchcase(title, pattern)]
+        matches = matches or groups.get(pattern, [])
+        if not matches:
+            column_names = [*dict.fromkeys((*titles, *groups))]
+            raise InputError(f"columns has {shown(column)}, which no column is called; choose "
+                             f"names and patterns of {', '.join(column_names[:_NAMED])}"
+                             f"{', …' if len(column_names) > _NAMED else ''}, or arrays: "
+                             f"{listed(groups)}{proposal(column, column_names)}.")
+        places |= dict.fromkeys(matches)
+    return [*places]
 
 
 def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> None:
@@ -132,24 +136,24 @@ def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> N
         lines = csv.writer(file)
         lines.writerow(titles)
         for arrays in blocks:
-            alike = [[array.reshape(len(array), math.prod(array.shape[1:])) for array in group]
-                     for _, group in groupby(arrays, key=lambda array: array.dtype)]
+            groups = [[array.reshape(len(array), math.prod(array.shape[1:])) for array in group]
+                      for _, group in groupby(arrays, key=lambda array: array.dtype)]
             for start in range(0, len(arrays[0]), _ROWS):
-                parts = [written(np.concatenate([x[start : start + _ROWS] for x in group], axis=1))
-                         for group in alike]
-                lines.writerows([number for part in row for number in part]
-                                for row in zip(*parts, strict=True))
+                tables = [written(np.concatenate([x[start : start + _ROWS] for x in group], axis=1))
+                          for group in groups]
+                lines.writerows([value for group_row in row for value in group_row]
+                                for row in zip(*tables, strict=True))
 
 
-def written(numbers: Array, *, flat: bool = False) -> list[Any]:
-    """Return rows of numbers as files have them: those wider than doubles as text.
+def written(array: Array, *, flat: bool = False) -> list[Any]:
+    """Return rows of numbers for a file: numbers wider than doubles as text with all their digits.
 
-    ``flat`` returns one list of all.
+    ``flat`` returns the rows joined to one list.
     """
-    rows: list[list[Any]] = numbers.tolist()
-    if numbers.dtype in (object, np.longdouble):
-        rows = [[digits_of(number) for number in row] for row in rows]
-    return [number for row in rows for number in row] if flat else rows
+    rows: list[list[Any]] = array.tolist()
+    if array.dtype in (object, np.longdouble):
+        rows = [[digits_of(value) for value in row] for row in rows]
+    return [value for row in rows for value in row] if flat else rows
 
 
 def events_path(path: Path) -> Path:
@@ -158,15 +162,15 @@ def events_path(path: Path) -> Path:
 
 
 def event_headings(system: SystemManifest) -> list[str]:
-    """Return the headings of that file: the event's name, then what ``Crossings`` have of it."""
+    """Return the headings of the file of events: the event's name, then fields of ``Crossings``."""
     shape = (len(system.coordinates),)
     return headings(system, {"event": (), "time": (), "q": shape, "p": shape, "steps": (),
                              "rising": (), "elapsed": ()})
 
 
 def spreadsheet_text(name: str) -> str:
-    """Return a name as a cell of CSV: spreadsheets take one that begins like a formula for one.
+    """Return a name as a cell of CSV, with an apostrophe if it begins like a formula.
 
-    Such a name gets an apostrophe before it, which they show as text.
+    Spreadsheets would otherwise evaluate it.
     """
     return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "\n")) else name

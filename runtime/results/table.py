@@ -1,7 +1,7 @@
-"""A run, or an ensemble, as one table: xarray, pandas, CSV, NetCDF and Parquet are made of it.
+"""A run, or an ensemble, as one table: the source of xarray, pandas, CSV, NetCDF and Parquet.
 
 A table has arrays by name along ``time``, or along ``trajectory`` and ``state``. It is read in
-blocks of rows: files of stored runs need constant memory.
+blocks of rows, so that writing a stored run to a file needs constant memory.
 """
 
 from __future__ import annotations
@@ -78,12 +78,12 @@ class Table:
     titles : dict of str to list of str
         Name of an array of the bodies → headings of its columns.
     parts : list of Table
-        Events, and what an ensemble has for each trajectory.
+        Events, and numbers of an ensemble with one entry per trajectory.
     """
 
     along: dict[str, int]
     inner: dict[str, tuple[str, ...]]
-    said: dict[str, dict[str, Any]]
+    descriptions: dict[str, dict[str, Any]]
     read: Callable[[], Iterator[Block]]
     manifest: Manifest
     attributes: dict[str, Any] = field(default_factory=dict)
@@ -93,30 +93,40 @@ class Table:
 
     def whole(self) -> dict[str, Array]:
         """Return the arrays in memory, NaN (0 of whole numbers) where no block has rows."""
-        found: dict[str, Array] = {}
+        whole: dict[str, Array] = {}
         for index, arrays in self.read():
-            for name, rows in arrays.items():
-                if name not in found:
-                    nothing = 0 if rows.dtype.kind in "iub" else "" if rows.dtype.kind == "U" else (
-                        0 * rows.flat[0] + np.nan if rows.dtype == object and rows.size else np.nan)
-                    found[name] = np.full((*self.along.values(), *rows.shape[1:]), nothing,
-                                          rows.dtype)
-                found[name][index] = rows
-        return found
+            for name, array in arrays.items():
+                if name not in whole:
+                    whole[name] = np.full((*self.along.values(), *array.shape[1:]),
+                                          _missing_value(array), array.dtype)
+                whole[name][index] = array
+        return whole
 
-    def columns(self, wanted: Any = None) -> Iterator[tuple[list[str], list[Array]]]:
+    def columns(self, selection: Any = None) -> Iterator[tuple[list[str], list[Array]]]:
         """Yield the headings and the columns of each block, a column for each number of a state."""
         for index, arrays in self.read():
             count = len(next(iter(arrays.values())))
-            lead = {name: np.full(count, i) for name, i in zip(self.along, index, strict=True)
-                    if not isinstance(i, slice)}
-            flat = {name: rows.reshape(count, math.prod(rows.shape[1:]))
-                    for name, rows in (lead | arrays).items()}
+            index_columns = {name: np.full(count, i)
+                             for name, i in zip(self.along, index, strict=True)
+                             if not isinstance(i, slice)}
+            matrices = {name: array.reshape(count, math.prod(array.shape[1:]))
+                        for name, array in (index_columns | arrays).items()}
             titles = headings(self.manifest.system, {
-                name: rows.shape[1:] for name, rows in (lead | arrays).items()}, self.titles)
-            columns = [column for rows in flat.values() for column in rows.T]
-            places = places_of(wanted, titles, {name: rows.shape[1] for name, rows in flat.items()})
+                name: array.shape[1:] for name, array in (index_columns | arrays).items()},
+                              self.titles)
+            columns = [column for array in matrices.values() for column in array.T]
+            places = places_of(selection, titles,
+                               {name: array.shape[1] for name, array in matrices.items()})
             yield [titles[i] for i in places], [columns[i] for i in places]
+
+
+def _missing_value(array: Array) -> Any:
+    """Return 0 for whole numbers, "" for texts, NaN in the number type of other arrays."""
+    if array.dtype.kind in "iub":
+        return 0
+    if array.dtype.kind == "U":
+        return ""
+    return 0 * array.flat[0] + np.nan if array.dtype == object and array.size else np.nan
 
 
 def table_of_run(
@@ -138,86 +148,92 @@ def table_of_run(
         run.body()  # which says that there is none
     manifest = run.manifest
     inner: dict[str, tuple[str, ...]] = {}
-    said: dict[str, dict[str, Any]] = {}
-    for one in OUTPUTS:
-        names = getattr(manifest.system, one.labels) if one.labels and not one.split else ()
-        named = {"components": list(names)} if names else {}
-        for name in parts(one, manifest):
-            inner[name] = () if one.split else tuple(d for d, _ in one.inner(manifest) or ())
-            said[name] = about(one, manifest, name) | named
+    descriptions: dict[str, dict[str, Any]] = {}
+    for output in OUTPUTS:
+        has_names = output.labels and not output.split
+        names = getattr(manifest.system, output.labels) if has_names else ()
+        component_names = {"components": list(names)} if names else {}
+        for name in parts(output, manifest):
+            inner[name] = () if output.split else tuple(d for d, _ in output.inner(manifest) or ())
+            descriptions[name] = about(output, manifest, name) | component_names
     labels, titles = labels_of(manifest.system), {}
     bodies = _bodies(run, euler, degrees, angular_velocity, attitudes)
-    for name, (dimension, about_it, columns, _) in bodies.items():
-        inner[name], said[name] = ("body", dimension), about_it
+    for name, (dimension, description, columns, _) in bodies.items():
+        inner[name], descriptions[name] = ("body", dimension), description
         titles[name] = [f"{body}_{column}" for body in run.bodies for column in columns]
     if bodies:
         labels["body"] = list(run.bodies), "name of the body"
 
     def read() -> Iterator[Block]:
-        for rows, part in run._blocks():
-            arrays = states_of(part)
-            for name, (*_, values) in bodies.items():
-                arrays[name] = np.stack([values(part.body(body)) for body in run.bodies], axis=1)
+        for rows, block in run._blocks():
+            arrays = states_of(block)
+            for name, (*_, function) in bodies.items():
+                arrays[name] = np.stack([function(block.body(body)) for body in run.bodies], axis=1)
             yield (rows,), {name: x[len(x) - (rows.stop - rows.start):]
                             for name, x in arrays.items()}
 
-    return Table({"time": len(run)}, inner, said, read, manifest, run._attributes(), labels,
-                 titles, [_table_of_event(manifest, name, [found])
-                          for name, found in run.events.items()])
+    return Table({"time": len(run)}, inner, descriptions, read, manifest, run._attributes(), labels,
+                 titles, [_table_of_event(manifest, name, [crossings])
+                          for name, crossings in run.events.items()])
 
 
 def _bodies(
     run: Trajectory, euler: str | None, degrees: bool, frame: FrameName | None, attitudes: bool
 ) -> dict[str, tuple[str, dict[str, Any], list[str], Callable[[Any], Array]]]:
-    """Return what is asked of the bodies: dimension, attributes, columns, and a function of one."""
-    found: dict[str, tuple[str, dict[str, Any], list[str], Callable[[Any], Array]]] = {}
+    """Return the requested arrays of the bodies by name.
+
+    Each is a tuple: inner dimension, attributes, headings, and a function of one body.
+    """
+    columns: dict[str, tuple[str, dict[str, Any], list[str], Callable[[Any], Array]]] = {}
     if attitudes and run.bodies:
-        found["attitude"] = ("component", {
+        columns["attitude"] = ("component", {
             "long_name": "unit quaternion, scalar first, body to space axes"}, [],
             lambda body: body.attitude)
     if euler is not None:
-        found["euler"] = ("angle", {"long_name": f"Euler angles {euler}",
-                                    "units": "degree" if degrees else "rad"},
-                          [f"euler{k}_{axis}" for k, axis in enumerate(euler, 1)],
-                          lambda body: body.euler(euler, degrees=degrees))
+        columns["euler"] = ("angle", {"long_name": f"Euler angles {euler}",
+                                      "units": "degree" if degrees else "rad"},
+                            [f"euler{k}_{axis}" for k, axis in enumerate(euler, 1)],
+                            lambda body: body.euler(euler, degrees=degrees))
     if frame is not None:
-        found["angular_velocity"] = ("axis", {
+        columns["angular_velocity"] = ("axis", {
             "long_name": f"angular velocity in {frame} axes", "units": "rad s-1"},
             [f"omega{k}" for k in (1, 2, 3)], lambda body: body.angular_velocity(frame))
-    return found
+    return columns
 
 
 def table_of_ensemble(ensemble: Ensemble) -> Table:
     """Return the table of an ensemble; each trajectory is a block."""
     first = table_of_run(ensemble.members[0])
-    members, number = ensemble.members, ensemble.members[0].t.dtype
+    members, number_type = ensemble.members, ensemble.members[0].t.dtype
     single: dict[str, tuple[Array, str, str]] = {
-        "dt": (np.array([one.dt for one in members], number), "time step", "s"),
+        "dt": (np.array([run.dt for run in members], number_type), "time step", "s"),
         "status": (np.array([_status(ensemble, i) for i in range(len(members))], dtype=str),
                    "complete, stopped, or why a step failed", ""),
-        "steps": (np.array([one.report.steps for one in members]), "steps done", "")}
+        "steps": (np.array([run.report.steps for run in members]), "steps done", "")}
     for name in members[0].parameters:
-        single[f"parameter_{name}"] = (np.array([one.parameters[name] for one in members], number),
+        single[f"parameter_{name}"] = (np.array([run.parameters[name] for run in members],
+                                                number_type),
                                        f"parameter {name}", "")
-    none: tuple[str, ...] = ()
-    of_each = Table(
-        {"trajectory": len(members)}, dict.fromkeys(single, none),
+    no_dimensions: tuple[str, ...] = ()
+    trajectory_table = Table(
+        {"trajectory": len(members)}, dict.fromkeys(single, no_dimensions),
         {name: {"long_name": text} | ({"units": unit} if unit else {})
          for name, (_, text, unit) in single.items()},
-        lambda: iter([((slice(None),), {name: values for name, (values, *_) in single.items()})]),
+        lambda: iter([((slice(None),), {name: array for name, (array, *_) in single.items()})]),
         first.manifest)
 
     def read() -> Iterator[Block]:
         for i, member in enumerate(members):
             yield (i, slice(len(member))), states_of(member)
 
-    events = [_table_of_event(first.manifest, name, [found[i] for i in range(len(members))], True)
-              for name, found in ensemble.events.items()]
+    events = [_table_of_event(first.manifest, name, [crossings[i] for i in range(len(members))],
+                              True)
+              for name, crossings in ensemble.events.items()]
     return Table({"trajectory": len(members), "state": ensemble.t.shape[1]}, first.inner,
-                 first.said, read, first.manifest,
+                 first.descriptions, read, first.manifest,
                  {"stepper": first.manifest.name, "gyrospark": __version__,
                   "every": members[0].every, "manifest": first.manifest.as_json()}, first.labels,
-                 parts=[of_each, *events])
+                 parts=[trajectory_table, *events])
 
 
 def _status(ensemble: Ensemble, i: int) -> str:
@@ -227,38 +243,40 @@ def _status(ensemble: Ensemble, i: int) -> str:
 
 
 def _table_of_event(
-    manifest: Manifest, name: str, found: list[Crossings], numbered: bool = False
+    manifest: Manifest, name: str, crossings: list[Crossings], by_trajectory: bool = False
 ) -> Table:
-    """Return the table of an event of one run, or of several with the ``numbered`` ones first."""
+    """Return the table of an event of one run, or of several by their trajectory numbers."""
     along = f"event_{name}"
-    said = {"t": f"times of {name}", "q": f"coordinates at {name}", "p": f"momenta at {name}",
-            "steps": f"whole steps before {name}",
-            "rising": "1 where the quantity rises along the run",
-            "elapsed": f"times of {name} since the start"}
+    texts = {"t": f"times of {name}", "q": f"coordinates at {name}", "p": f"momenta at {name}",
+             "steps": f"whole steps before {name}",
+             "rising": "1 where the quantity rises along the run",
+             "elapsed": f"times of {name} since the start"}
     units = {"t": {"units": "s"}, "elapsed": {"units": "s"}}
-    arrays = {f"{along}_{part}": np.concatenate([getattr(one, part) for one in found])
-              for part in said}
+    arrays = {f"{along}_{field}": np.concatenate([getattr(run_crossings, field)
+                                                  for run_crossings in crossings])
+              for field in texts}
     arrays[f"{along}_rising"] = arrays[f"{along}_rising"].astype(np.int8)
-    about_all = {f"{along}_{part}": {"long_name": text} | units.get(part, {})
-                 for part, text in said.items()}
-    if numbered:
-        arrays = {f"{along}_trajectory": np.repeat(np.arange(len(found)), [*map(len, found)])
+    descriptions = {f"{along}_{field}": {"long_name": text} | units.get(field, {})
+                    for field, text in texts.items()}
+    if by_trajectory:
+        arrays = {f"{along}_trajectory": np.repeat(np.arange(len(crossings)),
+                                                   [*map(len, crossings)])
                   } | arrays
-        about_all[f"{along}_trajectory"] = {"long_name": f"trajectory of {name}"}
+        descriptions[f"{along}_trajectory"] = {"long_name": f"trajectory of {name}"}
     inner: dict[str, tuple[str, ...]] = {
-        name: ("coordinate",) if rows.ndim > 1 else () for name, rows in arrays.items()}
-    return Table({along: sum(map(len, found))}, inner, about_all,
+        name: ("coordinate",) if array.ndim > 1 else () for name, array in arrays.items()}
+    return Table({along: sum(map(len, crossings))}, inner, descriptions,
                  lambda: iter([((slice(None),), arrays)]), manifest)
 
 
 # ---------------------------------------------------------------- in memory
 
 
-def _imported(package: str, extra: str, what: str) -> Any:
+def _imported(package: str, extra: str, purpose: str) -> Any:
     try:
         return import_module(package)
     except ImportError as error:
-        raise MissingDependencyError(f"{what} need {package}; {install(extra)} brings it."
+        raise MissingDependencyError(f"{purpose} need {package}; {install(extra)} brings it."
                                      ) from error
 
 
@@ -269,11 +287,12 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
     coordinates: dict[str, Any] = {}
     if "trajectory" in table.along:
         coordinates["trajectory"] = np.arange(table.along["trajectory"])
-    for part in (table, *table.parts):
-        single = [*part.along] == ["trajectory"]
-        for name, rows in part.whole().items():
+    for part_table in (table, *table.parts):
+        single = [*part_table.along] == ["trajectory"]
+        for name, array in part_table.whole().items():
             target = coordinates if name == "time" or single else data
-            target[name] = ([*part.along, *part.inner[name]], rows, part.said[name])
+            target[name] = ([*part_table.along, *part_table.inner[name]], array,
+                            part_table.descriptions[name])
     used = {dimension for dimensions, *_ in data.values() for dimension in dimensions}
     coordinates |= {dimension: (dimension, names, {"long_name": meaning})
                     for dimension, (names, meaning) in table.labels.items() if dimension in used}
@@ -281,19 +300,19 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
     return dataset
 
 
-def as_frame(table: Table, wanted: Any = None) -> pandas.DataFrame:
+def as_frame(table: Table, selection: Any = None) -> pandas.DataFrame:
     """Return a table as a pandas DataFrame, a row a state, by trajectory and time."""
     pandas = _imported("pandas", "pandas", "Data frames")
-    blocks = [dict(zip(*block, strict=True)) for block in table.columns(wanted)]
-    found = pandas.DataFrame({name: np.concatenate([block[name] for block in blocks])
+    blocks = [dict(zip(*block, strict=True)) for block in table.columns(selection)]
+    frame = pandas.DataFrame({name: np.concatenate([block[name] for block in blocks])
                               for name in blocks[0]})
-    return found.set_index([name for name in ("trajectory", "time") if name in found])
+    return frame.set_index([name for name in ("trajectory", "time") if name in frame])
 
 
 # ---------------------------------------------------------------- files
 
 
-def save_table(table: Table, path: Path, what: str, wanted: Any = None) -> Path:
+def save_table(table: Table, path: Path, description: str, selection: Any = None) -> Path:
     """Write a table to a file, which appears complete or not at all; return its path.
 
     The ending says how: .csv, .parquet, .nc. Events beside columns are in a second file,
@@ -306,41 +325,42 @@ def save_table(table: Table, path: Path, what: str, wanted: Any = None) -> Path:
     GyrosparkError
         If the file cannot be written.
     """
-    form = format_of(path, what, "states")
-    with result_file(path, what) as part:
+    form = format_of(path, description, "states")
+    with result_file(path, description) as partial_file:
         if not form.tabular:
-            _write_netcdf(table, part)
+            _write_netcdf(table, partial_file)
         elif form.ending == ".csv":
-            blocks = table.columns(wanted)
+            blocks = table.columns(selection)
             titles, first = next(blocks)
-            write_csv(part, titles, chain([first], (columns for _, columns in blocks)))
+            write_csv(partial_file, titles, chain([first], (columns for _, columns in blocks)))
         else:
-            _write_parquet(table.columns(wanted), part)
-    events = [of for of in table.parts if next(iter(of.along)).startswith("event_")]
+            _write_parquet(table.columns(selection), partial_file)
+    events = [event for event in table.parts if next(iter(event.along)).startswith("event_")]
     if form.tabular and events:
         titles = event_headings(table.manifest.system)
         if "trajectory" in table.along:
             titles = ["trajectory", *titles]
-        rows = [_rows_of_event(of, numbered="trajectory" in table.along) for of in events]
-        with result_file(events_path(path), what) as part:
+        event_rows = [_rows_of_event(event, by_trajectory="trajectory" in table.along)
+                      for event in events]
+        with result_file(events_path(path), description) as partial_file:
             if form.ending == ".csv":
-                write_csv(part, titles, rows)
+                write_csv(partial_file, titles, event_rows)
             else:
-                _write_parquet(((titles, _flat(columns)) for columns in rows), part)
+                _write_parquet(((titles, _flat(columns)) for columns in event_rows), partial_file)
     return path
 
 
-def _rows_of_event(event: Table, *, numbered: bool) -> list[Array]:
-    """Return the columns of an event in a file: its name stands before its times."""
+def _rows_of_event(event: Table, *, by_trajectory: bool) -> list[Array]:
+    """Return the columns of an event for a file: trajectory if numbered, name, times, states."""
     name = next(iter(event.along)).removeprefix("event_")
     columns = [*event.whole().values()]
     names = np.full(len(columns[-1]), spreadsheet_text(name))
-    return [*columns[:numbered], names, *columns[numbered:]]
+    return [*columns[:by_trajectory], names, *columns[by_trajectory:]]
 
 
 def _flat(columns: list[Array]) -> list[Array]:
-    return [column for rows in columns
-            for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T]
+    return [column for array in columns
+            for column in array.reshape(len(array), math.prod(array.shape[1:])).T]
 
 
 def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) -> None:
@@ -351,11 +371,11 @@ def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) 
     writer = None
     try:
         for titles, columns in blocks:
-            rows = pyarrow.table([pyarrow.array(
+            record_table = pyarrow.table([pyarrow.array(
                 written(column[:, None], flat=True) if _is_wide(column) else column)
                 for column in columns], names=titles)
-            writer = writer or ParquetWriter(path, rows.schema)
-            writer.write_table(rows)
+            writer = writer or ParquetWriter(path, record_table.schema)
+            writer.write_table(record_table)
     finally:
         if writer is not None:
             writer.close()
@@ -366,7 +386,7 @@ def _write_netcdf(table: Table, path: Path) -> None:
     import h5netcdf
     import h5py
 
-    for along in (next(iter(part.along)) for part in table.parts):
+    for along in (next(iter(part_table.along)) for part_table in table.parts):
         if "/" in along or "\0" in along:
             raise InputError(f"The event {along.removeprefix('event_')!r} names variables of a "
                              "NetCDF file, where '/' parts groups; give it another name, as in "
@@ -374,23 +394,24 @@ def _write_netcdf(table: Table, path: Path) -> None:
     try:
         with h5netcdf.File(path, "w") as file:
             file.attrs.update({name: _plain(x) for name, x in table.attributes.items()})
-            for part in (table, *table.parts):
-                blocks = part.read() if len(part.along) == 1 else iter([
-                    ((slice(None),) * 2, part.whole())])
+            for part_table in (table, *table.parts):
+                blocks = part_table.read() if len(part_table.along) == 1 else iter([
+                    ((slice(None),) * 2, part_table.whole())])
                 for index, arrays in blocks:
-                    for name, rows, inner, said in _stored(part, arrays):
+                    for name, array, inner, description in _stored(part_table, arrays):
                         if name not in file.variables:
-                            shape = *part.along.values(), *rows.shape[len(index):]
-                            dimensions = *part.along, *inner
+                            shape = *part_table.along.values(), *array.shape[len(index):]
+                            dimensions = *part_table.along, *inner
                             for dimension, length in zip(dimensions, shape, strict=True):
                                 if dimension not in file.dimensions:
                                     file.dimensions[dimension] = length
                             variable = file.create_variable(
-                                name, dimensions, dtype=rows.dtype if rows.dtype.kind != "U" else
+                                name, dimensions, dtype=array.dtype if array.dtype.kind != "U" else
                                 h5py.string_dtype())
-                            variable.attrs.update({key: _plain(x) for key, x in said.items()})
-                        file.variables[name][index] = rows.astype(object) if (
-                            rows.dtype.kind == "U") else rows
+                            variable.attrs.update({key: _plain(x) for key,
+                                                   x in description.items()})
+                        file.variables[name][index] = array.astype(object) if (
+                            array.dtype.kind == "U") else array
             for dimension, (names, meaning) in table.labels.items():
                 if dimension in file.dimensions:
                     labels = file.create_variable(dimension, (dimension,),
@@ -404,20 +425,22 @@ def _write_netcdf(table: Table, path: Path) -> None:
 def _stored(
     table: Table, arrays: dict[str, Array]
 ) -> Iterator[tuple[str, Array, tuple[str, ...], dict[str, Any]]]:
-    """Yield the arrays of a block as files have them: name, values, inner dimensions, attributes.
+    """Yield (name, array, inner dimensions, attributes) for each variable of a NetCDF file.
+
+    A wide array becomes two variables: its doubles, and its bytes with all digits.
     """
-    for name, rows in arrays.items():
-        inner, said = table.inner[name], table.said[name]
-        wide = _is_wide(rows)
-        yield name, rows.astype(float) if wide else rows, inner, said
+    for name, array in arrays.items():
+        inner, description = table.inner[name], table.descriptions[name]
+        wide = _is_wide(array)
+        yield name, array.astype(float) if wide else array, inner, description
         if wide:
-            yield f"{name}_bytes", as_bytes(rows), (*inner, "byte"), {
+            yield f"{name}_bytes", as_bytes(array), (*inner, "byte"), {
                 "long_name": f"{name} with all its digits, {WIDE_BYTES} bytes a number"}
 
 
-def _is_wide(rows: Array) -> bool:
+def _is_wide(array: Array) -> bool:
     """Whether numbers are wider than doubles."""
-    return rows.dtype in (np.dtype(object), np.dtype(np.longdouble))
+    return array.dtype in (np.dtype(object), np.dtype(np.longdouble))
 
 
 def _plain(value: Any) -> Any:

@@ -18,11 +18,11 @@ Array = NDArray[Any]
 
 
 class EventTangents(dict[str, "TangentRows"]):
-    """The tangents of the crossings of each event; of one that has none, why."""
+    """The tangents of each event's crossings; looking up an event without tangents raises why."""
 
-    def __init__(self, found: dict[str, TangentRows], refused: dict[str, str]) -> None:
-        super().__init__(found)
-        self.refused = refused
+    def __init__(self, tangents: dict[str, TangentRows], reasons: dict[str, str]) -> None:
+        super().__init__(tangents)
+        self.refused = reasons
 
     def __missing__(self, name: str) -> TangentRows:
         choose("event", name, [*self, *self.refused])
@@ -78,19 +78,23 @@ class TangentRows:
         return np.concatenate([self.q[:, :, k], self.p[:, :, k]], axis=1)
 
     def together(self) -> Array:
-        """Return derivatives of q, p and multipliers, a row each; in the first these are 0."""
+        """Return the derivatives of q, p and multipliers as one array, shape (rows, ·, k).
+
+        The start has no step before it: its derivatives of multipliers are 0.
+        """
         parts = [self.q, self.p]
         if self.multipliers is not None:
-            rows, *inner, k = self.multipliers.shape
-            forces = np.zeros((rows + 1, int(np.prod(inner)), k), self.q.dtype)
-            forces[1:] = self.multipliers.reshape(rows, forces.shape[1], k)
+            step_count, *inner, k = self.multipliers.shape
+            forces = np.zeros((step_count + 1, int(np.prod(inner)), k), self.q.dtype)
+            forces[1:] = self.multipliers.reshape(step_count, forces.shape[1], k)
             parts.append(forces)
         return np.concatenate(parts, axis=1)
 
-    def of_others(self, made: Array, t: Array) -> TangentRows:
-        """Return the same directions at other states and times; ``made`` is as of ``together``."""
-        n, k = self.q.shape[1], made.shape[2]
+    def of_others(self, stacked: Array, t: Array) -> TangentRows:
+        """Return the same directions at other states and times; ``stacked`` as from ``together``.
+        """
+        n, k = self.q.shape[1], stacked.shape[2]
         forces = None
-        if made.shape[1] > 2 * n:
-            forces = made[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
-        return replace(self, q=made[:, :n], p=made[:, n : 2 * n], t=t, multipliers=forces)
+        if stacked.shape[1] > 2 * n:
+            forces = stacked[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
+        return replace(self, q=stacked[:, :n], p=stacked[:, n : 2 * n], t=t, multipliers=forces)

@@ -25,27 +25,28 @@ Array = NDArray[Any]
 
 
 class Shown:
-    """The part of ``Trajectory`` that makes something to look at of its states."""
+    """The part of ``Trajectory`` that draws its states or returns them as tables."""
 
     @property
     def _run(self) -> Trajectory:
         return cast("Trajectory", self)
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the report, and the energy error over time."""
+        """Return HTML for notebooks: the report, and the energy error over time."""
         run = self._run
         report, t = run.report, run.t.astype(float)
-        less = " − W" if run.manifest.system.forces else ""
-        rows = [("states", f"{len(run):,} of {report.steps:,} steps of {float(run.dt):g} s"),
-                ("time", f"{t[0]:.6g} to {t[-1]:.6g} s"),
-                ("bodies", ", ".join(run.bodies) or "none"),
-                ("iterations", f"{report.iterations_mean:.1f} a step, {report.iterations_max} "
+        work_term = " − W" if run.manifest.system.forces else ""
+        report_rows = [("states", f"{len(run):,} of {report.steps:,} steps of {float(run.dt):g} s"),
+                       ("time", f"{t[0]:.6g} to {t[-1]:.6g} s"),
+                       ("bodies", ", ".join(run.bodies) or "none"),
+                       ("iterations",
+                        f"{report.iterations_mean:.1f} a step, {report.iterations_max} "
                                "at most"),
-                (f"largest |H − H₀{less}|", f"{report.energy_error_max:.2e}"),
-                ("largest |g(q)|", f"{report.constraint_max:.2e}"),
-                ("largest |g_q H_p|", f"{report.momentum_constraint_max:.2e}")]
-        return card(f"Trajectory of {run.manifest.name}", table(rows),
-                    curve(t, run.energy_error().astype(float), f"H − H₀{less}"))
+                       (f"largest |H − H₀{work_term}|", f"{report.energy_error_max:.2e}"),
+                       ("largest |g(q)|", f"{report.constraint_max:.2e}"),
+                       ("largest |g_q H_p|", f"{report.momentum_constraint_max:.2e}")]
+        return card(f"Trajectory of {run.manifest.name}", table(report_rows),
+                    curve(t, run.energy_error().astype(float), f"H − H₀{work_term}"))
 
     def table(
         self, columns: str | Iterable[str] | None = None, *, euler: str | None = None,
@@ -104,8 +105,8 @@ class Shown:
 
     def panels(self) -> dict[str, Array]:
         """Return the outputs that pictures show in panels of their own, by title."""
-        return {one.panel: getattr(self._run, one.attribute) for one in OUTPUTS
-                if one.panel and parts(one, self._run.manifest)}
+        return {output.panel: getattr(self._run, output.attribute) for output in OUTPUTS
+                if output.panel and parts(output, self._run.manifest)}
 
     def plot(self, *names: str | os.PathLike[str],
              path: str | os.PathLike[str] | None = None) -> Any:
@@ -132,9 +133,9 @@ class Shown:
         """
         from ..plotting.trajectory_plots import draw_trajectory, draw_values, names_and_path
 
-        known, target = names_and_path(names, path)
-        if known:
-            return draw_values([self._run], known, target)
+        value_names, target = names_and_path(names, path)
+        if value_names:
+            return draw_values([self._run], value_names, target)
         return draw_trajectory(self._run, target)
 
     def plot_phase(self, *coordinates: str, path: str | os.PathLike[str] | None = None) -> Any:

@@ -45,7 +45,8 @@ _LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
 
 
 def save_npz(trajectory: Trajectory, target: Path) -> Path:
-    """Write all of a trajectory; float128 as bytes, a last axis of 16; return the path."""
+    """Write a trajectory with all its arrays, float128 numbers as 16 bytes each; return the path.
+    """
     about = {
         "format": _FORMAT,
         "dt": digits_of(trajectory.dt),
@@ -57,16 +58,18 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "tangents": [] if trajectory.tangents is None else trajectory.tangents.names,
         "switched_steps": getattr(trajectory.tangents, "switched_steps", 0),
     }
-    crossings = {f"event{i}_{name}": getattr(found, name)
-                 for i, found in enumerate(trajectory.events.values()) for name in _CROSSING}
+    crossings = {f"event{i}_{name}": getattr(event_crossings, name)
+                 for i, event_crossings in enumerate(trajectory.events.values())
+                 for name in _CROSSING}
     if trajectory.tangents is not None:
         crossings |= {f"tangents_{name}": array for name in _TANGENTS
                       if (array := getattr(trajectory.tangents, name)) is not None}
-    with result_file(target, "The trajectory") as part, part.open("wb") as file:
+    with result_file(target, "The trajectory") as partial_file, partial_file.open("wb") as file:
         np.savez_compressed(
             file, allow_pickle=False, about=np.array(json.dumps(about)),
             **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
-            **{one.attribute: storable(getattr(trajectory, one.attribute)) for one in OUTPUTS},
+            **{output.attribute: storable(getattr(trajectory, output.attribute))
+               for output in OUTPUTS},
             **{name: storable(array) for name, array in crossings.items()})
     return target
 
@@ -74,9 +77,9 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
 def save_ensemble(ensemble: Ensemble, target: Path) -> Path:
     """Write all arrays of an ensemble with all their digits, under the names of its table."""
     table = table_of_ensemble(ensemble)
-    arrays = {name: storable(values) for part in (table, *table.parts)
-              for name, values in part.whole().items()}
-    with result_file(target, "The ensemble") as part, part.open("wb") as file:
+    arrays = {name: storable(array) for part_table in (table, *table.parts)
+              for name, array in part_table.whole().items()}
+    with result_file(target, "The ensemble") as partial_file, partial_file.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(table.attributes)),
                             **arrays)
     return target
@@ -84,7 +87,7 @@ def save_ensemble(ensemble: Ensemble, target: Path) -> Path:
 
 @contextlib.contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Turn whatever a missing or damaged file raises into a sentence."""
+    """Turn any exception of a missing or damaged file into an ``InputError`` that names it."""
     try:
         yield
     except UnfitError as error:
@@ -118,17 +121,17 @@ def load_npz(path: Path) -> Trajectory:
                     f"{about['format']}; this is gyrospark {__version__}, which reads format "
                     f"{_FORMAT}.")
             manifest = about["manifest"] = parse_manifest(about["manifest"])
-            missing = [one.attribute for one in OUTPUTS
-                       if one.attribute not in file and parts(one, manifest)]
+            missing = [output.attribute for output in OUTPUTS
+                       if output.attribute not in file and parts(output, manifest)]
             if missing and "t" in file:
                 raise InputError(
                     f"{str(path)!r} has no {listed(missing)}: it was written by gyrospark "
                     f"{writer}, which knew other outputs than this gyrospark {__version__}, or is "
                     "damaged. Run it again, or read it with numpy.load.")
-            arrays = {one.attribute: file[one.attribute] for one in OUTPUTS
-                      if one.attribute in file}
+            arrays = {output.attribute: file[output.attribute] for output in OUTPUTS
+                      if output.attribute in file}
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
-            crossings = {name: [file[f"event{i}_{part}"] for part in _CROSSING]
+            crossings = {name: [file[f"event{i}_{field}"] for field in _CROSSING]
                          for i, name in enumerate(about.get("events", ()))}
             tangents = {name: file[f"tangents_{name}"] for name in _TANGENTS
                         if f"tangents_{name}" in file}
@@ -151,21 +154,24 @@ def load_netcdf(path: Path) -> Trajectory:
         def read(name: str) -> Array:
             if f"{name}_bytes" not in file.variables:
                 return np.asarray(file.variables[name][...])
-            rows = np.asarray(file.variables[f"{name}_bytes"][...])
-            return rows if real.in_mpmath else from_bytes(rows, real.dtype)
+            stored_bytes = np.asarray(file.variables[f"{name}_bytes"][...])
+            return stored_bytes if real.in_mpmath else from_bytes(stored_bytes, real.dtype)
 
-        rows = len(file.dimensions["time"])
+        state_count = len(file.dimensions["time"])
         arrays = {}
-        for one in OUTPUTS:
-            if names := parts(one, manifest):
-                values = [read(name)[one.of_steps :] for name in names]
-                arrays[one.attribute] = together(one, values, rows, real.dtype)
-        ends = ("event_", "_elapsed")
-        events = [name[len(ends[0]) : -len(ends[1])] for name in file.variables
-                  if name.startswith(ends[0]) and name.endswith(ends[1])]
-        crossings = {name: [read(f"event_{name}_{part}") for part in _CROSSING] for name in events}
-        for found in crossings.values():
-            found[_CROSSING.index("rising")] = found[_CROSSING.index("rising")].astype(bool)
+        for output in OUTPUTS:
+            if names := parts(output, manifest):
+                arrays_of_output = [read(name)[output.of_steps :] for name in names]
+                arrays[output.attribute] = together(output, arrays_of_output, state_count,
+                                                    real.dtype)
+        affixes = ("event_", "_elapsed")
+        events = [name[len(affixes[0]) : -len(affixes[1])] for name in file.variables
+                  if name.startswith(affixes[0]) and name.endswith(affixes[1])]
+        crossings = {name: [read(f"event_{name}_{field}") for field in _CROSSING]
+                     for name in events}
+        for event_arrays in crossings.values():
+            rising = _CROSSING.index("rising")
+            event_arrays[rising] = event_arrays[rising].astype(bool)
         return _trajectory(_fields(about, arrays, {}) | {"events": _events(about, crossings)})
 
 
@@ -177,49 +183,51 @@ def _trajectory(fields: dict[str, Any]) -> Trajectory:
 
 def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, ...]]
             ) -> dict[str, Any]:
-    """Return the fields; raise whatever is found wrong with them."""
+    """Return the fields of a ``Trajectory``; raise ``ValueError`` for inconsistent ones."""
     manifest: Manifest = about["manifest"]
     real = manifest.real
     if REALS[real].in_mpmath:
         in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
-        arrays |= {one.attribute: _from_bytes(arrays[one.attribute]) for one in OUTPUTS
-                   if one.attribute in arrays and not one.whole and one.attribute not in in_double}
-    arrays = {one.attribute: absent(one, len(arrays["t"]), arrays["q"].dtype) for one in OUTPUTS
+        arrays |= {output.attribute: _from_bytes(arrays[output.attribute]) for output in OUTPUTS
+                   if output.attribute in arrays and not output.whole
+                   and output.attribute not in in_double}
+    arrays = {output.attribute: absent(output, len(arrays["t"]), arrays["q"].dtype)
+              for output in OUTPUTS
               } | arrays  # of a version that did not know an output which this system lacks
     report = known_fields(Report, about["report"])
     report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
-    found = {"dt": from_text(about["dt"], real), "every": about["every"],
-             "parameters": {k: from_text(x, real) for k, x in about["parameters"].items()},
-             "report": Report(**report), "manifest": manifest}
-    _refuse_unless_sound(arrays, found)
-    if any(_names(manifest, name) != kept for name, kept in labels.items()):
+    fields = {"dt": from_text(about["dt"], real), "every": about["every"],
+              "parameters": {k: from_text(x, real) for k, x in about["parameters"].items()},
+              "report": Report(**report), "manifest": manifest}
+    _check_consistency(arrays, fields)
+    if any(_names(manifest, name) != stored_labels for name, stored_labels in labels.items()):
         raise ValueError("a column has two names")
-    return arrays | found
+    return arrays | fields
 
 
 def _events(about: Any, crossings: dict[str, list[Array]]) -> dict[str, Crossings]:
-    """Return the events; raise whatever is found wrong with them."""
-    wide = REALS[about["manifest"].real].in_mpmath
-    n, found = len(about["manifest"].system.coordinates), {}
+    """Return the crossings by event; raise ``ValueError`` for arrays of inconsistent shapes."""
+    in_binary128 = REALS[about["manifest"].real].in_mpmath
+    n, events = len(about["manifest"].system.coordinates), {}
     for name, (t, q, p, steps, rising, elapsed) in crossings.items():
-        t, q, p, elapsed = (_from_bytes(x) if wide else x for x in (t, q, p, elapsed))
+        t, q, p, elapsed = (_from_bytes(x) if in_binary128 else x for x in (t, q, p, elapsed))
         shapes = [x.shape for x in (t, q, p, steps, rising, elapsed)]
         if shapes != [(len(t),), (len(t), n), (len(t), n), *[(len(t),)] * 3]:
             raise ValueError("an event has parts of several lengths")
         if not isinstance(name, str) or steps.dtype.kind != "i" or rising.dtype.kind != "b":
             raise ValueError("an event has parts of another type")
-        found[name] = Crossings(t, q, p, steps, rising, elapsed)
-    return found
+        events[name] = Crossings(t, q, p, steps, rising, elapsed)
+    return events
 
 
 def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
-    """Return the tangents, if there are any; raise whatever is found wrong with them."""
+    """Return the tangents, or None; raise ``ValueError`` for arrays of inconsistent shapes."""
     if not about.get("tangents"):
         return None
-    wide = REALS[about["manifest"].real].in_mpmath
-    given = {name: _from_bytes(x) if wide else x for name, x in arrays.items()}
-    q, p, start, t = (given[name] for name in _TANGENTS[:4])
-    multipliers = given.get("multipliers")
+    in_binary128 = REALS[about["manifest"].real].in_mpmath
+    numbers = {name: _from_bytes(x) if in_binary128 else x for name, x in arrays.items()}
+    q, p, start, t = (numbers[name] for name in _TANGENTS[:4])
+    multipliers = numbers.get("multipliers")
     n, names = len(about["manifest"].system.coordinates), about["tangents"]
     if q.shape != p.shape or q.shape[1:] != (n, len(names)) or start.shape != (2 * n, len(names)) \
             or t.shape != (len(q), len(names)) or (multipliers is not None and (
@@ -229,33 +237,33 @@ def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
                        switched_steps=int(about.get("switched_steps", 0)))
 
 
-def _refuse_unless_sound(arrays: dict[str, Array], found: dict[str, Any]) -> None:
-    """Raise for arrays, numbers and a manifest that no integration returns together."""
-    manifest, report, rows = found["manifest"], asdict(found["report"]), len(arrays["t"])
-    for one in OUTPUTS:
-        array, shape = arrays[one.attribute], _shape(one, manifest, rows)
+def _check_consistency(arrays: dict[str, Array], fields: dict[str, Any]) -> None:
+    """Raise ``ValueError`` unless arrays, report and manifest fit together, as in a run."""
+    manifest, report, state_count = fields["manifest"], asdict(fields["report"]), len(arrays["t"])
+    for output in OUTPUTS:
+        array, shape = arrays[output.attribute], _shape(output, manifest, state_count)
         if array.shape != shape:
-            raise ValueError(f"{one.attribute} has another shape than {shape}")
-        if array.dtype.kind not in ("iu" if one.whole else "fO"):
-            raise ValueError(f"{one.attribute} has entries of another type")
+            raise ValueError(f"{output.attribute} has another shape than {shape}")
+        if array.dtype.kind not in ("iu" if output.whole else "fO"):
+            raise ValueError(f"{output.attribute} has entries of another type")
     lists = [report.pop("q"), report.pop("p")]
-    numbers = [*report.values(), *lists[0], *lists[1]]
-    counts = [report["steps"], report["iterations"], found["every"]]
-    if (not all(type(x) in (int, float) for x in numbers)
+    report_numbers = [*report.values(), *lists[0], *lists[1]]
+    counts = [report["steps"], report["iterations"], fields["every"]]
+    if (not all(type(x) in (int, float) for x in report_numbers)
             or not all(type(x) is int for x in counts)
-            or not all(abs(x) < 2**63 for x in numbers if type(x) is int)
-            or found["parameters"].keys() != manifest.system.parameters.keys()):
+            or not all(abs(x) < 2**63 for x in report_numbers if type(x) is int)
+            or fields["parameters"].keys() != manifest.system.parameters.keys()):
         raise ValueError("a number is of another type")
 
 
-def _shape(one: Output, manifest: Manifest, rows: int) -> tuple[int, ...]:
+def _shape(output: Output, manifest: Manifest, state_count: int) -> tuple[int, ...]:
     """Return the shape of an output's array in a trajectory of so many states."""
-    inner = one.inner(manifest)
-    if one.split:
-        return (rows, len(_names(manifest, one.labels)))
+    inner = output.inner(manifest)
+    if output.split:
+        return (state_count, len(_names(manifest, output.labels)))
     if inner is None:
-        return absent(one, rows, float).shape
-    return (rows - one.of_steps, *(length for _, length in inner))
+        return absent(output, state_count, float).shape
+    return (state_count - output.of_steps, *(length for _, length in inner))
 
 
 def _names(manifest: Manifest, labels: str) -> tuple[str, ...]:
@@ -263,7 +271,7 @@ def _names(manifest: Manifest, labels: str) -> tuple[str, ...]:
 
 
 def storable(array: Array) -> Array:
-    """Return an array as a file can hold it: mpmath numbers as their bytes in binary128."""
+    """Return an array that NumPy can store: mpmath numbers as their bytes in binary128."""
     if array.dtype != object:
         return without_padding(array)
     from ..bindings.binary128 import to_bytes  # mpmath costs time, and only float128 needs it

@@ -27,8 +27,8 @@ def check_sequence(sequence: Any) -> tuple[list[int], bool]:
         Unless it is three letters x, y, z, or X, Y, Z, neighbours different.
     """
     letters = sequence if isinstance(sequence, str) else ""
-    known = len(letters) == 3 and ({*letters} <= {*"xyz"} or {*letters} <= {*"XYZ"})
-    if not known or letters[1] in (letters[0], letters[2]):
+    valid_letters = len(letters) == 3 and ({*letters} <= {*"xyz"} or {*letters} <= {*"XYZ"})
+    if not valid_letters or letters[1] in (letters[0], letters[2]):
         count = f", which has {len(letters)} letters" if letters and len(letters) != 3 else ""
         raise InputError(
             f"Euler angles have no sequence {shown(sequence)}{count}; give three axes, neighbours "
@@ -57,12 +57,12 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     """
     axes, turning = check_sequence(sequence)
     i, j, k = reversed(axes) if turning else axes
-    same = i == k
-    k = 3 - i - j if same else k
+    proper_angles = i == k
+    k = 3 - i - j if proper_angles else k
     sign = (i - j) * (j - k) * (k - i) / 2
-    parts = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
-    w, x, y, z = parts[0], parts[1 + i], parts[1 + j], sign * parts[1 + k]
-    if not same:  # turned by a right angle, the outer axes are the same too
+    components = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
+    w, x, y, z = components[0], components[1 + i], components[1 + j], sign * components[1 + k]
+    if not proper_angles:  # turned by a right angle, the outer axes are the same too
         w, x, y, z = w - y, x + z, y + w, z - x
     middle = 2 * np.arctan2(np.hypot(y, z), np.hypot(w, x))
     half_sum, half_difference = np.arctan2(x, w), np.arctan2(z, y)
@@ -70,14 +70,14 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     low, high = middle < _LOCK, middle > np.pi - _LOCK
     # Where the middle angle is at an end only the sum, or the difference, of the others is there.
     zero = np.zeros_like(first)
-    whole = np.where(low, 2 * half_sum, 2 * half_difference * (1 if turning else -1))
+    outer_sum = np.where(low, 2 * half_sum, 2 * half_difference * (1 if turning else -1))
     locked = low | high
     if turning:
-        first, last = np.where(locked, zero, first), np.where(locked, whole, last)
+        first, last = np.where(locked, zero, first), np.where(locked, outer_sum, last)
     else:
-        first, last = np.where(locked, whole, first), np.where(locked, zero, last)
-    if not same:
+        first, last = np.where(locked, outer_sum, first), np.where(locked, zero, last)
+    if not proper_angles:
         last, middle = sign * last, middle - np.pi / 2
-    found: NDArray[np.float64] = np.stack(
+    angles: NDArray[np.float64] = np.stack(
         [last, middle, first] if turning else [first, middle, last], axis=-1)
-    return np.where(np.abs(found) > np.pi, found - 2 * np.pi * np.sign(found), found)
+    return np.where(np.abs(angles) > np.pi, angles - 2 * np.pi * np.sign(angles), angles)

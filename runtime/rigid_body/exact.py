@@ -195,7 +195,7 @@ class FreeRotation(_PreciseMotion):
         n = -I[i] * (I[j] - I[k]) / (I[k] * (I[i] - I[j]))
 
         self._mp = mp = _context(DIGITS + _lost_digits(1 - m))
-        self._m, self._n, self._rest = (_number(mp, x) for x in (m, n, 1 - m))
+        self._m, self._n, self._complement = (_number(mp, x) for x in (m, n, 1 - m))
         self._even = (j - i) % 3 == 1  # (i, j, k) is an even permutation of the axes
         self._upright = w[k] >= 0  # B_k takes the sign of Ω_k: am u₀ lies within a quarter turn
         # B_i takes the sign of Ω_i, B_j is positive, and Euler's equations give κ its sign.
@@ -210,7 +210,7 @@ class FreeRotation(_PreciseMotion):
         self._inertia = [_number(mp, x) for x in I]
         self._momentum = _root(mp, sum((x * y) ** 2 for x, y in zip(I, w, strict=True)))
         self._drift = self._momentum * _number(mp, 1 / I[k] - 1 / I[i]) / self._rate
-        self._scale, self._ladder = _landen_ladder(mp, self._rest)
+        self._scale, self._ladder = _landen_ladder(mp, self._complement)
         self._quarter = self._third_kind_on_quarter(mp.mpf(1), mp.mpf(0)) if m != 1 else mp.mpf(0)
 
         _, b_j, b_k = self._amplitudes
@@ -225,8 +225,9 @@ class FreeRotation(_PreciseMotion):
         """Return Ω(t) in at least 30 digits, as mpmath numbers; t is one number."""
         _, sn, cn, dn = self._jacobi(self._u0 + self._rate * t)
         omega = [self._mp.mpf(0)] * 3
-        for place, b, x in zip(self._axes, self._amplitudes, (dn, sn, cn), strict=True):
-            omega[place] = b * x
+        for axis_index, amplitude, x in zip(self._axes, self._amplitudes, (dn, sn, cn),
+                                            strict=True):
+            omega[axis_index] = amplitude * x
         return omega
 
     def precise_attitude(self, t: Any) -> list[Any]:
@@ -239,8 +240,9 @@ class FreeRotation(_PreciseMotion):
         u = self._u0 + self._rate * t
         am, sn, cn, dn = self._jacobi(u)
         l_i, l_j, l_k = (
-            self._inertia[place] * abs(b) * x
-            for place, b, x in zip((i, j, k), self._amplitudes, (dn, sn, cn), strict=True)
+            self._inertia[axis_index] * abs(amplitude) * x
+            for axis_index, amplitude, x in zip(
+                (i, j, k), self._amplitudes, (dn, sn, cn), strict=True)
         )
         theta = mp.atan2(mp.hypot(l_j, l_k), l_i if self._amplitudes[0] > 0 else -l_i)
         # The angle of (l_k, l_j) without jumps: it stays within a quarter turn of am.
@@ -263,30 +265,30 @@ class FreeRotation(_PreciseMotion):
     def _jacobi(self, u: Any) -> tuple[Any, Any, Any, Any]:
         """Return am u, sn u, cn u, dn u; am by Landen's descending ladder (DLMF 22.20(ii))."""
         mp = self._mp
-        if not self._rest:
+        if not self._complement:
             return 2 * mp.atan(mp.tanh(u / 2)), mp.tanh(u), mp.sech(u), mp.sech(u)
         am = self._scale * u
         for ratio in reversed(self._ladder):
             am = (am + mp.asin(ratio * mp.sin(am))) / 2
         sn, cn = mp.sin(am), mp.cos(am)
-        return am, sn, cn, mp.sqrt(cn**2 + self._rest * sn**2)
+        return am, sn, cn, mp.sqrt(cn**2 + self._complement * sn**2)
 
     def _third_kind(self, am: Any, u: Any) -> Any:
         """Return Π(n; am u) − u."""
         mp = self._mp
         if not self._n:
             return mp.mpf(0)
-        if not self._rest:
+        if not self._complement:
             root = mp.sqrt(-self._n)
             return (u + root * mp.atan(root * mp.tanh(u))) / (1 - self._n) - u
         half_turns = mp.nint(am / mp.pi)
-        rest = am - half_turns * mp.pi
-        part = self._third_kind_on_quarter(mp.sin(rest), mp.cos(rest))
-        return 2 * half_turns * self._quarter + part
+        remainder = am - half_turns * mp.pi
+        remainder_integral = self._third_kind_on_quarter(mp.sin(remainder), mp.cos(remainder))
+        return 2 * half_turns * self._quarter + remainder_integral
 
     def _third_kind_on_quarter(self, sn: Any, cn: Any) -> Any:
         """Return Π − F = (n/3) sn³ R_J(cn², 1 − m sn², 1, 1 − n sn²) for |am| ≤ π/2."""
-        dn2 = cn**2 + self._rest * sn**2
+        dn2 = cn**2 + self._complement * sn**2
         integral = self._mp.elliprj(cn**2, dn2, 1, 1 - self._n * sn**2)
         return self._n / 3 * sn**3 * integral
 
@@ -307,25 +309,29 @@ def free_motion(
 
 def _elliptic_axes(I: list[Fraction], w: list[Fraction]) -> tuple[int, int, int]:  # noqa: E741
     """Return the axes (i, j, k) of FreeRotation: i is the extremal one with m ≤ 1."""
-    least, middle, most = sorted(range(3), key=I.__getitem__)
-    about_most = I[most] * (I[most] - I[middle]) * w[most] ** 2
-    about_least = I[least] * (I[middle] - I[least]) * w[least] ** 2
-    return (most, middle, least) if about_most >= about_least else (least, middle, most)
+    smallest, middle, largest = sorted(range(3), key=I.__getitem__)
+    about_largest = I[largest] * (I[largest] - I[middle]) * w[largest] ** 2
+    about_smallest = I[smallest] * (I[middle] - I[smallest]) * w[smallest] ** 2
+    if about_largest >= about_smallest:
+        return largest, middle, smallest
+    return smallest, middle, largest
 
 
-def _landen_ladder(mp: Any, rest: Any) -> tuple[Any, list[Any]]:
+def _landen_ladder(mp: Any, complement: Any) -> tuple[Any, list[Any]]:
     """Return 2^N a_N and the c_n/a_n of the arithmetic-geometric mean; rest = 1 − m."""
-    a, b, scale, ratios = mp.mpf(1), mp.sqrt(rest), mp.mpf(1), []
-    while rest and a - b > 4 * mp.eps:  # round-off alone never goes on
+    a, b, scale, ratios = mp.mpf(1), mp.sqrt(complement), mp.mpf(1), []
+    while complement and a - b > 4 * mp.eps:  # a − b > 0 by round-off ends the iteration
         a, b, c = (a + b) / 2, mp.sqrt(a * b), (a - b) / 2
         scale *= 2
         ratios.append(c / a)
     return scale * a, ratios
 
 
-def _lost_digits(rest: Fraction) -> int:
+def _lost_digits(complement: Fraction) -> int:
     """Return the decimal digits of m that do not reach 1 − m; none on the separatrix."""
-    lost_bits = rest.denominator.bit_length() - rest.numerator.bit_length() if rest else 0
+    lost_bits = 0
+    if complement:
+        lost_bits = complement.denominator.bit_length() - complement.numerator.bit_length()
     return max(0, lost_bits * 3 // 10 + 1)
 
 
@@ -360,8 +366,8 @@ def _product(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
 
 def _rounded(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> Array:
     times = _times(t)
-    rows = [[float(x) for x in precise(time)] for time in times.ravel().tolist()]
-    return np.array(rows, dtype=np.float64).reshape(*times.shape, length)
+    values_at_times = [[float(x) for x in precise(time)] for time in times.ravel().tolist()]
+    return np.array(values_at_times, dtype=np.float64).reshape(*times.shape, length)
 
 
 def _times(t: ArrayLike) -> Array:
@@ -432,6 +438,6 @@ def regular_precession(rate: float, spin: float, nutation: float) -> ExactMotion
     InputError
         Unless all are finite numbers.
     """
-    values = {"rate": rate, "spin": spin, "nutation": nutation}
+    arguments = {"rate": rate, "spin": spin, "nutation": nutation}
     return RegularPrecession(**{
-        name: float(as_real(name, value)) for name, value in values.items()})
+        name: float(as_real(name, value)) for name, value in arguments.items()})

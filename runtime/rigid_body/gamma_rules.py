@@ -109,22 +109,22 @@ def gamma_by_rule(name: str, rule: Rule, parameters: Mapping[str, Any]) -> float
                          "single run; give a number, such as that of gyrospark.tune(step, start, "
                          "dt=..., gamma='auto').parameters.")
     for entries in reversed(inertia_names(name)):
-        values = tuple(map(parameters.get, entries))
-        if {*map(type, values)} == {float}:
-            return _mean_of_floats(rule.name, name, (*entries,), values)
+        entry_values = tuple(map(parameters.get, entries))
+        if {*map(type, entry_values)} == {float}:
+            return _mean_of_floats(rule.name, name, (*entries,), entry_values)
     return mean_inertia(inertia_of(name, rule, parameters), rule.name)
 
 
 @lru_cache(maxsize=256)
 def _mean_of_floats(
-    rule: str, name: str, entries: tuple[str, ...], values: tuple[float, ...]
+    rule: str, name: str, entries: tuple[str, ...], entry_values: tuple[float, ...]
 ) -> float:
-    """Return γ or α by an inertia in plain floats: most calls give the one of the call before."""
-    return mean_inertia(known_inertia(name, dict(zip(entries, values, strict=True))), rule)
+    """Return γ or α from an inertia in plain floats; cached, because most calls repeat the last."""
+    return mean_inertia(known_inertia(name, dict(zip(entries, entry_values, strict=True))), rule)
 
 
 def inertia_of(name: str, rule: Rule, parameters: Mapping[str, Any]) -> InertiaLike:
-    """Return the inertia that a rule is for: of the parameters if it is there."""
+    """Return the inertia for a rule: from the parameters if they have it, else of the rule."""
     if rule.inertia is not None and not has_inertia(name, parameters):
         inertia: InertiaLike = rule.inertia
         return inertia
@@ -132,23 +132,22 @@ def inertia_of(name: str, rule: Rule, parameters: Mapping[str, Any]) -> InertiaL
 
 
 def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
-    """Return the moments that belong to an inertia parameter: I1.. for gamma, a_I1.. for a_gamma.
-
-    Of a body with a tensor, a_K11.. tell them.
+    """Return the principal moments of an inertia parameter's body: I1.. for gamma, a_I1.. for
+    a_gamma, or those of the tensor a_K11...
 
     Raises
     ------
     InputError
-        If they are not all there.
+        If the parameters lack one of them.
     """
-    wanted, inverse = inertia_names(name)
+    moment_names, inverse = inertia_names(name)
     if {*inverse} <= parameters.keys():
         return moments_of(tensor_of_inverse([parameters[entry] for entry in inverse]))
-    missing = [moment for moment in wanted if moment not in parameters]
+    missing = [moment for moment in moment_names if moment not in parameters]
     if missing:
         raise InputError(f"{name} cannot be chosen: the moment {missing[0]!r} of its body is no "
                          "parameter; give a number.")
-    return principal_moments(tuple(parameters[moment] for moment in wanted))
+    return principal_moments(tuple(parameters[moment] for moment in moment_names))
 
 
 def _two_or_three(inertia: InertiaLike) -> Moments:
@@ -167,21 +166,21 @@ def _harmonic(moments: Sequence[Any]) -> Any:
 
 
 def _mean(
-    given: InertiaLike, moments: Moments, rule: Callable[[Sequence[Any]], Any],
+    inertia: InertiaLike, moments: Moments, rule: Callable[[Sequence[Any]], Any],
     largest: int = 3,
 ) -> float:
     """Return a mean of the largest moments: of floats in doubles, of wider numbers exactly.
 
     Fractions then give a fraction, anything else a number of 113 bits.
     """
-    whole = [exact(moment) for moment in given]
-    if None in whole or whole == [Fraction(moment) for moment in moments]:
-        of_doubles: float = rule(sorted(moments)[-largest:] if largest < 3 else moments)
-        return of_doubles
-    mean: Any = rule(sorted(x for x in whole if isinstance(x, Fraction))[-largest:])
-    if all(isinstance(moment, (float, int)) for moment in given):
+    exact_moments = [exact(moment) for moment in inertia]
+    if None in exact_moments or exact_moments == [Fraction(moment) for moment in moments]:
+        mean_of_doubles: float = rule(sorted(moments)[-largest:] if largest < 3 else moments)
+        return mean_of_doubles
+    mean: Any = rule(sorted(x for x in exact_moments if isinstance(x, Fraction))[-largest:])
+    if all(isinstance(moment, (float, int)) for moment in inertia):
         return Rounded(mean)
-    if all(isinstance(moment, (Fraction, float, int)) for moment in given):
+    if all(isinstance(moment, (Fraction, float, int)) for moment in inertia):
         return mean  # type: ignore[no-any-return]
     from ..bindings.binary128 import rounded  # mpmath costs time
 

@@ -85,23 +85,25 @@ class Problem:
     description: str = ""
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{name} = {value:.6g}" for name, value in self.parameters.items())
-        return f"<Problem {self.name} ({self.system}): {values}>"
+        parameters = ", ".join(f"{name} = {value:.6g}" for name, value in self.parameters.items())
+        return f"<Problem {self.name} ({self.system}): {parameters}>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the numbers of the problem."""
-        rows = [("about", self.description or self.name), ("system", self.system),
-                ("parameters", few(f"{name} = {x:.6g}" for name, x in self.parameters.items())),
-                ("q₀", few(f"{x:.6g}" for x in self.q0)), ("p₀", few(f"{x:.6g}" for x in self.p0)),
-                ("exact motion", "none known" if self.exact is None else "problem.exact")]
-        return card(f"Problem {self.name}", table(rows))
+        """Return HTML for notebooks: the numbers of the problem."""
+        table_rows = [("about", self.description or self.name), ("system", self.system),
+                      ("parameters",
+                       few(f"{name} = {x:.6g}" for name, x in self.parameters.items())),
+                      ("q₀", few(f"{x:.6g}" for x in self.q0)),
+                      ("p₀", few(f"{x:.6g}" for x in self.p0)),
+                      ("exact motion", "none known" if self.exact is None else "problem.exact")]
+        return card(f"Problem {self.name}", table(table_rows))
 
     @property
     def start(self) -> Start:
         """Where a run of it starts; γ and α are by rule."""
-        spare = {name for name, value in self.parameters.items() if value == 0}
+        zero_parameters = {name for name, value in self.parameters.items() if value == 0}
         return Start(self.q0, self.p0, self.parameters).of_model(
-            dict.fromkeys(("gamma", "alpha"), self.inertia), {}, frozenset(spare))
+            dict.fromkeys(("gamma", "alpha"), self.inertia), {}, frozenset(zero_parameters))
 
     def __post_init__(self) -> None:
         for name in ("name", "description"):
@@ -109,9 +111,9 @@ class Problem:
         choose("system", self.system, SYSTEMS)
         if self.exact is not None and not hasattr(self.exact, "axis"):
             raise InputError(f"exact = {shown(self.exact)} is no motion; leave it out.")
-        numbers = as_mapping("parameters", self.parameters, "{'mgl': 0.4}")
+        parameters = as_mapping("parameters", self.parameters, "{'mgl': 0.4}")
         object.__setattr__(self, "parameters", {
-            name: as_real(f"Parameter {name}", value) for name, value in numbers.items()})
+            name: as_real(f"Parameter {name}", value) for name, value in parameters.items()})
         object.__setattr__(self, "inertia", as_moments(self.inertia))
         for letter in ("q0", "p0"):
             state = _vector(getattr(self, letter), 4, letter)
@@ -263,27 +265,27 @@ def _heavy_top(
     return Problem(name, parameters, q0, p0, inertia, exact=exact, description=description)
 
 
-def _finite(value: float, what: str, unit: str) -> float:
-    found = real_array(value)
-    if found is None or found.ndim:
-        raise InputError(f"The {what} {shown(value)} is no number; give it in {unit}.")
-    number = float(found)
+def _finite(value: float, quantity: str, unit: str) -> float:
+    array = real_array(value)
+    if array is None or array.ndim:
+        raise InputError(f"The {quantity} {shown(value)} is no number; give it in {unit}.")
+    number = float(array)
     if not math.isfinite(number):
-        raise InputError(f"The {what} is {number!r}; it must be a finite number in {unit}.")
+        raise InputError(f"The {quantity} is {number!r}; it must be a finite number in {unit}.")
     return number
 
 
-def _positive(value: float, what: str, unit: str) -> float:
-    number = _finite(value, what, unit)
+def _positive(value: float, quantity: str, unit: str) -> float:
+    number = _finite(value, quantity, unit)
     if number <= 0:
-        raise InputError(f"The {what} is {number!r}; it must be above 0, in {unit}.")
+        raise InputError(f"The {quantity} is {number!r}; it must be above 0, in {unit}.")
     return number
 
 
-def _vector(values: ArrayLike, length: int, what: str) -> Array:
-    vector = real_array(values)
+def _vector(components: ArrayLike, length: int, name: str) -> Array:
+    vector = real_array(components)
     if vector is None:
-        raise InputError(f"{what} = {shown(values)} is not {length} numbers.")
+        raise InputError(f"{name} = {shown(components)} is not {length} numbers.")
     if vector.shape != (length,) or not np.isfinite(vector).all():
-        raise InputError(f"{what} = {shown(values)} must be {length} finite numbers.")
+        raise InputError(f"{name} = {shown(components)} must be {length} finite numbers.")
     return vector

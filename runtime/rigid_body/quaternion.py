@@ -97,12 +97,13 @@ def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: InertiaLike) -> Array:
         Unless q and p have shape (..., 4) and the inertia is three finite moments above 0 or a
         tensor with such.
     """
-    given = as_moments_or_tensor(inertia)
+    moments = as_moments_or_tensor(inertia)
     twice_l = np.einsum("...ij,...j->...i", left_matrix(q), _vectors(p, 4, "momentum p"))
-    if is_tensor(given):
-        turning: Array = np.linalg.solve(inertia_matrix(given), twice_l[..., None] / 2)[..., 0]
-        return turning
-    omega: Array = twice_l / (2 * np.array(given))
+    if is_tensor(moments):
+        omega_of_tensor: Array = np.linalg.solve(inertia_matrix(moments),
+                                                 twice_l[..., None] / 2)[..., 0]
+        return omega_of_tensor
+    omega: Array = twice_l / (2 * np.array(moments))
     return omega
 
 
@@ -115,10 +116,10 @@ def momentum(q: ArrayLike, omega: ArrayLike, inertia: InertiaLike) -> Array:
         Unless q has shape (..., 4), Ω has shape (..., 3) and the inertia is three finite moments
         above 0 or a tensor with such.
     """
-    given, turning = as_moments_or_tensor(inertia), _vectors(omega, 3, "angular velocity")
+    moments, vectors = as_moments_or_tensor(inertia), _vectors(omega, 3, "angular velocity")
     with np.errstate(over="ignore", invalid="ignore"):  # states that are not finite are refused
-        l = turning @ inertia_matrix(given) if is_tensor(given) else (  # noqa: E741
-            np.array(given) * turning)
+        l = vectors @ inertia_matrix(moments) if is_tensor(moments) else (  # noqa: E741
+            np.array(moments) * vectors)
         p: Array = 2 * np.einsum("...ij,...i->...j", left_matrix(q), l)
     return p
 
@@ -173,18 +174,18 @@ def attitude_quaternion(attitude: Rotation | ArrayLike) -> Array:
     if hasattr(attitude, "as_quat"):  # SciPy is not needed to know its Rotation
         scalar_last: Array = np.asarray(attitude.as_quat(), dtype=np.float64)
         return scalar_last[..., [3, 0, 1, 2]]
-    numbers = real_array(attitude)
-    if numbers is not None and numbers.shape[-1:] == (4,) and numbers.ndim <= 2:
+    array = real_array(attitude)
+    if array is not None and array.shape[-1:] == (4,) and array.ndim <= 2:
         return unit_quaternions(attitude, "attitude")
-    if numbers is None or numbers.shape[-2:] != (3, 3) or numbers.ndim not in (2, 3):
+    if array is None or array.shape[-2:] != (3, 3) or array.ndim not in (2, 3):
         raise InputError(
             f"The attitude {shown(attitude)} is neither a quaternion of 4 numbers, scalar first, "
             "nor a scipy.spatial.transform.Rotation nor a 3 × 3 matrix of a rotation; make one "
             "with Rotation.from_euler or from_quat."
         )
-    if numbers.ndim == 2:
-        return quaternion_of_matrix(numbers)
-    return np.array([quaternion_of_matrix(R) for R in numbers]).reshape(-1, 4)
+    if array.ndim == 2:
+        return quaternion_of_matrix(array)
+    return np.array([quaternion_of_matrix(R) for R in array]).reshape(-1, 4)
 
 
 def state_of_body(
@@ -196,16 +197,16 @@ def state_of_body(
     return np.broadcast_to(q, p.shape).copy(), p
 
 
-def _vectors(values: ArrayLike, length: int, what: str) -> Array:
-    vectors = real_array(values)
+def _vectors(components: ArrayLike, length: int, name: str) -> Array:
+    vectors = real_array(components)
     if vectors is None:
-        raise InputError(f"The {what} {shown(values)} is no array of real numbers.")
+        raise InputError(f"The {name} {shown(components)} is no array of real numbers.")
     if vectors.ndim == 0 or vectors.shape[-1] != length:
         raise InputError(
-            f"The {what} has shape {vectors.shape}; its last axis must have length {length}."
+            f"The {name} has shape {vectors.shape}; its last axis must have length {length}."
         )
     return vectors
 
 
-def _matrix(rows: list[list[Array]]) -> Array:
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+def _matrix(row_lists: list[list[Array]]) -> Array:
+    return np.stack([np.stack(row, axis=-1) for row in row_lists], axis=-2)

@@ -197,9 +197,9 @@ def test_lines_are_centred():
     q = np.stack([3 * wave(20 * t) + wave(26 * t) for wave in (np.cos, np.sin)], axis=1)
     lines = SpectralLines(q, q, 0.01, [turn])
     assert lines.resolved
-    assert lines.least(1, np.zeros(1)) == pytest.approx([(9 * 20 + 26) / 10], rel=1e-6)
+    assert lines.minimise(1, np.zeros(1)) == pytest.approx([(9 * 20 + 26) / 10], rel=1e-6)
     middle = 20 + 6 / (1 + 9 ** (1 / 11))  # 9 x^11 = (6 - x)^11
-    assert lines.least(6, np.zeros(1)) == pytest.approx([middle], rel=2e-3)  # a window has a width
+    assert lines.minimise(6, np.zeros(1)) == pytest.approx([middle], rel=2e-3)  # a window has a width
     coarse = SpectralLines(q[::32], q[::32], 0.32, [turn])  # folded: 26 rad/s > π/0.32
     assert not coarse.resolved or abs(coarse.least(1, np.zeros(1))[0]) < 10
 
