@@ -199,9 +199,10 @@ def test_lines_are_centred():
     assert lines.resolved
     assert lines.minimise(1, np.zeros(1)) == pytest.approx([(9 * 20 + 26) / 10], rel=1e-6)
     middle = 20 + 6 / (1 + 9 ** (1 / 11))  # 9 x^11 = (6 - x)^11
-    assert lines.minimise(6, np.zeros(1)) == pytest.approx([middle], rel=2e-3)  # a window has a width
+    # A window has a width.
+    assert lines.minimise(6, np.zeros(1)) == pytest.approx([middle], rel=2e-3)
     coarse = SpectralLines(q[::32], q[::32], 0.32, [turn])  # folded: 26 rad/s > π/0.32
-    assert not coarse.resolved or abs(coarse.least(1, np.zeros(1))[0]) < 10
+    assert not coarse.resolved or abs(coarse.minimise(1, np.zeros(1))[0]) < 10
 
 
 # ---------------------------------------------------------------- certificates
