@@ -1,4 +1,4 @@
-"""How exact a stepper is on a model, over its step and over the time that it takes; its picture."""
+"""Accuracy of a stepper on a model, over its step and over its CPU time, and the plot of it."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ class Accuracy:
     def slopes(self) -> list[float]:
         """log2 of successive errors' ratio."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            found: list[float] = np.log2(np.divide(self.error[:-1], self.error[1:])).tolist()
-        return found
+            slopes: list[float] = np.log2(np.divide(self.error[:-1], self.error[1:])).tolist()
+        return slopes
 
 
 def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
@@ -75,50 +75,51 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
     longest, count = 4 * dt, max(1, min(steps, _MOST_STEPS) // 4)
 
     def run(step: float, n: int) -> tuple[Trajectory, float]:
-        begun = time.process_time()
+        start_time = time.process_time()
         with capture_warnings():
-            made = stepper.integrate(q, p, dt=step, steps=n, every=n, parameters=parameters)
-        return made, time.process_time() - begun
+            trajectory = stepper.integrate(q, p, dt=step, steps=n, every=n, parameters=parameters)
+        return trajectory, time.process_time() - start_time
 
-    def least(step: float, n: int) -> tuple[Trajectory, float]:
-        return min((run(step, n) for _ in range(3)), key=lambda made: made[1])
+    def fastest(step: float, n: int) -> tuple[Trajectory, float]:
+        return min((run(step, n) for _ in range(3)), key=lambda trajectory: trajectory[1])
 
     finest = longest / 2**_HALVINGS / _FINER
     reference, _ = run(finest, count * 2**_HALVINGS * _FINER)
-    _, call = least(finest, 1)
-    found: list[tuple[float, float, float]] = []
+    _, call = fastest(finest, 1)
+    measurements: list[tuple[float, float, float]] = []
     for k in range(_HALVINGS + 1):
         try:
-            made, spent = least(longest / 2**k, count * 2**k)
+            trajectory, seconds_spent = fastest(longest / 2**k, count * 2**k)
         except StepFailed:
             continue
         error = max(np.abs(a[-1] - b[-1]).max() / (np.abs(b).max() or 1.0) for a, b in (
-            (made.q, reference.q), (made.p, reference.p)))
-        found.append((longest / 2**k, float(error), max(spent - call, _TICK)))
-    dts, errors, seconds = (list(column) for column in zip(*found, strict=True))
+            (trajectory.q, reference.q), (trajectory.p, reference.p)))
+        measurements.append((longest / 2**k, float(error), max(seconds_spent - call, _TICK)))
+    dts, errors, seconds = (list(column) for column in zip(*measurements, strict=True))
     return Accuracy(stepper.name, stepper.order, longest * count, dts, errors, seconds)
 
 
-def draw(model: str, found: Accuracy, target: Path) -> None:
+def draw(model: str, accuracy: Accuracy, target: Path) -> None:
     """Draw the error over the step, with a line of the derived order, and over the CPU time."""
     figure = figure_class()(figsize=(9, 3.8), layout="constrained")
-    order, work = figure.subplots(1, 2, sharey=True)
-    dt, error, seconds = map(np.array, (found.dt, found.error, found.seconds))
-    shown = error > 0
-    order.loglog(dt[shown], error[shown], "o-", label=found.stepper)
-    if shown.any():
-        first = int(np.argmax(shown))
-        guide = error[first] * (dt / dt[first]) ** found.order
-        above = guide >= error[shown].min() / 10
-        order.loglog(dt[above], guide[above], "--", color="#7f8c8d", label=f"Δt^{found.order}")
-    order.set_xlabel("Δt [s]")
-    order.set_ylabel("relative error")
-    order.set_title(f"order, at t = {found.t_end:.4g} s", fontsize=10)
-    work.loglog(seconds[shown], error[shown], "o-", label=found.stepper)
-    work.set_xlabel("CPU time of the steps [s]")
-    work.set_title("work and precision", fontsize=10)
-    for axes in (order, work):
+    order_axes, work_axes = figure.subplots(1, 2, sharey=True)
+    dt, error, seconds = map(np.array, (accuracy.dt, accuracy.error, accuracy.seconds))
+    positive = error > 0
+    order_axes.loglog(dt[positive], error[positive], "o-", label=accuracy.stepper)
+    if positive.any():
+        first = int(np.argmax(positive))
+        guide = error[first] * (dt / dt[first]) ** accuracy.order
+        in_range = guide >= error[positive].min() / 10
+        order_axes.loglog(dt[in_range], guide[in_range], "--", color="#7f8c8d",
+                          label=f"Δt^{accuracy.order}")
+    order_axes.set_xlabel("Δt [s]")
+    order_axes.set_ylabel("relative error")
+    order_axes.set_title(f"order, at t = {accuracy.t_end:.4g} s", fontsize=10)
+    work_axes.loglog(seconds[positive], error[positive], "o-", label=accuracy.stepper)
+    work_axes.set_xlabel("CPU time of the steps [s]")
+    work_axes.set_title("work and precision", fontsize=10)
+    for axes in (order_axes, work_axes):
         axes.grid(alpha=0.3, which="both")
         axes.legend(fontsize=8)
-    figure.suptitle(f"{model} with {found.stepper}", fontsize=11)
+    figure.suptitle(f"{model} with {accuracy.stepper}", fontsize=11)
     save(figure, target)

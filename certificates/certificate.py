@@ -50,7 +50,7 @@ STEPS, PROBLEM_DT = 1000, 1e-3
 @explain_arguments
 @dataclass(frozen=True)
 class Certificate:
-    """The lines of a certificate, and what was run for it."""
+    """The lines of a certificate, with the stepper, time step and parameters of its run."""
 
     model: str
     stepper: str
@@ -68,11 +68,12 @@ class Certificate:
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: a row for each property, its measurement and the result."""
-        rows = [(line.quantity, line.found, line.expected, line.verdict) for line in self.lines]
+        table_rows = [(line.quantity, line.found, line.expected, line.verdict)
+                      for line in self.lines]
         result = "every guarantee holds" if self.holds else "a guarantee is missed"
         return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
                     f"{self.dt:g} s: {result}",
-                    table(rows, ("kept", "found", "should be", "verdict")))
+                    table(table_rows, ("kept", "found", "should be", "verdict")))
 
     @property
     def holds(self) -> bool:
@@ -87,7 +88,7 @@ class Certificate:
         raise KeyError(quantity)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the certificate as JSON can hold it: what is not finite becomes None."""
+        """Return the certificate for JSON; numbers that are not finite become None."""
         content = asdict(self) | {"holds": self.holds}
         for line in content["lines"]:
             for key in ("value", "bound"):
@@ -149,29 +150,30 @@ def certify(
     if choose("real", real, REALS) not in ("double", "float"):
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
-    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real,
-                           energy=energy, order=order, composition=composition)
+    known_model, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real,
+                                 energy=energy, order=order, composition=composition)
     if step.manifest.system.velocity_names:
-        raise InputError(f"System {known.system.name!r} is from a Lagrangian, and its H is not "
-                         "written out: guarantees are not proved for it. Certify a model with the "
-                         "system that its legendre() returns.")
+        raise InputError(f"System {known_model.system.name!r} is from a Lagrangian, and its H is "
+                         "not written out: guarantees are not proved for it. Certify a model with "
+                         "the system that its legendre() returns.")
     if dt is None:
-        dt = known.dt
+        dt = known_model.dt
     if dt is None:
-        raise InputError(f"Model {known.name!r} names no time step; give dt.")
-    count = as_positive_count("steps", (known.steps or STEPS) if steps is None else steps, least=2)
+        raise InputError(f"Model {known_model.name!r} names no time step; give dt.")
+    count = as_positive_count("steps", (known_model.steps or STEPS) if steps is None else steps,
+                              least=2)
     changes = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
     for name in changes:
         if name not in step.parameter_domains:
             raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "
                              f"are {', '.join(step.parameter_domains) or 'none'}.")
-    run = step.integrate(known, dt=as_step(dt), steps=count, parameters=changes)
-    values = dict(run.parameters)
-    guarantees = _guarantees(known, step, scheme, stages, tableau, values)
-    round_off = RoundOff(known.system, run, values, step)
-    with capture_warnings():  # what is to be said of the run has been said
-        lines = list(Examination(known, step, guarantees, run, values, round_off).lines())
-    return Certificate(model.name, step.name, step.order, run.dt, count, values, lines)
+    run = step.integrate(known_model, dt=as_step(dt), steps=count, parameters=changes)
+    numbers = dict(run.parameters)
+    guarantees = _guarantees(known_model, step, scheme, stages, tableau, numbers)
+    round_off = RoundOff(known_model.system, run, numbers, step)
+    with capture_warnings():  # the run above has warned already
+        lines = list(Examination(known_model, step, guarantees, run, numbers, round_off).lines())
+    return Certificate(model.name, step.name, step.order, run.dt, count, numbers, lines)
 
 
 def compiled(
@@ -183,14 +185,14 @@ def compiled(
     """Return the model and its stepper; a named problem has its stepper checked in."""
     if isinstance(model, Problem):
         rep = "gamma" if rep is None else rep
-        made = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
-                            frame=frame, energy=energy, real=real, order=order,
-                            composition=composition, allow_invalid=allow_invalid)
+        stepper = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
+                               frame=frame, energy=energy, real=real, order=order,
+                               composition=composition, allow_invalid=allow_invalid)
         system = SYSTEMS[model.system].make(rep)
-        known = {str(s) for s in system.parameters}
-        return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
-                     model.p0, {rep: model.inertia}, PROBLEM_DT, STEPS, model.description,
-                     frame or ""), made
+        parameter_names = {str(s) for s in system.parameters}
+        return Model(system, {k: v for k, v in model.parameters.items() if k in parameter_names},
+                     model.q0, model.p0, {rep: model.inertia}, PROBLEM_DT, STEPS, model.description,
+                     frame or ""), stepper
     if not isinstance(model, Model):
         raise InputError(f"model = {shown(model)} is no gyrospark.Model; make one with "
                          "gyrospark.Model(system, parameters, q0, p0).")
@@ -205,16 +207,16 @@ def compiled(
 
 def _guarantees(
     model: Model, step: Stepper, scheme: SchemeName | None, stages: int | None,
-    tableau: str | Path | Tableau | None, values: Mapping[str, float],
+    tableau: str | Path | Tableau | None, parameters: Mapping[str, float],
 ) -> Guarantees:
     """Return the guarantees of the scheme at these parameters, as exact fractions."""
-    numbers = {s: as_rational(values[str(s)]) for s in model.system.parameters}
+    exact_parameters = {s: as_rational(parameters[str(s)]) for s in model.system.parameters}
     if not step.binding.solves:
-        return SplittingGuarantees(model.system, numbers, step.order)
+        return SplittingGuarantees(model.system, exact_parameters, step.order)
     if tableau is None and scheme_named(scheme).tableau is None:
-        return MeanGuarantees(model.system, numbers, str(scheme), step.order)
+        return MeanGuarantees(model.system, exact_parameters, str(scheme), step.order)
     if tableau is None:
-        return SparkGuarantees(model.system, numbers, make_tableau(str(scheme), stages),
+        return SparkGuarantees(model.system, exact_parameters, make_tableau(str(scheme), stages),
                                bool(step.manifest.scheme.exact_energy))
     exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
-    return SparkGuarantees(model.system, numbers, exact)
+    return SparkGuarantees(model.system, exact_parameters, exact)

@@ -52,17 +52,19 @@ class Work:
         return f"@{self.kind}{{{self.key},\n{inner}\n}}"
 
     def __str__(self) -> str:
-        names = [" ".join([*_initials(given), family]) for family, _, given in
+        names = [" ".join([*_initials(given_names), family]) for family, _, given_names in
                  (author.partition(", ") for author in self.authors)]
-        place = ", ".join(self.where[name] for name in (
+        publication = ", ".join(self.where[name] for name in (
             "journal", "volume", "pages", "publisher", "version") if name in self.where)
         doi = f" doi:{self.where['doi']}" if "doi" in self.where else ""
-        told = ", ".join(part for part in (", ".join(names), self.title, place, self.year) if part)
-        return f"{told}.{doi}".replace("--", "–").replace("{", "").replace("}", "")
+        fields = ", ".join(field
+                           for field in (", ".join(names), self.title, publication, self.year)
+                           if field)
+        return f"{fields}.{doi}".replace("--", "–").replace("{", "").replace("}", "")
 
 
-def _initials(given: str) -> list[str]:
-    return [f"{name[0]}." for name in given.replace("-", " ").split()]
+def _initials(given_names: str) -> list[str]:
+    return [f"{name[0]}." for name in given_names.replace("-", " ").split()]
 
 
 def _article(key: str, authors: str, title: str, year: str, **where: str) -> Work:
@@ -134,14 +136,14 @@ WORKS = {work.key: work for work in (
 @explain_arguments
 @dataclass(frozen=True)
 class Citations:
-    """The works that a stepper rests on, each with what it is cited for.
+    """The works to cite with results of a stepper, each with the reason.
 
     ``print`` shows them as text; ``bibtex()`` returns the entries.
 
     Attributes
     ----------
     reasons : dict of str to str
-        Key of each work → what of the stepper it stands for.
+        Key of each work → the part of the stepper for which it is cited.
     """
 
     reasons: dict[str, str]
@@ -170,7 +172,7 @@ def cite(stepper: Any) -> Citations:
     Parameters
     ----------
     stepper : Stepper, Trajectory or Simulation
-        What computed, or what was computed.
+        A stepper, or a result of one.
 
     Raises
     ------
@@ -207,9 +209,10 @@ def _reasons(manifest: Manifest) -> Iterator[tuple[str, str]]:
 
 
 def _of_scheme(scheme: SchemeManifest, constrained: bool) -> Iterator[tuple[str, str]]:
-    """Yield the works behind a scheme: those of its record, and of its kind."""
+    """Yield the works behind a scheme: the sources of its record, and the works on its kind."""
     name = re.sub(r"^\d+-", "", scheme.method)  # "3-G-L"; "SPARK ..." is a tableau of a user
-    record = next((one for one in SCHEMES.values() if one.name == name), None)
+    record = next((scheme_record for scheme_record in SCHEMES.values()
+                   if scheme_record.name == name), None)
     for key, reason in (record.sources if record else {}).items():
         if constrained or key not in ("gonzalez1999", "jay1996"):
             yield key, reason

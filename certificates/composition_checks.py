@@ -1,4 +1,4 @@
-"""What ``gyrospark verify --scheme splitting`` checks of a composition, line by line.
+"""The checks of a composition by ``gyrospark verify --scheme splitting``, line by line.
 
 Sums, symmetry and the flattening are rational arithmetic, order conditions interval arithmetic, the
 force gradient exact algebra. The order is measured beside, on two pendulums.
@@ -33,7 +33,7 @@ from .lyndon_words import (
 
 __all__ = ["check_composition", "error_constant", "force_gradient_residuals", "step_coefficients"]
 
-#: Residuals of stored numbers: their last decimal, times what a condition makes of it.
+#: Bound of residuals at stored numbers: 10^8 units of their last decimal.
 _SMALL = Fraction(1, 10 ** (STORED - 8))
 
 
@@ -43,29 +43,33 @@ def check_composition(composition: Composition) -> list[Condition]:
     if composition.base in COMPOSITIONS and composition.base != "Strang":
         base = COMPOSITIONS[composition.base]
         lines += _conditions(base, f"{base.name}: ")
-    return [*lines, _written_out(composition), _symplectic(composition), *_measured(composition)]
+    return [*lines, _order_in_letters(composition), _symplectic(composition),
+            *_measured(composition)]
 
 
 def _exact(composition: Composition) -> Iterator[Condition]:
-    """Yield what holds in rational arithmetic."""
+    """Yield the conditions that are checked in rational arithmetic: sums, symmetry, flattening."""
     drifts, kicks, gradients = composition.drifts, composition.kicks, composition.gradients
-    off = max(abs(sum(part, Fraction(-1))) for part in (drifts, kicks))
-    yield _line("consistency", "sum a_i = sum b_i = 1", off, f"{len(kicks)} stages")
-    off = max(abs(x - y) for part in (drifts, kicks, gradients)
-              for x, y in zip(part, reversed(part), strict=True))
-    yield _line("symmetry", "a, b and c are palindromes", off,
+    largest_error = max(abs(sum(coefficients, Fraction(-1))) for coefficients in (drifts, kicks))
+    yield _line("consistency", "sum a_i = sum b_i = 1", largest_error, f"{len(kicks)} stages")
+    largest_error = max(abs(x - y) for coefficients in (drifts, kicks, gradients)
+                        for x, y in zip(coefficients, reversed(coefficients), strict=True))
+    yield _line("symmetry", "a, b and c are palindromes", largest_error,
                 "forward" if composition.forward else "with negative times")
     if composition.base:
-        made = flatten(COMPOSITIONS[composition.base], composition.weights)
-        off = max(abs(x - y) for part, other in zip(made, (drifts, kicks, gradients), strict=True)
-                  for x, y in zip(part, other, strict=True))
-        yield _line("composition", f"product of {composition.base}(w_i h), drifts joined", off,
+        flattened = flatten(COMPOSITIONS[composition.base], composition.weights)
+        largest_error = max(abs(x - y)
+                            for coefficients, printed in zip(flattened, (drifts, kicks, gradients),
+                                                             strict=True)
+                            for x, y in zip(coefficients, printed, strict=True))
+        yield _line("composition", f"product of {composition.base}(w_i h), drifts joined",
+                    largest_error,
                     f"{len(composition.weights)} weights")
 
 
-def _line(name: str, equation: str, off: Fraction, found: str) -> Condition:
-    return Condition(name, equation, found, holds=off == 0, required=True,
-                     residual="0" if off == 0 else f"{float(off):.1e}")
+def _line(name: str, equation: str, error: Fraction, result: str) -> Condition:
+    return Condition(name, equation, result, holds=error == 0, required=True,
+                     residual="0" if error == 0 else f"{float(error):.1e}")
 
 
 def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]:
@@ -75,12 +79,13 @@ def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]
         with intervals() as interval:
             small = abs(residual) < interval(_SMALL)
         yield Condition(f"{name}order condition {word}", f"coefficient {target(word)}",
-                        _shown(residual), holds=bool(small), residual=_size(residual),
+                        _interval_text(residual), holds=bool(small), residual=_size(residual),
                         required=True)
     if conditions.words:
         box = conditions.enclose()
         distance = None if box is None else max(
-            _size_of(exact - at) for exact, at in zip(box, _stored(conditions), strict=True))
+            _size_of(exact - stored)
+            for exact, stored in zip(box, _stored(conditions), strict=True))
         yield Condition(
             f"{name}exact solution", "Krawczyk's operator on the box of 1e-40",
             "none is proved" if distance is None else
@@ -102,37 +107,38 @@ def _size(interval: Any) -> str:
     return str(mp.nstr(_size_of(interval), 2))
 
 
-def _shown(interval: Any) -> str:
+def _interval_text(interval: Any) -> str:
     """Return an interval in three digits, rounded outwards."""
     ends = [Context(prec=3, rounding=rounding).create_decimal(mp.nstr(mp.mpf(end), STORED))
             for end, rounding in ((interval.a, ROUND_FLOOR), (interval.b, ROUND_CEILING))]
     return "[{:.2e}, {:.2e}]".format(*ends)
 
 
-def _written_out(composition: Composition) -> Condition:
-    """The order of drifts and kicks as they are used, at all Lyndon words of A and B."""
+def _order_in_letters(composition: Composition) -> Condition:
+    """Check the order of the drifts and kicks as written out, at all Lyndon words of A and B."""
     words = lyndon_words("AB", composition.order - 1)
     with intervals() as interval:
         series = step_coefficients(composition, words, interval)
         sizes = [_size_of(series[word] - interval(target(word))) for word in words]
-        most = max(sizes)
-        holds = most < as_mpf(_SMALL)
+        largest = max(sizes)
+        holds = largest < as_mpf(_SMALL)
     return Condition(
         "order", f"{len(words)} Lyndon words of drifts A and kicks B, to h^{composition.order}",
-        " ".join(map(str, composition.orders)), holds=bool(holds), residual=mp.nstr(most, 2),
+        " ".join(map(str, composition.orders)), holds=bool(holds), residual=mp.nstr(largest, 2),
         required=True)
 
 
-def step_coefficients(composition: Composition, words: list[str], number: Any) -> Series:
+def step_coefficients(composition: Composition, words: list[str], as_number: Any) -> Series:
     """Return the coefficients of a step at words of A and B."""
-    most = max(map(len, words))
-    drift, kick = drift_flow(most), kick_flow(most, composition.has_gradients)
-    series = [evaluate_flow(drift, [number(composition.drifts[0])], number)]
+    longest = max(map(len, words))
+    drift, kick = drift_flow(longest), kick_flow(longest, composition.has_gradients)
+    series = [evaluate_flow(drift, [as_number(composition.drifts[0])], as_number)]
     for a, b, c in zip(composition.drifts[1:], composition.kicks, composition.gradients,
                        strict=True):
-        numbers = [number(b), number(c)] if composition.has_gradients else [number(b)]
-        series += [evaluate_flow(kick, numbers, number), evaluate_flow(drift, [number(a)], number)]
-    return multiply_flows(series, factors_of(words), number)[-1]
+        arguments = [as_number(b), as_number(c)] if composition.has_gradients else [as_number(b)]
+        series += [evaluate_flow(kick, arguments, as_number),
+                   evaluate_flow(drift, [as_number(a)], as_number)]
+    return multiply_flows(series, factors_of(words), as_number)[-1]
 
 
 def error_constant(composition: Composition) -> float:
@@ -157,11 +163,11 @@ def _symplectic(composition: Composition) -> Condition:
 
 @cache
 def force_gradient_residuals() -> tuple[sp.Expr, ...]:
-    """Return what vanishes if kicks with gradients are as ``compositions`` says.
+    """Return the residuals of the identities behind kicks with a force gradient, all 0.
 
-    For functions V(q), f(q, p) and T = pᵀM(q)p/2 + d(q)·p in two degrees of freedom: first
-    {{V, T}, V} + V_qᵀ M V_q, then its derivatives by p, at last [B, [A, B]] f − {f, {{V, T}, V}}
-    with A = {·, T} and B = {·, V}.
+    For functions V(q), f(q, p) and T = pᵀM(q)p/2 + d(q)·p in two degrees of freedom:
+    {{V, T}, V} + V_qᵀ M V_q, the derivatives of {{V, T}, V} by p, and
+    [B, [A, B]] f − {f, {{V, T}, V}} with A = {·, T} and B = {·, V}.
     """
     q, p = sp.symbols("q0:2"), sp.symbols("p0:2")
     V, f = sp.Function("V")(*q), sp.Function("f")(*q, *p)
@@ -170,8 +176,8 @@ def force_gradient_residuals() -> tuple[sp.Expr, ...]:
     T = sum(M[i, j] * p[i] * p[j] for i in range(2) for j in range(2)) / 2 + sum(
         x * y for x, y in zip(d, p, strict=True))
 
-    def bracket(left: Any, right: Any) -> Any:
-        return sum(left.diff(x) * right.diff(y) - left.diff(y) * right.diff(x)
+    def bracket(f: Any, g: Any) -> Any:
+        return sum(f.diff(x) * g.diff(y) - f.diff(y) * g.diff(x)
                    for x, y in zip(q, p, strict=True))
 
     def commutator(first: Any, second: Any, function: Any) -> Any:
@@ -196,10 +202,10 @@ def _measured(composition: Composition) -> Iterator[Condition]:
             (composition.order, False, "order, measured"),
             *([(composition.orders[0], True, "order in small kicks, measured")]
               if len(composition.orders) > 1 else [])):
-        found = observed_composition_order(composition, one_kick)
+        slope = observed_composition_order(composition, one_kick)
         yield Condition(name, "log2 of the local error's ratio for h, h/2, less 1",
-                        f"{found:.3f}", holds=abs(found - order) < 0.1,
-                        residual=f"{found - order:.1e}", required=True)
+                        f"{slope:.3f}", holds=abs(slope - order) < 0.1,
+                        residual=f"{slope - order:.1e}", required=True)
     constant = error_constant(composition)
     yield Condition("error constant",
                     f"norm of the error's coefficients at words of h^{composition.order + 1}",

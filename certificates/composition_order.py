@@ -41,8 +41,8 @@ def observed_composition_order(composition: Composition, one_kick: bool = False)
 def _error(composition: Composition, h: Any, scale: Any) -> Any:
     q, p = [mp.mpf(1), mp.mpf(-1) / 2], [mp.mpf(1) / 3, mp.mpf(3) / 4]
     exact = _taylor(q, p, h, scale)
-    found = _step(composition, q, p, h, scale)
-    return mp.norm(mp.matrix(found) - mp.matrix(exact))
+    end = _step(composition, q, p, h, scale)
+    return mp.norm(mp.matrix(end) - mp.matrix(exact))
 
 
 def _times(matrix: Any, vector: list[Any]) -> list[Any]:
@@ -86,4 +86,4 @@ def _taylor(q: list[Any], p: list[Any], h: Any, scale: Any) -> list[Any]:
             rates = [(j + 1) * u[j + 1] for j in range(n + 1)]  # s' = c u', c' = −s u'
             s.append(mp.fdot(rates, reversed(c[: n + 1])) / (n + 1))
             c.append(-mp.fdot(rates, reversed(s[: n + 1])) / (n + 1))
-    return [mp.polyval(part[::-1], h) for part in (*Q, *P)]
+    return [mp.polyval(series[::-1], h) for series in (*Q, *P)]

@@ -42,7 +42,7 @@ Numbers = Mapping[sp.Symbol, sp.Rational]
 
 @dataclass(frozen=True)
 class Guarantee:
-    """Whether a property is guaranteed, why or why not, and the exact condition that refutes it."""
+    """Whether a property is guaranteed, the reason, and the exact condition that refutes it."""
 
     guaranteed: bool
     why: str
@@ -78,9 +78,9 @@ class Guarantees(Protocol):
         """Return whether a momentum map is conserved."""
 
 
-def forces_are_gradient(system: System, numbers: Numbers) -> bool:
+def forces_are_gradient(system: System, parameters: Numbers) -> bool:
     """Whether F = −∇V(q, t): F_p = 0 and F_q is symmetric, identically and in exact algebra."""
-    forces = substitute(system.forces, numbers)
+    forces = substitute(system.forces, parameters)
     q, p = system.q, system.p
     by_momentum = [[derivative(f, x)] for f in forces for x in p if f.has(x)]
     curl = [[derivative(forces[i], q[j]), -derivative(forces[j], q[i])]
@@ -89,12 +89,12 @@ def forces_are_gradient(system: System, numbers: Numbers) -> bool:
     return bool(identically_zero([*by_momentum, *curl]))
 
 
-def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], numbers: Numbers) -> bool:
+def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], parameters: Numbers) -> bool:
     """Whether an expression is a polynomial of degree 2 at most: its third differences vanish."""
     steps = [sp.Dummy(real=True) for _ in symbols]
     moved = [substitute([e], {x: x + k * d for x, d in zip(symbols, steps, strict=True)})[0]
              for k in range(4)]
-    terms = [factor * x for factor, x in zip((-1, 3, -3, 1), substitute(moved, numbers),
+    terms = [factor * x for factor, x in zip((-1, 3, -3, 1), substitute(moved, parameters),
                                              strict=True)]
     return bool(identically_zero([terms]))
 
@@ -139,11 +139,11 @@ class SparkGuarantees:
 
     @cached_property
     def violation(self) -> str:
-        """The condition that keeps the tableau from being symplectic, or nothing."""
+        """The first symplecticity condition that the tableau violates; empty if none is."""
         irrelevant = "" if self.system.m else "symplectic, constraints"
-        asked = [line for line in check_tableau(self.tableau)
-                 if line.name.startswith("symplectic") and line.name != irrelevant]
-        return _first_violated([*asked, invariant_conditions(self.tableau)[0]])
+        conditions = [line for line in check_tableau(self.tableau)
+                      if line.name.startswith("symplectic") and line.name != irrelevant]
+        return _first_violated([*conditions, invariant_conditions(self.tableau)[0]])
 
     @property
     def disclaimed(self) -> bool:
@@ -202,7 +202,7 @@ class SparkGuarantees:
 
     @cached_property
     def _reversal(self) -> str:
-        """Why the energy of a system with velocity constraints stays near, or may drift."""
+        """The reason why the energy stays near, or may drift, with velocity constraints."""
         system = self.system
         if not self.symmetric:
             return "the tableau is not symmetric, it may drift"
@@ -239,14 +239,14 @@ class SparkGuarantees:
 
     @property
     def _broken_energy(self) -> str:
-        """The condition that the tableau does not fulfil for every θ, or nothing."""
+        """The first condition that the tableau violates for some θ; empty if none is."""
         return _first_violated([line for line in energy_conditions(self.tableau)
                                 if not line.holds]) if self.exact_energy else ""
 
     @property
     def _digits(self) -> str:
-        given = self.tableau.digits_given
-        return "" if given is None else f", to the {given} digits of the tableau"
+        digits = self.tableau.digits_given
+        return "" if digits is None else f", to the {digits} digits of the tableau"
 
 
 def _first_violated(lines: Sequence[Condition]) -> str:
@@ -285,7 +285,7 @@ class MeanGuarantees:
 
     @property
     def symmetric(self) -> bool:
-        """Whether D stays if the end points are exchanged: what order 2 is derived from."""
+        """Whether D is symmetric in the end points: order 2 follows from it."""
         return self.order == 2
 
     @property
@@ -366,7 +366,8 @@ class MeanGuarantees:
         how = self._vanish([rate], J)
         if not how:
             return Guarantee(False, f"{why}; D is not seen to turn as the gradient does")
-        return Guarantee(True, f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
+        return Guarantee(True,
+                         f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
 
     # ------------------------------------------------------------ identities
 
@@ -399,9 +400,9 @@ class MeanGuarantees:
                             for a, b, work in zip(start, end, works, strict=True)])
         if how or not self.scheme.discrete:
             return how
-        found = compare([b - a for a, b in zip(start, end, strict=True)],
-                        [sp.Add(*work) for work in works], differences, thorough=False)
-        return found.how if found.holds else ""
+        comparison = compare([b - a for a, b in zip(start, end, strict=True)],
+                             [sp.Add(*work) for work in works], differences, thorough=False)
+        return comparison.how if comparison.holds else ""
 
     def _field(self, J: MomentumMap) -> tuple[list[sp.Expr], list[sp.Expr]]:
         """Return X = A q̄ + a and p̄ᵀA."""
@@ -413,8 +414,8 @@ class MeanGuarantees:
 
     def _vanish(self, sums: Sequence[Sequence[sp.Expr]], J: MomentumMap | None = None) -> str:
         """Return the proof that sums vanish at these parameters, or at any that J holds for."""
-        numbers = {} if J is not None and J.any_parameters else self.numbers
-        return identically_zero([substitute(terms, numbers) for terms in sums])
+        parameters = {} if J is not None and J.any_parameters else self.numbers
+        return identically_zero([substitute(terms, parameters) for terms in sums])
 
 
 def _slopes(scheme: MeanScheme) -> list[sp.Expr]:
@@ -429,8 +430,8 @@ def _slopes(scheme: MeanScheme) -> list[sp.Expr]:
 class SplittingGuarantees:
     """Guaranteed properties of a composition of exact flows.
 
-    Each flow of a Hamiltonian part is symplectic, and keeps what has a bracket of 0 with the part;
-    a palindrome of flows is undone by its own step back. Drag and forces without potential are no
+    The flow of a Hamiltonian part is symplectic and conserves every J with {J, part} = 0; a
+    palindrome of flows is its own inverse with −h. Drag and forces without potential are no
     Hamiltonian parts.
     """
 
@@ -441,9 +442,10 @@ class SplittingGuarantees:
     @cached_property
     def splitting(self) -> Splitting:
         """The parts of H; bodies that are symmetric at these parameters have fewer."""
-        found = split(self.system, symmetric=True)
-        met = all(c.xreplace(dict(self.numbers)) == 0 for c in found.conditions)
-        return found if met else split(self.system)
+        symmetric_splitting = split(self.system, symmetric=True)
+        conditions_hold = all(c.xreplace(dict(self.numbers)) == 0
+                              for c in symmetric_splitting.conditions)
+        return symmetric_splitting if conditions_hold else split(self.system)
 
     @property
     def discrete(self) -> bool:

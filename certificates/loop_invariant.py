@@ -30,7 +30,7 @@ _POINTS = (64, 128, 256)
 
 @dataclass(frozen=True)
 class LoopDrift:
-    """How a loop's integral changed.
+    """The change of a loop's integral ∮ p·dq over a run.
 
     Attributes
     ----------
@@ -69,8 +69,8 @@ class LoopDrift:
     def resolved(self) -> bool:
         """Whether the spectral derivative is converged to round-off.
 
-        What a mode k of p and its mirror image M − k of q leave in I, in units of the loop, is
-        their product: half a unit of rounding.
+        The aliasing error of I, relative to the loop, is the product of mode k of p and its mirror
+        image M − k of q; it must be below ε/2.
         """
         return self.tail**2 <= self.epsilon / 2
 
@@ -86,7 +86,7 @@ def loop_integral(
     q, p : arrays, shape (M, n)
         States at equal steps of the parameter along a closed curve, M even.
     rounded : pair of arrays, shape (n,), optional
-        What r and s are at least, beside |q| and |p|.
+        Lower bounds of r and s, beside |q| and |p|.
     epsilon : float
         ε of the type that the states were computed in.
     """
@@ -132,7 +132,7 @@ def closed_loop(
         for x0, size in zip((q0, p0), sizes, strict=True)
     ]
     states = [stepper.project(*state, parameters=parameters) for state in zip(*curves, strict=True)]
-    q, p = (np.array(part, dtype=float) for part in zip(*states, strict=True))
+    q, p = (np.array(components, dtype=float) for components in zip(*states, strict=True))
     return q, p
 
 
@@ -141,24 +141,24 @@ def loop_drift(
     rounded: tuple[Array, Array] | None = None, *, dt: float, steps: int,
     parameters: Mapping[str, float],
 ) -> LoopDrift | None:
-    """Return how ∮ p·dq around a start changes in a run; None if no loop can be followed.
+    """Return the change of ∮ p·dq around a start in a run; None if no loop can be integrated.
 
-    ``sizes`` are those of the loop in q and p, ``rounded`` their round-off (``loop_integral``).
-    The largest loop and the fewest points are taken with which the spectrum of the curve is
-    resolved at the start, at the end and at seven instants between.
+    ``sizes`` are the half widths of the loop in q and p, ``rounded`` their round-off
+    (``loop_integral``). The result is for the largest loop and the fewest points with which the
+    spectrum of the curve is resolved at the start, at the end and at seven instants between.
     """
     best: LoopDrift | None = None
     for radius in _RADII:
         for points in _POINTS:
-            found = _integrated_loop(stepper, q0, p0, sizes, rounded, radius, points, dt, steps,
+            drift = _integrated_loop(stepper, q0, p0, sizes, rounded, radius, points, dt, steps,
                                      parameters)
-            if found is None:
+            if drift is None:
                 break  # too large a loop: no step or no projection from some of its states
-            if best is None or found.tail < best.tail:
-                best = found
-            if found.resolved:
-                return found
-            if found.tail > 1e-3:
+            if best is None or drift.tail < best.tail:
+                best = drift
+            if drift.resolved:
+                return drift
+            if drift.tail > 1e-3:
                 break  # more points would not be enough
     return best
 
@@ -170,19 +170,19 @@ def _integrated_loop(
 ) -> LoopDrift | None:
     try:
         q, p = closed_loop(stepper, q0, p0, sizes, radius, points, parameters)
-        many = stepper.integrate_ensemble(q, p, dt=dt, steps=steps, parameters=parameters,
-                                          every=max(1, steps // 8))
+        ensemble = stepper.integrate_ensemble(q, p, dt=dt, steps=steps, parameters=parameters,
+                                              every=max(1, steps // 8))
     except GyrosparkError:
         return None
-    if many.failures:
+    if ensemble.failures:
         return None
-    seen = [loop_integral(many.q[:, k].astype(float), many.p[:, k].astype(float), rounded,
-                          stepper.binding.epsilon)
-            for k in range(many.q.shape[1])]
-    changes = [abs(value - seen[0][0]) for value, _, _ in seen]
+    integrals = [loop_integral(ensemble.q[:, k].astype(float), ensemble.p[:, k].astype(float),
+                               rounded, stepper.binding.epsilon)
+                 for k in range(ensemble.q.shape[1])]
+    changes = [abs(value - integrals[0][0]) for value, _, _ in integrals]
     return LoopDrift(
-        start=seen[0][0], scale=max(scale for _, scale, _ in seen), drift=max(changes),
+        start=integrals[0][0], scale=max(scale for _, scale, _ in integrals), drift=max(changes),
         halfway=max(changes[: len(changes) // 2 + 1]), points=points, radius=radius,
-        tail=max(tail for _, _, tail in seen), steps=steps,
+        tail=max(tail for _, _, tail in integrals), steps=steps,
         epsilon=stepper.binding.epsilon,
     )

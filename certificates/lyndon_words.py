@@ -42,10 +42,10 @@ def grade(word: str) -> int:
     return sum(int(letter) if letter.isdigit() else 1 for letter in word)
 
 
-def words_up_to(letters: str, most: int) -> list[str]:
+def words_up_to(letters: str, largest_grade: int) -> list[str]:
     """Return all words of at most this grade, the empty one included, by grade."""
     by_grade = [[""]]
-    for n in range(1, most + 1):
+    for n in range(1, largest_grade + 1):
         by_grade.append(sorted(letter + word for letter in letters if grade(letter) <= n
                                for word in by_grade[n - grade(letter)]))
     return list(chain.from_iterable(by_grade))
@@ -56,16 +56,17 @@ def is_lyndon(word: str) -> bool:
     return bool(word) and all(word < word[i:] for i in range(1, len(word)))
 
 
-def lyndon_words(letters: str, most: int) -> list[str]:
+def lyndon_words(letters: str, largest_grade: int) -> list[str]:
     """Return the Lyndon words of odd grade up to this one: the conditions that symmetry leaves."""
-    return [word for word in words_up_to(letters, most) if is_lyndon(word) and grade(word) % 2]
+    return [word for word in words_up_to(letters, largest_grade) if is_lyndon(word)
+            and grade(word) % 2]
 
 
 def factors_of(words: Iterable[str]) -> list[str]:
-    """Return all contiguous parts of some words: whatever their coefficients depend on."""
-    found = {word[i:j] for word in words for i in range(len(word) + 1)
-             for j in range(i, len(word) + 1)}
-    return sorted(found, key=lambda word: (grade(word), word))
+    """Return all factors (contiguous subwords) of some words, by grade and alphabet."""
+    factors = {word[i:j] for word in words for i in range(len(word) + 1)
+               for j in range(i, len(word) + 1)}
+    return sorted(factors, key=lambda word: (grade(word), word))
 
 
 def target(word: str) -> Fraction:
@@ -77,100 +78,108 @@ def target(word: str) -> Fraction:
 
 
 @cache
-def drift_flow(most: int) -> Flow:
+def drift_flow(largest_grade: int) -> Flow:
     """Return exp(aA), a flow of the number a."""
-    return exponential({"A": {(1,): Fraction(1)}}, most)
+    return exponential({"A": {(1,): Fraction(1)}}, largest_grade)
 
 
 @cache
-def kick_flow(most: int, gradients: bool) -> Flow:
+def kick_flow(largest_grade: int, gradients: bool) -> Flow:
     """Return exp(bB), or exp(bB + cC) of the numbers b and c with C = 2 BAB − BBA − ABB."""
     if not gradients:
-        return exponential({"B": {(1,): Fraction(1)}}, most)
+        return exponential({"B": {(1,): Fraction(1)}}, largest_grade)
     element: Flow = {"B": {(1, 0): Fraction(1)}}
     element |= {word: {(0, 1): Fraction(n)} for word, n in (("BAB", 2), ("BBA", -1), ("ABB", -1))}
-    return exponential(element, most)
+    return exponential(element, largest_grade)
 
 
 @cache
-def composition_flow(letters: str, most: int) -> Flow:
+def composition_flow(letters: str, largest_grade: int) -> Flow:
     """Return exp(wY₁ + w³Y₃ + …) with these letters, a flow of the weight w."""
-    return exponential({letter: {(int(letter),): Fraction(1)} for letter in letters}, most)
+    return exponential({letter: {(int(letter),): Fraction(1)} for letter in letters}, largest_grade)
 
 
-def exponential(element: Flow, most: int) -> Flow:
+def exponential(element: Flow, largest_grade: int) -> Flow:
     """Return the exponential of an element of the free algebra, up to a grade."""
     size = len(next(iter(next(iter(element.values())))))
     power: Flow = {"": {(0,) * size: Fraction(1)}}
-    found: Flow = {word: dict(terms) for word, terms in power.items()}
+    series: Flow = {word: dict(terms) for word, terms in power.items()}
     n = 0
     while power:
         n += 1
-        power = _times(power, element, Fraction(1, n), most)
+        power = _times(power, element, Fraction(1, n), largest_grade)
         for word, terms in power.items():
-            _add(found.setdefault(word, {}), terms)
-    return found
+            _add(series.setdefault(word, {}), terms)
+    return series
 
 
-def _times(left: Flow, right: Flow, factor: Fraction, most: int) -> Flow:
-    made: Flow = {}
-    for (u, p), (v, r) in product(left.items(), right.items()):
-        if grade(u + v) <= most:
-            _add(made.setdefault(u + v, {}), {
+def _times(f: Flow, g: Flow, factor: Fraction, largest_grade: int) -> Flow:
+    product_terms: Flow = {}
+    for (u, p), (v, r) in product(f.items(), g.items()):
+        if grade(u + v) <= largest_grade:
+            _add(product_terms.setdefault(u + v, {}), {
                 tuple(i + j for i, j in zip(d, e, strict=True)): x * y * factor
                 for (d, x), (e, y) in product(p.items(), r.items())})
-    return made
+    return product_terms
 
 
-def _add(terms: dict[tuple[int, ...], Fraction], more: Mapping[tuple[int, ...], Fraction]) -> None:
-    for exponents, value in more.items():
+def _add(terms: dict[tuple[int, ...], Fraction],
+         summands: Mapping[tuple[int, ...], Fraction]) -> None:
+    for exponents, value in summands.items():
         terms[exponents] = terms.get(exponents, Fraction(0)) + value
 
 
 def evaluate_flow(
-    flow: Flow, values: Sequence[Any], number: Callable[[Fraction], Any],
-    by: int | None = None,
+    flow: Flow, arguments: Sequence[Any], as_number: Callable[[Fraction], Any],
+    derivative_index: int | None = None,
 ) -> Series:
     """Return the coefficients of a flow for its numbers, or their derivatives by one of them.
 
-    ``number`` makes an exact constant into the arithmetic of the values: intervals, mpmath, float.
+    ``as_number`` converts an exact constant to the type of the arguments: interval, mpmath, float.
     """
-    found: Series = {}
+    series: Series = {}
     for word, terms in flow.items():
-        if by is not None:
-            terms = {tuple(n - (i == by) for i, n in enumerate(e)): x * e[by]
-                     for e, x in terms.items() if e[by]}
+        if derivative_index is not None:
+            terms = {tuple(n - (i == derivative_index) for i, n in enumerate(e)): x
+                     * e[derivative_index]
+                     for e, x in terms.items() if e[derivative_index]}
         if terms:
-            found[word] = sum(
-                (number(x) * prod((v**n for v, n in zip(values, e, strict=True) if n),
-                                  start=number(Fraction(1))) for e, x in terms.items()),
-                start=number(Fraction(0)))
-    return found
+            series[word] = sum(
+                (as_number(x) * prod((v**n for v, n in zip(arguments, e, strict=True) if n),
+                                     start=as_number(Fraction(1))) for e, x in terms.items()),
+                start=as_number(Fraction(0)))
+    return series
 
 
 # ---------------------------------------------------------------- products
 
 
 def multiply_flows(
-    series: Sequence[Series], words: Sequence[str], number: Callable[[Fraction], Any]
+    series: Sequence[Series], words: Sequence[str], as_number: Callable[[Fraction], Any]
 ) -> list[Series]:
-    """Return the products of the first 0, 1, 2, … flows at words that contain their own parts."""
-    zero, splits = number(Fraction(0)), {}
-    found: list[Series] = [{"": number(Fraction(1))}]
+    """Return the products of the first 0, 1, 2, … flows, as coefficients at words.
+
+    ``words`` must contain all factors of each of its words.
+    """
+    zero, splits = as_number(Fraction(0)), {}
+    products: list[Series] = [{"": as_number(Fraction(1))}]
     for flow in series:
-        before = found[-1]
-        ends = frozenset(flow)
-        if ends not in splits:
-            splits[ends] = [(word, [(word[:i], word[i:]) for i in range(len(word) + 1)
-                                    if word[i:] in ends]) for word in words]
-        found.append({word: sum((before[u] * flow[v] for u, v in parts if u in before), start=zero)
-                      for word, parts in splits[ends]})
-    return found
+        before = products[-1]
+        flow_words = frozenset(flow)
+        if flow_words not in splits:
+            splits[flow_words] = [(word, [(word[:i], word[i:]) for i in range(len(word) + 1)
+                                          if word[i:] in flow_words]) for word in words]
+        products.append({word: sum((before[u] * flow[v] for u, v in parts if u in before),
+                                   start=zero)
+                         for word, parts in splits[flow_words]})
+    return products
 
 
-def differentiate(left: Series, flow: Series, right: Series, word: str, zero: Any) -> Any:
+def differentiate(left_product: Series, flow: Series, right_product: Series, word: str,
+                  zero: Any) -> Any:
     """Return the coefficient at a word of left · flow · right."""
-    return sum((left[word[:i]] * flow[word[i:j]] * right[word[j:]]
-                for i in range(len(word) + 1) if word[:i] in left
-                for j in range(i, len(word) + 1) if word[i:j] in flow and word[j:] in right),
+    return sum((left_product[word[:i]] * flow[word[i:j]] * right_product[word[j:]]
+                for i in range(len(word) + 1) if word[:i] in left_product
+                for j in range(i, len(word) + 1) if word[i:j] in flow
+                and word[j:] in right_product),
                start=zero)

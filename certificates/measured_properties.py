@@ -43,15 +43,15 @@ class CertificateLine:
     Attributes
     ----------
     quantity : str
-        What is kept.
+        The conserved quantity or other property.
     found : str
-        What was measured, for people.
+        The measurement, as text.
     expected : str
-        What it should be.
+        The expected value or bound, as text.
     holds : bool or None
         The result; None where nothing is guaranteed.
     why : str
-        Where the expectation comes from.
+        The reason for the expectation.
     value, bound : float or None
         The measured number, and its bound.
     """
@@ -75,28 +75,28 @@ class CertificateLine:
 
 
 def compared(
-    quantity: str, found: str, expected: str, guarantee: Guarantee, value: float, bound: float
+    quantity: str, measured: str, expected: str, guarantee: Guarantee, value: float, bound: float
 ) -> CertificateLine:
-    """Return a line that holds if its value is within its bound; NaN is not.
+    """Return a line that holds if value ≤ bound; NaN fails.
 
-    A guarantee that exact algebra refutes fails for any value, and the line then says
-    that the run does not show it.
+    A guarantee refuted in exact algebra fails for any value. If the value is within the bound all
+    the same, the line says that the run does not show the violation.
     """
     within = bool(value <= bound)
     why = guarantee.why
     if guarantee.refuted:
         why = f"refuted in exact algebra: {guarantee.refuted}"
-        found += " (not told from round-off in this run)" if within else ""
-    return CertificateLine(quantity, found, expected, within and not guarantee.refuted, why,
+        measured += " (not told from round-off in this run)" if within else ""
+    return CertificateLine(quantity, measured, expected, within and not guarantee.refuted, why,
                            float(value),
                            float(bound))
 
 
 def reported(
-    quantity: str, found: str, expected: str, why: str, value: float | None = None
+    quantity: str, measured: str, expected: str, why: str, value: float | None = None
 ) -> CertificateLine:
     """Return a line for information."""
-    return CertificateLine(quantity, found, expected, None, why,
+    return CertificateLine(quantity, measured, expected, None, why,
                            None if value is None else float(value))
 
 
@@ -118,7 +118,7 @@ class Examination:
 
     @cached_property
     def switching(self) -> Switching:
-        """Places where H or forces switch sides, as |x| does: guarantees need smooth motion."""
+        """Switches of H and the forces, such as |x|: guarantees need a smooth motion."""
         return Switching(self.model.system)
 
     def lines(self) -> Iterator[CertificateLine]:
@@ -152,34 +152,36 @@ class Examination:
         slip = substitute(system.velocity_constraints,
                           dict(zip(system.velocities, system.H_p, strict=bool(system.velocities))))
         expressions = [system.H, *rates, *system.constraints, *slip]
-        rows = np.unique(np.linspace(0, self.steps, 5).astype(int))
-        at = self.round_off.values(rows)
-        expected = np.broadcast_to(evaluate(expressions, at), (len(expressions), len(rows)))
-        sizes = np.broadcast_to(rounding(expressions, at, {}), expected.shape)
-        still = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
+        sample_rows = np.unique(np.linspace(0, self.steps, 5).astype(int))
+        symbol_values = self.round_off.values(sample_rows)
+        expected = np.broadcast_to(evaluate(expressions, symbol_values),
+                                   (len(expressions), len(sample_rows)))
+        sizes = np.broadcast_to(rounding(expressions, symbol_values, {}), expected.shape)
+        parameters = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
         stages = self._scheme.stages or 1
-        found = np.empty_like(expected)
-        for k, (q, p, t) in enumerate(zip(*(x[rows] for x in (self.run.q, self.run.p, self.run.t)),
+        compiled_values = np.empty_like(expected)
+        for k, (q, p,
+                t) in enumerate(zip(*(x[sample_rows] for x in (self.run.q, self.run.p, self.run.t)),
                                           strict=True)):
             x = np.zeros(step.unknowns)
             if self._scheme.unknowns_are_state:
                 x[: 2 * n] = *q, *p
-            energy = float(step.energy(q, p, parameters=still, t=t))
+            energy = float(step.energy(q, p, parameters=parameters, t=t))
             if not solves:
-                found[:, k] = [energy, *step.defects(q, p, parameters=still, t=t)[0]]
+                compiled_values[:, k] = [energy, *step.defects(q, p, parameters=parameters, t=t)[0]]
                 continue
-            r = step.residual(x, q, p, dt=_SHORT, parameters=still, t=t).astype(float)
+            r = step.residual(x, q, p, dt=_SHORT, parameters=parameters, t=t).astype(float)
             end = 2 * stages * n
-            found[:, k] = [energy, *-r[:n],
-                           *r[stages * n : (stages + 1) * n], *r[end : end + step.m],
-                           *r[len(r) - len(slip):]]
+            compiled_values[:, k] = [energy, *-r[:n],
+                                     *r[stages * n : (stages + 1) * n], *r[end : end + step.m],
+                                     *r[len(r) - len(slip):]]
         sizes = sizes + sizes.max() * self.round_off.epsilon  # some vanish, at a time of 1e-30 s
         with np.errstate(all="ignore"):
-            off = np.abs(found - expected) / (self.round_off.epsilon * sizes)
-        off[found == expected] = 0.0
-        value = float(off.max())
-        what = "compiled H, H_p, H_q − F, g" if solves else "compiled H, g"
-        return compared(f"{what}{', A H_p + a' * bool(slip)}",
+            differences = np.abs(compiled_values - expected) / (self.round_off.epsilon * sizes)
+        differences[compiled_values == expected] = 0.0
+        value = float(differences.max())
+        compared_functions = "compiled H, H_p, H_q − F, g" if solves else "compiled H, g"
+        return compared(f"{compared_functions}{', A H_p + a' * bool(slip)}",
                         f"{value:.2g} times the estimated round-off", "≤ 16",
                         Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
 
@@ -197,20 +199,20 @@ class Examination:
                                    False if guarantee.refuted else None,
                         f"{why}neighbours of the start part too fast, or some have no step")
         drift, bound = loop.drift / loop.scale, rounded.walk
-        found = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
+        measured = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
         if not guarantee.guaranteed:
-            return reported(quantity, found, "not guaranteed", guarantee.why, drift)
+            return reported(quantity, measured, "not guaranteed", guarantee.why, drift)
         if self.switching.named and not guarantee.refuted:
-            return reported(quantity, found, "kept by smooth motion",
+            return reported(quantity, measured, "kept by smooth motion",
                             f"across {self.switching.named} loops have kinks", drift)
-        return compared(quantity, found, f"drift ≤ {bound * loop.scale:.1e}", guarantee, drift,
+        return compared(quantity, measured, f"drift ≤ {bound * loop.scale:.1e}", guarantee, drift,
                         bound)
 
     def _loop_sizes(self) -> tuple[Any, Any]:
-        """Return how far the loop may reach in each coordinate and momentum.
+        """Return the half widths of the loop in each coordinate and momentum.
 
-        Momenta are worth the kinetic energy of the run, each by itself, so that a light body is
-        not torn away by the momentum of a heavy one; at rest the work that forces do on q.
+        Each momentum is √(E/H_pp) by itself, with E the largest kinetic energy of the run, or the
+        largest |q·H_q| of a motion at rest: a light body does not get the momentum of a heavy one.
         """
         system, n = self.model.system, self.model.system.n
         q, p = (np.abs(x.astype(float)).max(axis=0) for x in (self.run.q, self.run.p))
@@ -218,12 +220,13 @@ class Examination:
         kinetic, work, inertia = float(np.ptp(self.run.energy())), 0.0, np.zeros(n)
         rates = [*system.H_p, *system.H_q,
                  *(derivative(v, x) for v, x in zip(system.H_p, system.p, strict=True))]
-        for at, _ in self.round_off.states(rates):
-            values = evaluate(rates, at)
-            momenta, places = (np.array([at[s] for s in part]) for part in (system.p, system.q))
-            kinetic = max(kinetic, float(np.abs((momenta * values[:n]).sum(axis=0)).max()))
-            work = max(work, float(np.abs(places * values[n : 2 * n]).sum(axis=0).max()))
-            inertia = np.maximum(inertia, np.abs(values[2 * n :]).max(axis=1))
+        for symbol_values, _ in self.round_off.states(rates):
+            rate_values = evaluate(rates, symbol_values)
+            momenta, positions = (np.array([symbol_values[s] for s in symbols])
+                                  for symbols in (system.p, system.q))
+            kinetic = max(kinetic, float(np.abs((momenta * rate_values[:n]).sum(axis=0)).max()))
+            work = max(work, float(np.abs(positions * rate_values[n : 2 * n]).sum(axis=0).max()))
+            inertia = np.maximum(inertia, np.abs(rate_values[2 * n :]).max(axis=1))
         with np.errstate(all="ignore"):
             reach = np.sqrt((kinetic or work) / inertia)
         return widths, np.where(np.isfinite(reach) & (reach > 0), reach, p.max() or 1.0)
@@ -231,29 +234,32 @@ class Examination:
     def _reversal(self) -> CertificateLine:
         quantity = "reversal, N steps and back"
         sizes = self.round_off.sizes_of_steps(self.run.dt)
-        back = reversal(self.step, self.run, self.parameters, sizes)
-        if back is None:
+        reversed_run = reversal(self.step, self.run, self.parameters, sizes)
+        if reversed_run is None:
             return reported(quantity, "a step of the way back, or of a neighbour, failed", "-",
                             "neighbours part too fast")
         kicks = 1 + self._kick / sizes[1]
-        bound = back.growth * kicks * self.round_off.epsilon * max(64, 8 * (2 * self.steps) ** 0.5)
-        value = max(back.q_error / sizes[0], back.p_error / sizes[1])
-        found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
+        bound = reversed_run.growth * kicks * self.round_off.epsilon * max(64,
+                                                                           8
+                                                                           * (2
+                                                                              * self.steps) ** 0.5)
+        value = max(reversed_run.q_error / sizes[0], reversed_run.p_error / sizes[1])
+        measured = f"q {reversed_run.q_error:.1e}, p {reversed_run.p_error:.1e}"
         if not self.guarantees.symmetric:
             why = "θ is not that of the way back" if self._scheme.exact_energy else \
                 "the tableau is not symmetric"
-            return reported(quantity, found, "not guaranteed", why, value)
+            return reported(quantity, measured, "not guaranteed", why, value)
         jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)
         if jumps:
-            return reported(quantity, found, "by the same steps back",
+            return reported(quantity, measured, "by the same steps back",
                             f"forces jump at {jumps}: a step may have several ends, or none", value)
         expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
-        guarantee = Guarantee(True, f"symmetric; neighbours part {back.growth:.3g} times")
-        return compared(quantity, found, expected, guarantee, value, bound)
+        guarantee = Guarantee(True, f"symmetric; neighbours part {reversed_run.growth:.3g} times")
+        return compared(quantity, measured, expected, guarantee, value, bound)
 
     @property
     def _kick(self) -> float:
-        """Round-off of multipliers in p, where they follow from g alone, without T2."""
+        """Round-off that multipliers add to p, if they follow from g alone, without T2."""
         if self._projects or not self.step.m:
             return 0.0
         return float(self.round_off.impulse.max() / abs(self.run.dt))
@@ -311,13 +317,13 @@ class Examination:
         yield self._energy(Guarantee(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
                                      f"{', '.join(lost)}"))
         q, p, rounded = self.run.q, self.run.p, self.round_off
-        values = self.run.energy_error().astype(float)
+        errors = self.run.energy_error().astype(float)
         bound = rounded.walk * rounded.energy
         for rate, J in self.moving:
-            moved = J.values(q, p)
-            values = values - rate * (moved - moved[0])
+            momentum = J.values(q, p)
+            errors = errors - rate * (momentum - momentum[0])
             bound += rounded.walk * abs(rate) * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
-        value = float(np.abs(values).max())
+        value = float(np.abs(errors).max())
         yield compared("energy in the frame, H − Σ ω_i J_i", f"largest error {value:.1e}",
                        f"≤ {bound:.1e}", guarantee, value, bound)
 
@@ -341,33 +347,34 @@ class Examination:
         error = self.run.energy_error().astype(float)
         linear, swing = trend(self.run.t, error)
         value = float(np.abs(error).max())
-        found = f"largest error {value:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
+        measured = f"largest error {value:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
         if not guarantee.guaranteed:
             crossed = self.switching.named
             why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
-            return reported(quantity, found, f"O(Δt^{self.step.order})"
+            return reported(quantity, measured, f"O(Δt^{self.step.order})"
                         f"{' between crossings' if crossed else ''}", guarantee.why + why, value)
         waits = self.run.report.energy_waits
         if waits:
-            return reported(quantity, f"{found}; {waits} steps without a small θ",
+            return reported(quantity, f"{measured}; {waits} steps without a small θ",
                             f"O(Δt^{self.step.order}) in those steps, else round-off",
                             f"{guarantee.why}; where H(q₁, p₁) hardly depends on θ, a later step "
                             "compensates the error", value)
         bound = self.round_off.walk * self.round_off.energy
-        return compared(quantity, found, f"≤ {bound:.1e}", guarantee, value, bound)
+        return compared(quantity, measured, f"≤ {bound:.1e}", guarantee, value, bound)
 
     def _damping(self) -> Iterator[CertificateLine]:
         """Yield the damping of dampers fast relative to Δt, and of oscillations."""
-        found = self.guarantees.stability
-        if found is None:
+        stability = self.guarantees.stability
+        if stability is None:
             return
         if self.decay:
-            why = "what decays faster than Δt is gone after a step" if found.l_stable else \
+            why = "what decays faster than Δt is gone after a step" if stability.l_stable else \
                 "what decays faster than Δt goes on as R(∞)^k: it rings"
             stiffness = float(self.decay * abs(self.run.dt))
-            yield reported("dampers", f"λΔt up to {stiffness:.2g}; {found}", "-", why, stiffness)
-        if found.damping is not None:
-            share, power = found.damping
+            yield reported("dampers", f"λΔt up to {stiffness:.2g}; {stability}", "-", why,
+                           stiffness)
+        if stability.damping is not None:
+            share, power = stability.damping
             yield reported("numerical damping",
                            f"{float(share):.2g} (ωΔt)^{power} of an oscillation "
                            "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
@@ -379,10 +386,10 @@ class Examination:
         damped = [i for i, force in enumerate(system.forces) if force.has(*system.p)]
         slopes = [derivative(system.forces[i], system.p[j]) for i in damped for j in damped]
         fastest = 0.0
-        for at, count in self.round_off.states(slopes) if damped else ():
-            values = evaluate(slopes, at).reshape(len(damped), len(damped), count)
-            usable = np.isfinite(values).all(axis=(0, 1))
-            rates = np.linalg.eigvals(values.transpose(2, 0, 1)[usable])
+        for symbol_values, count in self.round_off.states(slopes) if damped else ():
+            jacobians = evaluate(slopes, symbol_values).reshape(len(damped), len(damped), count)
+            usable = np.isfinite(jacobians).all(axis=(0, 1))
+            rates = np.linalg.eigvals(jacobians.transpose(2, 0, 1)[usable])
             fastest = max(fastest, float(np.abs(rates).max(initial=0.0)))
         return fastest
 
@@ -391,20 +398,20 @@ class Examination:
     def _momentum_maps(self) -> Iterator[CertificateLine]:
         system, run, rounded = self.model.system, self.run, self.round_off
         try:
-            found = momentum_maps(system, self.parameters, run.q[0], run.p[0])
+            maps = momentum_maps(system, self.parameters, run.q[0], run.p[0])
         except InputError as error:
             yield reported("momentum maps", "not searched", "-", str(error))
             return
-        if not found:
+        if not maps:
             searched = "any A and a" if system.n <= MAX_COORDINATES else "translations, rotations"
             yield reported("momentum maps", "none", "-",
                            f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
-        for J in found:
-            values = J.values(run.q, run.p)
+        for J in maps:
+            momentum = J.values(run.q, run.p)
             guarantee = self._in_frame(J, self.guarantees.momentum(J))
-            value = float(np.abs(values - values[0]).max())
+            value = float(np.abs(momentum - momentum[0]).max())
             bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
-            text = f"{float(values[0]):.6g}, drift {value:.1e}"
+            text = f"{float(momentum[0]):.6g}, drift {value:.1e}"
             if guarantee.guaranteed:
                 yield compared(J.name, text, f"drift ≤ {bound:.1e}", guarantee, value, bound)
             else:
@@ -412,7 +419,7 @@ class Examination:
 
     def _in_frame(self, J: MomentumMap, guarantee: Guarantee) -> Guarantee:
         """Return the guarantee for J in the frame, where J rotates unless it commutes."""
-        A = sum((rate * other.A for rate, other in self.moving), np.zeros_like(J.A))
+        A = sum((rate * frame_map.A for rate, frame_map in self.moving), np.zeros_like(J.A))
         size = np.abs(A).max() * np.abs(J.A).max()
         if not guarantee.guaranteed or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
                                         and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
@@ -422,31 +429,32 @@ class Examination:
     # ------------------------------------------------------------ order, quantities
 
     def _order(self) -> CertificateLine:
-        quantity, wanted = "order", self.step.order
+        quantity, derived_order = "order", self.step.order
         run = self.run
-        seen = measure_order(self.step, run.q[0], run.p[0], run.dt, self.parameters,
-                             self.round_off.sizes_of_steps)
-        if seen is None:
-            return reported(quantity, "errors are round-off", str(wanted),
+        measurement = measure_order(self.step, run.q[0], run.p[0], run.dt, self.parameters,
+                                    self.round_off.sizes_of_steps)
+        if measurement is None:
+            return reported(quantity, "errors are round-off", str(derived_order),
                             "fewer than three errors |y_h − y_(h/2)| stand out of it")
-        if not seen.agrees:
-            slopes = ", ".join(f"{slope:.2f}" for slope in seen.slopes)
-            return reported(quantity, f"slopes {slopes}", str(wanted),
+        if not measurement.agrees:
+            slopes = ", ".join(f"{slope:.2f}" for slope in measurement.slopes)
+            return reported(quantity, f"slopes {slopes}", str(derived_order),
                         "no two neighbours agree to 0.2: steps are too long for the order to show")
-        found = f"{seen.order:.2f} at Δt = {seen.dt:.2g}"
+        measured = f"{measurement.order:.2f} at Δt = {measurement.dt:.2g}"
         if self.switching.named:
-            return reported(quantity, found, f"{wanted} between crossings",
-                            f"steps across {self.switching.named} have a lower one", seen.order)
-        if self.decay * seen.dt > 1:
-            return reported(quantity, found, f"{wanted} once λΔt is small",
-                            f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
-                            "about the stage order", seen.order)
-        lacking = wanted - seen.order  # a run may happen to be better than its method
+            return reported(quantity, measured, f"{derived_order} between crossings",
+                            f"steps across {self.switching.named} have a lower one",
+                            measurement.order)
+        if self.decay * measurement.dt > 1:
+            return reported(quantity, measured, f"{derived_order} once λΔt is small",
+                            f"dampers are stiff, λΔt = {self.decay * measurement.dt:.2g}: orders "
+                            "fall to about the stage order", measurement.order)
+        lacking = derived_order - measurement.order  # a run may happen to be better than its method
         guarantee = Guarantee(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
-        return compared(quantity, found, f"at least {wanted}", guarantee, lacking, 0.3)
+        return compared(quantity, measured, f"at least {derived_order}", guarantee, lacking, 0.3)
 
     def _quantities(self) -> Iterator[CertificateLine]:
         for name in self.run.quantities:
-            values = self.run.quantity(name).astype(float)
-            drift = float(np.abs(values - values[0]).max())
-            yield reported(name, f"{values[0]:.6g}, drift {drift:.1e}", "-", "", drift)
+            quantity = self.run.quantity(name).astype(float)
+            drift = float(np.abs(quantity - quantity[0]).max())
+            yield reported(name, f"{quantity[0]:.6g}, drift {drift:.1e}", "-", "", drift)

@@ -46,15 +46,15 @@ def reversal(
     stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
     sizes: tuple[float, float],
 ) -> Reversal | None:
-    """Go back from the end of a run, step by step; None if that, or a neighbour's run, fails.
+    """Integrate back from the end of a run; None if that run, or one of a neighbour, fails.
 
-    ``sizes`` are those of coordinates and momenta, over the whole run.
+    ``sizes`` are the sizes of coordinates and momenta over the whole run.
     """
     steps = run.report.steps
     try:
         end = Start(run.q[-1], run.p[-1], parameters, float(run.t[-1]))
         back = stepper.integrate(end, dt=-run.dt, steps=steps)
-        growth = max(_growth(stepper, one, parameters, sizes) for one in (run, back))
+        growth = max(_growth(stepper, trajectory, parameters, sizes) for trajectory in (run, back))
     except GyrosparkError:
         return None
     return Reversal(q_error=_largest(back.q[-1] - run.q[0]),
@@ -65,20 +65,21 @@ def _growth(
     stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
     sizes: tuple[float, float],
 ) -> float:
-    """Return how many times further from a run its neighbours are, at most, than at its start.
+    """Return the largest factor by which neighbours separate from a run after its start.
 
     Six neighbours, 1e-6 of the sizes away, in seeded directions; distances in units of the sizes.
     """
     rng, count = np.random.default_rng(11), 6
-    near = [x[0].astype(float) + 1e-6 * size * rng.standard_normal((count, x.shape[1]))
-            for x, size in zip((run.q, run.p), sizes, strict=True)]
+    neighbours = [x[0].astype(float) + 1e-6 * size * rng.standard_normal((count, x.shape[1]))
+                  for x, size in zip((run.q, run.p), sizes, strict=True)]
     starts = [stepper.project(*state, parameters=parameters, t=float(run.t[0]))
-              for state in zip(*near, strict=True)]
-    qs, ps = (np.array(part) for part in zip(*starts, strict=True))
-    many = stepper.integrate_ensemble(Start(qs, ps, parameters, float(run.t[0])), dt=run.dt,
-                                      steps=run.report.steps)
-    distance = np.maximum(*(np.abs(states - own).max(axis=2) / size for states, own, size in
-                            zip((many.q, many.p), (run.q, run.p), sizes, strict=True)))
+              for state in zip(*neighbours, strict=True)]
+    qs, ps = (np.array(components) for components in zip(*starts, strict=True))
+    ensemble = stepper.integrate_ensemble(Start(qs, ps, parameters, float(run.t[0])), dt=run.dt,
+                                          steps=run.report.steps)
+    distance = np.maximum(*(np.abs(states - run_states).max(axis=2) / size
+                            for states, run_states, size in
+                            zip((ensemble.q, ensemble.p), (run.q, run.p), sizes, strict=True)))
     with np.errstate(all="ignore"):  # a neighbour may be projected onto the start
         ratio = distance.astype(float) / distance[:, :1].astype(float)
     return float(np.max(ratio, where=np.isfinite(ratio), initial=1.0))
@@ -103,23 +104,25 @@ def constraint_scales(
     Σ_i |∂g/∂q_i| r_i and Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i by differences, the largest over the
     run; with the round-off r and s of q and p in units of ε, that of g and f.
     """
-    n, nudge, binding = stepper.n, 2.0**-15, stepper.binding
+    n, increment, binding = stepper.n, 2.0**-15, stepper.binding
     m = binding.conditions
-    given = binding.parameters(dict(parameters))
-    moves = nudge * np.concatenate([np.zeros((1, 2 * n)), np.diag(np.concatenate(sizes))])
+    parameter_struct = binding.parameters(dict(parameters))
+    displacements = increment * np.concatenate([np.zeros((1, 2 * n)),
+                                                np.diag(np.concatenate(sizes))])
     largest = [np.zeros(stepper.m), np.zeros(m)]
     count = max(1, _MOST_NUMBERS // (2 * n * (n + m)))
     for start in range(0, len(run.q), count):
-        rows = slice(start, start + count)
-        states = np.concatenate([run.q[rows], run.p[rows]], axis=1).astype(float)
-        moved = (states[:, None] + moves).reshape(-1, 2 * n)
-        q, p = (np.ascontiguousarray(x, dtype=binding.dtype) for x in (moved[:, :n], moved[:, n:]))
-        t = np.repeat(run.t[rows].astype(binding.dtype), 2 * n + 1)
-        for k, defects in enumerate(binding.defects(given, q, p, t)):
+        block = slice(start, start + count)
+        states = np.concatenate([run.q[block], run.p[block]], axis=1).astype(float)
+        displaced = (states[:, None] + displacements).reshape(-1, 2 * n)
+        q, p = (np.ascontiguousarray(x, dtype=binding.dtype)
+                for x in (displaced[:, :n], displaced[:, n:]))
+        t = np.repeat(run.t[block].astype(binding.dtype), 2 * n + 1)
+        for k, defects in enumerate(binding.defects(parameter_struct, q, p, t)):
             d = defects.reshape(len(q) // (2 * n + 1), 2 * n + 1, len(largest[k]))
             changes = np.abs(d[:, 1:] - d[:, :1]).sum(axis=1).astype(float)
             largest[k] = np.maximum(largest[k], changes.max(axis=0))
-    return largest[0] / nudge, largest[1] / nudge
+    return largest[0] / increment, largest[1] / increment
 
 
 # ---------------------------------------------------------------- order
@@ -129,8 +132,8 @@ def constraint_scales(
 class MeasuredOrder:
     """log2 of successive errors' ratio for halved steps, and how much two such slopes differ.
 
-    ``slopes`` are all that were seen from one longest step on; ``order`` is the second of the two
-    neighbours among them that differ least, and ``dt`` the shortest step it was seen at.
+    ``slopes`` are all measured slopes from one longest step on; ``order`` is the second of the two
+    neighbouring slopes that differ least, and ``dt`` the shortest step in it.
     """
 
     order: float
@@ -151,40 +154,41 @@ def measure_order(
     """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight steps of the longest.
 
     The longest step is dt, doubled until three errors stand out of round-off, or halved until two
-    neighbouring slopes agree. None if there are no two. ``sizes`` are those of q and p of which
-    ε is round-off in steps of a given length.
+    neighbouring slopes agree. None if there are no two. ``sizes(h)`` returns the sizes of q and p
+    whose ε is the round-off of steps of length h.
     """
-    found: list[MeasuredOrder] = []
+    measurements: list[MeasuredOrder] = []
     h, doubled = dt, False
     for _ in range(14):
         errors = _halving_errors(stepper, q, p, h, sizes(h), parameters)
-        seen = None if errors is None else _agreeing(errors, h)
-        if errors is None or (seen is None and found):
+        measurement = None if errors is None else _agreeing(errors, h)
+        if errors is None or (measurement is None and measurements):
             break
-        if seen is None:
+        if measurement is None:
             h, doubled = 2 * h, True
             continue
-        found.append(seen)
-        if doubled or seen.agrees:
+        measurements.append(measurement)
+        if doubled or measurement.agrees:
             break
         h = h / 2
-    return min(found, key=lambda seen: seen.spread, default=None)
+    return min(measurements, key=lambda measurement: measurement.spread, default=None)
 
 
 def _agreeing(errors: list[float], h: float) -> MeasuredOrder | None:
-    """Return the two neighbouring slopes from step h on that differ least; None if there are none.
+    """Return the two neighbouring slopes from step h on that differ least; None without two.
 
-    After two that agree the first that falls ends them: there round-off, which may grow like 1/h
-    as that of multipliers does, takes over.
+    After two slopes that agree, the first lower slope ends the search: it shows round-off, which
+    may grow like 1/h, as in multipliers.
     """
     slopes = list(takewhile(lambda slope: slope > _NO_ORDER,
                             (math.log2(a / b) for a, b in pairwise(errors))))
     best: MeasuredOrder | None = None
-    for k, (one, other) in enumerate(pairwise(slopes)):
-        if best is not None and best.agrees and other < one - 0.3:
+    for k, (one, next_slope) in enumerate(pairwise(slopes)):
+        if best is not None and best.agrees and next_slope < one - 0.3:
             break
-        seen = MeasuredOrder(other, abs(other - one), h / 2 ** (k + 3), tuple(slopes))
-        best = seen if best is None or seen.spread < best.spread else best
+        candidate = MeasuredOrder(next_slope, abs(next_slope - one), h / 2 ** (k + 3),
+                                  tuple(slopes))
+        best = candidate if best is None or candidate.spread < best.spread else best
     return best
 
 
@@ -214,10 +218,11 @@ def _halving_errors(
 # ---------------------------------------------------------------- trend
 
 
-def trend(t: Array, values: Array) -> tuple[float, float]:
-    """Return the change over the run by a straight line through the values, and what is left."""
+def trend(t: Array, series: Array) -> tuple[float, float]:
+    """Return the change over the run of a straight line fitted to a series, and the residual range.
+    """
     if len(t) < 3:
-        return 0.0, float(np.ptp(values)) if len(values) else 0.0
+        return 0.0, float(np.ptp(series)) if len(series) else 0.0
     x = (t - t.mean()) / (t[-1] - t[0])
-    slope = float((x * (values - values.mean())).sum() / (x * x).sum())
-    return slope, float(np.ptp(values - slope * x))
+    slope = float((x * (series - series.mean())).sum() / (x * x).sum())
+    return slope, float(np.ptp(series - slope * x))

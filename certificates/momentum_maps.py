@@ -59,19 +59,19 @@ class MomentumMap:
     A, a : ndarray, shapes (n, n) and (n,)
         Its field.
     any_parameters : bool
-        Whether it is conserved whatever the parameters are, or for those given only.
+        Whether it is conserved for any parameters, or for the given ones only.
     everywhere : bool
-        Whether {H, J} = F·X vanishes for all q and p, in exact arithmetic. Else it is seen to
-        vanish on the constraint manifold, or nearly to vanish.
+        Whether {H, J} = F·X holds for all q and p, in exact arithmetic; otherwise at random points
+        on the constraints, or nearly.
     turns_constraints : bool
-        Whether g_q X vanishes for all q, or where g = 0 only.
+        Whether g_q X vanishes for all q, or on g = 0 only.
     proof : str
-        How it is known: "expanded", which is a proof, by "exact arithmetic at random points", or
-        at "random points" in doubles.
+        The evidence: "expanded", which is a proof, "exact arithmetic at random points", or "random
+        points" in doubles.
     broken : float
-        The largest |dJ/dt| met at random points, relative to its terms; 0 if it is 0 everywhere.
+        The largest |dJ/dt| at random points, relative to its terms; 0 if it vanishes everywhere.
     on_constraints : bool
-        Whether that is round-off, on g = 0: then the motion keeps J as far as can be seen.
+        Whether ``broken`` is round-off on g = 0: the motion then conserves J as far as measured.
     """
 
     name: str
@@ -95,9 +95,9 @@ class MomentumMap:
 
         Norms, not terms: a motion in a plane rounds out of it by ε of its size.
         """
-        rows, columns = self.A.any(axis=1) | (self.a != 0), self.A.any(axis=0)
-        reach = np.linalg.norm(q[..., columns], axis=-1) * np.linalg.norm(self.A)
-        momenta = np.linalg.norm(p[..., rows], axis=-1)
+        used_rows, used_columns = self.A.any(axis=1) | (self.a != 0), self.A.any(axis=0)
+        reach = np.linalg.norm(q[..., used_columns], axis=-1) * np.linalg.norm(self.A)
+        momenta = np.linalg.norm(p[..., used_rows], axis=-1)
         return np.asarray(momenta * (reach + np.linalg.norm(self.a)))
 
 
@@ -121,22 +121,22 @@ def momentum_maps(
         If H, g or F contains a function that cannot be evaluated, or g switches sides.
     """
     system, weights = on_any_side(system)
-    values = {s: float(parameters[str(s)]) for s in system.parameters if s not in weights}
-    numbers = {s: sp.Rational(x) for s, x in values.items()}
-    points = RandomPoints(system, values, np.asarray(q0, float), np.asarray(p0, float))
+    parameter_values = {s: float(parameters[str(s)]) for s in system.parameters if s not in weights}
+    exact_values = {s: sp.Rational(x) for s, x in parameter_values.items()}
+    points = RandomPoints(system, parameter_values, np.asarray(q0, float), np.asarray(p0, float))
     named, n = known_fields(system), system.n
     full = n <= MAX_COORDINATES
     units = [LinearField("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
-    exact = SymmetrySpace(system, units if full else named, numbers)
+    exact = SymmetrySpace(system, units if full else named, exact_values)
     general = SymmetrySpace(system, exact.fields, {}, within=exact)
-    chosen = _Chosen(points)
-    found: list[MomentumMap] = []
+    independent = _IndependentMaps(points)
+    maps: list[MomentumMap] = []
     for space, any_parameters in ((general, True), (exact, False)):
         in_space = [field for field in named if space.contains(field)]
         for field in [*in_space, *(with_name(f, system) for f in space.basis)]:
-            if chosen.accepts(field, 1e-9):
-                found.append(_exact_map(field, system, {} if any_parameters else numbers))
-    return found + list(_near_maps(points, named, chosen, full))
+            if independent.accepts(field, 1e-9):
+                maps.append(_exact_map(field, system, {} if any_parameters else exact_values))
+    return maps + list(_near_maps(points, named, independent, full))
 
 
 def momentum_map_of(
@@ -152,106 +152,111 @@ def momentum_map_of(
 
 
 def _exact_map(
-    field: LinearField, system: System, numbers: Mapping[sp.Symbol, sp.Rational]
+    field: LinearField, system: System, exact_values: Mapping[sp.Symbol, sp.Rational]
 ) -> MomentumMap:
     """Return the map of a symmetry: proved by expansion, where that is short enough."""
     J = field.momentum(system.q, system.p)
     reach = [sp.diff(J, p) for p in system.p]
     terms = [*(sp.diff(J, q) * v for q, v in zip(system.q, system.H_p, strict=True)),
              *(-x * f for x, f in zip(reach, system.minus_p_rate, strict=True))]
-    slides = [substitute([a * x for a, x in zip(row, reach, strict=True)], numbers)
+    slides = [substitute([a * x for a, x in zip(row, reach, strict=True)], exact_values)
               for row in system.G]
     return MomentumMap(
-        field.name, J, field.A, field.a, any_parameters=not numbers, everywhere=True,
+        field.name, J, field.A, field.a, any_parameters=not exact_values, everywhere=True,
         turns_constraints=bool(identically_zero(slides)),
-        proof=identically_zero([substitute(terms, numbers)]),
+        proof=identically_zero([substitute(terms, exact_values)]),
     )
 
 
 def _near_maps(
-    points: RandomPoints, named: Sequence[LinearField], chosen: _Chosen, full: bool
+    points: RandomPoints, named: Sequence[LinearField], independent: _IndependentMaps, full: bool
 ) -> Iterator[MomentumMap]:
     """Yield fields nearly conserved, or conserved on the constraints at random points."""
     system = points.system
-    others = _echelon(points.null_space(named), system) if full else []
-    for field in [*named, *others]:
+    unnamed_fields = _echelon(points.null_space(named), system) if full else []
+    for field in [*named, *unnamed_fields]:
         broken, on_constraints = points.broken(field)
-        whole = on_constraints and broken <= _ROUNDING
-        if broken <= NEAR and chosen.accepts(field, 1e-9 if whole else 1e-3):
+        is_round_off = on_constraints and broken <= _ROUNDING
+        if broken <= NEAR and independent.accepts(field, 1e-9 if is_round_off else 1e-3):
             yield MomentumMap(
                 field.name, field.momentum(system.q, system.p), field.A, field.a,
                 any_parameters=False, everywhere=False, turns_constraints=False,
-                proof="random points", broken=broken, on_constraints=whole)
+                proof="random points", broken=broken, on_constraints=is_round_off)
 
 
 # ---------------------------------------------------------------- a basis for people
 
 
-class _Chosen:
-    """The J that were taken, as their values at points of the constraint manifold."""
+class _IndependentMaps:
+    """Linearly independent momentum maps, by their values at points on the constraints."""
 
     def __init__(self, points: RandomPoints) -> None:
         self.q, self.p = points.moving_states()
         self.basis = np.zeros((len(self.q), 0))
 
-    def accepts(self, field: LinearField, least: float) -> bool:
-        """Take a field whose J is no combination of those taken; J = 0 on the manifold is none."""
+    def accepts(self, field: LinearField, threshold: float) -> bool:
+        """Add a field and return True if its J is independent of the earlier ones.
+
+        J = 0 on the constraints is not independent. ``threshold`` is the least norm of the part
+        orthogonal to the earlier J, relative to the terms of J.
+        """
         reach = self.q @ field.A.T + field.a
         J = np.einsum("ki,ki->k", self.p, reach)
         size = np.linalg.norm(self.p, axis=1)
         terms = size * (np.linalg.norm(self.q, axis=1) * np.linalg.norm(field.A)
                         + np.linalg.norm(field.a))
         J, weight = J / size, np.linalg.norm(terms / size)
-        rest = J - self.basis @ (self.basis.T @ J)
-        rest -= self.basis @ (self.basis.T @ rest)
-        length = np.linalg.norm(rest)
-        if not length > least * weight:
+        remainder = J - self.basis @ (self.basis.T @ J)
+        remainder -= self.basis @ (self.basis.T @ remainder)
+        length = np.linalg.norm(remainder)
+        if not length > threshold * weight:
             return False
-        self.basis = np.column_stack([self.basis, rest / length])
+        self.basis = np.column_stack([self.basis, remainder / length])
         return True
 
 
 def _echelon(space: Array, system: System) -> list[LinearField]:
-    """Return a basis in reduced echelon form, its entries as fractions where they are any."""
-    rows, n = space.T.copy(), system.n
-    done = 0
-    for column in range(rows.shape[1]):
-        if done == len(rows):
+    """Return a basis in reduced echelon form, with simple fractions where entries are close."""
+    basis, n = space.T.copy(), system.n
+    rank = 0
+    for column in range(basis.shape[1]):
+        if rank == len(basis):
             break
-        pivot = done + int(np.abs(rows[done:, column]).argmax())
-        if abs(rows[pivot, column]) < 1e-8:
+        pivot = rank + int(np.abs(basis[rank:, column]).argmax())
+        if abs(basis[pivot, column]) < 1e-8:
             continue
-        rows[[done, pivot]] = rows[[pivot, done]]
-        rows[done] /= rows[done, column]
-        others = np.arange(len(rows)) != done
-        rows[others] -= np.outer(rows[others, column], rows[done])
-        done += 1
+        basis[[rank, pivot]] = basis[[pivot, rank]]
+        basis[rank] /= basis[rank, column]
+        other_rows = np.arange(len(basis)) != rank
+        basis[other_rows] -= np.outer(basis[other_rows, column], basis[rank])
+        rank += 1
     return [with_name(LinearField("", n, {divmod(k, n + 1): _fraction(x)
                                     for k, x in enumerate(row.tolist()) if _fraction(x)}), system)
-            for row in rows]
+            for row in basis]
 
 
 def _fraction(x: float) -> Fraction:
-    """Return the simple fraction next to a number, if it is next to one."""
+    """Return the fraction with denominator ≤ 10,000 within 1e-9 of x, otherwise x itself."""
     simple = Fraction(x).limit_denominator(10_000)
     return simple if abs(simple - Fraction(x)) < Fraction(1, 10**9) else Fraction(x)
 
 
 def with_name(field: LinearField, system: System) -> LinearField:
-    """Name a field that no list has: a rotation about another axis, or else by its J."""
-    moves = motions_of_space(system)
-    if sum(bool(f.A.any()) for f in moves) == 3:
-        weights = [field.weights.get(place, Fraction(0)) / x
-                   for place, x in (next(iter(f.weights.items())) for f in moves)]
-        if LinearField.combined("", weights, moves, field.n).weights == field.weights:
+    """Return a field with a name: a motion of space about or along an axis, otherwise its J."""
+    motions = motions_of_space(system)
+    if sum(bool(f.A.any()) for f in motions) == 3:
+        weights = [field.weights.get(entry, Fraction(0)) / x
+                   for entry, x in (next(iter(f.weights.items())) for f in motions)]
+        if LinearField.combined("", weights, motions, field.n).weights == field.weights:
             about, along = weights[:3], weights[3:]
             kind = "angular momentum about" if any(about) else "linear momentum along"
             axis = about if any(about) else along
             last = next(x for x in reversed(axis) if x)
             length = float(np.linalg.norm([float(x) for x in axis])) * (-1 if last < 0 else 1)
             direction = ", ".join(f"{float(x) / length + 0.0:.6g}" for x in axis)
-            place = ", off the origin" if any(about) and any(along) else ""
-            whole = LinearField.combined("", [Fraction(-1 if last < 0 else 1)], [field], field.n)
-            return LinearField(f"{kind} ({direction}){place}", field.n, whole.weights)
+            suffix = ", off the origin" if any(about) and any(along) else ""
+            scaled_field = LinearField.combined("", [Fraction(-1 if last < 0 else 1)], [field],
+                                                field.n)
+            return LinearField(f"{kind} ({direction}){suffix}", field.n, scaled_field.weights)
     text = str(field.momentum(system.q, system.p))
     return LinearField(text if len(text) <= 60 else text[:59] + "…", field.n, field.weights)

@@ -1,9 +1,9 @@
-"""How far a field is from being a symmetry, measured at random points.
+"""Near symmetries: |dJ/dt| of a field relative to its terms, at random points.
 
 Exact algebra decides whether a field is a symmetry of H and F for all q and p. Two kinds of other
-fields are reported, and neither is proved: fields that
-break the symmetry by a millionth at most, such as a body with I₂ = I₁ (1 + 1e-11), and symmetries
-on the constraints only, as of a potential given for |q| = 1.
+fields are reported without proof: fields that break the symmetry by a millionth at most, such as a
+rotation of a body with I₂ = I₁ (1 + 1e-11), and symmetries on the constraints only, such as of a
+potential given for |q| = 1.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _DIGITS, _FEW = 60, 6
 
 
 class RandomPoints:
-    """Random states around a start, and how far fields are from symmetries there.
+    """Random states around a start, at which fields are tested as symmetries.
 
     Parameters without a value, such as the weights of sides, are drawn from 0 to 1.
 
@@ -51,71 +51,73 @@ class RandomPoints:
         self.system, self.q0, self.p0 = system, q0, p0
         self.parameters = dict(parameters)
         self.rng = np.random.default_rng(20)
-        self._draw_others(1)
+        self._draw_unknown_symbols(1)
         self.spread = np.abs(q0) + 0.1 * (np.abs(q0).max() or 1.0)
         self.momenta = self._momentum_scale()
-        self.many = 200 if system.n <= 20 else 40  # more than fields to combine, or to compare
+        # More points than fields to combine, or to compare.
+        self.point_count = 200 if system.n <= 20 else 40
 
     def _momentum_scale(self) -> Array:
-        """Return momenta worth the energy of the start, each by itself."""
+        """Return √(2E/H_pp) for each momentum, E = Σ |q H_q| + |p H_p| at the start."""
         system = self.system
-        at = self._at(self.q0[:, None], self.p0[:, None])
-        slopes = _at_points([*system.H_q, *system.H_p], at)[:, 0]
+        symbol_values = self._symbol_values(self.q0[:, None], self.p0[:, None])
+        slopes = _at_points([*system.H_q, *system.H_p], symbol_values)[:, 0]
         energy = float(np.abs(slopes * np.concatenate([self.q0, self.p0])).sum())
         masses = _at_points([derivative(v, x) for v, x in zip(system.H_p, system.p, strict=True)],
-                            at)[:, 0]
+                            symbol_values)[:, 0]
         with np.errstate(all="ignore"):
             scale = np.sqrt(2 * energy / np.abs(masses))
         usable = np.isfinite(scale) & (scale > 0)
         return np.where(usable, scale, np.abs(self.p0).max() or 1.0)
 
-    def _draw_others(self, count: int) -> None:
-        """Draw values of symbols without one, the same for all evaluations at one set of points."""
+    def _draw_unknown_symbols(self, count: int) -> None:
+        """Draw values of parameters without a value, and of the time, for one set of points."""
         system = self.system
         time = () if system.time is None else (system.time,)
-        self._drawn = {s: self.rng.uniform(0, 1, count)
-                       for s in (*system.parameters, *time) if s not in self.parameters}
+        self._drawn_symbols = {s: self.rng.uniform(0, 1, count)
+                               for s in (*system.parameters, *time) if s not in self.parameters}
 
-    def _at(self, q: Array, p: Array) -> dict[Any, Any]:
-        values: dict[Any, Any] = dict(self.parameters)
-        values |= dict(zip(self.system.q, q, strict=True))
-        values |= dict(zip(self.system.p, p, strict=True))
-        return values | self._drawn
+    def _symbol_values(self, q: Array, p: Array) -> dict[Any, Any]:
+        symbol_values: dict[Any, Any] = dict(self.parameters)
+        symbol_values |= dict(zip(self.system.q, q, strict=True))
+        symbol_values |= dict(zip(self.system.p, p, strict=True))
+        return symbol_values | self._drawn_symbols
 
     def points(self, count: int, *, manifold: bool) -> dict[Any, Any]:
-        """Draw states, on the constraints if wanted.
+        """Draw states around the start, with ``manifold`` projected onto the constraints.
 
         Momenta are drawn over four decades, so that neither kinetic nor potential energy hides
         what breaks a symmetry of the other; a tenth of them is zero.
         """
         n = self.system.n
-        self._draw_others(count)
+        self._draw_unknown_symbols(count)
         q = self.q0[:, None] + 0.4 * self.spread[:, None] * self.rng.standard_normal((n, count))
         sizes = 10 ** self.rng.uniform(-2, 2, count) * (self.rng.uniform(size=count) > 0.1)
         p = self.momenta[:, None] * sizes * self.rng.standard_normal((n, count))
         if manifold and self.system.m:
             q = _newton(q, lambda x: self._constraint(x, p))
             p = _newton(p, lambda y: self._velocity_constraint(q, y))
-        return self._at(q, p)
+        return self._symbol_values(q, p)
 
     def _constraint(self, q: Array, p: Array) -> _Step:
         """Return g and g_q at each point, shapes (points, m) and (points, m, n)."""
-        system, at = self.system, self._at(q, p)
-        slopes = _at_points([e for row in system.G for e in row], at).T
-        return _at_points(system.constraints, at).T, slopes.reshape(-1, system.m, system.n)
+        system, symbol_values = self.system, self._symbol_values(q, p)
+        slopes = _at_points([e for row in system.G for e in row], symbol_values).T
+        return _at_points(system.constraints, symbol_values).T, slopes.reshape(-1, system.m,
+                                                                               system.n)
 
     def _velocity_constraint(self, q: Array, p: Array) -> _Step:
         """Return g_q H_p and its derivative g_q H_pp by p."""
-        system, at = self.system, self._at(q, p)
+        system, symbol_values = self.system, self._symbol_values(q, p)
         G = self._constraint(q, p)[1]
-        masses = _at_points([e for row in system.H_pp for e in row], at).T
-        speed = _at_points(system.H_p, at).T
+        masses = _at_points([e for row in system.H_pp for e in row], symbol_values).T
+        speed = _at_points(system.H_p, symbol_values).T
         return np.einsum("kln,kn->kl", G, speed), G @ masses.reshape(-1, system.n, system.n)
 
     def moving_states(self) -> tuple[Array, Array]:
         """Return states on the constraints with p ≠ 0, a row each."""
-        at = self.points(self.many, manifold=True)
-        q, p = (_at_points(s, at).T for s in (self.system.q, self.system.p))
+        symbol_values = self.points(self.point_count, manifold=True)
+        q, p = (_at_points(s, symbol_values).T for s in (self.system.q, self.system.p))
         usable = np.isfinite(q).all(axis=1) & np.isfinite(p).all(axis=1) & p.any(axis=1)
         return q[usable], p[usable]
 
@@ -126,24 +128,26 @@ class RandomPoints:
 
         On the constraints in doubles, for all q and p by arithmetic of 60 digits.
         """
-        q, p, pull, speed, G = self._on_constraints
-        moved = sorted({i for i, _ in field.weights})
-        reach = (field.A @ q + field.a[:, None])[moved]
-        slide = max((_relative(row * reach) for row in G[:, moved]), default=0.0)
-        turned = sorted({j for _, j in field.weights if j < field.n})
-        rate = np.concatenate([(field.A.T @ p)[turned] * speed[turned], -pull[moved] * reach])
-        on = max(_relative(rate), slide)
-        if on > NEAR or not q.shape[1]:  # where nothing can be evaluated nothing is claimed
-            return max(on, 1.0), True
-        off = max((_relative(np.array(terms)) for terms in self._precise_terms(field)),
-                  default=np.inf)
-        return (on, True) if off > NEAR else (max(off, slide), False)
+        q, p, force, speed, G = self._on_constraints
+        moved_coordinates = sorted({i for i, _ in field.weights})
+        reach = (field.A @ q + field.a[:, None])[moved_coordinates]
+        slide = max((_relative(row * reach) for row in G[:, moved_coordinates]), default=0.0)
+        rotated_momenta = sorted({j for _, j in field.weights if j < field.n})
+        rate = np.concatenate([(field.A.T @ p)[rotated_momenta] * speed[rotated_momenta],
+                               -force[moved_coordinates] * reach])
+        on_constraints = max(_relative(rate), slide)
+        if on_constraints > NEAR or not q.shape[1]:  # no claim where nothing can be evaluated
+            return max(on_constraints, 1.0), True
+        off_constraints = max((_relative(np.array(terms)) for terms in self._precise_terms(field)),
+                              default=np.inf)
+        return (on_constraints, True) if off_constraints > NEAR else (max(off_constraints, slide),
+                                                                      False)
 
     def _precise_terms(self, field: LinearField) -> Iterator[list[Any]]:
         """Yield the terms of {J, H} + J_p·F at a few states, in many digits."""
-        for q, p, pull, speed in self._precise:
+        for q, p, force, speed in self._precise:
             yield [x * p[i] * speed[j] for (i, j), x in _numbers(field, self._context)
-                   if j < field.n] + [-x * pull[i] * (q[j] if j < field.n else 1)
+                   if j < field.n] + [-x * force[i] * (q[j] if j < field.n else 1)
                                       for (i, j), x in _numbers(field, self._context)]
 
     @cached_property
@@ -153,57 +157,59 @@ class RandomPoints:
     @cached_property
     def _precise(self) -> list[tuple[list[Any], ...]]:
         """q, p, H_q − F and H_p at a few states where all are real and finite."""
-        system, found = self.system, []
-        drawn = self.points(self.many, manifold=False)
-        for k in range(self.many):
-            at = {s: self._context.mpf(float(np.broadcast_to(x, self.many)[k]))
-                  for s, x in drawn.items()}
-            if k % 2:  # at rest only what breaks the symmetry of V is seen
-                at |= dict.fromkeys(system.p, self._context.zero)
-            walk = Evaluator(at, mp=self._context)
+        system, states = self.system, []
+        points = self.points(self.point_count, manifold=False)
+        for k in range(self.point_count):
+            symbol_values = {s: self._context.mpf(float(np.broadcast_to(x, self.point_count)[k]))
+                             for s, x in points.items()}
+            if k % 2:  # at rest, kinetic energy does not hide a broken symmetry of V
+                symbol_values |= dict.fromkeys(system.p, self._context.zero)
+            evaluator = Evaluator(symbol_values, mp=self._context)
             try:
-                parts = [[walk(e) for e in part] for part in
-                         (system.q, system.p, system.minus_p_rate, system.H_p)]
+                values = [[evaluator(e) for e in symbols] for symbols in
+                          (system.q, system.p, system.minus_p_rate, system.H_p)]
             except (ArithmeticError, ValueError):
                 continue
-            if all(self._context.isfinite(x) and x.imag == 0 for part in parts for x in part):
-                found.append(tuple(parts))
-            if len(found) == _FEW:
+            if all(self._context.isfinite(x) and x.imag == 0 for symbols in values
+                   for x in symbols):
+                states.append(tuple(values))
+            if len(states) == _FEW:
                 break
-        return found
+        return states
 
     @cached_property
     def _on_constraints(self) -> tuple[Array, Array, Array, Array, Array]:
         """q, p, H_q − F, H_p and g_q at many states of the constraint manifold."""
-        system, at = self.system, self.points(self.many, manifold=True)
-        q, p = (_at_points(s, at) for s in (system.q, system.p))
-        pull, speed = _at_points(system.minus_p_rate, at), _at_points(system.H_p, at)
-        G = _at_points([e for row in system.G for e in row], at)
-        usable = np.isfinite(np.concatenate([q, p, pull, speed, G])).all(axis=0)
-        q, p, pull, speed, G = (part[:, usable] for part in (q, p, pull, speed, G))
-        return q, p, pull, speed, G.reshape(system.m, system.n, q.shape[1])
+        system, symbol_values = self.system, self.points(self.point_count, manifold=True)
+        q, p = (_at_points(s, symbol_values) for s in (system.q, system.p))
+        force, speed = _at_points(system.minus_p_rate, symbol_values), _at_points(system.H_p,
+                                                                                  symbol_values)
+        G = _at_points([e for row in system.G for e in row], symbol_values)
+        usable = np.isfinite(np.concatenate([q, p, force, speed, G])).all(axis=0)
+        q, p, force, speed, G = (array[:, usable] for array in (q, p, force, speed, G))
+        return q, p, force, speed, G.reshape(system.m, system.n, q.shape[1])
 
     # ------------------------------------------------------------ combinations
 
     def null_space(self, fields: Sequence[LinearField]) -> Array:
-        """Return an orthonormal basis of the combinations that seem to be symmetries.
+        """Return an orthonormal basis of the combinations of fields that satisfy dJ/dt = 0.
 
         On the constraints, to 1e-10 at random points; shape (n (n + 1), dimension), A and a as one
         matrix.
         """
         span = _orthonormal(np.array([field.matrix.ravel() for field in fields]).T)
-        q, p, pull, speed, G = self._on_constraints
-        one, none = np.ones((1, q.shape[1])), np.zeros((1, q.shape[1]))
-        q1, v0 = np.concatenate([q, one]), np.concatenate([speed, none])
-        rows = [np.einsum("ik,jk->kij", p, v0) - np.einsum("ik,jk->kij", pull, q1)]
-        rows += [np.einsum("ik,jk->kij", row, q1) for row in G]
-        return np.asarray(span @ _null_space(np.concatenate([_scaled(part) @ span
-                                                             for part in rows])))
+        q, p, force, speed, G = self._on_constraints
+        ones, zeros = np.ones((1, q.shape[1])), np.zeros((1, q.shape[1]))
+        q1, v0 = np.concatenate([q, ones]), np.concatenate([speed, zeros])
+        conditions = [np.einsum("ik,jk->kij", p, v0) - np.einsum("ik,jk->kij", force, q1)]
+        conditions += [np.einsum("ik,jk->kij", row, q1) for row in G]
+        return np.asarray(span @ _null_space(np.concatenate([_scaled(condition) @ span
+                                                             for condition in conditions])))
 
 
 def _numbers(field: LinearField, context: Any) -> list[tuple[tuple[int, int], Any]]:
-    return [(place, context.mpf(x.numerator) / x.denominator)
-            for place, x in field.weights.items()]
+    return [(entry, context.mpf(x.numerator) / x.denominator)
+            for entry, x in field.weights.items()]
 
 
 def _relative(terms: Array) -> float:
@@ -214,12 +220,12 @@ def _relative(terms: Array) -> float:
     return float(np.max(rates, initial=0))
 
 
-def _scaled(rows: Array) -> Array:
+def _scaled(conditions: Array) -> Array:
     """Return the rows with all numbers finite, each of length 1; matrices are rows."""
-    rows = rows.reshape(len(rows), -1)
-    lengths = np.linalg.norm(rows, axis=1)
+    conditions = conditions.reshape(len(conditions), -1)
+    lengths = np.linalg.norm(conditions, axis=1)
     usable = np.isfinite(lengths) & (lengths > 0)
-    return np.asarray(rows[usable] / lengths[usable, None])
+    return np.asarray(conditions[usable] / lengths[usable, None])
 
 
 def _orthonormal(columns: Array) -> Array:
@@ -228,12 +234,12 @@ def _orthonormal(columns: Array) -> Array:
     return np.asarray(U[:, sizes > _ZERO * sizes[0]])
 
 
-def _null_space(rows: Array) -> Array:
+def _null_space(conditions: Array) -> Array:
     """Return an orthonormal basis, as columns, of the null space."""
-    size = rows.shape[1]
-    if len(rows) < size:  # too few points where everything is finite: nothing is claimed
+    size = conditions.shape[1]
+    if len(conditions) < size:  # too few points where everything is finite: nothing is claimed
         return np.zeros((size, 0))
-    _, sizes, V = np.linalg.svd(np.linalg.qr(rows, mode="r"))  # many more rows than columns
+    _, sizes, V = np.linalg.svd(np.linalg.qr(conditions, mode="r"))  # many more rows than columns
     rank = int((sizes > _ZERO * max(1.0, sizes[0])).sum())
     return np.asarray(V[rank:].T)
 
@@ -244,20 +250,20 @@ def _newton(x: Array, conditions: Callable[[Array], _Step]) -> Array:
     By the shortest increments that make the linearised conditions vanish; NaN where 12 of them
     are not enough.
     """
-    done = np.zeros(x.shape[1], dtype=bool)
+    converged = np.zeros(x.shape[1], dtype=bool)
     for _ in range(12):
         defect, slopes = conditions(x)
         usable = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(defect).all(axis=1)
         step = np.full(x.shape, np.nan)
         step[:, usable] = (np.linalg.pinv(slopes[usable]) @ defect[usable, :, None])[:, :, 0].T
         x = x - step
-        done = np.abs(step).max(axis=0) <= 1e-12 * np.abs(x).max(axis=0)
-        if done[usable].all():
+        converged = np.abs(step).max(axis=0) <= 1e-12 * np.abs(x).max(axis=0)
+        if converged[usable].all():
             break
-    return np.where(done, x, np.nan)
+    return np.where(converged, x, np.nan)
 
 
-def _at_points(expressions: Sequence[sp.Expr], at: Mapping[Any, Any]) -> Array:
+def _at_points(expressions: Sequence[sp.Expr], symbol_values: Mapping[Any, Any]) -> Array:
     """Return the expressions at many points, shape (expressions, points); NaN where undefined."""
     with np.errstate(all="ignore"):
-        return np.asarray(evaluate(expressions, at), dtype=float)
+        return np.asarray(evaluate(expressions, symbol_values), dtype=float)

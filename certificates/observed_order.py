@@ -50,42 +50,42 @@ def observed_order(tableau: Tableau) -> float:
         If a step's equations are singular or their iteration does not converge.
     """
     h = mp.mpf(1) / (128 * max(4, tableau.s))  # the next term then shows by at most 0.05
-    found = mp.nan
+    order = mp.nan
     for k in range(_TIMES + 1):
         slope = _slope(tableau, h * _SHORTER**k)
         if slope is None:
             break
-        found = slope
-        if abs(found - round(found)) < _NEAR and round(found) <= tableau.order:
+        order = slope
+        if abs(order - round(order)) < _NEAR and round(order) <= tableau.order:
             break
-    if tableau.digits_given is not None and not abs(found - mp.nint(found)) < _NEAR:
-        found = _order_of_longer_steps(tableau, h, tableau.digits_given)
-    return float(found)
+    if tableau.digits_given is not None and not abs(order - mp.nint(order)) < _NEAR:
+        order = _order_of_longer_steps(tableau, h, tableau.digits_given)
+    return float(order)
 
 
 def _order_of_longer_steps(tableau: Tableau, h: Any, digits_given: int) -> float:
     """Return the order in the shortest steps that show one above the rounding of decimals."""
     for k in range(1, 7):
-        found = _slope(tableau, h * 2**k)
-        if found is not None and abs(found - round(found)) < _NEAR:
-            return found
+        order = _slope(tableau, h * 2**k)
+        if order is not None and abs(order - round(order)) < _NEAR:
+            return order
     raise HiddenOrderError(f"hidden by the rounding of {digits_given} digits")
 
 
 def _slope(tableau: Tableau, h: Any) -> float | None:
-    """Return log2 e(h)/e(h/2) − 1; None where e(h/2) is not above what rounding is worth."""
+    """Return log2 e(h)/e(h/2) − 1; None if e(h/2) is within the rounding of the decimals."""
     reference = gauss_lobatto(tableau.s + 2)  # no order is above 2s
     digits = 40 + 6 * reference.s + math.ceil(-(reference.order + 3) * mp.log10(h))
     with mp.workdps(digits):
-        exact, numbers = (_Spark(t.numeric(digits), t.s, t.p) for t in (reference, tableau))
+        exact, method = (_Spark(t.numeric(digits), t.s, t.p) for t in (reference, tableau))
         y = exact.start()
-        half = numbers.step(y, h / 2)
+        half = method.step(y, h / 2)
         error = _distance(half, exact.step(y, h / 2))
         if tableau.digits_given is not None:
-            moved = _Spark(_moved(numbers.tab, tableau.digits_given), tableau.s, tableau.p)
+            moved = _Spark(_moved(method.tab, tableau.digits_given), tableau.s, tableau.p)
             if not error > _CLEAR * _distance(half, moved.step(y, h / 2)):
                 return None
-        return float(mp.log(_distance(numbers.step(y, h), exact.step(y, h)) / error, 2)) - 1
+        return float(mp.log(_distance(method.step(y, h), exact.step(y, h)) / error, 2)) - 1
 
 
 def _moved(numbers: NumericTableau, digits_given: int) -> NumericTableau:

@@ -1,7 +1,7 @@
-"""How large round-off may be in a run: of states, of H, of constraints, of multipliers.
+"""Bounds of round-off in a run: of states, of H, of constraints, of multipliers.
 
-All of it over the whole run, never at a few instants: a motion may be at rest wherever one looks.
-In units of ε, the distance from 1 to the next number of the stepper's type.
+Bounds are taken over all states of the run: at a few instants the motion may be at rest. They are
+in units of ε, the distance from 1 to the next number of the stepper's type.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ _MOST_NUMBERS = 2**22
 class RoundOff:
     """Round-off of a run in which every step is stored.
 
-    A momentum is rounded to ε of the largest it gets, and in each step by Δt times what rounding is
-    worth in H_q − F: one that stays 0 between forces in balance has the round-off of those forces.
-    A coordinate likewise, with that of the momenta in H_p.
+    The round-off of a momentum is ε max |p| + Δt δ(H_q − F), with δ the error bound of evaluation:
+    a momentum that stays 0 between balanced forces has the round-off of these forces. The
+    round-off of a coordinate is ε max |q| + Δt δ(H_p).
     """
 
     system: System
@@ -102,17 +102,17 @@ class RoundOff:
     def impulse(self) -> Array:
         """Effect of ε of g on each p, in units of ε and divided by Δt.
 
-        Multipliers that are found from g alone are its round-off divided by Δt:
+        Multipliers that follow from g alone change p by
         Δp = g_qᵀ (g_q H_pp g_qᵀ)⁻¹ δg/Δt, for a quaternion 4γ δg/Δt.
         """
         system, n = self.system, self.system.n
         largest = np.zeros(n)
         entries = [*(e for row in system.G for e in row), *(e for row in system.H_pp for e in row)]
-        for at, count in self.states(entries):
-            values = evaluate(entries, at).reshape(-1, n, count).transpose(2, 0, 1)
-            G, masses = values[:, : system.m], values[:, system.m :]
+        for symbol_values, count in self.states(entries):
+            derivatives = evaluate(entries, symbol_values).reshape(-1, n, count).transpose(2, 0, 1)
+            G, masses = derivatives[:, : system.m], derivatives[:, system.m :]
             with np.errstate(all="ignore"):
-                usable = np.isfinite(values).all(axis=(1, 2))
+                usable = np.isfinite(derivatives).all(axis=(1, 2))
                 inverse = np.linalg.pinv((G @ masses @ G.transpose(0, 2, 1))[usable])
                 kicks = np.abs(G.transpose(0, 2, 1)[usable] @ inverse) @ self.constraints[0]
             largest = np.maximum(largest, kicks.max(axis=0, initial=0.0))
@@ -123,8 +123,8 @@ class RoundOff:
     def _largest(self, expressions: Sequence[sp.Expr], errors: Mapping[sp.Symbol, Any]) -> Array:
         """Return the largest error bound of each expression over the run, where it is finite."""
         largest = np.zeros(len(expressions))
-        for at, _ in self.states(expressions):
-            bounds = rounding(expressions, at, errors)
+        for symbol_values, _ in self.states(expressions):
+            bounds = rounding(expressions, symbol_values, errors)
             finite = np.where(np.isfinite(bounds), bounds, 0.0)
             largest = np.maximum(largest, finite.max(axis=1, initial=0.0))
         return largest
@@ -134,18 +134,18 @@ class RoundOff:
         parts = sum(1 for _ in parts_of(expressions)) + 1
         size = max(16, _MOST_NUMBERS // parts)
         for start in range(0, len(self.run.t), size):
-            rows = slice(start, start + size)
-            yield self.values(rows), len(self.run.t[rows])
+            block = slice(start, start + size)
+            yield self.values(block), len(self.run.t[block])
 
-    def values(self, rows: slice | NDArray[np.int64]) -> dict[Any, Any]:
+    def values(self, states: slice | NDArray[np.int64]) -> dict[Any, Any]:
         """Return the values of all symbols at states of the run, in double."""
         system, run = self.system, self.run
-        at: dict[Any, Any] = {s: self.parameters[str(s)] for s in system.parameters}
-        at |= dict(zip(system.q, run.q[rows].astype(float).T, strict=True))
-        at |= dict(zip(system.p, run.p[rows].astype(float).T, strict=True))
+        symbol_values: dict[Any, Any] = {s: self.parameters[str(s)] for s in system.parameters}
+        symbol_values |= dict(zip(system.q, run.q[states].astype(float).T, strict=True))
+        symbol_values |= dict(zip(system.p, run.p[states].astype(float).T, strict=True))
         if system.time is not None:
-            at[system.time] = run.t[rows]
-        return at
+            symbol_values[system.time] = run.t[states]
+        return symbol_values
 
 
 def _largest_of(states: Any) -> Array:

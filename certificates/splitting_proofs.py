@@ -84,8 +84,8 @@ class _Flow:
         ring = Quotient({**unit_quaternions([q]), **self.squares})
         state = {**dict(zip(q, self.q, strict=True)), **dict(zip(l, self.l, strict=True))}
 
-        def equal(left: Sequence[sp.Expr], right: Sequence[sp.Expr]) -> bool:
-            return all(ring.vanishes(x - y) for x, y in zip(left, right, strict=True))
+        def equal(expressions: Sequence[sp.Expr], expected: Sequence[sp.Expr]) -> bool:
+            return all(ring.vanishes(x - y) for x, y in zip(expressions, expected, strict=True))
 
         field = [*_turning(q, self.left, self.right), *self.force]
         yield Proof(self.name, "the field of H is 2q̇ = W q + q w", equal(
@@ -93,11 +93,11 @@ class _Flow:
         yield Proof(self.name, f"W and w along {self.equation}", equal(
             [x.xreplace(state) for x in (*self.left, *self.right)],
             [x.xreplace({rate: _RATE}) for x in (*self.along[0], *self.along[1])]))
-        moved = [sp.Add(*(derivative(x, y) * r for y, r in self.rates.items()))
-                 for x in (*self.q, *self.l)]
+        time_derivative = [sp.Add(*(derivative(x, y) * r for y, r in self.rates.items()))
+                           for x in (*self.q, *self.l)]
         yield Proof(self.name, f"d/dt {self.equation} = (½ W q + ½ q w, f)", equal(
-            moved, [*_turning(self.q, *self.along),
-                    *(x.xreplace(state) for x in self.force)]))
+            time_derivative, [*_turning(self.q, *self.along),
+                              *(x.xreplace(state) for x in self.force)]))
         start = {x: sp.Integer(x in (C, D, E)) for x in self.rates}
         yield Proof(self.name, f"{self.equation} = (q, l) at t = 0", equal(
             [x.xreplace(start) for x in (*self.q, *self.l)], (*q, *l)))
@@ -117,8 +117,8 @@ def _field(H: sp.Expr, drag: sp.Expr) -> list[sp.Expr]:
     l_rate = (space_matrix(q_rate) * sp.Matrix(p)
               - space_matrix(q) * sp.Matrix([derivative(H, x) for x in q])) / 2
     momenta = dict(zip(p, 2 * space_matrix(q).T * sp.Matrix(l), strict=True))
-    found = [x.xreplace(momenta) for x in (*q_rate, *l_rate)]
-    return [*found[:4], *(x - drag * y for x, y in zip(found[4:], l, strict=True))]
+    rates = [x.xreplace(momenta) for x in (*q_rate, *l_rate)]
+    return [*rates[:4], *(x - drag * y for x, y in zip(rates[4:], l, strict=True))]
 
 
 def _product(x: Sequence[sp.Expr], y: Sequence[sp.Expr]) -> list[sp.Expr]:
@@ -137,19 +137,19 @@ def _flows() -> Iterator[_Flow]:
     axis = d * along**2 / 2 + c * along
     squared, size = (sp.Add(*(x**2 for x in v)) for v in (l, omega))
     unit = {e[0]: 1 - e[1]**2 - e[2]**2}
-    left, right = [C, *(N * x for x in l)], [D, *(M * x for x in e)]
+    left_quaternion, right_quaternion = [C, *(N * x for x in l)], [D, *(M * x for x in e)]
     turned, about = [a * x for x in l], [(_RATE + c) * x for x in e]
     yield _Flow(
-        "sphere", "(exp(½ t a l) q, l)", sphere, turned, none, _product(left, q), l,
+        "sphere", "(exp(½ t a l) q, l)", sphere, turned, none, _product(left_quaternion, q), l,
         (turned, none), {C: -half * a * squared * N, N: half * a * C}, {C: 1 - squared * N**2})
     yield _Flow(
-        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, none, about, _product(q, right), l,
-        (none, [(rate + c) * x for x in e]),
+        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, none, about,
+        _product(q, right_quaternion), l, (none, [(rate + c) * x for x in e]),
         {D: -half * (rate + c) * M, M: half * (rate + c) * D}, unit | {D: 1 - M**2})
     yield _Flow(
         "symmetric body with drag", "(exp(½ s a l) q exp(½ (s d (e·m) + c t) e), E l)",
-        sphere + axis, turned, about, _product(_product(left, q), right), [E * x for x in l],
-        ([E * x for x in turned], [(E * rate + c) * x for x in e]),
+        sphere + axis, turned, about, _product(_product(left_quaternion, q), right_quaternion),
+        [E * x for x in l], ([E * x for x in turned], [(E * rate + c) * x for x in e]),
         {C: -half * a * E * squared * N, N: half * a * E * C, D: -half * (rate * E + c) * M,
          M: half * (rate * E + c) * D, E: -k * E},
         unit | {C: 1 - squared * N**2, D: 1 - M**2}, k, [-k * x for x in l])
@@ -204,29 +204,29 @@ class _Ring:
         self.bodies = [(q, [self.system.p[i] for i in body.q])
                        for q, body in zip(splitting.quaternions, splitting.bodies, strict=True)]
         self.body_of = {x: b for b, (q, p) in enumerate(self.bodies) for x in (*q, *p)}
-        others = (*self.system.q, *self.system.p, *self.system.parameters)
-        self.order = {x: k for k, x in enumerate(others)}
-        self.known: dict[sp.Expr, bool] = {}
+        symbols = (*self.system.q, *self.system.p, *self.system.parameters)
+        self.order = {x: k for k, x in enumerate(symbols)}
+        self.vanishing: dict[sp.Expr, bool] = {}
 
     def vanishes(self, expression: sp.Expr) -> bool:
         """Whether an expression is proved to vanish on the phase space."""
         symbols = expression.free_symbols
-        found = sorted({self.body_of[x] for x in symbols if x in self.body_of})
+        bodies = sorted({self.body_of[x] for x in symbols if x in self.body_of})
         quaternions: list[Sequence[sp.Symbol]] = []
         names: dict[sp.Symbol, sp.Expr] = {}
-        for slot, b in enumerate(found):
+        for slot, b in enumerate(bodies):
             x = sp.symbols(f"_q{slot}_0:4", real=True)
             m = sp.Matrix(sp.symbols(f"_m{slot}_1:4", real=True))
             q, p = self.bodies[b]
             names |= dict(zip((*q, *p), (*x, *(2 * left_matrix(x).T * m)), strict=True))
             quaternions.append(x)
-        rest = sorted((x for x in symbols if x in self.order and x not in names),
-                      key=self.order.__getitem__)
-        names |= {x: sp.Symbol(f"_k{k}", **x.assumptions0) for k, x in enumerate(rest)}
+        other_symbols = sorted((x for x in symbols if x in self.order and x not in names),
+                               key=self.order.__getitem__)
+        names |= {x: sp.Symbol(f"_k{k}", **x.assumptions0) for k, x in enumerate(other_symbols)}
         local = expression.xreplace(names)
-        if local not in self.known:
-            self.known[local] = Quotient(unit_quaternions(quaternions)).vanishes(local)
-        return self.known[local]
+        if local not in self.vanishing:
+            self.vanishing[local] = Quotient(unit_quaternions(quaternions)).vanishes(local)
+        return self.vanishing[local]
 
     def keeps(self, J: sp.Expr, e: sp.Expr) -> bool:
         """Whether {J, e} = 0 is proved: for the arguments of functions and roots, or for e."""
@@ -234,8 +234,8 @@ class _Ring:
         if not e.free_symbols & self.body_of.keys() | e.free_symbols & {*q, *p}:
             return True
         if e.is_Add:
-            rest = [x for x in e.args if not self._keeps_arguments(J, x)]
-            return self.vanishes(bracket(J, sp.Add(*rest), q, p))
+            terms = [x for x in e.args if not self._keeps_arguments(J, x)]
+            return self.vanishes(bracket(J, sp.Add(*terms), q, p))
         return self._keeps_arguments(J, e) or self.vanishes(bracket(J, e, q, p))
 
     def _keeps_arguments(self, J: sp.Expr, e: sp.Expr) -> bool:
@@ -247,20 +247,20 @@ class _Ring:
 
 def hamiltonians(splitting: Splitting) -> list[tuple[str, sp.Expr]]:
     """Return the parts as functions of q and p of the system, with their names."""
-    system, found = splitting.system, []
+    system, parts = splitting.system, []
     for body, x in zip(splitting.bodies, splitting.quaternions, strict=True):
         y = [system.p[i] for i in body.q]
         m = left_matrix(x) * sp.Matrix(y) / 2
-        found.append((f"½ a |m|² of {body.name}", body.a * m.dot(m) / 2))
+        parts.append((f"½ a |m|² of {body.name}", body.a * m.dot(m) / 2))
         for axis in (*body.axes, *body.further):
             along = sp.Matrix(axis.axis).dot(m)
-            found.append((f"axis {axis.axis} of {body.name}",
+            parts.append((f"axis {axis.axis} of {body.name}",
                           axis.d * along**2 / 2 + axis.c * along))
     move = splitting.translation
     if move is not None:
         terms = [x * system.p[i] * system.p[j] / 2 for (i, j), x in move.inverse_mass.items()]
         terms += [x * system.p[i] for i, x in move.velocity.items()]
-        found.append(("translation", sp.Add(*terms)))
+        parts.append(("translation", sp.Add(*terms)))
     for space in splitting.space:
         J = sp.zeros(3, 1)
         for b in space.bodies:
@@ -270,19 +270,19 @@ def hamiltonians(splitting: Splitting) -> list[tuple[str, sp.Expr]]:
             r, y = (sp.Matrix([side[i] if i >= 0 else 0 for i in point])
                     for side in (system.q, system.p))
             J += r.cross(y)
-        found.append(("−ω·J", -sp.Matrix(space.omega).dot(J)))
-    return [(name, x) for name, x in (*found, ("V", splitting.V)) if x != 0]
+        parts.append(("−ω·J", -sp.Matrix(space.omega).dot(J)))
+    return [(name, x) for name, x in (*parts, ("V", splitting.V)) if x != 0]
 
 
 def prove_splitting(splitting: Splitting) -> tuple[Proof, ...]:
-    """Prove that the parts add up to H, body by body, and that those of T commute.
+    """Prove that the parts add up to H, body by body, and that the parts of T commute.
 
     Where bodies were taken as symmetric, both hold where the conditions do.
     """
     ring, system = _Ring(splitting), splitting.system
-    where = _solved(splitting.conditions)
-    H = [x.xreplace(where) for x in sp.Add.make_args(system.H)]
-    parts = [y for _, x in hamiltonians(splitting) for y in sp.Add.make_args(x.xreplace(where))]
+    solution = _solved(splitting.conditions)
+    H = [x.xreplace(solution) for x in sp.Add.make_args(system.H)]
+    parts = [y for _, x in hamiltonians(splitting) for y in sp.Add.make_args(x.xreplace(solution))]
     terms = [*H, *(-x for x in parts)]
     sums = all(ring.vanishes(sp.Add(*group)) for group in _by_momenta(terms, system.p)) or (
         ring.vanishes(sp.Add(*terms)))  # such as (p − A(q))²: part of it has no momenta
@@ -299,35 +299,37 @@ def _by_momenta(
     terms: Sequence[sp.Expr], p: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
     """Return terms in groups without common momenta; the first is of terms without any."""
-    place = {x: i for i, x in enumerate(p)}
-    sets = [frozenset(place[x] for x in e.free_symbols if x in place) for e in terms]
-    group_of = {x: k for k, part in enumerate(connected([s for s in sets if s]), 1) for x in part}
-    found: dict[int, list[sp.Expr]] = defaultdict(list)
+    index_of = {x: i for i, x in enumerate(p)}
+    sets = [frozenset(index_of[x] for x in e.free_symbols if x in index_of) for e in terms]
+    group_of = {x: k for k, group in enumerate(connected([s for s in sets if s]), 1) for x in group}
+    groups: dict[int, list[sp.Expr]] = defaultdict(list)
     for x, symbols in zip(terms, sets, strict=True):
-        found[group_of[next(iter(symbols))] if symbols else 0].append(x)
-    return list(found.values())
+        groups[group_of[next(iter(symbols))] if symbols else 0].append(x)
+    return list(groups.values())
 
 
 def _solved(conditions: Sequence[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
     """Return symbols for which conditions can be solved, with their solutions."""
-    found: dict[sp.Symbol, sp.Expr] = {}
+    solution: dict[sp.Symbol, sp.Expr] = {}
     for e in conditions:
-        rest = e.xreplace(found)
-        x = max((x for x in rest.free_symbols if sp.degree(rest, x) == 1), key=str, default=None)
+        remainder = e.xreplace(solution)
+        x = max((x for x in remainder.free_symbols if sp.degree(remainder, x) == 1), key=str,
+                default=None)
         if x is not None:
-            found[x] = sp.solve(rest, x)[0]
-    return found
+            solution[x] = sp.solve(remainder, x)[0]
+    return solution
 
 
 def _meeting(
     parts: Sequence[sp.Expr], p: Sequence[sp.Symbol]
 ) -> Iterator[tuple[sp.Expr, sp.Expr]]:
-    """Yield pairs of parts with a momentum in common; others without p or q in common commute."""
-    at: dict[sp.Symbol, list[int]] = defaultdict(list)
+    """Yield pairs of parts that share a momentum: the only pairs that may not commute."""
+    parts_with: dict[sp.Symbol, list[int]] = defaultdict(list)
     for k, x in enumerate(parts):
         for symbol in x.free_symbols.intersection(p):
-            at[symbol].append(k)
-    for i, j in sorted({pair for places in at.values() for pair in combinations(places, 2)}):
+            parts_with[symbol].append(k)
+    for i, j in sorted({pair for indices in parts_with.values()
+                        for pair in combinations(indices, 2)}):
         yield parts[i], parts[j]
 
 
@@ -338,10 +340,10 @@ def prove_gradient(splitting: Splitting) -> Proof:
     inner = bracket(T, splitting.V, system.q, system.p)
     G = -bracket(splitting.V, inner, system.q, system.p)
     torques = [space_torque(x, [-derivative(G, y) for y in x]) for x in splitting.quaternions]
-    wanted = [*chain(*torques), *(-derivative(G, system.q[i]) for i in splitting.points)]
-    found = [*chain(*splitting.gradient.torques), *splitting.gradient.forces]
+    forces_of_G = [*chain(*torques), *(-derivative(G, system.q[i]) for i in splitting.points)]
+    kick_forces = [*chain(*splitting.gradient.torques), *splitting.gradient.forces]
     return Proof("force gradient", "kick of G = −{V, {T, V}}", all(
-        ring.vanishes(x - expand_shared(y)) for x, y in zip(wanted, found, strict=True)))
+        ring.vanishes(x - expand_shared(y)) for x, y in zip(forces_of_G, kick_forces, strict=True)))
 
 
 def is_invariant(splitting: Splitting, J: sp.Expr) -> bool:
@@ -360,7 +362,7 @@ def is_invariant(splitting: Splitting, J: sp.Expr) -> bool:
 def invariants(splitting: Splitting) -> tuple[tuple[str, sp.Expr], ...]:
     """Return momentum maps with a name that every part leaves invariant, each with its J."""
     system = splitting.system
-    found: dict[sp.Expr, str] = {}
+    names: dict[sp.Expr, str] = {}
     for field in known_fields(system):
-        found.setdefault(field.momentum(system.q, system.p), field.name)
-    return tuple((name, J) for J, name in found.items() if is_invariant(splitting, J))
+        names.setdefault(field.momentum(system.q, system.p), field.name)
+    return tuple((name, J) for J, name in names.items() if is_invariant(splitting, J))

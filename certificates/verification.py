@@ -43,8 +43,8 @@ class Verification:
     conditions: list[Condition]
 
     def __repr__(self) -> str:
-        held = sum(line.holds for line in self.conditions)
-        return (f"<Verification of {self.name}: order {self.order}, {held} of "
+        satisfied = sum(line.holds for line in self.conditions)
+        return (f"<Verification of {self.name}: order {self.order}, {satisfied} of "
                 f"{len(self.conditions)} conditions hold>")
 
     @property
@@ -53,35 +53,37 @@ class Verification:
         return all(line.holds for line in self.conditions)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the verdict as JSON can hold it."""
+        """Return the result for JSON."""
         return {"name": self.name, "order": self.order, "holds": self.holds,
                 "conditions": [asdict(line) for line in self.conditions]}
 
 
 def verify_stepper(spec: Spec) -> Verification:
     """Check the stepper of a spec; a tableau that violates conditions is checked all the same."""
-    made = generate(spec, allow_invalid=True)
-    if isinstance(made.scheme, SplittingScheme):
-        conditions = [*_parts(made.scheme.symmetric), *(
-            line for one in made.scheme.compositions for line in check_composition(one))]
-    elif made.tableau is None:
-        conditions = check_mean_scheme(made.scheme)  # type: ignore[arg-type]
+    generated = generate(spec, allow_invalid=True)
+    if isinstance(generated.scheme, SplittingScheme):
+        conditions = [*_splitting_proofs(generated.scheme.symmetric), *(
+            line for composition in generated.scheme.compositions
+            for line in check_composition(composition))]
+    elif generated.tableau is None:
+        conditions = check_mean_scheme(generated.scheme)  # type: ignore[arg-type]
     else:
         conditions = [
-            *check_tableau(made.tableau),
-            *([] if refusal_of_velocity_rows(made.tableau) else
-              velocity_conditions(made.tableau, velocity_matrix(made.tableau))),
-            *(energy_conditions(made.tableau) if spec.energy else []),
-            _measured(made.tableau),
-            _compiled(made, made.tableau, spec.real),
-            *_symmetrised(made.tableau, spec.real),
+            *check_tableau(generated.tableau),
+            *([] if refusal_of_velocity_rows(generated.tableau) else
+              velocity_conditions(generated.tableau, velocity_matrix(generated.tableau))),
+            *(energy_conditions(generated.tableau) if spec.energy else []),
+            _measured(generated.tableau),
+            _compiled(generated, generated.tableau, spec.real),
+            *_scaled_coefficients(generated.tableau, spec.real),
         ]
-    return Verification(made.source.name, f"{made.source.name}, order {made.scheme.order}",
-                        made.scheme.order, conditions)
+    return Verification(generated.source.name,
+                        f"{generated.source.name}, order {generated.scheme.order}",
+                        generated.scheme.order, conditions)
 
 
-def _parts(splitting: Splitting) -> list[Condition]:
-    """What was proved of the parts of H."""
+def _splitting_proofs(splitting: Splitting) -> list[Condition]:
+    """Return the proofs about the parts of H as conditions."""
     return [Condition(proof.name, proof.equation, "proved" if proof.holds else "not proved",
                       holds=proof.holds, residual="0" if proof.holds else "-", required=True)
             for proof in (*prove_splitting(splitting), *prove_flows())]
@@ -95,11 +97,11 @@ def verify_composition(composition: Composition) -> Verification:
 
 
 def _measured(tableau: Tableau) -> Condition:
-    """The order seen on a constrained test problem: at least the one that the conditions prove."""
+    """Check the order measured on a constrained test problem: at least the proved one."""
     name, equation = "order, measured", "log2 of the local error's ratio for h, h/2, less 1"
     try:
-        found = observed_order(tableau)
-    except HiddenOrderError as error:  # nothing is known, and nothing said against the tableau
+        slope = observed_order(tableau)
+    except HiddenOrderError as error:  # no measurement, which is no evidence against the tableau
         return Condition(name, equation, str(error), holds=True, residual="not measured")
     except ArithmeticError as error:  # conditions above say why there is no step
         return Condition(name, equation, str(error), holds=False, residual="no step",
@@ -107,22 +109,22 @@ def _measured(tableau: Tableau) -> Condition:
     return Condition(
         name,
         equation,
-        f"{found:.3f}{', more than is proved' if round(found) > tableau.order else ''}",
-        holds=round(found) >= tableau.order and abs(found - round(found)) < 0.2,
-        residual=f"{found - tableau.order:.1e}",
+        f"{slope:.3f}{', more than is proved' if round(slope) > tableau.order else ''}",
+        holds=round(slope) >= tableau.order and abs(slope - round(slope)) < 0.2,
+        residual=f"{slope - tableau.order:.1e}",
         required=True,
     )
 
 
-def _compiled(made: Generated, tableau: Tableau, real_name: RealName) -> Condition:
+def _compiled(generated: Generated, tableau: Tableau, real_name: RealName) -> Condition:
     """The coefficients in the compiled module against the correctly rounded exact ones."""
-    stepper = Stepper(made.source.name, made.source.files())
+    stepper = Stepper(generated.source.name, generated.source.files())
     real = REALS[real_name]
     exact = tableau.map_enclosures(real.round)
-    wanted = [e for field in FIELDS for row in exact[field]
-              for e in (row if isinstance(row, list) else [row])]
-    total, compiled = len(wanted), stepper.binding.coefficients()
-    different = sum(a != b for a, b in zip(compiled, wanted, strict=True))
+    exact_coefficients = [e for field in FIELDS for row in exact[field]
+                          for e in (row if isinstance(row, list) else [row])]
+    total, compiled = len(exact_coefficients), stepper.binding.coefficients()
+    different = sum(a != b for a, b in zip(compiled, exact_coefficients, strict=True))
     return Condition(
         "compiled coefficients",
         f"equal to the exact ones, correctly rounded to {real.c_type}",
@@ -133,7 +135,7 @@ def _compiled(made: Generated, tableau: Tableau, real_name: RealName) -> Conditi
     )
 
 
-def _symmetrised(tableau: Tableau, real_name: RealName) -> list[Condition]:
+def _scaled_coefficients(tableau: Tableau, real_name: RealName) -> list[Condition]:
     """The coefficients of the fast path: scaled by the weights, rounded in pairs x, 1 − x."""
     fast, real = FastTableau(tableau), REALS[real_name]
     if fast.refusal is not None:
@@ -141,11 +143,11 @@ def _symmetrised(tableau: Tableau, real_name: RealName) -> list[Condition]:
     if tableau.claims.get("symplectic") == 0:  # it has no pairs to be kept
         return []
     errors = fast.rounding_errors(real)
-    most = max(abs(e) for e in errors) * 2**real.bits
+    largest_error = max(abs(e) for e in errors) * 2**real.bits
     return [Condition(
         "scaled coefficients of the fixed-point iteration",
         "mu^_ij + mu_ji = 1 and nu~_ij + nu_ji = 1 after rounding, in rational arithmetic",
-        f"{len(errors)} within {float(most):.2f} of 2^-{real.bits}",
+        f"{len(errors)} within {float(largest_error):.2f} of 2^-{real.bits}",
         holds=fast.is_symplectic(real),
         residual="0" if fast.is_symplectic(real) else "not symplectic after rounding",
         required=False,
