@@ -38,9 +38,9 @@ class LoopDrift:
         ∮ p·dq at the start.
     scale : float
         ∮ Σ s_i |dq_i| + r_i |dp_i| at its largest, with the round-off r and s of q and p in units
-        of ε: what ε of the states is worth in ∮ p·dq.
+        of ε: the effect on ∮ p·dq of an error ε in the states.
     drift : float
-        Largest |I_k − I_0| over the instants looked at.
+        Largest |I_k − I_0| over the measured instants.
     halfway : float
         The same over the first half of the run.
     points : int

@@ -75,13 +75,13 @@ def list_axis(name: str, columns: Mapping[str, Any]) -> Axis:
     """
     if not columns:
         raise InputError(f"The list {name!r} is empty; give it a column for each quantity.")
-    found = {key: _numbers(key, values) for key, values in columns.items()}
-    lengths = {key: len(values) for key, values in found.items()}
+    columns_as_numbers = {key: _numbers(key, values) for key, values in columns.items()}
+    lengths = {key: len(values) for key, values in columns_as_numbers.items()}
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{key} has {length}" for key, length in lengths.items())
-        raise InputError(f"The columns of the list {name!r} have different lengths: {said}; give "
-                         "each the same number of values.")
-    return Axis(name, found)
+        lengths_text = ", ".join(f"{key} has {length}" for key, length in lengths.items())
+        raise InputError(f"The columns of the list {name!r} have different lengths: "
+                         f"{lengths_text}; give each the same number of values.")
+    return Axis(name, columns_as_numbers)
 
 
 def random_axis(name: str, ranges: Mapping[str, Any], count: Any, seed: int) -> Axis:
@@ -97,11 +97,11 @@ def random_axis(name: str, ranges: Mapping[str, Any], count: Any, seed: int) -> 
         raise InputError("A random list has no column; give each quantity a range, for example "
                          "gamma = { from = 1e-4, to = 1e-3 }.")
     count = _count(name, count)
-    numbers = np.random.default_rng(seed)
+    generator = np.random.default_rng(seed)
     columns = {}
     for key, table in ranges.items():
         low, high, spacing = _range(key, table)
-        share = numbers.random(count)
+        share = generator.random(count)
         columns[key] = (low + (high - low) * share if spacing == "linear"
                         else low * (high / low) ** share)
     return Axis(name, columns)
@@ -153,16 +153,16 @@ def as_rows(name: str, values: Any, width: int | None = None) -> Array:
     InputError
     """
     try:
-        rows = np.array(values, dtype=float)
+        table = np.array(values, dtype=float)
     except (ValueError, TypeError, OverflowError) as error:
         raise InputError(f"{name} = {_short(values)} is no table of numbers; give a row of them "
                          "for each start.") from error
-    if not np.isfinite(rows).all():
+    if not np.isfinite(table).all():
         raise InputError(f"{name} = {_short(values)} is not finite; mend it.")
-    if rows.ndim != 2 or not rows.size or (width is not None and rows.shape[1] != width):
-        raise InputError(f"{name} has shape {rows.shape}; give rows of "
+    if table.ndim != 2 or not table.size or (width is not None and table.shape[1] != width):
+        raise InputError(f"{name} has shape {table.shape}; give rows of "
                          f"{'equally many' if width is None else width} numbers.")
-    return rows
+    return table
 
 
 def _count(name: str, count: Any) -> int:
@@ -172,11 +172,11 @@ def _count(name: str, count: Any) -> int:
     ------
     InputError
     """
-    number = as_positive_count(f"{name}: count", count, least=1)
-    if number > _MOST_VALUES:
-        raise InputError(f"{name}: count = {number} is too large; an axis has at most "
+    value_count = as_positive_count(f"{name}: count", count, least=1)
+    if value_count > _MOST_VALUES:
+        raise InputError(f"{name}: count = {value_count} is too large; an axis has at most "
                          f"{_MOST_VALUES} values.")
-    return number
+    return value_count
 
 
 def _spaced(name: str, table: Mapping[str, Any]) -> Array:

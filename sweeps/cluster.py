@@ -63,58 +63,59 @@ def run_tiles(
 ) -> None:
     """Compute tiles on the workers of a cluster.
 
-    A store's tiles are written by the workers. A worker that dies loses what it was at: another
-    one does it again, and writes the same bytes. Where workers keep dying the scheduler blames all
-    tiles that they had; these are done last and one at a time, and what then still kills is left.
+    Workers write the tiles of a store. If a worker dies, another one computes its tiles again and
+    writes the same bytes. If workers keep dying, the scheduler blames all tiles that they had;
+    these are computed last, one at a time, and a tile that kills its workers then too is abandoned.
 
     Raises
     ------
     GyrosparkError
-        If tiles are left because workers died again and again at them, or the cluster has lost its
+        If tiles are abandoned because workers died at them repeatedly, or the cluster has lost its
         workers for good.
     """
     from distributed.scheduler import KilledWorker
 
     remote = sink if isinstance(sink, StoreSink) else None
-    ended: SimpleQueue[Any] = SimpleQueue()
-    begun: dict[str, tuple[Any, Tile]] = {}
+    finished_futures: SimpleQueue[Any] = SimpleQueue()
+    submitted: dict[str, tuple[Any, Tile]] = {}
     blamed: list[Tile] = []
-    left: list[Tile] = []
-    memory = _ClusterMemory(client)
+    abandoned: list[Tile] = []
+    memory = _ClusterCapacity(client)
 
     def share() -> Any:
-        # A task, not scattered data: the scheduler makes it again when its workers have died.
+        # A task, not scattered data: the scheduler repeats it when its workers have died.
         return client.submit(_shared, study, fields, remote, pure=False)
 
     def begin(tile: Tile) -> None:
         future = client.submit(_compute, shared, tile, pure=False, retries=_RETRIES)
-        begun[future.key] = future, tile
-        future.add_done_callback(ended.put)
+        submitted[future.key] = future, tile
+        future.add_done_callback(finished_futures.put)
 
     def fill() -> None:
-        while len(begun) < memory.tiles and not interrupts.requested:
+        while len(submitted) < memory.tiles and not interrupts.requested:
             tile = next(tiles, None)
             if tile is None:
                 break
             begin(tile)
-        if not begun and blamed and not interrupts.requested:
-            last.add(blamed[-1].place)
+        if not submitted and blamed and not interrupts.requested:
+            retried_alone.add(blamed[-1].place)
             begin(blamed.pop())
 
     def withdraw() -> None:
         if interrupts.requested:
-            client.cancel([future for future, _ in begun.values() if future.status == "pending"])
+            client.cancel([future for future, _ in submitted.values()
+                           if future.status == "pending"])
 
-    shared, last = share(), set[tuple[int, ...]]()
+    shared, retried_alone = share(), set[tuple[int, ...]]()
     fill()
-    while begun:
+    while submitted:
         try:
-            future = ended.get(timeout=_CHECK_SECONDS)
+            future = finished_futures.get(timeout=_CHECK_SECONDS)
         except Empty:
             withdraw()
-            memory.measure(len(begun))
+            memory.measure(len(submitted))
             continue
-        _, tile = begun.pop(future.key)
+        _, tile = submitted.pop(future.key)
         if future.status == "finished":
             if remote is None:
                 sink.write(tile, future.result())
@@ -123,25 +124,25 @@ def run_tiles(
             if not interrupts.requested:
                 begin(tile)
         elif isinstance(future.exception(), KilledWorker):
-            (left if tile.place in last else blamed).append(tile)
+            (abandoned if tile.place in retried_alone else blamed).append(tile)
             shared = share()  # it may have been blamed as well
         else:
             raise future.exception()
         withdraw()
         fill()
-    if left:
+    if abandoned:
         raise GyrosparkError(
-            f"Tiles of the sweep that are not computed: {len(left)}. Workers died again and again "
-            "at them; give the workers more memory, and repeat the sweep with --resume."
+            f"Tiles of the sweep that are not computed: {len(abandoned)}. Workers died again and "
+            "again at them; give the workers more memory, and repeat the sweep with --resume."
         )
 
 
-class _ClusterMemory:
-    """How many tiles a cluster takes at a time; its workers are counted now and then."""
+class _ClusterCapacity:
+    """The number of tiles that a cluster takes at a time; its workers are counted every second."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
-        self._seen: float | None = None
+        self._last_worker_time: float | None = None
         self._count()
 
     @property
@@ -155,9 +156,9 @@ class _ClusterMemory:
         self._counted = time.monotonic()
         self.threads = int(sum(self._client.nthreads().values()))
         if self.threads:
-            self._seen = self._counted
+            self._last_worker_time = self._counted
 
-    def measure(self, begun: int) -> None:
+    def measure(self, submitted_count: int) -> None:
         """Check that workers exist to finish the submitted tiles.
 
         Raises
@@ -166,10 +167,11 @@ class _ClusterMemory:
             If the workers have gone and none has come for a long time.
         """
         self._count()
-        if self._seen is not None and self._counted > self._seen + _PATIENCE:
+        last = self._last_worker_time
+        if last is not None and self._counted > last + _PATIENCE:
             raise GyrosparkError(
-                f"The cluster has had no worker for {_PATIENCE} s; {begun} tiles were begun. Start "
-                "workers, and repeat the sweep with --resume.")
+                f"The cluster has had no worker for {_PATIENCE} s; {submitted_count} tiles were "
+                "begun. Start workers, and repeat the sweep with --resume.")
 
 
 def _shared(study: Study, fields: list[StoredField], sink: Sink | None) -> tuple[Any, ...]:

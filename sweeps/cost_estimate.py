@@ -48,19 +48,20 @@ class Estimate:
 
 
 def estimate(study: Study, fields: list[StoredField]) -> Estimate:
-    """Time samples of neighbouring cells, spread evenly over the axes, a part of their steps."""
+    """Return the cost from timed samples of cells, spread evenly over the axes, with few steps."""
     tiles, steps = _counts(study)
-    places = [_sample(study, i) for i in range(_SAMPLES)]
-    timed = {tile.place: tile for tile in places}  # each once: a small grid has few
-    seconds = {place: _seconds_a_step(study, tile) for place, tile in timed.items()}
-    samples = [seconds[tile.place] for tile in places]
-    mean = float(np.mean(samples))
-    spread = 2 * float(np.std(samples, ddof=1)) / math.sqrt(len(samples))
-    row = sum(field.row_bytes for field in fields)
-    whole = row * math.prod(tile_shape(study))  # the last tile of an axis is padded
+    samples = [_sample(study, i) for i in range(_SAMPLES)]
+    distinct_tiles = {tile.place: tile for tile in samples}  # each once: a small grid has few
+    seconds = {tile_place: _seconds_a_step(study, tile)
+               for tile_place, tile in distinct_tiles.items()}
+    sample_seconds = [seconds[tile.place] for tile in samples]
+    mean = float(np.mean(sample_seconds))
+    two_errors = 2 * float(np.std(sample_seconds, ddof=1)) / math.sqrt(len(sample_seconds))
+    cell_bytes = sum(field.row_bytes for field in fields)
+    tile_bytes = cell_bytes * math.prod(tile_shape(study))  # the last tile of an axis is padded
     return Estimate(
-        study.size, tiles, steps, steps * mean, steps * max(mean - spread, 0.0),
-        steps * (mean + spread), tiles * whole, tiles * len(fields), 2 * whole,
+        study.size, tiles, steps, steps * mean, steps * max(mean - two_errors, 0.0),
+        steps * (mean + two_errors), tiles * tile_bytes, tiles * len(fields), 2 * tile_bytes,
     )
 
 
@@ -70,28 +71,29 @@ def _counts(study: Study) -> tuple[int, int]:
     return math.prod(tile_counts(study)), int(steps.sum()) * (study.size // len(steps))
 
 
-def _sample(study: Study, number: int) -> Tile:
-    """Return some neighbouring cells, as many as fit along the last axis.
+def _sample(study: Study, sample_index: int) -> Tile:
+    """Return up to ``_CELLS`` neighbouring cells along the last axis.
 
-    Their places are those of an additive recurrence, x_i = i φ^-k mod 1 along axis k, where
-    φ^(d+1) = φ + 1 for d axes: samples of any number are spread evenly, those of a few hard cells
-    neither missed nor counted twice (M. Roberts' R-sequence).
+    Sample i begins at x_i = ½ + i φ^-k mod 1 along axis k, with φ^(d+1) = φ + 1 for d axes: any
+    number of samples covers the axes evenly, so that a few hard cells are neither missed nor
+    counted twice (M. Roberts' R-sequence).
     """
     shape = study.shape
     ratio = 2.0
     for _ in range(64):
         ratio = (1 + ratio) ** (1 / (len(shape) + 1))
-    place = [int((0.5 + number * ratio**-k) % 1 * length) for k, length in enumerate(shape, 1)]
-    wide = min(shape[-1], _CELLS)
-    place[-1] = min(place[-1], shape[-1] - wide)
-    return Tile(tuple(place), tuple(
-        slice(i, i + (wide if axis == len(shape) - 1 else 1)) for axis, i in enumerate(place)))
+    origin = [int((0.5 + sample_index * ratio**-k) % 1 * length)
+              for k, length in enumerate(shape, 1)]
+    width = min(shape[-1], _CELLS)
+    origin[-1] = min(origin[-1], shape[-1] - width)
+    return Tile(tuple(origin), tuple(
+        slice(i, i + (width if axis == len(shape) - 1 else 1)) for axis, i in enumerate(origin)))
 
 
 def _seconds_a_step(study: Study, tile: Tile) -> float:
     """Return the CPU time of a step of these cells.
 
-    Two lengths are timed: their difference has no calls in it, and no first steps.
+    The difference of runs of two lengths excludes the calls and the first steps.
     """
     if study.steps is not None and study.steps <= 2 * _STEPS:
         short = replace(study, every=None)

@@ -1,4 +1,4 @@
-"""From what a caller asks for to a checked study."""
+"""The checked study from the arguments of ``sweep`` or of a study file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def plan(
 ) -> Study:
     """Return the checked study of a sweep; see ``sweep`` for the arguments."""
     over = as_mapping("over", over, '{"gamma": [4e-4, 8e-4]}')
-    given = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
+    parameter_values = {} if parameters is None else as_mapping("parameters", parameters,
+                                                                '{"mgl": 0.4}')
     if SCHEME in over:
         if scheme is not None or stages is not None:
             raise InputError("scheme varies along an axis; leave out scheme and stages.")
@@ -53,19 +54,19 @@ def plan(
         column for key, table in over.items() if key not in names and isinstance(table, Mapping)
         for column in table}
     axes, seed = [], None
-    for key, values in over.items():
+    for key, axis_values in over.items():
         if key in names:
-            axes.append(value_axis(key, values))
+            axes.append(value_axis(key, axis_values))
         elif key == START:
-            axes.append(starts(values, start, varied))
+            axes.append(starts(axis_values, start, varied))
         else:
-            axis, drawn = _points(key, values)
+            axis, drawn = _points(key, axis_values)
             axes.append(axis)
             seed = drawn if seed is None else seed
-    found = base_parameters(steppers[0], start, given, varied)
+    common_parameters = base_parameters(steppers[0], start, parameter_values, varied)
     study = checked_study(Study(
         name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
-        found, np.array(start.q0), np.array(start.p0), start.dt if dt is None else dt,
+        common_parameters, np.array(start.q0), np.array(start.p0), start.dt if dt is None else dt,
         seed=seed, **options))
     return _on_constraints(study)
 
@@ -82,13 +83,13 @@ def _points(name: str, table: Any) -> tuple[Axis, int | None]:
     return random_axis(name, ranges, table["count"], seed), seed
 
 
-def _warn_of_moved(stepper: Stepper, given: Any, moved: Any, what: str) -> None:
-    """Warn where a start was off the constraints by more than the round-off of some operations."""
-    old, new = (np.asarray(x, dtype=float) for x in (given, moved))
+def _warn_of_moved(stepper: Stepper, original: Any, moved: Any, kind_of_names: str) -> None:
+    """Warn if the projection moved a start by more than round-off."""
+    old, new = (np.asarray(x, dtype=float) for x in (original, moved))
     change = np.abs(new - old)
     k = int(np.argmax(change))
     if change[k] > _ROUNDING * stepper.binding.epsilon * np.abs(old).max():
-        name = getattr(stepper.manifest.system, what)[k]
+        name = getattr(stepper.manifest.system, kind_of_names)[k]
         warn(f"The start of the sweep is off the constraints; {name} = {old[k]:.9g} is moved "
              f"furthest, to {new[k]:.9g}.")
 
@@ -96,17 +97,17 @@ def _warn_of_moved(stepper: Stepper, given: Any, moved: Any, what: str) -> None:
 def _on_constraints(study: Study) -> Study:
     """Return the study with the model's start moved onto the constraints, to round-off.
 
-    The first cell's parameters do it; a cell for which the start is off the constraints says so.
-    States of an axis are somebody's own and stay, but for wider numbers, which they are off by a
-    double's round-off.
+    The projection has the parameters of the first cell; a cell for which the start is off the
+    constraints then gets that status. States of an axis are the caller's and stay, except in wider
+    number types, in which they are off by the round-off of a double.
     """
     stepper = study.steppers[0]
-    values = study.parameters | {name: float(axis.columns[name][0]) for axis in study.axes
-                                 for name in axis.columns if name in stepper.parameter_domains}
+    parameters = study.parameters | {name: float(axis.columns[name][0]) for axis in study.axes
+                                     for name in axis.columns if name in stepper.parameter_domains}
     wide = REALS[stepper.manifest.real].wide
 
     def moved(q: Any, p: Any) -> tuple[Any, Any]:
-        return stepper.project(q, p, parameters=values, t=study.t0)
+        return stepper.project(q, p, parameters=parameters, t=study.t0)
 
     if not study.varied("q"):
         q, p = moved(study.q, study.p)
@@ -119,8 +120,9 @@ def _on_constraints(study: Study) -> Study:
     axes = []
     for axis in study.axes:
         if "q" in axis.columns:
-            rows = [moved(q, p) for q, p in zip(axis.columns["q"], axis.columns["p"], strict=True)]
-            axis = replace(axis, columns={"q": np.stack([q for q, _ in rows]),
-                                          "p": np.stack([p for _, p in rows])})
+            projected = [moved(q, p)
+                         for q, p in zip(axis.columns["q"], axis.columns["p"], strict=True)]
+            axis = replace(axis, columns={"q": np.stack([q for q, _ in projected]),
+                                          "p": np.stack([p for _, p in projected])})
         axes.append(axis)
     return replace(study, axes=axes)

@@ -1,7 +1,7 @@
 """Results of cells, in memory or in a Zarr store whose regions workers write.
 
-A tile's arrays are written side by side, for a disk answers late, and ``status`` last: where its
-chunk is there, the tile is done and on the disk, and is never computed again.
+The arrays of a tile are written concurrently, to hide the latency of a disk, and ``status`` last:
+a tile whose ``status`` chunk exists is complete on the disk and is never computed again.
 """
 
 from __future__ import annotations
@@ -78,32 +78,32 @@ def meanings() -> dict[int, str]:
 
 
 def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredField]:
-    """Return the arrays of a sweep's result, of all or of those to keep; the status last.
+    """Return the arrays of a sweep's result, all or the ones in ``keep``; the status last.
 
     Raises
     ------
     InputError
-        If one to keep is none of them.
+        If a name in ``keep`` is no result.
     """
     stepper = study.steppers[0]
     body = stepper.manifest.system.rigid_body
     joule, momentum = ({"units": unit} if body else {} for unit in ("J", "kg m2 s-1"))
     state = (("coordinate", stepper.n),)
 
-    def number(name: str, text: str, **units: str) -> StoredField:
+    def scalar_field(name: str, text: str, **units: str) -> StoredField:
         return StoredField(name, (), {"long_name": text, **units})
 
     work = stepper.binding.has_forces
     error = "|H - H0 - W|" if work else "|H - H0|"
-    found = [
-        number("energy_start", "H at the start", **joule),
-        number("energy_error_max", f"largest {error} of all steps", **joule),
-        number("energy_error_mean", f"mean {error} of all steps", **joule),
-        number("constraint_max", "largest |g(q)| of all steps"),
-        number("constraint_mean", "mean |g(q)| of all steps"),
-        number("momentum_constraint_max", "largest |g_q H_p| of all steps"),
-        number("momentum_constraint_mean", "mean |g_q H_p| of all steps"),
-        number("iterations_mean", "iterations a step"),
+    fields = [
+        scalar_field("energy_start", "H at the start", **joule),
+        scalar_field("energy_error_max", f"largest {error} of all steps", **joule),
+        scalar_field("energy_error_mean", f"mean {error} of all steps", **joule),
+        scalar_field("constraint_max", "largest |g(q)| of all steps"),
+        scalar_field("constraint_mean", "mean |g(q)| of all steps"),
+        scalar_field("momentum_constraint_max", "largest |g_q H_p| of all steps"),
+        scalar_field("momentum_constraint_mean", "mean |g_q H_p| of all steps"),
+        scalar_field("iterations_mean", "iterations a step"),
         StoredField("iterations_max", (), {"long_name": "most iterations of a step"}, "i4"),
         StoredField("newton_steps", (), {"long_name": "steps that only Newton could do"}, "i8"),
         StoredField("steps_done", (), {"long_name": "steps done"}, "i8"),
@@ -111,41 +111,41 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
         StoredField("p", state, {"long_name": "momenta at the end", **momentum}),
     ]
     if work:
-        found.append(number("work", "work of the forces"))
-    found += [number(QUANTITY + name, f"quantity {name} at the end")
-              for name in stepper.binding.quantity_names]
+        fields.append(scalar_field("work", "work of the forces"))
+    fields += [scalar_field(QUANTITY + name, f"quantity {name} at the end")
+               for name in stepper.binding.quantity_names]
     for event in study.events:
-        what = f"{event.quantity} = {float(event.level):g}"
-        found += [number(first_of(event.name), f"time of the first {what}; NaN where none",
-                         units="s"),
-                  number(count_of(event.name), f"how often {what}")]
+        crossing = f"{event.quantity} = {float(event.level):g}"
+        fields += [scalar_field(first_of(event.name),
+                                f"time of the first {crossing}; NaN where none", units="s"),
+                   scalar_field(count_of(event.name), f"how often {crossing}")]
     if study.every is not None:
         samples = (("sample", study.most_steps // study.every + 1), *state)
-        found += [StoredField("q_samples", samples, {"long_name": "coordinates on the way"}),
-                  StoredField("p_samples", samples,
-                              {"long_name": "momenta on the way", **momentum})]
-    said = meanings()
+        fields += [StoredField("q_samples", samples, {"long_name": "coordinates on the way"}),
+                   StoredField("p_samples", samples,
+                               {"long_name": "momenta on the way", **momentum})]
+    status_texts = meanings()
     status = StoredField(STATUS, (), {
-        "long_name": "how the cell ended", "flag_values": list(said),
-        "flag_meanings": " ".join(text.replace(" ", "_") for text in said.values())}, "i1")
-    return [*_selected_fields(found, keep), status]
+        "long_name": "how the cell ended", "flag_values": list(status_texts),
+        "flag_meanings": " ".join(text.replace(" ", "_") for text in status_texts.values())}, "i1")
+    return [*_selected_fields(fields, keep), status]
 
 
-def _selected_fields(found: list[StoredField], keep: Iterable[str] | None) -> list[StoredField]:
-    names = [field.name for field in found]
-    wanted = names if keep is None else as_items("keep", keep, "results")
-    for name in wanted:
+def _selected_fields(fields: list[StoredField], keep: Iterable[str] | None) -> list[StoredField]:
+    names = [field.name for field in fields]
+    selected_names = names if keep is None else as_items("keep", keep, "results")
+    for name in selected_names:
         if not isinstance(name, str) or name not in (*names, STATUS):
             raise InputError(f"{shown(name)} is no result of this sweep; keep some of "
                              f"{', '.join(names)}{proposal(name, names)}.")
-    return [field for field in found if field.name in wanted]
+    return [field for field in fields if field.name in selected_names]
 
 
 class Sink(Protocol):
-    """Where the arrays of finished tiles go."""
+    """The destination of the arrays of finished tiles: memory or a store."""
 
     def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
-        """Keep the arrays of a tile."""
+        """Store the arrays of a tile."""
 
 
 class MemorySink:
@@ -162,8 +162,8 @@ class MemorySink:
 
     def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
         """Keep the arrays of a tile."""
-        for name, whole in self.arrays.items():
-            whole[tile.slices] = arrays[name]
+        for name, array in self.arrays.items():
+            array[tile.slices] = arrays[name]
 
     def dataset(self, attributes: dict[str, Any]) -> xarray.Dataset:
         """Return the results as an xarray Dataset."""
@@ -172,8 +172,9 @@ class MemorySink:
         dimensions = [axis.name for axis in self._study.axes]
         results = {f.name: ([*dimensions, *(name for name, _ in f.inner)], self.arrays[f.name],
                             f.attributes) for f in self._fields}
-        coordinates = {name: (inner, _labelled(name, values, said))
-                       for name, (inner, values, said) in _coordinates(self._study).items()}
+        coordinates = {name: (inner, _labelled(name, coordinate, attributes_of))
+                       for name, (inner, coordinate,
+                                  attributes_of) in _coordinates(self._study).items()}
         return _named(xarray.Dataset(results, coordinates, attributes))
 
 
@@ -189,13 +190,13 @@ class StoreSink:
         return {"path": self.path, "_arrays": {}}
 
     def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
-        """Write a tile; when this returns it is on the disk."""
+        """Write a tile; it is on the disk when this returns."""
         with storage_errors(self.path, CURE):
             if not self._arrays:
                 group = open_group(self.path, write=True)
                 self._arrays = {name: array_of(group, name) for name in arrays}
-            chunks = {name: Chunk(self._arrays[name], self._place(name, tile), values)
-                      for name, values in arrays.items()}
+            chunks = {name: Chunk(self._arrays[name], self._place(name, tile), array)
+                      for name, array in arrays.items()}
             last = chunks.pop(STATUS)
             if chunks:
                 write_chunks(list(chunks.values()))
@@ -220,44 +221,44 @@ def create_store(
         create_array(group, field.name, (*study.shape, *field.shape), (*chunks, *field.shape),
                      field.dtype, _fill(field),
                      [*dimensions, *(name for name, _ in field.inner)], field.attributes)
-    for name, (inner, values, said) in _coordinates(study).items():
-        create_array(group, name, values.shape, values.shape, values.dtype, 0, inner,
-                     said)[...] = values
+    for name, (inner, coordinate, coordinate_attributes) in _coordinates(study).items():
+        create_array(group, name, coordinate.shape, coordinate.shape, coordinate.dtype, 0, inner,
+                     coordinate_attributes)[...] = coordinate
     consolidate(path)
 
 
 def _coordinates(study: Study) -> dict[str, tuple[list[str], Array, dict[str, Any]]]:
-    """Return dimensions, values and attributes of what varies."""
-    found: dict[str, tuple[list[str], Array, dict[str, Any]]] = {}
+    """Return the coordinates along the axes: name → (dimensions, values, attributes)."""
+    coordinates: dict[str, tuple[list[str], Array, dict[str, Any]]] = {}
     for axis in study.axes:
         for name, values in axis.columns.items():
             if name in ("q", "p"):
-                found[f"{name}_start"] = ([axis.name, "coordinate"], values.astype(float), {})
+                coordinates[f"{name}_start"] = ([axis.name, "coordinate"], values.astype(float), {})
             else:
-                said = {"labels": list(axis.labels)} if name == SCHEME else {}
-                found[name] = ([axis.name], values, said)
-    return found
+                attributes = {"labels": list(axis.labels)} if name == SCHEME else {}
+                coordinates[name] = ([axis.name], values, attributes)
+    return coordinates
 
 
-def _labelled(name: str, values: Array, attributes: dict[str, Any]) -> Array:
+def _labelled(name: str, scheme_numbers: Array, attributes: dict[str, Any]) -> Array:
     """Return the labels along an axis: the names of schemes, not their numbers."""
-    return values if name != SCHEME else np.array(attributes["labels"])[values]
+    return scheme_numbers if name != SCHEME else np.array(attributes["labels"])[scheme_numbers]
 
 
 def _named(dataset: xarray.Dataset) -> xarray.Dataset:
-    """Return a result whose coordinates go by the names that the system gives them."""
+    """Return a result with the system's names along its dimensions, such as ``coordinate``."""
     system = Manifest.from_json(next(iter(dataset.attrs["manifests"].values()))).system
-    found: xarray.Dataset = dataset.assign_coords({
+    named: xarray.Dataset = dataset.assign_coords({
         dimension: (dimension, names, {"long_name": meaning})
         for dimension, (names, meaning) in labels_of(system).items() if dimension in dataset.dims})
-    return found
+    return named
 
 
 def done_tiles(path: Path) -> set[tuple[int, ...]]:
     """Return the places of the tiles whose last array is on the disk."""
     root = path / STATUS / "c"
     return {tuple(map(int, p.relative_to(root).parts)) for p in _files(root)
-            if all(part.isdigit() for part in p.relative_to(root).parts)}
+            if all(name.isdigit() for name in p.relative_to(root).parts)}
 
 
 def is_complete(study: Study, path: Path) -> bool:
@@ -270,12 +271,12 @@ def _files(root: Path) -> Iterable[Path]:
 
 
 def count_statuses(study: Study, path: Path) -> dict[int, int]:
-    """Return how many cells of a store ended in which way, a tile at a time."""
+    """Return the number of cells with each status, reading the store tile by tile."""
     array = array_of(open_group(path), STATUS)
     counts: Counter[int] = Counter()
     for tile in tiles_of(study):
-        values, number = np.unique(np.asarray(array[tile.slices]), return_counts=True)
-        counts.update(dict(zip(values.tolist(), number.tolist(), strict=True)))
+        statuses, cell_counts = np.unique(np.asarray(array[tile.slices]), return_counts=True)
+        counts.update(dict(zip(statuses.tolist(), cell_counts.tolist(), strict=True)))
     return dict(counts)
 
 
@@ -291,18 +292,18 @@ def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     root = as_path("path", path, "study.zarr")
     try:
-        about = attributes_of(open_group(root))
-        if about["sweep"]["format"] != FORMAT:
-            raise written_by(root, about["sweep"]["gyrospark"], f"its format is "
-                             f"{about['sweep']['format']}, and {FORMAT} is known here")
-        names = about["sweep"]["results"]
-        found: xarray.Dataset = xarray.open_zarr(root)
-        if SCHEME in found:
-            scheme = found[SCHEME]
-            found = found.assign_coords({SCHEME: (scheme.dims, _labelled(
+        attributes = attributes_of(open_group(root))
+        if attributes["sweep"]["format"] != FORMAT:
+            raise written_by(root, attributes["sweep"]["gyrospark"], f"its format is "
+                             f"{attributes['sweep']['format']}, and {FORMAT} is known here")
+        names = attributes["sweep"]["results"]
+        dataset: xarray.Dataset = xarray.open_zarr(root)
+        if SCHEME in dataset:
+            scheme = dataset[SCHEME]
+            dataset = dataset.assign_coords({SCHEME: (scheme.dims, _labelled(
                 SCHEME, np.asarray(scheme), scheme.attrs))})
-        axes = [name for name in found.variables if name not in names]
-        return _named(found.set_coords(axes)[names])
+        axes = [name for name in dataset.variables if name not in names]
+        return _named(dataset.set_coords(axes)[names])
     except InputError:
         raise
     except PermissionError as error:
@@ -313,30 +314,31 @@ def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
 
 
 def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
-    """Return the least and the largest value of a result and where they are, a tile at a time."""
+    """Return the extrema of a result and the axis values at them, reading tile by tile."""
     array = array_of(open_group(path), name)
     ends: dict[str, tuple[float, tuple[int, ...]]] = {}
     for tile in tiles_of(study):
-        part = np.asarray(array[tile.slices], dtype=float)
-        if not np.isfinite(part).any():
+        tile_values = np.asarray(array[tile.slices], dtype=float)
+        if not np.isfinite(tile_values).any():
             continue
         for end, pick, better in (("least", np.nanargmin, np.less), ("most", np.nanargmax,
                                                                     np.greater)):
-            place = np.unravel_index(int(pick(part)), part.shape)
-            value = float(part[place])
+            index = np.unravel_index(int(pick(tile_values)), tile_values.shape)
+            value = float(tile_values[index])
             if end not in ends or better(value, ends[end][0]):
                 ends[end] = value, tuple(s.start + int(i) for s, i in
-                                         zip(tile.slices, place, strict=True))
+                                         zip(tile.slices, index, strict=True))
     if not ends:
         return {"least": None, "most": None}
     return {end: value for end, (value, _) in ends.items()} | {
-        f"{end}_at": _values_at(study, place) for end, (_, place) in ends.items()}
+        f"{end}_at": _values_at(study, index) for end, (_, index) in ends.items()}
 
 
-def _values_at(study: Study, place: tuple[int, ...]) -> dict[str, Any]:
+def _values_at(study: Study, cell_index: tuple[int, ...]) -> dict[str, Any]:
     """Return the values of the axes at a cell."""
-    found: dict[str, Any] = {}
-    for axis, i in zip(study.axes, place, strict=True):
+    axis_values: dict[str, Any] = {}
+    for axis, i in zip(study.axes, cell_index, strict=True):
         for column, values in axis.columns.items():
-            found[column] = axis.labels[i] if column == SCHEME else np.asarray(values[i]).tolist()
-    return found
+            axis_values[column] = (
+                axis.labels[i] if column == SCHEME else np.asarray(values[i]).tolist())
+    return axis_values

@@ -50,7 +50,6 @@ __all__ = ["run_study", "sweep"]
 
 #: How to make a file of a sweep.
 _AS_FILE = "xarray writes the dataset that sweep(...) returns: .to_netcdf('sweep.nc')."
-#: Called with the number of cells that are done, and how many there are.
 
 
 def sweep(
@@ -154,7 +153,7 @@ def run_study(
     count = os.cpu_count() or 1
     threads = count if workers is None else as_positive_count("workers", workers, least=1)
     as_progress(progress)
-    _warn_of_turning(study)
+    _warn_of_fast_rotation(study)
     client = None if dask is None else cluster.client_of(dask)
     attributes = _attributes(study, fields)
     if out is None:
@@ -178,35 +177,35 @@ def run_study(
     return load_sweep(path)
 
 
-def _warn_of_turning(study: Study) -> None:
-    """Warn where a body turns too far in a step at the start of some cell, of the worst one."""
-    found: list[FastestRotation] = []
+def _warn_of_fast_rotation(study: Study) -> None:
+    """Warn of the largest |Ω Δt| of a body at the start of any cell, if it is too large."""
+    rotations: list[FastestRotation] = []
     for tile in tiles_of(study):
         cells = cells_of(study, tile)
         for scheme, stepper in enumerate(study.steppers):
-            some = cells.scheme == scheme
+            of_scheme = cells.scheme == scheme
             worst = stepper.rotations.fastest(
-                {name: x[some] for name, x in cells.parameters.items()}, cells.dt[some],
-                cells.q[some], cells.p[some]) if some.any() else None
-            found += [] if worst is None else [worst]
-    if found:
-        max(found, key=lambda one: one.radians / one.limit).warn()
+                {name: x[of_scheme] for name, x in cells.parameters.items()}, cells.dt[of_scheme],
+                cells.q[of_scheme], cells.p[of_scheme]) if of_scheme.any() else None
+            rotations += [] if worst is None else [worst]
+    if rotations:
+        max(rotations, key=lambda rotation: rotation.radians / rotation.limit).warn()
 
 
 def _prepare(
     study: Study, fields: list[StoredField], path: Path, attributes: dict[str, Any], resume: bool
 ) -> None:
-    """Make the store, or see that the one that is there belongs to this study."""
+    """Create the store, or check that the existing one belongs to this study."""
     if is_new(path, resume, "sweep"):
         with created_atomically(path) as fresh:
             create_store(fresh, study, fields, attributes)
         return
     try:
-        kept = attributes_of(open_group(path))["sweep"]
+        stored_attributes = attributes_of(open_group(path))["sweep"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StorageError(f"{str(path)!r} is no sweep that gyrospark stored, or damaged; choose "
                            "another store.") from error
-    refuse_if_different(kept, attributes["sweep"], f"The store {str(path)!r}")
+    refuse_if_different(stored_attributes, attributes["sweep"], f"The store {str(path)!r}")
     remove_parts(path)
 
 
@@ -214,41 +213,49 @@ def _compute(
     study: Study, fields: list[StoredField], done: set[tuple[int, ...]], sink: Sink, threads: int,
     client: Any, progress: Progress, path: Path | None,
 ) -> None:
-    """Compute the tiles that are not done."""
+    """Compute the remaining tiles.
+
+    Raises
+    ------
+    Stopped
+        After a signal.
+    """
     stored = path is not None
     cells = sum(_size(tile) for tile in tiles_of(study, stored) if tile.place in done)
-    left = (tile for tile in tiles_of(study, stored) if tile.place not in done)
+    remaining_tiles = (tile for tile in tiles_of(study, stored) if tile.place not in done)
     with (log_progress(f"sweeping {study.size:,} cells", study.size, progress) as report,
           catch_signals() if stored else catch_ctrl_c() as interrupts):
-        counted = _Count(cells, study.size, report)
-        counted.tell()
+        progress_count = _CellCount(cells, study.size, report)
+        progress_count.tell()
         if client is None:
-            compute_tile.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
+            compute_tile.run_tiles(study, fields, remaining_tiles, sink, threads, interrupts,
+                                   progress_count.add)
         else:
-            cluster.run_tiles(study, fields, left, sink, client, interrupts, counted.add)
+            cluster.run_tiles(study, fields, remaining_tiles, sink, client, interrupts,
+                              progress_count.add)
     if interrupts.requested:
-        raise Stopped(_end(counted, path), interrupts.signal)
+        raise Stopped(_interruption_text(progress_count, path), interrupts.signal)
 
 
-def _end(counted: _Count, path: Path | None) -> str:
+def _interruption_text(progress_count: _CellCount, path: Path | None) -> str:
     """Return the error of a sweep interrupted by a signal."""
     where = ".dataset" if path is None else repr(str(path))
-    if counted.done == counted.all:
-        return (f"Stopped after the last of {counted.all:,} cells: the sweep is complete, in "
-                f"{where}.")
-    more = "" if path is None else " The same command with --resume goes on."
-    return (f"Stopped with {counted.done:,} of {counted.all:,} cells done; they are in "
-            f"{where}.{more}")
+    if progress_count.done == progress_count.all:
+        return (f"Stopped after the last of {progress_count.all:,} cells: the sweep is complete, "
+                f"in {where}.")
+    hint = "" if path is None else " The same command with --resume goes on."
+    return (f"Stopped with {progress_count.done:,} of {progress_count.all:,} cells done; they are "
+            f"in {where}.{hint}")
 
 
-class _Count:
-    """Cells that are done."""
+class _CellCount:
+    """The number of finished cells, reported after each tile."""
 
     def __init__(self, done: int, everything: int, progress: Callable[..., Any] | None) -> None:
         self.done, self.all, self._progress = done, everything, progress
 
     def add(self, tile: Tile) -> None:
-        """Count a tile that is done."""
+        """Add the cells of a finished tile."""
         self.done += _size(tile)
         self.tell()
 
@@ -292,8 +299,8 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
 
 def _events(study: Study) -> dict[str, Any]:
     """Return the events as JSON, {} without events, as in earlier stores."""
-    return {"events": {one.name: [one.quantity, str(exact(one.level)), one.direction]
-                       for one in study.events}} if study.events else {}
+    return {"events": {event.name: [event.quantity, str(exact(event.level)), event.direction]
+                       for event in study.events}} if study.events else {}
 
 
 def _digest(values: Any) -> str:

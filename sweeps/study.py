@@ -29,7 +29,6 @@ Array = NDArray[Any]
 
 #: Quantities of a cell besides the stepper's parameters.
 _OWN = ("dt", SCHEME, "q", "p")
-#: Of an event, in the names of results.
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,31 +150,32 @@ def checked_study(study: Study) -> Study:
         raise InputError("every needs steps: with a duration cells have different numbers of them.")
     dt = None if study.varied("dt") else as_step(study.dt)
     choose("solver for sweeps:", study.solver, SOLVERS)
-    for one in study.steppers:
-        if REALS[one.manifest.real].in_mpmath:
+    for stepper_of_scheme in study.steppers:
+        if REALS[stepper_of_scheme.manifest.real].in_mpmath:
             raise InputError("A sweep's results are doubles: float128 is for single runs; choose "
                              "long-double, double or float.")
-        if study.solver == "fixed-point" and not one.binding.lanes:
-            raise InputError(f"{one.name} has no solver fixed-point: "
-                             f"{one.manifest.fast_path.reason}; choose auto or newton.")
+        if study.solver == "fixed-point" and not stepper_of_scheme.binding.lanes:
+            raise InputError(f"{stepper_of_scheme.name} has no solver fixed-point: "
+                             f"{stepper_of_scheme.manifest.fast_path.reason}; choose auto or "
+                             "newton.")
     return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt,
                    events=_events(study))
 
 
 def _events(study: Study) -> tuple[Event, ...]:
-    """Return the events, by names that results can have."""
+    """Return the events; refuse terminal ones, and names that results cannot have."""
     events = as_events(study.events, study.steppers[0].manifest.system.event_quantities)
-    for one in events:
-        if one.terminal:
-            raise InputError(f"The event {one.name!r} is terminal: it ends single runs. The cells "
-                             "of a sweep go on to their ends; ask for it without terminal=True, "
-                             "or stop, and look at its first time.")
+    for event in events:
+        if event.terminal:
+            raise InputError(f"The event {event.name!r} is terminal: it ends single runs. The "
+                             "cells of a sweep go on to their ends; ask for it without "
+                             "terminal=True, or stop, and look at its first time.")
     refuse_unusable_names(events, "results of a sweep")
     return events
 
 
 def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
-    """Refuse cells whose frame moves along what is no symmetry for their parameters."""
+    """Refuse cells whose frame moves along a field that is no symmetry at their parameters."""
     for symmetry in study.steppers[0].symmetries:
         if not symmetry.condition:
             continue
@@ -184,20 +184,20 @@ def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
                  for i in range(len(axis))]
                 for axis in study.axes if names & axis.columns.keys()]
         for parts in product(*axes):
-            refuse_broken([symmetry], {**fixed, **{k: v for part in parts
-                                                   for k, v in part.items()}})
+            refuse_broken([symmetry], {**fixed, **{k: v for point in parts
+                                                   for k, v in point.items()}})
 
 
 def _refuse_repetition(study: Study) -> None:
-    seen: dict[str, str] = {}
+    axis_of_column: dict[str, str] = {}
     for axis in study.axes:
-        if sum(axis.name == other.name for other in study.axes) > 1:
+        if sum(axis.name == other_axis.name for other_axis in study.axes) > 1:
             raise InputError(f"Two axes are named {axis.name!r}; give each its own name.")
         for column in axis.columns:
-            if column in seen:
-                raise InputError(f"{column!r} varies along {seen[column]!r} and along "
+            if column in axis_of_column:
+                raise InputError(f"{column!r} varies along {axis_of_column[column]!r} and along "
                                  f"{axis.name!r}; let one of them do.")
-            seen[column] = axis.name
+            axis_of_column[column] = axis.name
     if not study.axes:
         raise InputError("Nothing varies in this sweep; give an axis, for example "
                          '{"gamma": [4e-4, 8e-4, 16e-4]}.')
@@ -221,10 +221,11 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
                          f"{listed(choices)}{proposal(column, choices)}.")
     elif column in names:
         domain = stepper.parameter_domains[column]
-        wrong = {"positive": values <= 0, "nonzero": values == 0}.get(domain, values != values)
-        if wrong.any():
-            raise InputError(f"Parameter {column} = {values[wrong][0]} is not {domain}; an axis "
-                             "that holds it cannot be swept.")
+        outside_domain = {"positive": values <= 0, "nonzero": values == 0}.get(domain,
+                                                                               values != values)
+        if outside_domain.any():
+            raise InputError(f"Parameter {column} = {values[outside_domain][0]} is not {domain}; "
+                             "an axis that holds it cannot be swept.")
 
 
 def as_table(value: Any, name: str) -> Mapping[str, Any]:

@@ -48,14 +48,14 @@ def resolve(
     elif settings:
         raise InputError("Settings belong to problems and models with names; change the model "
                          "itself.")
-    made = [_stepper(model, scheme, rep, real, frame) for scheme in schemes]
-    return [stepper for stepper, _ in made], made[0][1]
+    steppers_and_starts = [_stepper(model, scheme, rep, real, frame) for scheme in schemes]
+    return [stepper for stepper, _ in steppers_and_starts], steppers_and_starts[0][1]
 
 
 def _named(
     name: str, settings: Mapping[str, Any], rep: str | None
 ) -> tuple[Any, str | None]:
-    """Return the problem or model of a name, made with the settings, and the rep it still lacks."""
+    """Return the problem or model of a name with its settings, and ``rep`` for a problem."""
     entry = entry_named(name, "model")
     for key in settings:
         if key not in entry.options:
@@ -63,8 +63,8 @@ def _named(
                              f"{', '.join(entry.options) or 'none'}{proposal(key, entry.options)}.")
     if entry.kind == "problem":
         return entry.make(**settings), rep
-    own = {} if rep is None else {"rep": choose("representation", rep, REPS)}
-    return entry.make(**settings, **own), None
+    rep_argument = {} if rep is None else {"rep": choose("representation", rep, REPS)}
+    return entry.make(**settings, **rep_argument), None
 
 
 def _stepper(
@@ -77,8 +77,8 @@ def _stepper(
         return model_stepper(Spec.checked(scheme, stages, rep, str(model), real).with_frame(frame))
     if isinstance(model, Problem):
         spec = Spec.checked(scheme, stages, rep, model.system, real).with_frame(frame)
-        made = stepper_of(spec)
-        return made, RunDefaults.of_problem(model)
+        stepper = stepper_of(spec)
+        return stepper, RunDefaults.of_problem(model)
     if not hasattr(model, "system") or not hasattr(model, "q0"):
         raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a file or a "
                          "model, which of a system is gs.Model(system, parameters, q0, p0).")
@@ -98,24 +98,24 @@ def _scheme(label: str) -> tuple[str, int | None]:
 
 
 def base_parameters(
-    stepper: Stepper, start: RunDefaults, given: Mapping[str, Any], varied: set[str]
+    stepper: Stepper, start: RunDefaults, parameter_values: Mapping[str, Any], varied: set[str]
 ) -> dict[str, float]:
     """Return the parameters that all cells have in common.
 
-    γ and α are by the model's rules where none is given; a frame is at rest.
+    γ and α without a value follow the model's rules; the rates of a frame are 0.
     """
-    refuse_texts(given, stepper.parameter_domains)
-    found: dict[str, Any] = {symmetry.name: 0.0 for symmetry in stepper.symmetries
-                             if symmetry.name not in varied}
-    found |= {name: value for name, value in start.parameters.items()
+    refuse_texts(parameter_values, stepper.parameter_domains)
+    parameters: dict[str, Any] = {symmetry.name: 0.0 for symmetry in stepper.symmetries
+                                  if symmetry.name not in varied}
+    parameters |= {name: value for name, value in start.parameters.items()
                              if name in stepper.parameter_domains}
     for name, inertia in start.bodies.items():
-        if name in stepper.parameter_domains and name not in found and name not in varied:
-            found[name] = _by_rule(name, start.rules.get(name, "m"), inertia)
-    for name, value in given.items():
+        if name in stepper.parameter_domains and name not in parameters and name not in varied:
+            parameters[name] = _by_rule(name, start.rules.get(name, "m"), inertia)
+    for name, value in parameter_values.items():
         is_rule = isinstance(value, Rule) and name in start.bodies
-        found[name] = _by_rule(name, value.name, start.bodies[name]) if is_rule else value
-    return found
+        parameters[name] = _by_rule(name, value.name, start.bodies[name]) if is_rule else value
+    return parameters
 
 
 def _by_rule(name: str, rule: str, inertia: Any) -> float:
@@ -157,8 +157,10 @@ def starts(table: Any, start: RunDefaults, varied: set[str]) -> Axis:
     return start_axis(q, momentum(q, omega, inertia))
 
 
-def _quaternions(given: Any) -> Array:
+def _quaternions(quaternions: Any) -> Array:
     """Return rows of four numbers from one row or several."""
     several = (list, tuple, np.ndarray)
-    one = isinstance(given, several) and len(given) > 0 and not isinstance(given[0], several)
-    return as_rows("quaternion", [given] if one else given, 4)
+    is_single = isinstance(quaternions,
+                           several) and len(quaternions) > 0 and not isinstance(quaternions[0],
+                                                                                several)
+    return as_rows("quaternion", [quaternions] if is_single else quaternions, 4)

@@ -32,15 +32,15 @@ _NEAR = 50
 
 @dataclass(frozen=True)
 class _Axis:
-    """A dimension as it is drawn.
+    """A drawn dimension: the positions, labels and names of its cells.
 
     Attributes
     ----------
     dimension, label : str
     places : array
-        Where its cells lie: their values, or their numbers where they are no single number.
+        Positions of its cells: their values, or their indices if they have no single number.
     names : list of str
-        What each cell is called in a legend.
+        The name of each cell in a legend.
     numeric : bool
         Whether places are values.
     """
@@ -110,15 +110,16 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     else:
         along = next(axis for axis in shown if axis is not line_axis)
         _lines(axes, array, along, line_axis)
-    at = ", ".join(f"{axis.label} = {axis.names[0]}" for axis in fixed)
-    axes.set_title("\n".join(filter(None, [dataset.attrs.get("title", ""), at])), fontsize=11)
+    fixed_values = ", ".join(f"{axis.label} = {axis.names[0]}" for axis in fixed)
+    axes.set_title("\n".join(filter(None, [dataset.attrs.get("title", ""), fixed_values])),
+                   fontsize=11)
     if target is not None:
         save(figure, target)
     return figure
 
 
 def _axis(array: xarray.DataArray, dimension: str) -> _Axis:
-    """Return a dimension as it is drawn: by its own values, or by the one thing that varies."""
+    """Return a dimension for drawing: with its own values, or the only quantity along it."""
     along = {str(name): np.asarray(values) for name, values in array.coords.items()
              if values.dims == (dimension,)}
     label = dimension if dimension in along or len(along) != 1 else next(iter(along))
@@ -145,31 +146,33 @@ def _line_axis(shown: list[_Axis]) -> _Axis | None:
     return min(few, key=lambda axis: (axis.numeric, len(axis)))
 
 
-def _lines(axes: Any, array: xarray.DataArray, along: _Axis, each: _Axis | None) -> None:
+def _lines(axes: Any, array: xarray.DataArray, along: _Axis, line_axis: _Axis | None) -> None:
     order = np.argsort(along.places, kind="stable")
-    values = np.asarray(array if each is None else array.transpose(each.dimension, along.dimension),
-                        dtype=float).reshape(-1, len(along))
-    names = [None] if each is None else each.names
+    lines = np.asarray(array if line_axis is None
+                       else array.transpose(line_axis.dimension, along.dimension),
+                       dtype=float).reshape(-1, len(along))
+    names = [None] if line_axis is None else line_axis.names
     style = "o" if not along.numeric else "o-" if len(along) <= _MARKED else "-"
-    for line, name in zip(values, names, strict=True):
+    for line, name in zip(lines, names, strict=True):
         axes.plot(along.places[order], line[order], style, ms=3.5, lw=1.2, label=name)
     _scale(axes.xaxis, axes.set_xscale, along)
     axes.set_ylabel(_label(array))
-    if _spread(values):
+    if _spread(lines):
         axes.set_yscale("log")
     axes.grid(alpha=0.3)
-    if each is not None:
-        axes.legend(title=each.label, fontsize=8)
+    if line_axis is not None:
+        axes.legend(title=line_axis.label, fontsize=8)
 
 
 def _colours(figure: Any, axes: Any, array: xarray.DataArray, x: _Axis, y: _Axis) -> None:
     from matplotlib.colors import LogNorm
 
-    values = np.asarray(array.transpose(y.dimension, x.dimension), dtype=float)
-    across, up = (np.argsort(axis.places, kind="stable") for axis in (x, y))
-    values = values[np.ix_(up, across)]
-    norm = LogNorm() if _spread(values) else None
-    image = axes.pcolormesh(x.places[across], y.places[up], np.ma.masked_invalid(values), norm=norm,
+    cell_values = np.asarray(array.transpose(y.dimension, x.dimension), dtype=float)
+    x_order, y_order = (np.argsort(axis.places, kind="stable") for axis in (x, y))
+    cell_values = cell_values[np.ix_(y_order, x_order)]
+    norm = LogNorm() if _spread(cell_values) else None
+    image = axes.pcolormesh(x.places[x_order], y.places[y_order],
+                            np.ma.masked_invalid(cell_values), norm=norm,
                             shading="nearest", rasterized=True)
     _scale(axes.xaxis, axes.set_xscale, x)
     _scale(axes.yaxis, axes.set_yscale, y)

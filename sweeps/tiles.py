@@ -1,7 +1,7 @@
 """Tiles: blocks of cells of a sweep that one worker computes and writes at once.
 
-How large a tile is depends on the study alone, never on the machine: whoever computes a sweep, on
-however many cores, writes the same files.
+The size of a tile depends on the study alone, not on the machine or its cores: the same study
+always writes the same files.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class Cells:
-    """The cells of a tile, one after another: what each of them computes."""
+    """The arguments of the cells of a tile, one row per cell."""
 
     scheme: Array
     parameters: dict[str, Array]
@@ -70,26 +70,26 @@ class Cells:
 def tile_shape(study: Study, stored: bool = True) -> tuple[int, ...]:
     """Return the shape of a whole tile: long in the last axes, one scheme each.
 
-    An axis is cut into equal parts: a short last one would be padded on the disk to the length of
-    the others, and they would take the longer.
+    An axis is cut into equal parts: a short last part would be padded on the disk to the length of
+    the others.
     """
     cells = _cells_of_a_tile(study, stored)
     shape = []
     for axis in reversed(study.axes):
-        parts = len(axis) if SCHEME in axis.columns else -(-len(axis) // cells)
-        taken = -(-len(axis) // parts)
-        shape.append(taken)
-        cells = max(1, cells // taken)
+        part_count = len(axis) if SCHEME in axis.columns else -(-len(axis) // cells)
+        length = -(-len(axis) // part_count)
+        shape.append(length)
+        cells = max(1, cells // length)
     return tuple(reversed(shape))
 
 
 def _cells_of_a_tile(study: Study, stored: bool) -> int:
     work = study.most_steps * max(s.unknowns for s in study.steppers)
-    least = _LEAST_STORED if stored else _LEAST_KEPT
-    cells = min(max(study.size // _TILES, least // work), _MOST_WORK // work, _MOST_CELLS)
+    least_work = _LEAST_STORED if stored else _LEAST_KEPT
+    cells = min(max(study.size // _TILES, least_work // work), _MOST_WORK // work, _MOST_CELLS)
     if study.every is not None:
-        numbers = 2 * study.steppers[0].n * (study.most_steps // study.every + 1)
-        cells = min(cells, _MOST_NUMBERS // numbers)
+        numbers_per_cell = 2 * study.steppers[0].n * (study.most_steps // study.every + 1)
+        cells = min(cells, _MOST_NUMBERS // numbers_per_cell)
     return max(cells, 16)  # the lanes of a register of any width
 
 
@@ -102,10 +102,10 @@ def tile_counts(study: Study, stored: bool = True) -> tuple[int, ...]:
 def tiles_of(study: Study, stored: bool = True) -> Iterator[Tile]:
     """Yield the tiles of a study in order: those of a store, or those for a result in memory."""
     shape = tile_shape(study, stored)
-    for place in itertools.product(*map(range, tile_counts(study, stored))):
-        yield Tile(place, tuple(
+    for tile_index in itertools.product(*map(range, tile_counts(study, stored))):
+        yield Tile(tile_index, tuple(
             slice(i * size, min((i + 1) * size, length))
-            for i, size, length in zip(place, shape, study.shape, strict=True)))
+            for i, size, length in zip(tile_index, shape, study.shape, strict=True)))
 
 
 def cells_of(study: Study, tile: Tile) -> Cells:
@@ -113,8 +113,8 @@ def cells_of(study: Study, tile: Tile) -> Cells:
     indices = np.indices(tile.shape).reshape(len(tile.shape), -1)
     count = indices.shape[1]
     columns: dict[str, Array] = {}
-    for axis, part, index in zip(study.axes, tile.slices, indices, strict=True):
-        columns |= {name: values[part][index] for name, values in axis.columns.items()}
+    for axis, tile_slice, index in zip(study.axes, tile.slices, indices, strict=True):
+        columns |= {name: values[tile_slice][index] for name, values in axis.columns.items()}
 
     def column(name: str, common: Any) -> Array:
         return columns[name] if name in columns else np.broadcast_to(
