@@ -43,23 +43,23 @@ __all__ = ["TARGETS", "Target", "TargetModule"]
 
 
 class TargetModule(Protocol):
-    """What the module of a target has."""
+    """The functions of a target's module."""
 
     def files(
         self, manifest: Manifest, sources: Mapping[str, str], options: Options
     ) -> dict[str, str | bytes]:
-        """Return path → content of all that is written; the same for the same arguments."""
+        """Return path → content of each file; equal arguments give equal bytes."""
 
     def compile(self, folder: Path, platforms: tuple[str, ...]) -> Path:
-        """Make the artefact of the files in ``folder``: ``folder`` itself, or a file in it."""
+        """Compile the files in ``folder``; return the artefact, ``folder`` or a file in it."""
 
     def check(self, built: Built) -> str:
-        """Load the artefact, compare its bits with those of native C, return what was compared."""
+        """Load the artefact and compare its bits with native C; return a sentence on the result."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """What a stepper can be written as.
+    """A form in which a stepper can be written, such as a crate or an FMU.
 
     Attributes
     ----------
@@ -68,11 +68,11 @@ class Target:
     module : str
         In this package.
     needs, checks : tuple of str
-        Names in ``tools.TOOLS``: of what writes the artefact, and of what loads it again.
+        Names in ``tools.TOOLS``: tools that write the artefact, and tools that check it.
     suffix : str
         Of the artefact's file; empty for a folder.
     platforms : tuple of str
-        That ``--for`` may name, for which it holds binaries; the first is the default.
+        Choices of ``--for``, the platforms of its binaries; the first is the default.
     several : bool
         Whether several schemes go into one artefact.
     real : str

@@ -31,19 +31,21 @@ def files(
 ) -> dict[str, str | bytes]:
     """Return the library."""
     refuse_names(manifest, KEYWORDS | _MACROS, "Arduino")
-    values = template_values(manifest, sources, options)
+    template_fields = template_values(manifest, sources, options)
     name = manifest.name
-    values["given"] = dict(values["parameters"])
-    about = {"name": name, "version": "0.1.0", "description": f"{values['about']}, one step at a "
-             "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},
-             "frameworks": "*", "platforms": "*", "headers": f"{name}.h",
-             "build": {"flags": "-ffp-contract=off"}, "export": {"include": ["src", "examples",
+    template_fields["given"] = dict(template_fields["parameters"])
+    library_json = {"name": name, "version": "0.1.0",
+                    "description": f"{template_fields['about']}, one step at a "
+                    "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},
+                    "frameworks": "*", "platforms": "*", "headers": f"{name}.h",
+                    "build": {"flags": "-ffp-contract=off"},
+                    "export": {"include": ["src", "examples",
              "library.properties"]}}
     return {**{f"src/{file}": text for file, text in sources.items() if not file.endswith("json")},
             f"extras/{name}.json": sources[f"{name}.json"],
-            "library.json": json.dumps(about, indent=2) + "\n",
-            "library.properties": filled("library.properties", **values),
-            f"examples/{name}/{name}.ino": filled("sketch.ino", **values)}
+            "library.json": json.dumps(library_json, indent=2) + "\n",
+            "library.properties": filled("library.properties", **template_fields),
+            f"examples/{name}/{name}.ino": filled("sketch.ino", **template_fields)}
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
@@ -62,8 +64,8 @@ def check(built: Built) -> str:
     """Compile the sketch here, with a serial port that prints, and compare the bits."""
     name, here = built.stepper.name, built.path.resolve()
     c, cpp = (require(tool, "Checking target arduino") for tool in ("cc", "c++"))
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
         (folder / "Arduino.h").write_text(filled("Arduino.h"), encoding="utf-8")
         sketch = here / "examples" / name / f"{name}.ino"
         (folder / "main.cpp").write_text(program_of(sketch, EXAMPLE_STEPS), encoding="utf-8")
@@ -72,5 +74,5 @@ def check(built: Built) -> str:
         run_tool([*cpp, "-std=c++11", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",
                   "-I", str(here / "src"), "main.cpp", "stepper.o", "-lm", "-o", "sketch"],
                  folder, "Compiling the sketch")
-        found = run_tool([str(folder / "sketch")], folder, "The sketch")
-    return refuse_difference("Sketch", found, built, EXAMPLE_STEPS)
+        bits = run_tool([str(folder / "sketch")], folder, "The sketch")
+    return refuse_difference("Sketch", bits, built, EXAMPLE_STEPS)

@@ -1,4 +1,4 @@
-"""What a target is given, what it makes, and how that is written."""
+"""The input of a target, its result, and how files are written."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["EXAMPLE_STEPS", "MARKER", "Built", "Options", "Written", "check_out"
            "filled", "literal", "parameter_fields", "place", "refuse_names", "staging",
            "template_values"]
 
-#: The file of an artefact that says what it is: only what has it is written over.
+#: The marker file of an artefact: only folders that have it are written over.
 MARKER = "gyrospark.json"
 
 #: Steps of the examples that artefacts have, and of checks.
@@ -46,7 +46,7 @@ class Written:
     Attributes
     ----------
     manifest : mapping
-        All that the generator says of it.
+        The stepper's manifest.
     sources : mapping of str to str
         ``NAME.h``, ``NAME.c`` (which compiles alone) and ``NAME.json``.
     """
@@ -62,7 +62,7 @@ class Written:
 
 @dataclass(frozen=True)
 class Options:
-    """The numbers of a start, and what was chosen for a target.
+    """The numbers of a start, and the choices for a target.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Options:
 @explain_arguments
 @dataclass(frozen=True, eq=False)
 class Built:
-    """An artefact that was written.
+    """A written artefact.
 
     Attributes
     ----------
@@ -104,11 +104,11 @@ class Built:
     files : tuple of str
         Names of the files in the folder; of a file its own.
     platforms : tuple of str
-        Those that it holds binaries for.
+        The platforms of its binaries.
     stepper : Written
         The C in it, with its manifest.
     options : Options
-        Its start, and what was chosen.
+        Its start and choices.
     """
 
     target: Target
@@ -127,7 +127,7 @@ class Built:
         Returns
         -------
         str
-            What was compared, in one sentence.
+            A sentence on the compared bits.
 
         Raises
         ------
@@ -165,15 +165,15 @@ def filled(template: str, **values: Any) -> str:
 def template_values(
     manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, Any]:
-    """Return what templates of several targets are filled with.
+    """Return the values for the templates of several targets, by name.
 
     Numbers are texts of the stepper's own type, each as exact as the type holds it.
     """
     system, name = manifest.system, manifest.name
     header = sources[f"{name}.h"]
-    q, p, values = ([literal(x, manifest.real) for x in numbers]
-                    for numbers in (options.q, options.p, options.parameters.values()))
-    known = {number.name: number.unit for number in system.numbers if number.unit}
+    q, p, parameter_texts = ([literal(x, manifest.real) for x in numbers]
+                             for numbers in (options.q, options.p, options.parameters.values()))
+    units = {number.name: number.unit for number in system.numbers if number.unit}
     return {
         "name": name, "NAME": name.upper(), "version": __version__,
         "about": f"{manifest.scheme.method} for {system.name.replace('_', ' ')}",
@@ -181,8 +181,8 @@ def template_values(
         "n": len(options.q), "real": manifest.real,
         "suffix": "f" if manifest.real == "float" else "",  # of literals in C
         "dt": literal(options.dt, manifest.real),
-        "q": q, "p": p, "parameters": [*zip(options.parameters, values, strict=True)],
-        "units": {name: f", {known[name]}" if name in known else "" for name in options.parameters},
+        "q": q, "p": p, "parameters": [*zip(options.parameters, parameter_texts, strict=True)],
+        "units": {name: f", {units[name]}" if name in units else "" for name in options.parameters},
         "inputs": system.inputs,
         "velocities": [number.name for number in system.numbers if number.role == "velocity"],
         "quantities": [*system.quantities],
@@ -213,16 +213,16 @@ def work_size(name: str, header: str) -> int:
 
 
 def refuse_names(
-    manifest: Manifest, taken: Collection[str], language: str
+    manifest: Manifest, reserved: Collection[str], language: str
 ) -> None:
-    """Refuse members of the parameters' struct that a language keeps for itself.
+    """Refuse members of the parameters' struct that are reserved words of a language.
 
     Raises
     ------
     InputError
     """
     for field_ in parameter_fields(manifest):
-        if field_ in taken:
+        if field_ in reserved:
             raise InputError(f"{language} keeps the name {field_!r} for itself, which is a "
                              f"parameter of {manifest.system.name}; call it otherwise, such "
                              f"as {field_ + '_'!r}.")
@@ -232,12 +232,12 @@ def refuse_names(
 
 
 def check_out(out: Path) -> None:
-    """Refuse a path that something else has: before anything is derived.
+    """Refuse an output path that exists and is no unchanged artefact, before anything is derived.
 
     Raises
     ------
     InputError
-        For what is there and was not written here, or was changed since.
+        For files that gyrospark did not write, or that were changed since.
     """
     if not out.parent.is_dir() or not os.access(out.parent, os.W_OK):
         raise InputError(f"--out {str(out)!r}: the folder {str(out.parent)!r} is not there or "
@@ -250,15 +250,15 @@ def check_out(out: Path) -> None:
             raise InputError(f"--out {str(out)!r} is a file that gyrospark did not write; {cure}.")
         return
     try:
-        old = json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]
-        changed = [name for name, known in old.items()
-                   if (out / name).is_file() and _digest(out / name) != known]
+        digests = json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]
+        changed_files = [name for name, digest in digests.items()
+                         if (out / name).is_file() and _digest(out / name) != digest]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"--out {str(out)!r} is there and no artefact of gyrospark; "
                          f"{cure}.") from None
-    if changed:
-        raise InputError(f"--out {str(out)!r} holds {changed[0]!r}, which was changed since it was "
-                         f"written; move it away, or choose another --out.")
+    if changed_files:
+        raise InputError(f"--out {str(out)!r} holds {changed_files[0]!r}, which was changed since "
+                         f"it was written; move it away, or choose another --out.")
 
 
 def _digest(path: Path) -> str:
@@ -267,7 +267,7 @@ def _digest(path: Path) -> str:
 
 @contextlib.contextmanager
 def staging(out: Path, files: Mapping[str, str | bytes]) -> Iterator[Path]:
-    """Yield a new folder beside ``out`` with the files in it, which is gone afterwards."""
+    """Yield a temporary folder beside ``out`` with the files in it, which is removed afterwards."""
     try:
         folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".part", dir=out.parent))
         try:
@@ -283,27 +283,28 @@ def staging(out: Path, files: Mapping[str, str | bytes]) -> Iterator[Path]:
                              f"{error.strerror or error}.") from error
 
 
-def place(made: Path, out: Path, facts: Mapping[str, Any]) -> tuple[str, ...]:
-    """Move an artefact to its place, complete or not at all; return the names of its files.
+def place(artefact: Path, out: Path, facts: Mapping[str, Any]) -> tuple[str, ...]:
+    """Move an artefact to ``out``, complete or not at all; return the names of its files.
 
-    A folder gets a marker. One of ours that is there already is written over file by file, so that
-    what its user has put or built beside them stays.
+    A folder gets a marker. An existing artefact is written over file by file, so that other files
+    in its folder stay.
     """
-    if made.is_file():
-        made.replace(out)
+    if artefact.is_file():
+        artefact.replace(out)
         return (out.name,)
-    names = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
+    names = sorted(path.relative_to(artefact).as_posix() for path in artefact.rglob("*")
+                   if path.is_file())
     marker = {**facts, "generator": __version__,
-              "files": {name: _digest(made / name) for name in names}}
-    (made / MARKER).write_text(json.dumps(marker, indent=2) + "\n", encoding="utf-8")
-    made.chmod(0o755)  # mkdtemp's is for its owner alone
+              "files": {name: _digest(artefact / name) for name in names}}
+    (artefact / MARKER).write_text(json.dumps(marker, indent=2) + "\n", encoding="utf-8")
+    artefact.chmod(0o755)  # mkdtemp's is for its owner alone
     if not out.is_dir() or not any(out.iterdir()):
-        made.replace(out)
+        artefact.replace(out)
         return (*names, MARKER)
-    old: Sequence[str] = [*json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]]
+    old_files: Sequence[str] = [*json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]]
     for name in (*names, MARKER):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (made / name).replace(out / name)
-    for name in set(old) - {*names}:
+        (artefact / name).replace(out / name)
+    for name in set(old_files) - {*names}:
         (out / name).unlink(missing_ok=True)
     return (*names, MARKER)

@@ -105,35 +105,35 @@ def build(
     >>> built = gs.build("cpp", "fast-top", dt=1e-3, out=folder / "top")  # doctest: +SKIP
     >>> built.check()  # doctest: +SKIP
     """
-    chosen = target_named(target)
-    module = chosen.load()
-    wanted = _platforms(chosen, platforms)
-    for name in chosen.needs:
-        require(name, f"Target {chosen.name}")
-    type_ = choose("floating-point type", chosen.real if real is None else real, _REALS)
+    chosen_target = target_named(target)
+    module = chosen_target.load()
+    platform_names = _platforms(chosen_target, platforms)
+    for name in chosen_target.needs:
+        require(name, f"Target {chosen_target.name}")
+    type_ = choose("floating-point type", chosen_target.real if real is None else real, _REALS)
     system = _resolved(system, rep)
-    specs = [_spec(*one, rep, type_, system)
-             for one in _schemes(chosen, scheme, stages, order, composition)]
-    path = None if out is None else as_path("out", out, f"stepper{chosen.suffix}")
+    specs = [_spec(*scheme_arguments, rep, type_, system)
+             for scheme_arguments in _schemes(chosen_target, scheme, stages, order, composition)]
+    path = None if out is None else as_path("out", out, f"stepper{chosen_target.suffix}")
     if path is not None:
         check_out(path)
-    given = None if isinstance(system, (str, Problem)) else system
-    texts = [text_of(spec, given) for spec in specs]
-    steppers = tuple(map(_written, (files for files, _ in texts)))
+    model = None if isinstance(system, (str, Problem)) else system
+    texts = [text_of(spec, model) for spec in specs]
+    steppers = tuple(map(_written_stepper, (files for files, _ in texts)))
     first = steppers[0]
     defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else texts[0][1]
-    numbers = _options(first, defaults, dt, start, parameters, steppers)
+    options = _options(first, defaults, dt, start, parameters, steppers)
     if start is not None:
-        _refuse_off_constraints(specs[0], given, numbers)
+        _refuse_off_constraints(specs[0], model, options)
     if path is None:
-        path = Path(f"{first.name}{chosen.suffix}")
+        path = Path(f"{first.name}{chosen_target.suffix}")
         check_out(path)
-    content = module.files(first.manifest, first.sources, numbers)
-    facts = {"target": chosen.name, "stepper": first.name, "dt": numbers.dt, "q": numbers.q,
-             "p": numbers.p, "parameters": dict(numbers.parameters), "platforms": wanted}
+    content = module.files(first.manifest, first.sources, options)
+    facts = {"target": chosen_target.name, "stepper": first.name, "dt": options.dt, "q": options.q,
+             "p": options.p, "parameters": dict(options.parameters), "platforms": platform_names}
     with staging(path, content) as folder:
-        names = place(module.compile(folder, wanted), path, facts)
-    return Built(chosen, path, names, wanted, first, numbers)
+        names = place(module.compile(folder, platform_names), path, facts)
+    return Built(chosen_target, path, names, platform_names, first, options)
 
 
 def target_named(name: Any) -> Target:
@@ -147,46 +147,49 @@ def target_named(name: Any) -> Target:
     return TARGETS[choose("target", name, TARGETS)]
 
 
-def _platforms(target: Target, given: Any) -> tuple[str, ...]:
+def _platforms(target: Target, platforms: Any) -> tuple[str, ...]:
     """Return the platforms of the artefact's binaries."""
-    if given is None:
+    if platforms is None:
         return target.platforms[:1]
-    names = given.split(",") if isinstance(given, str) else as_items("platforms", given, "names")
+    names = (platforms.split(",") if isinstance(platforms, str)
+             else as_items("platforms", platforms, "names"))
     if not target.platforms:
         raise InputError(f"Target {target.name} holds no binaries, and platforms = "
-                         f"{shown(given)} is given; leave it out.")
+                         f"{shown(platforms)} is given; leave it out.")
     for name in names:
         choose("platform", name, target.platforms)
     if not names:
-        raise unknown("platform", given, target.platforms)
+        raise unknown("platform", platforms, target.platforms)
     return tuple(dict.fromkeys(names))
 
 
 def _schemes(
-    target: Target, given: Any, stages: Any, order: Any, composition: Any
+    target: Target, schemes: Any, stages: Any, order: Any, composition: Any
 ) -> list[tuple[Any, Any, Any, Any]]:
     """Return scheme, stages, order and composition of each stepper; most targets take one.
 
-    Of several, ``"2-G-L"`` names its stages; another gets of these numbers what it has a choice of.
+    In a list of schemes, ``"2-G-L"`` names its stages; other schemes get the given stages, order
+    and composition if they have such a choice.
     """
-    if given is None or not target.several:
-        return [(given, stages, order, composition)]
-    names = given.split(",") if isinstance(given, str) else [
-        str(name) for name in as_items("scheme", given, "names")]
+    if schemes is None or not target.several:
+        return [(schemes, stages, order, composition)]
+    names = schemes.split(",") if isinstance(schemes, str) else [
+        str(name) for name in as_items("scheme", schemes, "names")]
     if not names:
         raise InputError("scheme = [] names none; give one such as 'G-L'.")
     if len(names) == 1 and names[0] in SCHEMES:
         return [(names[0], stages, order, composition)]
-    found = []
+    scheme_arguments = []
     for text in dict.fromkeys(names):
-        number = re.match(r"(\d+)-", text)
-        name = text if number is None else text[number.end():]
+        stage_prefix = re.match(r"(\d+)-", text)
+        name = text if stage_prefix is None else text[stage_prefix.end():]
         scheme = SCHEMES[choose("scheme", name, SCHEMES)]
-        count = int(number[1]) if number else stages if scheme.counted else None
+        count = int(stage_prefix[1]) if stage_prefix else stages if scheme.counted else None
         if scheme.counted and count is None:
             count = DEFAULT_STAGES
-        found.append((name, count, *((order, composition) if scheme.composed else (None, None))))
-    return found
+        scheme_arguments.append((name, count,
+                                 *((order, composition) if scheme.composed else (None, None))))
+    return scheme_arguments
 
 
 def _spec(
@@ -216,7 +219,7 @@ def _resolved(system: Any, rep: Any) -> Any:
     return system
 
 
-def _written(files: Mapping[str, str]) -> Written:
+def _written_stepper(files: Mapping[str, str]) -> Written:
     text = next(text for name, text in files.items() if name.endswith(".json"))
     return Written(Manifest.from_text(text), files)
 
@@ -239,17 +242,19 @@ def _options(
         raise InputError(f"{name} has no start; give start=(q, p), or the name of a problem or a "
                          "model instead of a system.")
     q, p = (model.q0, model.p0) if start is None and model is not None else _pair(start)
-    q, p = (as_array(what, x, (n,), np.float64).tolist() for what, x in (("q", q), ("p", p)))
-    dt, values = float(as_step(dt)), _values(stepper.manifest, model, parameters)
+    q, p = (as_array(letter, x, (n,), np.float64).tolist() for letter, x in (("q", q), ("p", p)))
+    dt = float(as_step(dt))
+    parameter_values = _parameter_values(stepper.manifest, model, parameters)
     if stepper.manifest.real == "float":
         names = (*system.coordinates, *system.momenta)
-        _refuse_beyond_float({"dt": dt, **values, **dict(zip(names, (*q, *p), strict=True))})
-    return Options(dt, tuple(q), tuple(p), values, "" if model is None else model.description,
-                   steppers=steppers)
+        _refuse_beyond_float({"dt": dt, **parameter_values,
+                              **dict(zip(names, (*q, *p), strict=True))})
+    return Options(dt, tuple(q), tuple(p), parameter_values,
+                   "" if model is None else model.description, steppers=steppers)
 
 
 def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
-    """Refuse numbers that would be infinite, or 0, in float."""
+    """Refuse numbers that are infinite, subnormal or 0 in float."""
     limits = np.finfo(np.float32)
     for name, x in numbers.items():
         if x != 0 and not float(limits.tiny) <= abs(x) <= float(limits.max):
@@ -258,20 +263,20 @@ def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
                              "double, or other units.")
 
 
-def _refuse_off_constraints(spec: Spec, given: Any, options: Options) -> None:
-    """Refuse a given state that is not on the constraints: no step would bring it there."""
+def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
+    """Refuse a given start off the constraints: steps do not project it."""
     if spec.model is not None:
-        given = load_model(spec.model)
-    elif given is None:
+        model = load_model(spec.model)
+    elif model is None:
         entry = {**SYSTEMS, **MODELS}[spec.system]
-        given = entry.make(spec.rep) if entry.kind == "system" else entry.make()
-    found = consistent(getattr(given, "system", given), options.q, options.p,
-                       parameters=options.parameters)
+        model = entry.make(spec.rep) if entry.kind == "system" else entry.make()
+    projection = consistent(getattr(model, "system", model), options.q, options.p,
+                            parameters=options.parameters)
     size = max(map(abs, (*options.q, *options.p)))
-    if max(found.q_moved, found.p_moved) > _OFF * size:
+    if max(projection.q_moved, projection.p_moved) > _OFF * size:
         raise InputError(f"start is not on the constraints of {spec.model or spec.system}: it is "
-                         f"{max(found.q_moved, found.p_moved):.2g} from them; give gs.consistent("
-                         "...).q and .p.")
+                         f"{max(projection.q_moved, projection.p_moved):.2g} from them; give "
+                         "gs.consistent(...).q and .p.")
 
 
 def _pair(start: Any) -> tuple[Any, Any]:
@@ -280,18 +285,19 @@ def _pair(start: Any) -> tuple[Any, Any]:
     return start[0], start[1]
 
 
-def _values(
-    manifest: Manifest, model: RunDefaults | None, given: Any
+def _parameter_values(
+    manifest: Manifest, model: RunDefaults | None, parameters: Any
 ) -> dict[str, float]:
     """Return the value of every member of the parameters' struct."""
     domains = manifest.system.parameters
-    known: dict[str, Any] = {}
+    defaults: dict[str, Any] = {}
     if model is not None:
         rules = {name: model.rules.get(name, "m") for name in model.bodies}
         means = {name: Rule(rule if rule in MEANS else "m", model.bodies[name])
                  for name, rule in rules.items()}
-        known = {name: x for name, x in {**means, **model.parameters}.items() if name in domains}
-    if given is not None and not isinstance(given, Mapping):
-        raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
-    values = as_parameters({**known, **(given or {})}, domains)
+        defaults = {name: x for name, x in {**means, **model.parameters}.items() if name in domains}
+    if parameters is not None and not isinstance(parameters, Mapping):
+        raise InputError(f"parameters = {shown(parameters)} is not a dict; give "
+                         f"{', '.join(domains)}.")
+    values = as_parameters({**defaults, **(parameters or {})}, domains)
     return {field: float(values.get(field, 0.0)) for field in parameter_fields(manifest)}

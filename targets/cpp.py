@@ -28,16 +28,16 @@ def files(
 ) -> dict[str, str | bytes]:
     """Return the header, the C, an example and CMakeLists.txt."""
     refuse_names(manifest, KEYWORDS, "C++")
-    values = template_values(manifest, sources, options)
-    values["klass"] = class_name(manifest.system.name)
-    return {**sources, f"{manifest.name}.hpp": filled("stepper.hpp", **values),
-            "main.cpp": filled("main.cpp", **values),
-            "CMakeLists.txt": filled("CMakeLists.txt", **values)}
+    template_fields = template_values(manifest, sources, options)
+    template_fields["klass"] = class_name(manifest.system.name)
+    return {**sources, f"{manifest.name}.hpp": filled("stepper.hpp", **template_fields),
+            "main.cpp": filled("main.cpp", **template_fields),
+            "CMakeLists.txt": filled("CMakeLists.txt", **template_fields)}
 
 
 def class_name(name: str) -> str:
     """Return e.g. ``HeavyTop`` for ``heavy_top``."""
-    return "".join(part[:1].upper() + part[1:] for part in name.split("_"))
+    return "".join(word[:1].upper() + word[1:] for word in name.split("_"))
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
@@ -49,12 +49,12 @@ def check(built: Built) -> str:
     """Compile the example as C++17 without a warning, run it, and compare its bits."""
     name, here = built.stepper.name, built.path.resolve()
     c, cpp = (require(tool, "Checking target cpp") for tool in ("cc", "c++"))
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
         run_tool([*c, *C_FLAGS, "-c", str(here / f"{name}.c"), "-o", "stepper.o"], folder,
                  "Compiling the stepper")
         run_tool([*cpp, "-std=c++17", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",
                   str(here / "main.cpp"), "stepper.o", "-lm", "-o", "example"], folder,
                  "Compiling the example")
-        found = run_tool([str(folder / "example"), "bits"], folder, "The example")
-    return refuse_difference("C++", found, built, EXAMPLE_STEPS)
+        bits = run_tool([str(folder / "example"), "bits"], folder, "The example")
+    return refuse_difference("C++", bits, built, EXAMPLE_STEPS)

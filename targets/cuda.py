@@ -29,10 +29,11 @@ def files(
 ) -> dict[str, str | bytes]:
     """Return the CUDA text, its header for programs on the host, an example and the manifest."""
     name = manifest.name
-    values = template_values(manifest, sources, options) | {"threads": THREADS}
-    return {f"{name}.cu": cuda_text(name, sources) + filled("launch.cu", **values),
-            f"{name}_cuda.h": filled("trajectories.h", **values),
-            "main.cu": filled("main.cu", **values), f"{name}.json": sources[f"{name}.json"]}
+    template_fields = template_values(manifest, sources, options) | {"threads": THREADS}
+    return {f"{name}.cu": cuda_text(name, sources) + filled("launch.cu", **template_fields),
+            f"{name}_cuda.h": filled("trajectories.h", **template_fields),
+            "main.cu": filled("main.cu", **template_fields),
+            f"{name}.json": sources[f"{name}.json"]}
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
@@ -41,29 +42,30 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
 
 
 def check(built: Built) -> str:
-    """Compile the text as C, run it, compare its bits; compile it by nvcc, where that is."""
+    """Compile the text as C and compare its bits; compile it by nvcc too, if installed."""
     require("cc", "Checking target cuda")
     name, here = built.stepper.name, built.path.resolve()
-    found = refuse_difference("CUDA text as C", _bits(built), built, EXAMPLE_STEPS)
+    comparison = refuse_difference("CUDA text as C", _bits(built), built, EXAMPLE_STEPS)
     nvcc = shutil.which("nvcc")
     if nvcc is None:
-        return f"{found}; nvcc, which compiles it for a card, was not found"
-    with tempfile.TemporaryDirectory() as place:
+        return f"{comparison}; nvcc, which compiles it for a card, was not found"
+    with tempfile.TemporaryDirectory() as folder_name:
         for architecture in _ARCHITECTURES:
             run_tool([nvcc, "-O2", "-fmad=false", f"-arch={architecture}", str(here / "main.cu"),
-                      str(here / f"{name}.cu"), "-o", "many"], Path(place), "Compiling the example")
-    return f"{found}; nvcc compiles it for {' and '.join(_ARCHITECTURES)}"
+                      str(here / f"{name}.cu"), "-o", "many"], Path(folder_name),
+                     "Compiling the example")
+    return f"{comparison}; nvcc compiles it for {' and '.join(_ARCHITECTURES)}"
 
 
 def _bits(built: Built) -> str:
-    """Return the bits of the last of three trajectories, whose steps two launches take."""
+    """Return the bits of the last of three trajectories, integrated by two launches."""
     options, device, name = built.options, HostDevice(), built.stepper.name
     real = np.float32 if built.stepper.manifest.real == "float" else np.float64
     program = device.load(name, (built.path / f"{name}.cu").read_text(encoding="ascii"))
     count, n, total = 3, len(options.q), EXAMPLE_STEPS
 
-    def of_all(numbers: Any) -> Any:
-        return device.put(np.repeat(np.array([*numbers], real)[:, None], count, axis=1))
+    def of_all(values_of_one: Any) -> Any:
+        return device.put(np.repeat(np.array([*values_of_one], real)[:, None], count, axis=1))
 
     sizes = device.zeros((2,), np.int64)
     device.launch(program, "measure", 1, sizes)
@@ -73,14 +75,15 @@ def _bits(built: Built) -> str:
     device.launch(program, "begin_trajectories", count, np.int64(count),
                   of_all(options.parameters.values()), of_all([options.dt]), real(0),
                   np.intc(options.max_iterations), state, words, status, steps, iterations)
-    rows = [device.zeros((2, n, count), real) for _ in range(2)]
-    most = device.zeros((2, count), np.intc)
+    states = [device.zeros((2, n, count), real) for _ in range(2)]
+    most_iterations = device.zeros((2, count), np.intc)
     for first, last in ((0, total // 3), (total // 3, total)):
         device.launch(program, "advance_trajectories", count, np.int64(count), *map(np.int64, (
-            first, last, total, total, 0)), state, words, status, steps, iterations, *rows, most)
+            first, last, total, total, 0)), state, words, status, steps, iterations, *states,
+                      most_iterations)
     failed = device.get(status).any()
     if failed:
         raise GyrosparkError(f"A step of {name} with dt = {options.dt:.6g} failed: status "
                              f"{device.get(status)[-1]}; choose a smaller dt.")
-    end = np.concatenate([device.get(memory)[-1, :, -1] for memory in rows])
+    end = np.concatenate([device.get(memory)[-1, :, -1] for memory in states])
     return str(end.astype(real).tobytes().hex())

@@ -18,7 +18,7 @@ C_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off")
 
 
 class DifferentBitsError(GyrosparkError):
-    """An artefact computes other numbers than the C in it."""
+    """An artefact whose numbers differ from those of its C."""
 
 
 def native_bits(stepper: Written, options: Options, steps: int) -> str:
@@ -33,8 +33,8 @@ def native_bits(stepper: Written, options: Options, steps: int) -> str:
     """
     name = stepper.name
     command = require("cc", "Checking an artefact")
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
         for file, text in stepper.sources.items():
             (folder / file).write_text(text, encoding="utf-8")
         run_tool([*command, *C_FLAGS, "-shared", "-fPIC", f"{name}.c", "-o", f"{name}.so", "-lm"],
@@ -70,21 +70,21 @@ def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) 
 
 
 def refuse_difference(
-    what: str, found: str, built: Built, steps: int, stepper: Written | None = None
+    artefact: str, bits: str, built: Built, steps: int, stepper: Written | None = None
 ) -> str:
     """Compare bits of an artefact with those of native C; return the sentence of a check.
 
-    ``stepper`` is one of several of the artefact, the first where it is left out.
+    ``stepper`` is one of the artefact's steppers, by default the first.
 
     Raises
     ------
     DifferentBitsError
-        Where they do.
+        If the bits differ.
     """
     stepper = built.stepper if stepper is None else stepper
-    wanted = native_bits(stepper, built.options, steps)
-    if found.strip() != wanted:
-        raise DifferentBitsError(f"{what} of {stepper.name} has other bits than the C after "
-                                 f"{steps} steps: {found.strip()[:200]!r} instead of "
-                                 f"{wanted[:200]!r}.")
-    return f"{what}: the bits of C after {steps} steps"
+    native = native_bits(stepper, built.options, steps)
+    if bits.strip() != native:
+        raise DifferentBitsError(f"{artefact} of {stepper.name} has other bits than the C after "
+                                 f"{steps} steps: {bits.strip()[:200]!r} instead of "
+                                 f"{native[:200]!r}.")
+    return f"{artefact}: the bits of C after {steps} steps"

@@ -19,12 +19,12 @@ def files(
     manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
     """Return the C of the function, its help, and what compiles it."""
-    values = template_values(manifest, sources, options)
+    template_fields = template_values(manifest, sources, options)
     names = [*options.parameters]
-    values["places"] = [names.index(name) for name in values["inputs"]]
+    template_fields["places"] = [names.index(name) for name in template_fields["inputs"]]
     name = manifest.name
-    return {**sources, f"{name}_mex.c": filled("mex.c", **values),
-            f"{name}.m": filled("stepper.m", **values)}
+    return {**sources, f"{name}_mex.c": filled("mex.c", **template_fields),
+            f"{name}.m": filled("stepper.m", **template_fields)}
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
@@ -38,13 +38,13 @@ def check(built: Built) -> str:
     require("mkoctfile", "Checking target octave")
     name = built.stepper.name
     kind = "single" if built.stepper.manifest.real == "float" else "double"
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
         for file in built.files:
             shutil.copy(built.path / file, folder / file)
-        found = run_tool(
+        bits = run_tool(
             [*octave, "--no-gui", "--norc", "--quiet", "--eval",
              f"[q, p] = {name}([], [], {EXAMPLE_STEPS}); "
              f"printf('%02x', typecast({kind}([q(:, end); p(:, end)]), 'uint8'))"],
             folder, "Octave")
-    return refuse_difference("Octave", found, built, EXAMPLE_STEPS)
+    return refuse_difference("Octave", bits, built, EXAMPLE_STEPS)

@@ -28,13 +28,13 @@ def files(
 ) -> dict[str, str | bytes]:
     """Return the crate."""
     refuse_names(manifest, _KEYWORDS, "Rust")
-    values = template_values(manifest, sources, options)
-    values |= {"f": "f32" if values["real"] == "float" else "f64",
-               "words": -(-values["work_size"] // 8)}
+    template_fields = template_values(manifest, sources, options)
+    template_fields |= {"f": "f32" if template_fields["real"] == "float" else "f64",
+                        "words": -(-template_fields["work_size"] // 8)}
     return {**{f"c/{name}": text for name, text in sources.items()},
-            "Cargo.toml": filled("Cargo.toml", **values), "build.rs": filled("build.rs"),
-            "src/lib.rs": filled("lib.rs", **values),
-            "examples/steps.rs": filled("steps.rs", **values)}
+            "Cargo.toml": filled("Cargo.toml", **template_fields), "build.rs": filled("build.rs"),
+            "src/lib.rs": filled("lib.rs", **template_fields),
+            "examples/steps.rs": filled("steps.rs", **template_fields)}
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
@@ -45,12 +45,12 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
 def check(built: Built) -> str:
     """Run the tests of a copy of the crate, and its example; compare the bits."""
     cargo = require("cargo", "Checking target rust")
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place) / "crate"
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name) / "crate"
         for name in built.files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(built.path / name, folder / name)
         run_tool([*cargo, "test", "--offline", "--quiet"], folder, "Testing the crate")
-        found = run_tool([*cargo, "run", "--offline", "--quiet", "--example", "steps", "bits"],
-                         folder, "The example")
-    return refuse_difference("Rust", found, built, EXAMPLE_STEPS)
+        bits = run_tool([*cargo, "run", "--offline", "--quiet", "--example", "steps", "bits"],
+                        folder, "The example")
+    return refuse_difference("Rust", bits, built, EXAMPLE_STEPS)

@@ -1,4 +1,4 @@
-"""Programs and packages that targets need, and what to do where one is missing."""
+"""Programs and packages that targets need, and the cure where one is missing."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Tool:
     name : str
         In messages.
     commands : tuple of str
-        Names of the program; the first that there is.
+        Names of the program; the first one on the PATH is used.
     variable : str
         Of the environment, which names the command instead.
     package : str
@@ -38,7 +38,7 @@ class Tool:
     module_command : tuple of str
         Behind ``python -m``.
     cure : str
-        What to type.
+        How to install it, for messages.
     """
 
     name: str
@@ -57,9 +57,9 @@ class Tool:
                 return [*find_compiler().command]
             except CompilerError:
                 return None
-        found = next(filter(None, map(shutil.which, self.commands)), None)
-        if found is not None:
-            return [found]
+        program = next(filter(None, map(shutil.which, self.commands)), None)
+        if program is not None:
+            return [program]
         if self.package and importlib.util.find_spec(self.package) is not None:
             return [sys.executable, "-m", *self.module_command] if self.module_command else []
         return None
@@ -79,36 +79,37 @@ TOOLS = {tool.name: tool for tool in (
 )}
 
 
-def require(name: str, what: str) -> list[str]:
+def require(name: str, purpose: str) -> list[str]:
     """Return the command of a tool.
 
     Raises
     ------
     InputError
-        Where it is missing: what needs it, and the cure.
+        If it is missing, with the purpose and the cure.
     """
     tool = TOOLS[name]
-    found = tool.find()
-    if found is None:
-        raise InputError(f"{what} needs {tool.name}, which was not found; {tool.cure}.")
-    return found
+    command = tool.find()
+    if command is None:
+        raise InputError(f"{purpose} needs {tool.name}, which was not found; {tool.cure}.")
+    return command
 
 
-def run_tool(command: Sequence[str], folder: Path, what: str) -> str:
-    """Run a command in a folder; return what it printed.
+def run_tool(command: Sequence[str], folder: Path, purpose: str) -> str:
+    """Run a command in a folder; return its standard output.
 
     Raises
     ------
     GyrosparkError
-        Where it fails, with its own words.
+        If it fails, with its messages.
     """
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, check=False,
-                              stdin=subprocess.DEVNULL, encoding="utf-8", errors="replace",
-                              timeout=_PATIENCE)
+        process = subprocess.run(command, cwd=folder, capture_output=True, check=False,
+                                 stdin=subprocess.DEVNULL, encoding="utf-8", errors="replace",
+                                 timeout=_PATIENCE)
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise GyrosparkError(f"{what} failed: {shlex.join(command)}: {error}.") from error
-    if done.returncode != 0:
-        raise GyrosparkError(f"{what} failed with exit code {done.returncode}: "
-                             f"{shlex.join(command)}\n{done.stderr.strip() or done.stdout.strip()}")
-    return done.stdout
+        raise GyrosparkError(f"{purpose} failed: {shlex.join(command)}: {error}.") from error
+    if process.returncode != 0:
+        output = process.stderr.strip() or process.stdout.strip()
+        raise GyrosparkError(f"{purpose} failed with exit code {process.returncode}: "
+                             f"{shlex.join(command)}\n{output}")
+    return process.stdout

@@ -26,7 +26,7 @@ _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Platform:
-    """What a library is compiled for.
+    """A platform for which a library is compiled.
 
     Attributes
     ----------
@@ -42,10 +42,10 @@ class Platform:
     suffix: str
 
     def flags(self, library: str) -> list[str]:
-        """Flags that differ from platform to platform; the folder must not be in the library."""
-        own = {".so": ["-fPIC", "-s"], ".dll": [],
-               ".dylib": ["-fPIC", f"-Wl,-install_name,@rpath/{library}"]}
-        return [*own[self.suffix], "-shared"]
+        """Return the flags of this platform; no path of the folder enters the library."""
+        flags_by_suffix = {".so": ["-fPIC", "-s"], ".dll": [],
+                           ".dylib": ["-fPIC", f"-Wl,-install_name,@rpath/{library}"]}
+        return [*flags_by_suffix[self.suffix], "-shared"]
 
 
 _LINUX = Platform(("linux64", "x86_64-linux"), "x86_64-linux-gnu.2.17", ".so")
@@ -62,7 +62,7 @@ PLATFORMS: dict[str, tuple[Platform, ...]] = {
 
 
 def own_platform(version: int) -> Platform:
-    """Return that of this machine.
+    """Return the platform of this machine.
 
     Raises
     ------
@@ -72,9 +72,10 @@ def own_platform(version: int) -> Platform:
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(),
                                                           platform.machine())
     system = {"win32": "windows"}.get(sys.platform, sys.platform)
-    for found in (one for several in PLATFORMS.values() for one in several):
-        if found.folders[1] == f"{machine}-{system}" and found.folders[version - 2]:
-            return found
+    for candidate in (candidate_platform for platforms in PLATFORMS.values()
+                      for candidate_platform in platforms):
+        if candidate.folders[1] == f"{machine}-{system}" and candidate.folders[version - 2]:
+            return candidate
     raise InputError(f"FMI {version}.0 has no name for this machine ({machine}-{system}); choose "
                      f"other platforms of {', '.join(PLATFORMS)}.")
 
@@ -92,31 +93,33 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
     GyrosparkError
         Where a compiler fails.
     """
-    what = f"Target fmu{version}"
-    wanted: dict[Platform, list[str]] = {}
+    purpose = f"Target fmu{version}"
+    compilers: dict[Platform, list[str]] = {}
     for choice in platforms:
-        several = (own_platform(version),) if choice == OWN else PLATFORMS[choice]
-        several = tuple(one for one in several if one.folders[version - 2])
-        if not several:
+        targets = (own_platform(version),) if choice == OWN else PLATFORMS[choice]
+        targets = tuple(target for target in targets if target.folders[version - 2])
+        if not targets:
             raise InputError(f"FMI {version}.0 has no name for platform {choice!r}; take fmu3, or "
                              "leave it out.")
-        for one in several:
+        for target in targets:
             if choice != OWN:
-                wanted[one] = [*require("zig", what), "cc", "-target", one.target, "-s"]
-            elif one not in wanted:
-                wanted[one] = require("cc", what)
+                compilers[target] = [*require("zig", purpose), "cc", "-target", target.target, "-s"]
+            elif target not in compilers:
+                compilers[target] = require("cc", purpose)
 
-    def link(one: Platform) -> None:
-        library = folder / _library(name, version, one)
+    def link(target: Platform) -> None:
+        library = folder / _library(name, version, target)
         library.parent.mkdir(parents=True, exist_ok=True)
-        run_tool([*wanted[one], *_FLAGS, *one.flags(library.name), f"fmi{version}.c", f"{name}.c",
-                  "-o", f"../{_library(name, version, one)}", "-lm"], folder / "sources", what)
-        for beside in library.parent.iterdir():  # of Windows: .pdb and .lib
-            if beside != library:
-                beside.unlink()
+        run_tool([*compilers[target], *_FLAGS, *target.flags(library.name), f"fmi{version}.c",
+                  f"{name}.c",
+                  "-o", f"../{_library(name, version, target)}", "-lm"], folder / "sources",
+                 purpose)
+        for file in library.parent.iterdir():  # of Windows: .pdb and .lib
+            if file != library:
+                file.unlink()
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(link, wanted))
+        list(pool.map(link, compilers))
     fmu = folder / f"{name}.fmu"
     with zipfile.ZipFile(fmu, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for path in sorted(path for path in folder.rglob("*") if path.is_file() and path != fmu):
@@ -127,8 +130,8 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
     return fmu
 
 
-def _library(name: str, version: int, one: Platform) -> str:
-    return f"binaries/{one.folders[version - 2]}/{name}{one.suffix}"
+def _library(name: str, version: int, target: Platform) -> str:
+    return f"binaries/{target.folders[version - 2]}/{name}{target.suffix}"
 
 
 def library_of(fmu: Path, name: str, version: int, folder: Path) -> Path:
@@ -139,10 +142,10 @@ def library_of(fmu: Path, name: str, version: int, folder: Path) -> Path:
     InputError
         Where the FMU has none.
     """
-    one = own_platform(version)
-    member = _library(name, version, one)
+    target = own_platform(version)
+    member = _library(name, version, target)
     with zipfile.ZipFile(fmu) as archive:
         if member not in archive.namelist():
-            raise InputError(f"{fmu.name} holds no library for this machine, {one.folders[1]}; "
+            raise InputError(f"{fmu.name} holds no library for this machine, {target.folders[1]}; "
                              f"build it for platform {OWN!r}, too.")
         return Path(archive.extract(member, folder))

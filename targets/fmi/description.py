@@ -1,4 +1,4 @@
-"""What an FMU says of itself: modelDescription.xml, buildDescription.xml, tables for core.h."""
+"""The descriptions of an FMU: modelDescription.xml, buildDescription.xml, tables for core.h."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def model_description(
 
 
 def _attributes(variable: Variable) -> dict[str, str]:
-    """Return what both versions say of a variable in the same words."""
+    """Return the attributes of a variable that are equal in both versions."""
     return {"description": variable.about, "causality": variable.causality,
             "variability": variable.variability,
             **({"initial": variable.initial} if variable.initial else {})}
@@ -126,22 +126,22 @@ def model_header(
 ) -> str:
     """Return sources/model.h: the stepper and its numbers, as core.h reads them."""
     name, system = manifest.name, manifest.system
-    roles = [number.role for number in system.numbers]
+    roles = [quantity.role for quantity in system.numbers]
     velocities, quantities = roles.count("velocity"), roles.count("quantity")
     time = "&(m)->time, " if system.quantities_take_time else ""
     start = f"{name}_start(&(m)->parameters, (m)->q, (m)->velocity, (m)->p)"
     velocity = f"{name}_velocity(&(m)->parameters, (m)->q, (m)->p, (m)->velocity)"
     observe = f"{name}_quantities(&(m)->parameters, {time}(m)->q, (m)->p, (m)->quantities)"
-    rows = ", \\\n    ".join(
-        f'{{ "{v.name}", offsetof(model_t, {v.place}), {v.settable}, {v.domain.upper()} }}'
+    variable_rows = ", \\\n    ".join(
+        f'{{ "{v.name}", offsetof(model_t, {v.member}), {v.settable}, {v.domain.upper()} }}'
         for v in variables)
     members = ", ".join(f".{field} = {float(options.parameters.get(field, 0))!r}"
                         for field in parameter_fields(manifest))
     states = {f"q[{k}]": x for k, x in enumerate(options.q)}
     states |= {f"p[{k}]": x for k, x in enumerate(options.p)}
-    states |= {v.place: v.start for v in variables
-               if v.start is not None and not v.place.startswith("parameters.")}
-    starts = ", ".join(f".{place} = {float(x)!r}" for place, x in states.items())
+    states |= {v.member: v.start for v in variables
+               if v.start is not None and not v.member.startswith("parameters.")}
+    starts = ", ".join(f".{member} = {float(x)!r}" for member, x in states.items())
     return f"""/* Generated: tables of one stepper for core.h. */
 #include <stddef.h>
 
@@ -162,7 +162,7 @@ enum {{ N = {len(system.coordinates)}, V = {velocities}, OBSERVED = {quantities}
                      else "(void)(m)"}
 
 #define VARIABLES \\
-    {rows}
+    {variable_rows}
 
 #define INITIAL {{ {starts}, \\
     .parameters = {{ {members} }} }}

@@ -44,12 +44,12 @@ class Slave:
     Attributes
     ----------
     messages : list of str
-        What it gave to the logger.
+        Messages of its logger.
 
     Raises
     ------
     GyrosparkError
-        Where it does not load or makes no instance, with what it said.
+        If it does not load or makes no instance, with its messages.
     """
 
     def __init__(self, library: Path, token: str, version: int,
@@ -61,7 +61,7 @@ class Slave:
         self._version, self._references = version, references
         self.messages: list[str] = []
         state = "FMUstate" if version == 2 else "FMUState"
-        self._state = {what: what.replace("*", state) for what in (
+        self._state = {pattern: pattern.replace("*", state) for pattern in (
             "Get*", "Set*", "Free*", "Serialized*Size", "Serialize*")}
         self._state["read"] = "DeSerializeFMUstate" if version == 2 else "DeserializeFMUState"
         self._instance = self._instantiate(token.encode())
@@ -91,7 +91,7 @@ class Slave:
         return STATUS[function(_Pointer(self._instance), *arguments)]
 
     def must(self, name: str, *arguments: Any) -> None:
-        """Call a function; raise ``GyrosparkError`` with what it said unless it succeeds."""
+        """Call a function; raise ``GyrosparkError`` with its message unless it succeeds."""
         status = self.call(name, *arguments)
         if status != "OK":
             raise GyrosparkError(f"fmi{self._version}{name} of the FMU returns {status}: "
@@ -120,13 +120,13 @@ class Slave:
         self.must("GetReal" if self._version == 2 else "GetFloat64", *arguments)
         return [*values]
 
-    def _arguments(self, names: Sequence[str], values: Sequence[float]) -> tuple[list[Any], Any]:
+    def _arguments(self, names: Sequence[str], numbers: Sequence[float]) -> tuple[list[Any], Any]:
         count = ctypes.c_size_t(len(names))
-        array = (_Real * len(names))(*values)
-        found: list[Any] = [
+        array = (_Real * len(names))(*numbers)
+        arguments: list[Any] = [
             (ctypes.c_uint32 * len(names))(*(self._references[name] for name in names)), count,
             array]
-        return (found if self._version == 2 else [*found, count]), array
+        return (arguments if self._version == 2 else [*arguments, count]), array
 
     def step(self, time: float, size: float) -> str:
         """Return the status of a communication step."""
@@ -147,7 +147,7 @@ class Slave:
         self.must(self._state["Set*"], state)
 
     def free(self, state: Any) -> None:
-        """Give the memory of a state back."""
+        """Release the memory of a state."""
         self.must(self._state["Free*"], ctypes.byref(state))
 
     def write(self, state: Any) -> bytes:

@@ -55,10 +55,10 @@ class Fmu:
         refuse_names(manifest, _MACROS, "core.h of an FMU")
         version, name = self.version, manifest.name
         variables = variables_of(manifest, options)
-        own = {file: (_HERE / file).read_text(encoding="utf-8")
-               for file in ("core.h", "export.h", f"fmi{version}.h", f"fmi{version}.c")}
+        core_files = {file: (_HERE / file).read_text(encoding="utf-8")
+                      for file in ("core.h", "export.h", f"fmi{version}.h", f"fmi{version}.c")}
         code = {
-            **{file: sources[file] for file in (f"{name}.c", f"{name}.h")}, **own,
+            **{file: sources[file] for file in (f"{name}.c", f"{name}.h")}, **core_files,
             "model.h": model_header(manifest, options, variables, version),
             **({"buildDescription.xml": build_description(name)} if version == 3 else {}),
         }
@@ -85,17 +85,17 @@ class Fmu:
         """
         manifest, options = built.stepper.manifest, built.options
         variables = variables_of(manifest, options)
-        names = [v.name for v in variables if v.place.startswith(("q[", "p["))]
+        names = [v.name for v in variables if v.member.startswith(("q[", "p["))]
         count = len(options.q)
-        with tempfile.TemporaryDirectory() as place:
-            library = library_of(built.path, built.stepper.name, self.version, Path(place))
+        with tempfile.TemporaryDirectory() as folder_name:
+            library = library_of(built.path, built.stepper.name, self.version, Path(folder_name))
             with Slave(library, token(manifest, variables, self.version), self.version,
                        {v.name: k for k, v in enumerate(variables)}) as slave:
                 slave.start()
                 state = slave.keep()
-                first: list[float] = []
-                again: list[float] = []
-                for rows in (first, again):
+                first_end: list[float] = []
+                second_end: list[float] = []
+                for end_state in (first_end, second_end):
                     slave.restore(state)
                     for step in range(_STEPS):
                         status = slave.step(step * options.dt, options.dt)
@@ -103,15 +103,16 @@ class Fmu:
                             raise GyrosparkError(
                                 f"Step {step + 1} of the FMU returns {status}: "
                                 f"{' '.join(slave.messages[-1:])}")
-                    rows += slave.get(names)
+                    end_state += slave.get(names)
                 slave.free(state)
-        wanted = native_bits(built.stepper, options, _STEPS)
-        found = struct.pack(f"={len(first)}d", *first).hex()
-        if found != wanted[:len(found)] or len(first) < count:
+        expected_bits = native_bits(built.stepper, options, _STEPS)
+        bits = struct.pack(f"={len(first_end)}d", *first_end).hex()
+        if bits != expected_bits[:len(bits)] or len(first_end) < count:
             raise GyrosparkError(f"The FMU of {built.stepper.name} has other bits than the C after "
-                                 f"{_STEPS} steps: {found} instead of {wanted[:len(found)]}.")
-        if first != again:
+                                 f"{_STEPS} steps: {bits} instead of {expected_bits[:len(bits)]}.")
+        if first_end != second_end:
             raise GyrosparkError(f"The FMU of {built.stepper.name} does not repeat {_STEPS} steps "
-                                 f"from a state that was kept: {again} instead of {first}.")
+                                 f"from a state that was kept: {second_end} instead of "
+                                 f"{first_end}.")
         return (f"FMI {self.version}.0: the bits of C after {_STEPS} steps, twice from one state "
                 "that was kept")

@@ -17,19 +17,19 @@ from ..artefact import Options
 
 __all__ = ["Variable", "unit_of", "variables_of"]
 
-#: The least number above 0 that is not subnormal: what ``min`` says of a positive number.
+#: The smallest normal number above 0: the attribute ``min`` of positive variables.
 LEAST = sys.float_info.min
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A number of an FMU; its value reference is its place among them.
+    """A number of an FMU; its value reference is its index among them.
 
     Attributes
     ----------
     name, about : str
-    place : str
-        In the struct ``model_t`` of core.h.
+    member : str
+        Member of the struct ``model_t`` of core.h.
     causality, variability, initial : str
         As FMI has them; ``initial`` is empty for inputs and for time.
     start : float or None
@@ -44,7 +44,7 @@ class Variable:
 
     name: str
     about: str
-    place: str
+    member: str
     causality: str
     variability: str = "continuous"
     initial: str = ""
@@ -73,9 +73,9 @@ def variables_of(manifest: Manifest, options: Options) -> list[Variable]:
     InputError
         For two numbers of one name, a number without a start, an unknown unit.
     """
-    found = [*_variables(manifest, options)]
+    variables = [*_variables(manifest, options)]
     names: set[str] = set()
-    for variable in found:
+    for variable in variables:
         if variable.name in names:
             raise InputError(
                 f"An FMU of {manifest.name} would have two variables {variable.name!r}: time, "
@@ -84,7 +84,7 @@ def variables_of(manifest: Manifest, options: Options) -> list[Variable]:
         if variable.start is not None and not math.isfinite(variable.start):
             raise InputError(f"The start of {variable.name} is {variable.start}; an FMU needs a "
                              "finite number.")
-    return found
+    return variables
 
 
 def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
@@ -92,7 +92,7 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
     numbers = system.numbers
     hamiltonian = system.hamiltonian
     quantities: Mapping[str, str] = system.quantities
-    known = [n.name for n in numbers if n.role in ("parameter", "input")]
+    input_names = [n.name for n in numbers if n.role in ("parameter", "input")]
     time = system.time
     first = "velocity" if any(n.role == "velocity" for n in numbers) else "p"
     mechanical = any("kg" in base_units(n.unit) for n in numbers if n.unit)
@@ -101,17 +101,18 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
     yield Variable("dt", "longest step of the integrator", "dt", "parameter", "fixed", "exact",
                    float(options.dt), "s", "positive")
     about = _meanings(system)
-    first_of = {"q": "coordinate", "p": "momentum", "velocity": "rate of a coordinate"}
+    default_texts = {"q": "coordinate", "p": "momentum", "velocity": "rate of a coordinate"}
     counts = dict.fromkeys(("q", "p", "velocity", "quantity"), 0)
 
     def depends(text: str) -> tuple[str, ...]:
         words = {*re.findall(r"[A-Za-z_]\w*", text)}
-        return (*(["time"] if time in words else []), *(name for name in known if name in words))
+        return (*(["time"] if time in words else []),
+                *(name for name in input_names if name in words))
 
     for number in numbers:
         name, role, unit, domain = number.name, number.role, number.unit, number.domain
         if role in counts:
-            place = f"{'quantities' if role == 'quantity' else role}[{counts[role]}]"
+            member = f"{'quantities' if role == 'quantity' else role}[{counts[role]}]"
             counts[role] += 1
         if role in ("parameter", "input"):
             value = float(options.parameters[name])
@@ -120,12 +121,12 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
                            value, unit, domain)
         elif role in ("q", first):
             value = float(starts[role][counts[role] - 1])
-            yield Variable(name, about.get(name, first_of[role]), place, "output",
+            yield Variable(name, about.get(name, default_texts[role]), member, "output",
                            initial="exact", start=value,
                            unit=unit, depends=() if role != "velocity" else depends(hamiltonian))
         elif role == "quantity":
-            yield Variable(name, quantities[name], place, "output", initial="calculated", unit=unit,
-                           depends=depends(quantities[name]))
+            yield Variable(name, quantities[name], member, "output", initial="calculated",
+                           unit=unit, depends=depends(quantities[name]))
     yield Variable("energy", "H(q, p)", "energy", "output", initial="calculated",
                    unit="J" if mechanical else None, depends=depends(hamiltonian))
 
@@ -138,20 +139,20 @@ def _bodies(system: SystemManifest) -> Mapping[str, BodyManifest]:
 
 
 def _meanings(system: SystemManifest) -> dict[str, str]:
-    """Return what coordinates and velocities of bodies are."""
-    found: dict[str, str] = {}
+    """Return descriptions of the coordinates and velocities of bodies, by name."""
+    texts: dict[str, str] = {}
     for name, body in _bodies(system).items():
-        found |= dict.fromkeys(body.q, f"attitude of {name}, a unit quaternion")
-        found |= dict.fromkeys(body.x, f"position of {name} in space")
-        found |= {f"{name}_omega_{a}": f"angular velocity of {name} in its axes" for a in "xyz"}
-        found |= {f"{name}_v_{a}": f"velocity of {name} in space" for a in "xyz"}
-    return found
+        texts |= dict.fromkeys(body.q, f"attitude of {name}, a unit quaternion")
+        texts |= dict.fromkeys(body.x, f"position of {name} in space")
+        texts |= {f"{name}_omega_{a}": f"angular velocity of {name} in its axes" for a in "xyz"}
+        texts |= {f"{name}_v_{a}": f"velocity of {name} in space" for a in "xyz"}
+    return texts
 
 
 def _velocities(system: SystemManifest, options: Options) -> list[float]:
     """Return the velocities of a start: 2 L(q) q' of a quaternion, else q', with q' = H_p.
 
-    H_p is Im H(q, p + iε e_k)/ε, a way that shares nothing with the C.
+    H_p is the complex step Im H(q, p + iε e_k)/ε, independent of the C.
     """
     import sympy as sp
 
@@ -164,19 +165,20 @@ def _velocities(system: SystemManifest, options: Options) -> list[float]:
     text = system.hamiltonian.replace("Abs(", "abs(")  # SymPy's name, and that of formulas
     H = parse_formula(text, names, frozenset(names.values()))
     p = np.array(options.p)[:, None] + 1e-100j * np.eye(len(options.p))
-    values = {**options.parameters, **dict(zip(system.coordinates, options.q, strict=True)),
-              **dict(zip(system.momenta, p, strict=True))}
-    rates = evaluate([H], {names[name]: x for name, x in values.items()}).imag[0] / 1e-100
-    at = {name: k for k, name in enumerate(system.coordinates)}
-    found: list[float] = []
-    seen: set[int] = set()
+    symbol_values = {**options.parameters, **dict(zip(system.coordinates, options.q, strict=True)),
+                     **dict(zip(system.momenta, p, strict=True))}
+    rates = evaluate([H], {names[name]: x for name, x in symbol_values.items()}).imag[0] / 1e-100
+    index_of = {name: k for k, name in enumerate(system.coordinates)}
+    velocities: list[float] = []
+    used_indices: set[int] = set()
     for body in _bodies(system).values():
-        turning, moving = [at[x] for x in body.q], [at[x] for x in body.x]
+        turning, moving = [index_of[x] for x in body.q], [index_of[x] for x in body.x]
         if turning:
-            found += (2 * left_matrix([options.q[k] for k in turning]) @ rates[turning]).tolist()
-        found += rates[moving].tolist()
-        seen |= {*turning, *moving}
-    return [*found, *(float(rate) for k, rate in enumerate(rates) if k not in seen)]
+            velocities += (2
+                           * left_matrix([options.q[k] for k in turning]) @ rates[turning]).tolist()
+        velocities += rates[moving].tolist()
+        used_indices |= {*turning, *moving}
+    return [*velocities, *(float(rate) for k, rate in enumerate(rates) if k not in used_indices)]
 
 
 def unit_of(variable: Variable) -> dict[str, str]:

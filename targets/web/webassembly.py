@@ -38,33 +38,33 @@ def files(
     name = manifest.name
     facts = {"schemes": schemes_of(options), "start": start_of(manifest, options),
              "velocities": [x.name for x in velocities_of(manifest)]}
-    values = "".join(f"export const {what} = {json.dumps(value)};\n"
-                     for what, value in facts.items())
-    script = f"{read('stepper.js')}\n{values}export {{ Stepper }};\n"
+    constants = "".join(f"export const {constant_name} = {json.dumps(value)};\n"
+                        for constant_name, value in facts.items())
+    script = f"{read('stepper.js')}\n{constants}export {{ Stepper }};\n"
     return {**c_files(options), f"{name}.mjs": script}
 
 
 def c_files(options: Options) -> dict[str, str | bytes]:
-    """Return the C of all steppers, and what is compiled with each."""
+    """Return the C of all steppers, and glue.c, which is compiled with each."""
     if not options.steppers:
         raise InputError("An artefact without a stepper: name a scheme.")
-    found: dict[str, str | bytes] = {f"{SOURCES}/glue.c": read("glue.c")}
+    c_sources: dict[str, str | bytes] = {f"{SOURCES}/glue.c": read("glue.c")}
     for stepper in options.steppers:
-        refuse_other_numbers(options.steppers[0], stepper)
-        found |= {f"{SOURCES}/{file}": text for file, text in stepper.sources.items()}
-    return found
+        refuse_different_inputs(options.steppers[0], stepper)
+        c_sources |= {f"{SOURCES}/{file}": text for file, text in stepper.sources.items()}
+    return c_sources
 
 
-def refuse_other_numbers(first: Written, other: Written) -> None:
-    """Refuse a stepper that takes other numbers than the first: one start serves all.
+def refuse_different_inputs(first: Written, stepper: Written) -> None:
+    """Refuse a stepper whose coordinates or parameters differ: all steppers share one start.
 
     Raises
     ------
     InputError
     """
     for key in ("coordinates", "parameters"):
-        if getattr(other.manifest.system, key) != getattr(first.manifest.system, key):
-            raise InputError(f"{other.manifest.scheme.method} has other {key} than "
+        if getattr(stepper.manifest.system, key) != getattr(first.manifest.system, key):
+            raise InputError(f"{stepper.manifest.scheme.method} has other {key} than "
                              f"{first.manifest.scheme.method}; build them apart.")
 
 
@@ -116,7 +116,7 @@ def compile_module(folder: Path, module: Path, level: str = "-O2") -> None:
 
 
 def definitions(manifest: Manifest) -> list[str]:
-    """Return what glue.c is told about a stepper."""
+    """Return the compiler's definitions for glue.c: stepper, kind of scheme, constraints."""
     kind = manifest.scheme.kind
     return [f'-DSTEPPER="{manifest.name}.c"', f"-DSPARK={int(kind == 'spark')}",
             f"-DSPLITTING={int(kind == 'splitting')}",
@@ -163,8 +163,8 @@ def _in_node(module: bytes, options: Options) -> list[str]:
     """Return the bits of q and p of each stepper after the steps of a check."""
     about = {"schemes": schemes_of(options), "steps": _STEPS,
              "start": start_of(options.steppers[0].manifest, options)}
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
         (folder / "stepper.wasm").write_bytes(module)
         (folder / "about.json").write_text(json.dumps(about), encoding="utf-8")
         (folder / "check.mjs").write_text(read("stepper.js") + read("check.js"), encoding="utf-8")
@@ -172,7 +172,7 @@ def _in_node(module: bytes, options: Options) -> list[str]:
 
 
 def _in_wasmtime(module: bytes, options: Options) -> list[str]:
-    """Return the same of wasmtime."""
+    """Return the bits of q and p of each stepper after the steps of a check, in wasmtime."""
     import wasmtime
 
     store = wasmtime.Store()
@@ -180,7 +180,7 @@ def _in_wasmtime(module: bytes, options: Options) -> list[str]:
     exports = instance.exports(store)
     memory: Any = exports["memory"]
     base = exports["__heap_base"].value(store)
-    found = []
+    bits = []
     for stepper in options.steppers:
         real = "f" if stepper.manifest.real == "float" else "d"
 
@@ -191,18 +191,18 @@ def _in_wasmtime(module: bytes, options: Options) -> list[str]:
             list(options.parameters.values()), options.q, options.p)]
         arrays.append(struct.pack(f"<{real}i", 0.0, options.max_iterations))
         arrays += [bytes(16), bytes(call("work_size"))]
-        at, end = [], -(-base // 16)*16
+        addresses, end = [], -(-base // 16)*16
         for array in arrays:
-            at.append(end)
+            addresses.append(end)
             end += -(-len(array) // 16)*16
         missing = end - memory.data_len(store)
         if missing > 0:
             memory.grow(store, -(-missing // 65536))
-        for place, array in zip(at, arrays, strict=True):
-            memory.write(store, array, place)
-        parameters, q, p, limits, done, work = at
+        for address, array in zip(addresses, arrays, strict=True):
+            memory.write(store, array, address)
+        parameters, q, p, limits, done, work = addresses
         call("begin", work, parameters, limits, options.dt, q, p)
         call("repeat", work, q, p, _STEPS, done)
-        found.append(b"".join(memory.read(store, place, place + len(array))
-                              for place, array in zip((q, p), arrays[1:3], strict=True)).hex())
-    return found
+        bits.append(b"".join(memory.read(store, address, address + len(array))
+                             for address, array in zip((q, p), arrays[1:3], strict=True)).hex())
+    return bits
