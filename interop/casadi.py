@@ -68,23 +68,26 @@ class Flow(FlowFunction):
         self.function = _value(self._flow, self._has_second)
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
-        return self.function(casadi.vertcat(*(_column(part, shape) for part, shape in parts)))
+        return self.function(casadi.vertcat(*(_column(component, shape)
+                                              for component, shape in parts)))
 
     def _shape(self, value: Any) -> tuple[int, ...]:
         """Return a shape as NumPy has it: CasADi has columns of one number for scalars."""
         if not isinstance(value, (casadi.MX, casadi.SX, casadi.DM)):
             return np.shape(value)
-        rows, columns = value.shape
-        return () if rows == columns == 1 else (rows,) if columns == 1 else (rows, columns)
+        row_count, column_count = value.shape
+        if row_count == column_count == 1:
+            return ()
+        return (row_count,) if column_count == 1 else (row_count, column_count)
 
 
-def _column(part: Any, shape: tuple[int, ...]) -> Any:
+def _column(component: Any, shape: tuple[int, ...]) -> Any:
     """Return a part of x as a column; inputs row by row."""
-    if not isinstance(part, (casadi.MX, casadi.SX, casadi.DM)):
-        part = casadi.DM(np.asarray(part, dtype=float))
-    if len(shape) == 2 and part.shape != shape:  # the same inputs in each step
-        return casadi.vertcat(*[part] * shape[0])
-    return casadi.vec(part.T) if len(shape) == 2 else part
+    if not isinstance(component, (casadi.MX, casadi.SX, casadi.DM)):
+        component = casadi.DM(np.asarray(component, dtype=float))
+    if len(shape) == 2 and component.shape != shape:  # the same inputs in each step
+        return casadi.vertcat(*[component] * shape[0])
+    return casadi.vec(component.T) if len(shape) == 2 else component
 
 
 # ---------------------------------------------------------------- functions of CasADi
@@ -134,14 +137,14 @@ class _Function(casadi.Callback):  # type: ignore[misc]
     def has_reverse(self, count: int) -> bool:
         return "reverse" in self._derivatives
 
-    def get_jacobian(self, *given: Any) -> Any:
-        return self._derived("jacobian", *given)
+    def get_jacobian(self, *arguments: Any) -> Any:
+        return self._derived("jacobian", *arguments)
 
-    def get_forward(self, count: int, *given: Any) -> Any:
-        return self._derived("forward", *given, count)
+    def get_forward(self, count: int, *arguments: Any) -> Any:
+        return self._derived("forward", *arguments, count)
 
-    def get_reverse(self, count: int, *given: Any) -> Any:
-        return self._derived("reverse", *given, count)
+    def get_reverse(self, count: int, *arguments: Any) -> Any:
+        return self._derived("reverse", *arguments, count)
 
     def _derived(
         self, kind: str, name: str, ins: list[str], outs: list[str], options: Any, *count: int
@@ -186,13 +189,13 @@ def _reverse(
         width = flow.size * count
         return _Function(
             name, _named(ins, [*shapes, (flow.size, count)]),
-            _named(outs, [(width, rows * columns) for rows, columns in shapes]), second)
+            _named(outs, [(width, height * columns) for height, columns in shapes]), second)
 
-    def second(x: Array, z: Array, w: Array, found: Array) -> tuple[Array, ...]:
+    def second(x: Array, z: Array, w: Array, result: Array) -> tuple[Array, ...]:
         first = flow.jacobian(x.T)[0].T
         unit = np.eye(flow.size)[None]
         by_x = np.concatenate([flow.second(flow.adjoint, x.T, np.repeat(
-            one[None, None], flow.size, axis=1), unit)[0].T for one in w.T])
+            cotangent[None, None], flow.size, axis=1), unit)[0].T for cotangent in w.T])
         return by_x, np.zeros((len(by_x), len(z))), np.kron(np.eye(count), first)
 
     return _Function(name, _named(ins, shapes), _named(outs, [(flow.size, count)]),

@@ -1,4 +1,4 @@
-"""What the functions of all libraries have in common: their arguments, and refusals."""
+"""The base of the functions of all libraries: their arguments and refusals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .discrete_flow import DiscreteFlow
 
 __all__ = ["FlowFunction", "no_second_order"]
 
-#: What second derivatives may be.
+#: Choices for second derivatives.
 _SECOND_ORDER = ("exact", "differences", "refuse")
 
 
@@ -45,10 +45,10 @@ class FlowFunction(ABC):
     names : list of str
         The parameters in the order of an array of them.
     failures : deque of str
-        Why the last results are NaN that are.
+        The reasons of the last results that are NaN.
     """
 
-    #: Whether arrays of one column have no other shape than that of a vector.
+    #: Whether the library gives vectors the shape of a column.
     _columns = False
 
     def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
@@ -72,12 +72,12 @@ class FlowFunction(ABC):
         dt, t0 : scalar
             Time step and time at the start.
         inputs : array, shape (steps, inputs) or (inputs,)
-            The inputs of each step, or those of all.
+            The inputs of each step, or one row for all steps.
 
         Raises
         ------
         InputError
-            For names, shapes and types of numbers that are not those of the stepper.
+            For names, shapes and number types that do not fit the stepper.
         """
         z = self._evaluate(self._parts(q, p, parameters, self._dt if dt is None else dt, t0,
                                        inputs))
@@ -85,7 +85,7 @@ class FlowFunction(ABC):
 
     @abstractmethod
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
-        """Return F of parts of x, each of which has a shape or is broadcast to it."""
+        """Return F(x); ``parts`` are the components of x, each with the shape to broadcast to."""
 
     def _shape(self, value: Any) -> tuple[int, ...]:
         return np.shape(value)
@@ -94,29 +94,30 @@ class FlowFunction(ABC):
         self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any
     ) -> list[tuple[Any, tuple[int, ...]]]:
         flow, count = self._flow, len(self._flow.input_names)
-        given: list[tuple[str, Any, tuple[int, ...]]] = [("q", q, (flow.n,)), ("p", p, (flow.n,))]
+        arguments: list[tuple[str, Any, tuple[int, ...]]] = [("q", q, (flow.n,)),
+                                                             ("p", p, (flow.n,))]
         if isinstance(parameters, Mapping):
-            given += [(f"Parameter {name}", value, ()) for name, value in
-                      zip(self.names, flow.parameters(parameters), strict=True)]
+            arguments += [(f"Parameter {name}", value, ()) for name, value in
+                          zip(self.names, flow.parameters(parameters), strict=True)]
         else:
-            given.append(("parameters", parameters, (len(self.names),)))
+            arguments.append(("parameters", parameters, (len(self.names),)))
         if dt is None:
             raise InputError("dt is not given; give it here or where this function is made.")
-        given += [("dt", dt, ()), ("t0", t0, ())]
+        arguments += [("dt", dt, ()), ("t0", t0, ())]
         if count and inputs is None:
             raise InputError(f"inputs are not given; give {', '.join(flow.input_names)}, "
                              f"shape ({flow.steps}, {count}) or ({count},).")
         if inputs is not None:
-            given.append(("inputs", inputs, (flow.steps, count)))
-        for name, value, shape in given:
-            found, allowed = self._shape(value), {shape}
+            arguments.append(("inputs", inputs, (flow.steps, count)))
+        for name, value, shape in arguments:
+            value_shape, allowed = self._shape(value), {shape}
             if name == "inputs":
                 allowed.add((count,))
             if shape[-1:] == (1,):  # one number or a column, which CasADi has no other shapes for
                 allowed |= {(), shape[:-1] if self._columns else ()}
-            if found not in allowed:
-                raise InputError(f"{name} has shape {found}; give shape {shape}.")
-        return [(value, shape) for _, value, shape in given]
+            if value_shape not in allowed:
+                raise InputError(f"{name} has shape {value_shape}; give shape {shape}.")
+        return [(value, shape) for _, value, shape in arguments]
 
 
 def no_second_order(cure: str = "") -> InputError:

@@ -65,8 +65,9 @@ class Flow(FlowFunction):
         if not jax.config.jax_enable_x64:
             raise InputError("JAX computes in 32 bits, and steps need 64; call "
                              "jax.config.update(\"jax_enable_x64\", True) first.")
-        x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(part, dtype=jnp.float64), shape).ravel()
-                             for part, shape in parts])
+        x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(component, dtype=jnp.float64),
+                                              shape).ravel()
+                             for component, shape in parts])
         return _value.bind(x[None], flow=self._flow, has_second=self._has_second)[0]
 
 
@@ -83,11 +84,11 @@ _second_tangent = Primitive("gyrospark_second_tangent")
 _second_adjoint = Primitive("gyrospark_second_adjoint")
 
 
-def _of_flow(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> None:
-    """Register how a primitive is computed, in Python and in compiled programs."""
-    def shape(x: Any, *others: Any, flow: DiscreteFlow) -> tuple[int, ...]:
+def _register(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> None:
+    """Register the evaluation of a primitive, in Python and in compiled programs."""
+    def shape(x: Any, *directions: Any, flow: DiscreteFlow) -> tuple[int, ...]:
         width = flow.size if is_adjoint else 2 * flow.n
-        return (*(others[0].shape[:2] if others else x.shape[:1]), width)
+        return (*(directions[0].shape[:2] if directions else x.shape[:1]), width)
 
     def compute(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return call(flow, *map(np.asarray, arrays))
@@ -100,8 +101,8 @@ def _of_flow(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> None
     def abstract(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return ShapedArray(shape(*arrays, flow=flow), jnp.dtype("float64"))
 
-    def implement(*arrays: Any, **given: Any) -> Any:
-        return jnp.asarray(compute(*arrays, **given))
+    def implement(*arrays: Any, **settings: Any) -> Any:
+        return jnp.asarray(compute(*arrays, **settings))
 
     primitive.def_impl(implement)
     primitive.def_abstract_eval(abstract)
@@ -110,32 +111,36 @@ def _of_flow(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> None
 
 
 def _batch(
-    primitive: Any, arrays: Sequence[Any], axes: Sequence[int | None], **given: Any
+    primitive: Any, arrays: Sequence[Any], axes: Sequence[int | None], **settings: Any
 ) -> tuple[Any, int]:
-    """Make the axis of points longer; where x is the same for all, that of directions."""
+    """Merge the mapped axis with the axis of points; if x is not mapped, with the directions."""
     size = next(array.shape[axis] for array, axis in zip(arrays, axes, strict=True)
                 if axis is not None)
-    place = 0 if axes[0] is not None else 1  # of the mapped axis, before the one it is merged with
-    made = []
+    # The mapped axis is put before the axis of points or directions, and merged with it.
+    mapped_axis = 0 if axes[0] is not None else 1
+    batched = []
     for i, (array, axis) in enumerate(zip(arrays, axes, strict=True)):
         if i == 0 and axis is None:
-            made.append(array)
+            batched.append(array)
             continue
-        array = (jnp.moveaxis(array, axis, place) if axis is not None else jnp.broadcast_to(
-            jnp.expand_dims(array, place), (*array.shape[:place], size, *array.shape[place:])))
-        made.append(array.reshape(*array.shape[:place], -1, *array.shape[place + 2 :]))
-    found = primitive.bind(*made, **given)
-    return found.reshape(*found.shape[:place], size, -1, *found.shape[place + 1 :]), place
+        array = (jnp.moveaxis(array, axis, mapped_axis) if axis is not None else jnp.broadcast_to(
+            jnp.expand_dims(array, mapped_axis),
+            (*array.shape[:mapped_axis], size, *array.shape[mapped_axis:])))
+        batched.append(array.reshape(*array.shape[:mapped_axis], -1,
+                                     *array.shape[mapped_axis + 2 :]))
+    result = primitive.bind(*batched, **settings)
+    return result.reshape(*result.shape[:mapped_axis], size, -1,
+                          *result.shape[mapped_axis + 1 :]), mapped_axis
 
 
-def _along(tangent: Any) -> bool:
+def _is_nonzero(tangent: Any) -> bool:
     return type(tangent) is not ad.Zero
 
 
-def _value_jvp(primals: Any, tangents: Any, **given: Any) -> Any:
+def _value_jvp(primals: Any, tangents: Any, **settings: Any) -> Any:
     (x,), (dx,) = primals, tangents
-    value = _value.bind(x, **given)
-    return value, _tangent.bind(x, dx[:, None], **given)[:, 0]
+    value = _value.bind(x, **settings)
+    return value, _tangent.bind(x, dx[:, None], **settings)[:, 0]
 
 
 def _linear_jvp(
@@ -143,33 +148,34 @@ def _linear_jvp(
 ) -> Any:
     """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
     (x, v), (dx, dv) = primals, tangents
-    given = {"flow": flow, "has_second": has_second}
-    value = linear.bind(x, v, **given)
-    found = [linear.bind(x, dv, **given)] if _along(dv) else []
-    if _along(dx):
+    settings = {"flow": flow, "has_second": has_second}
+    value = linear.bind(x, v, **settings)
+    terms = [linear.bind(x, dv, **settings)] if _is_nonzero(dv) else []
+    if _is_nonzero(dx):
         if not has_second:
             raise no_second_order()
         directions = jnp.broadcast_to(dx[:, None], (*v.shape[:2], dx.shape[-1]))
-        found.append(second.bind(x, v, directions, **given))
-    return value, sum(found[1:], found[0]) if found else ad.Zero.from_primal_value(value)
+        terms.append(second.bind(x, v, directions, **settings))
+    return value, sum(terms[1:], terms[0]) if terms else ad.Zero.from_primal_value(value)
 
 
-def _transpose(other: Any, cotangent: Any, x: Any, v: Any, **given: Any) -> Any:
+def _transpose(transposed_primitive: Any, cotangent: Any, x: Any, v: Any, **settings: Any) -> Any:
     """The transpose of F'(x) v by v is F'(x)ᵀ, and the other way round."""
-    found = other.bind(x, cotangent, **given) if _along(cotangent) else ad.Zero(v.aval)
-    return None, found
+    if not _is_nonzero(cotangent):
+        return None, ad.Zero(v.aval)
+    return None, transposed_primitive.bind(x, cotangent, **settings)
 
 
-def _refuse_transpose(*arrays: Any, **given: Any) -> Any:
+def _refuse_transpose(*arrays: Any, **settings: Any) -> Any:
     raise InputError("Second derivatives of steps are taken forward over reverse: use jax.hessian, "
                      "or jacfwd of jacrev.")
 
 
-_of_flow(_value, DiscreteFlow.value, is_adjoint=False)
-_of_flow(_tangent, DiscreteFlow.tangent, is_adjoint=False)
-_of_flow(_adjoint, DiscreteFlow.adjoint, is_adjoint=True)
-_of_flow(_second_tangent, lambda flow, *xs: flow.second(flow.tangent, *xs), is_adjoint=False)
-_of_flow(_second_adjoint, lambda flow, *xs: flow.second(flow.adjoint, *xs), is_adjoint=True)
+_register(_value, DiscreteFlow.value, is_adjoint=False)
+_register(_tangent, DiscreteFlow.tangent, is_adjoint=False)
+_register(_adjoint, DiscreteFlow.adjoint, is_adjoint=True)
+_register(_second_tangent, lambda flow, *xs: flow.second(flow.tangent, *xs), is_adjoint=False)
+_register(_second_adjoint, lambda flow, *xs: flow.second(flow.adjoint, *xs), is_adjoint=True)
 ad.primitive_jvps[_value] = _value_jvp
 for _one, _other, _second in ((_tangent, _adjoint, _second_tangent),
                               (_adjoint, _tangent, _second_adjoint)):

@@ -52,18 +52,19 @@ class Flow(FlowFunction):
     """N steps as a PyTorch function; see ``run``. Tensors are of double precision, on the CPU."""
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
-        x = torch.cat([_double(part).broadcast_to(shape).reshape(-1) for part, shape in parts])
+        x = torch.cat([_double(component).broadcast_to(shape).reshape(-1)
+                       for component, shape in parts])
         return _Value.apply(x[None], self._flow, self._has_second)[0]
 
 
-def _double(part: Any) -> Any:
+def _double(component: Any) -> Any:
     """Return a part of x as a tensor; tensors must be of double precision, on the CPU."""
-    if not isinstance(part, torch.Tensor):
-        return torch.as_tensor(part, dtype=torch.float64)
-    if part.dtype is not torch.float64 or part.device.type != "cpu":
-        raise InputError(f"A tensor is {part.dtype} on {part.device}; steps take torch.float64 on "
-                         "the CPU: x.double().cpu().")
-    return part
+    if not isinstance(component, torch.Tensor):
+        return torch.as_tensor(component, dtype=torch.float64)
+    if component.dtype is not torch.float64 or component.device.type != "cpu":
+        raise InputError(f"A tensor is {component.dtype} on {component.device}; steps take "
+                         "torch.float64 on the CPU: x.double().cpu().")
+    return component
 
 
 # ---------------------------------------------------------------- functions of torch.autograd
@@ -73,28 +74,31 @@ def _computed(function: Any, *tensors: Any) -> Any:
     return torch.from_numpy(function(*(tensor.detach().numpy() for tensor in tensors)))
 
 
-def _save(ctx: Any, given: tuple[Any, ...]) -> None:
-    *tensors, ctx.flow, ctx.has_second = given
+def _save(ctx: Any, inputs: tuple[Any, ...]) -> None:
+    *tensors, ctx.flow, ctx.has_second = inputs
     ctx.save_for_backward(*tensors)
     ctx.save_for_forward(*tensors)
     ctx.set_materialize_grads(False)
 
 
-def _batch(function: Any, size: int, axes: tuple[Any, ...], given: tuple[Any, ...]) -> Any:
-    """Make the axis of points longer; where x is the same for all, that of directions."""
-    *tensors, flow, has_second = given
-    place = 0 if axes[0] is not None else 1  # of the mapped axis, before the one it is merged with
-    made = []
+def _batch(function: Any, size: int, axes: tuple[Any, ...], inputs: tuple[Any, ...]) -> Any:
+    """Merge the mapped axis with the axis of points; if x is not mapped, with the directions."""
+    *tensors, flow, has_second = inputs
+    # The mapped axis is put before the axis of points or directions, and merged with it.
+    mapped_axis = 0 if axes[0] is not None else 1
+    batched = []
     for i, (tensor, axis) in enumerate(zip(tensors, axes[: len(tensors)], strict=True)):
         if i == 0 and axis is None:
-            made.append(tensor)
+            batched.append(tensor)
             continue
-        one = (tensor.movedim(axis, place) if axis is not None
-               else tensor.unsqueeze(place).expand(*tensor.shape[:place], size,
-                                                   *tensor.shape[place:]))
-        made.append(one.reshape(*one.shape[:place], -1, *one.shape[place + 2 :]))
-    found = function.apply(*made, flow, has_second)
-    return found.reshape(*found.shape[:place], size, -1, *found.shape[place + 1 :]), place
+        mapped = (tensor.movedim(axis, mapped_axis) if axis is not None
+                  else tensor.unsqueeze(mapped_axis).expand(*tensor.shape[:mapped_axis], size,
+                                                            *tensor.shape[mapped_axis:]))
+        batched.append(mapped.reshape(*mapped.shape[:mapped_axis], -1,
+                                      *mapped.shape[mapped_axis + 2 :]))
+    result = function.apply(*batched, flow, has_second)
+    return result.reshape(*result.shape[:mapped_axis], size, -1,
+                          *result.shape[mapped_axis + 1 :]), mapped_axis
 
 
 class _Value(Function):  # type: ignore[misc]
@@ -121,8 +125,8 @@ class _Value(Function):  # type: ignore[misc]
         return _Tangent.apply(x, dx[:, None], ctx.flow, ctx.has_second)[:, 0]
 
     @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
-        return _batch(_Value, info.batch_size, in_dims, given)
+    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
+        return _batch(_Value, info.batch_size, in_dims, inputs)
 
 
 class _Linear(Function):  # type: ignore[misc]
@@ -133,25 +137,26 @@ class _Linear(Function):  # type: ignore[misc]
         _save(ctx, inputs)
 
 
-def _transposed(ctx: Any, other: Any, cotangent: Any) -> Any:
+def _transposed(ctx: Any, transposed_function: Any, cotangent: Any) -> Any:
     if ctx.needs_input_grad[0]:
         raise InputError("Second derivatives of steps are taken forward over reverse: use "
                          "torch.func.hessian, or jacfwd of jacrev.")
     if cotangent is None or not ctx.needs_input_grad[1]:
         return None, None, None, None
-    return None, other.apply(ctx.saved_tensors[0], cotangent, ctx.flow, ctx.has_second), None, None
+    return None, transposed_function.apply(ctx.saved_tensors[0], cotangent, ctx.flow,
+                                           ctx.has_second), None, None
 
 
-def _linear_jvp(ctx: Any, own: Any, second: Any, dx: Any, dv: Any) -> Any:
+def _linear_jvp(ctx: Any, function: Any, second: Any, dx: Any, dv: Any) -> Any:
     """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
     x, v = ctx.saved_tensors
-    found = [] if dv is None else [own.apply(x, dv, ctx.flow, ctx.has_second)]
+    terms = [] if dv is None else [function.apply(x, dv, ctx.flow, ctx.has_second)]
     if dx is not None:
         if not ctx.has_second:
             raise no_second_order()
         directions = dx[:, None].expand(*v.shape[:2], dx.shape[-1])
-        found.append(second.apply(x, v, directions, ctx.flow, ctx.has_second))
-    return sum(found[1:], found[0]) if found else None
+        terms.append(second.apply(x, v, directions, ctx.flow, ctx.has_second))
+    return sum(terms[1:], terms[0]) if terms else None
 
 
 class _Tangent(_Linear):
@@ -170,8 +175,8 @@ class _Tangent(_Linear):
         return _linear_jvp(ctx, _Tangent, _SecondTangent, dx, dv)
 
     @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
-        return _batch(_Tangent, info.batch_size, in_dims, given)
+    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
+        return _batch(_Tangent, info.batch_size, in_dims, inputs)
 
 
 class _Adjoint(_Linear):
@@ -190,8 +195,8 @@ class _Adjoint(_Linear):
         return _linear_jvp(ctx, _Adjoint, _SecondAdjoint, dx, dv)
 
     @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
-        return _batch(_Adjoint, info.batch_size, in_dims, given)
+    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
+        return _batch(_Adjoint, info.batch_size, in_dims, inputs)
 
 
 class _SecondTangent(_Linear):
@@ -202,8 +207,8 @@ class _SecondTangent(_Linear):
         return _computed(lambda *xs: flow.second(flow.tangent, *xs), x, v, dx)
 
     @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
-        return _batch(_SecondTangent, info.batch_size, in_dims, given)
+    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
+        return _batch(_SecondTangent, info.batch_size, in_dims, inputs)
 
 
 class _SecondAdjoint(_Linear):
@@ -214,5 +219,5 @@ class _SecondAdjoint(_Linear):
         return _computed(lambda *xs: flow.second(flow.adjoint, *xs), x, w, dx)
 
     @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
-        return _batch(_SecondAdjoint, info.batch_size, in_dims, given)
+    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
+        return _batch(_SecondAdjoint, info.batch_size, in_dims, inputs)

@@ -1,4 +1,4 @@
-"""Reference problems of the field: digits that hold, and what our schemes make of them.
+"""Reference problems of the field: exact digits, and the errors of our schemes.
 
 >>> import gyrospark as gs
 >>> gs.references.names()[:2]
@@ -13,7 +13,7 @@
 
 Modules::
 
-    problem           what a problem is: model, digits, invariants, what others published
+    problem           a problem: model, digits, invariants, published digits
     true_digits       the digits, from digits.json, which benchmarks/make_digits.py writes
     mechanisms        car axis, Andrews' squeezing mechanism
     governor          the flyball governor with stiff dampers

@@ -24,28 +24,28 @@ _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 _DENOMINATOR, _ROUNDING = 10**5, Fraction(1, 2**46)
 
 
-def _meant(build: Multibody, *without: str) -> Model:
-    """Return the model with the fractions that its doubles stand for: 1/12, not 0.08333….
+def _exact_model(build: Multibody, *without: str) -> Model:
+    """Return the model with exact fractions in place of doubles: 1/12, not 0.08333….
 
-    ``without`` are constraints to leave out; others that are redundant are left out by themselves.
+    ``without`` names constraints to leave out; other redundant ones are left out automatically.
 
     Raises
     ------
     ArithmeticError
-        For a number that is near no fraction with a small denominator.
+        For a number that is no fraction with a denominator up to 10^5.
     """
     model = build.model(without=without, redundant="leave out")
 
     def fraction(value: Any) -> Fraction:
-        given = Fraction(float(value))
-        found = given.limit_denominator(_DENOMINATOR)
-        if abs(found - given) > _ROUNDING * (1 + abs(given)):
+        double = Fraction(float(value))
+        nearby = double.limit_denominator(_DENOMINATOR)
+        if abs(nearby - double) > _ROUNDING * (1 + abs(double)):
             raise ArithmeticError(f"{value} in {model.name} is no fraction that can be told.")
-        return found
+        return nearby
 
-    values: dict[str, Any] = {name: fraction(x) for name, x in model.parameters.items()}
+    parameters: dict[str, Any] = {name: fraction(x) for name, x in model.parameters.items()}
     q0, p0 = (np.array([fraction(x) for x in state]) for state in (model.q0, model.p0))
-    return replace(model, parameters=values, q0=q0, p0=p0)
+    return replace(model, parameters=parameters, q0=q0, p0=p0)
 
 
 def _at(run: Trajectory, body: str) -> tuple[Any, Any]:
@@ -57,8 +57,8 @@ def _at(run: Trajectory, body: str) -> tuple[Any, Any]:
 def rod_inertia(along: Sequence[Fraction], mass: int = 1) -> tuple[tuple[Fraction, ...], ...]:
     """Return the tensor of a rod of square section, 0.1 m wide, in space axes."""
     square, width = sum(x * x for x in along), Fraction("0.01")
-    across, own = mass * (square + width) / 12, mass * width / 6
-    return tuple(tuple((across if i == j else 0) - (across - own) * x * y / square
+    across, axial = mass * (square + width) / 12, mass * width / 6
+    return tuple(tuple((across if i == j else 0) - (across - axial) * x * y / square
                        for j, y in enumerate(along)) for i, x in enumerate(along))
 
 
@@ -128,10 +128,10 @@ def _bricard(rate: float = 0.0) -> Model:
         inertia = rod_inertia([Fraction(y - x) for x, y in zip(a, b, strict=True)])
         build.body(name, mass=1, inertia=[float(inertia[i][i]) for i in range(3)],
                    position=np.add(a, b) / 2)
-    for i, (axis, at) in enumerate(zip("yzxyzx", points, strict=True)):
-        build.revolute(f"h{i}", names[i], names[i + 1], axis=_AXES[axis], at=at,
+    for i, (axis, point) in enumerate(zip("yzxyzx", points, strict=True)):
+        build.revolute(f"h{i}", names[i], names[i + 1], axis=_AXES[axis], at=point,
                        rate=rate * (-1) ** i)
-    return _meant(build)
+    return _exact_model(build)
 
 
 def _bricard_end(run: Trajectory) -> Mapping[str, Any]:
@@ -168,22 +168,22 @@ def _bennett() -> Model:
     corners = {"A": (".8", "0", "-.3"), "B": ("0", ".8", ".3"), "C": ("-.8", "0", "-.3"),
                "D": ("0", "-.8", ".3")}
     axes = {"A": (0.6, 0, 0.8), "B": (0, 0.6, -0.8), "C": (-0.6, 0, 0.8), "D": (0, -0.6, -0.8)}
-    places = {name: np.array([Fraction(x) for x in at]) for name, at in corners.items()}
+    points = {name: np.array([Fraction(x) for x in texts]) for name, texts in corners.items()}
     build = Multibody("bennett")
     for a, b in map(tuple, ("BC", "CD", "DA")):
-        inertia = np.array(rod_inertia(places[b] - places[a]), dtype=float)
+        inertia = np.array(rod_inertia(points[b] - points[a]), dtype=float)
         build.body(a + b, mass=1, inertia=inertia,
-                   position=((places[a] + places[b]) / 2).astype(float))
+                   position=((points[a] + points[b]) / 2).astype(float))
     for corner, a, b in (("B", "ground", "BC"), ("C", "BC", "CD"), ("D", "CD", "DA"),
                          ("A", "DA", "ground")):
-        build.revolute(corner, a, b, axis=axes[corner], at=places[corner].astype(float))
-    return _meant(build, "A: y", "A: z", "A: axis 1")
+        build.revolute(corner, a, b, axis=axes[corner], at=points[corner].astype(float))
+    return _exact_model(build, "A: y", "A: z", "A: axis 1")
 
 
 def _bennett_end(run: Trajectory) -> Mapping[str, Any]:
     """C and D: the ends of the links that turn about B and A."""
     (bc, v_bc), (da, v_da) = _at(run, "BC"), _at(run, "DA")
-    C, D = ((20 * x - at) / 10 for x, at in ((bc, [0, 8, 3]), (da, [8, 0, -3])))
+    C, D = ((20 * x - other_end) / 10 for x, other_end in ((bc, [0, 8, 3]), (da, [8, 0, -3])))
     return {"positions": [*C, *D], "velocities": [*(2 * v_bc), *(2 * v_da)]}
 
 
@@ -215,7 +215,7 @@ def _slider_crank() -> Model:
     build.universal("cross", "conrod", "slider", axis_a=(1, 0, 0), axis_b=(0, 1, 0),
                     at=(0.2, 0, 0))
     build.prismatic("guide", "ground", "slider", axis=(1, 0, 0), at=(0, 0, 0))
-    return _meant(build)
+    return _exact_model(build)
 
 
 def _slider_crank_end(run: Trajectory) -> Mapping[str, Any]:

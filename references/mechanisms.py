@@ -56,10 +56,11 @@ _START = ("-0.0617138900142764496358948458001", "0", "0.455279819163070380255912
 def _andrews() -> Model:
     from ..generator.multibody.model import Model
 
-    typed = runpy.run_path(str(EXAMPLES / "andrews.py"))
-    values: dict[str, Any] = {
-        name: Fraction(repr(value)) for name, value in typed["values"].items()}
-    return Model(typed["system"], values, np.array([Fraction(x) for x in _START]), np.zeros(7))
+    example = runpy.run_path(str(EXAMPLES / "andrews.py"))
+    parameters: dict[str, Any] = {
+        name: Fraction(repr(value)) for name, value in example["values"].items()}
+    return Model(example["system"], parameters, np.array([Fraction(x) for x in _START]),
+                 np.zeros(7))
 
 
 ANDREWS = Reference(

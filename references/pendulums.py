@@ -26,14 +26,16 @@ def _point(name: str, axes: str, q: list[int], p: list[int]) -> Model:
     from ..generator.multibody.model import Model
     from ..generator.systems.system import System
 
-    places = sp.symbols(list(axes), real=True)
+    coordinates = sp.symbols(list(axes), real=True)
     momenta = sp.symbols([f"p{axis}" for axis in axes], real=True)
     g = sp.Symbol("g", positive=True)
-    about = {"L": places[0] * momenta[1] - places[1] * momenta[0]} if len(axes) == 3 else {}
-    system = System(places, momenta, (g,), sum(u**2 for u in momenta) / 2 + g * places[-1],
-                    (sum(x**2 for x in places) - 1,), name=name, quantities=about)
-    values: dict[str, Any] = {"g": GRAVITY}
-    return Model(system, values, np.array(q), np.array(p))
+    quantities = {"L": coordinates[0] * momenta[1] - coordinates[1]
+                  * momenta[0]} if len(axes) == 3 else {}
+    system = System(coordinates, momenta, (g,),
+                    sum(u**2 for u in momenta) / 2 + g * coordinates[-1],
+                    (sum(x**2 for x in coordinates) - 1,), name=name, quantities=quantities)
+    parameters: dict[str, Any] = {"g": GRAVITY}
+    return Model(system, parameters, np.array(q), np.array(p))
 
 
 def _end(run: Trajectory) -> Mapping[str, Any]:

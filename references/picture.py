@@ -22,28 +22,29 @@ _ROUNDED = 1e-16
 def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], path: Path) -> None:
     """Draw error against CPU time, a panel for each problem and a line for each scheme.
 
-    Those of a peer are alike; tolerances of one of its schemes are one line.
+    All lines of a peer look alike; the tolerances of one of its schemes form one line.
 
     Raises
     ------
     MissingDependencyError
         Without matplotlib.
     """
-    columns = min(4, len(measured))
-    rows = -(-len(measured) // columns)
-    figure = figure_class()(figsize=(3 * columns + 1, 2.4 * rows + 0.8), layout="constrained")
+    column_count = min(4, len(measured))
+    row_count = -(-len(measured) // column_count)
+    figure = figure_class()(figsize=(3 * column_count + 1, 2.4 * row_count + 0.8),
+                            layout="constrained")
     families = list(dict.fromkeys(run.peer or run.scheme for _, runs in measured for run in runs))
     peers = {run.peer for _, runs in measured for run in runs}
-    named: dict[str, Any] = {}
-    for number, (title, runs) in enumerate(measured, start=1):
-        axes = figure.add_subplot(rows, columns, number)
+    legend_lines: dict[str, Any] = {}
+    for panel, (title, runs) in enumerate(measured, start=1):
+        axes = figure.add_subplot(row_count, column_count, panel)
         axes.set_title(title, fontsize=8)
-        for place, family in enumerate(families):
+        for family_index, family in enumerate(families):
             for points in _lines([run for run in runs if (run.peer or run.scheme) == family]):
-                line, = axes.plot(*zip(*points, strict=True), color=_COLOURS[place], ms=3, lw=1,
-                                  marker=_MARKS[place % len(_MARKS)],
+                line, = axes.plot(*zip(*points, strict=True), color=_COLOURS[family_index], ms=3,
+                                  lw=1, marker=_MARKS[family_index % len(_MARKS)],
                                   linestyle="--" if family in peers else "-")
-                named.setdefault(family, line)
+                legend_lines.setdefault(family, line)
         axes.axhline(LIMIT, color="0.6", lw=0.6)
         axes.set(xscale="log", yscale="log", ylim=(_ROUNDED / 2, 1))
         costs = np.log10([run.cpu_seconds * 1e3 for run in runs])
@@ -52,8 +53,8 @@ def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], 
         axes.tick_params(which="minor", labelbottom=False)
     figure.supxlabel("CPU ms", fontsize=8)
     figure.supylabel("error", fontsize=8)
-    figure.legend(named.values(), named.keys(), loc="outside upper center", fontsize=8,
-                  ncols=min(len(named), 3 * columns))
+    figure.legend(legend_lines.values(), legend_lines.keys(), loc="outside upper center",
+                  fontsize=8, ncols=min(len(legend_lines), 3 * column_count))
     figure.savefig(path, dpi=80)
 
 

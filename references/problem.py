@@ -1,4 +1,4 @@
-"""What a reference problem is: a model, a time, names of numbers there, digits of others."""
+"""A reference problem: its model, time of comparison, compared numbers and published digits."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ __all__ = ["Attempt", "Published", "Reference", "largest_error"]
 
 @dataclass(frozen=True)
 class Published:
-    """Digits that others gave.
+    """Published digits of a problem.
 
     Attributes
     ----------
     source : str
-        Where they stand.
+        The publication or program.
     values : mapping of str to str
         Name → digits, as printed there.
     """
@@ -54,9 +54,9 @@ class Reference:
     Attributes
     ----------
     name, title, source : str
-        Its name, what it is, and where it comes from.
+        Its name, title and origin.
     form : str
-        How its model is made: TOML, Python, or Lagrangian.
+        The form of its model: TOML, Python, or Lagrangian.
     make : callable
         Returns the model, with numbers as exact as they are given.
     seconds : str
@@ -67,14 +67,14 @@ class Reference:
     read : callable
         Trajectory → the numbers at its end by group, in the order of the names.
     invariants : mapping of str to str
-        What the motion keeps → its formula. A name that is a quantity of the system is followed.
+        Conserved quantity → its formula. A name that is a quantity of the system is measured.
     attempts : sequence of Attempt
-        What is run.
+        Schemes and numbers of steps to run.
     published : Published, optional
-        What others gave.
+        Published digits.
     no_bodies : str
-        Why the problem is no rigid bodies on joints, for programs that know nothing else; "" where
-        it is.
+        Why the problem cannot be built of rigid bodies on joints, the only models of some programs;
+        "" if it can.
     """
 
     name: str
@@ -97,7 +97,7 @@ class Reference:
 
     @property
     def deviations(self) -> Mapping[str, float]:
-        """How far each published number is from the true one, relative to that; none is {}."""
+        """Relative error of each published number; {} without published digits."""
         if self.published is None:
             return {}
         true = self.truth
@@ -105,21 +105,21 @@ class Reference:
                 for name, text in self.published.values.items()}
 
     def error(self, run: Trajectory) -> float:
-        """Return how far the end of a run is from the truth, the worst of all groups."""
-        true = self.truth
-        found = self.read(run)
-        return max(largest_error(found[group], [true.value(name) for name in names])
+        """Return the error at the end of a run, the largest of all groups."""
+        exact = self.truth
+        end_values = self.read(run)
+        return max(largest_error(end_values[group], [exact.value(name) for name in names])
                    for group, names in self.groups.items())
 
 
-def largest_error(found: Sequence[Any], wanted: Sequence[Fraction]) -> float:
-    """Return the largest difference, relative to the largest number that is wanted."""
-    differences = [abs(Fraction(*_ratio(x)) - y) for x, y in zip(found, wanted, strict=True)]
-    return float(max(differences) / max(map(abs, wanted)))
+def largest_error(computed: Sequence[Any], exact: Sequence[Fraction]) -> float:
+    """Return max |x_i − y_i| / max |y_i| of computed numbers x and exact ones y."""
+    differences = [abs(Fraction(*_ratio(x)) - y) for x, y in zip(computed, exact, strict=True)]
+    return float(max(differences) / max(map(abs, exact)))
 
 
 def _ratio(value: Any) -> tuple[int, int]:
-    """Return a floating-point number of any type as the quotient it is."""
+    """Return a floating-point number of any type as an exact quotient."""
     if hasattr(value, "as_integer_ratio"):
         top, bottom = value.as_integer_ratio()
         return int(top), int(bottom)

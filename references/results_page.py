@@ -52,34 +52,35 @@ def page(
 
 
 def _summary(measured: Sequence[tuple[Reference, Sequence[WorkPrecisionRun]]]) -> str:
-    rows = []
+    table_rows = []
     for problem, runs in measured:
-        enough = [run for run in runs if run.error <= LIMIT and not run.peer]
-        best = min(enough, key=lambda run: run.cpu_seconds, default=None)
+        accurate_runs = [run for run in runs if run.error <= LIMIT and not run.peer]
+        best = min(accurate_runs, key=lambda run: run.cpu_seconds, default=None)
         cells = ["missed"] * 4 if best is None else [
             best.scheme, f"{best.steps}", f"{best.error:.0e}", f"{best.cpu_seconds * 1e3:.1f}"]
         worst = max(problem.deviations.values(), default=None)
-        rows.append([f"`{problem.name}`", *cells, "–" if worst is None else f"{worst:.0e}"])
+        table_rows.append([f"`{problem.name}`", *cells, "–" if worst is None else f"{worst:.0e}"])
     return _table(["problem", f"cheapest to {LIMIT:.0e}", "steps", "error", "CPU ms",
-                   "error of the published values"], rows)
+                   "error of the published values"], table_rows)
 
 
 def _about(problem: Reference) -> str:
-    kept = ", ".join(f"{name} = {formula}" for name, formula in problem.invariants.items())
-    true = problem.truth
+    invariants = ", ".join(f"{name} = {formula}" for name, formula in problem.invariants.items())
+    solution = problem.truth
     without = problem.no_bodies and f" Without exudyn and MuJoCo: {problem.no_bodies}."
     return (f"`{problem.name}`: {problem.source}. Model: {problem.form}. "
-            f"Compared at t = {problem.seconds} s. Invariants: {kept}.{without}\n\n"
-            f"Reference: {true.made}; they agree to {true.agreement:.0e}.\n"
+            f"Compared at t = {problem.seconds} s. Invariants: {invariants}.{without}\n\n"
+            f"Reference: {solution.made}; they agree to {solution.agreement:.0e}.\n"
             + (f"Published: {problem.published.source}.\n" if problem.published else ""))
 
 
 def _numbers(problem: Reference) -> str:
-    others = problem.published.values if problem.published else {}
-    off = problem.deviations
-    rows = [[name, value, others.get(name, "–"), f"{off[name]:.0e}" if name in off else "–"]
-            for name, value in problem.truth.values.items()]
-    return _table(["quantity", "reference", "published", "error"], rows)
+    published = problem.published.values if problem.published else {}
+    deviations = problem.deviations
+    table_rows = [[name, value, published.get(name, "–"), f"{deviations[name]:.0e}"
+                   if name in deviations else "–"]
+                  for name, value in problem.truth.values.items()]
+    return _table(["quantity", "reference", "published", "error"], table_rows)
 
 
 def _costs(runs: Sequence[WorkPrecisionRun]) -> str:
@@ -91,6 +92,6 @@ def _costs(runs: Sequence[WorkPrecisionRun]) -> str:
         f"{name} {value:.0e}" for name, value in invariants.items()) + ".\n"
 
 
-def _table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [titles, ["---"] * len(titles), *rows]
+def _table(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
+    lines = [titles, ["---"] * len(titles), *cells]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)

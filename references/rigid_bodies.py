@@ -39,10 +39,10 @@ def _model(name: str, potential: Any, quantities: Mapping[str, Any], moments: Se
     from ..generator.multibody.rigid_body import body_system
 
     system = body_system(name, "gamma", potential, quantities=quantities)
-    values: dict[str, Any] = dict(zip(("I1", "I2", "I3"), moments, strict=True))
-    values |= {"gamma": Fraction(sum(moments)) / 3}
+    parameters: dict[str, Any] = dict(zip(("I1", "I2", "I3"), moments, strict=True))
+    parameters |= {"gamma": Fraction(sum(moments)) / 3}
     p = [2 * Ii * Fraction(x) for Ii, x in zip(moments, omega, strict=True)]
-    return Model(system, values, np.array([1, 0, 0, 0]), np.array([Fraction(0), *p]))
+    return Model(system, parameters, np.array([1, 0, 0, 0]), np.array([Fraction(0), *p]))
 
 
 def _end(run: Trajectory, moments: Sequence[Fraction]) -> Mapping[str, Any]:
@@ -68,11 +68,11 @@ def _free(moments: Sequence[Fraction], omega: Sequence[Fraction | str]) -> Model
     import sympy as sp
 
     from ..generator.multibody.symbols import R, inertia
-    from ..generator.multibody.symbols import omega as turning
+    from ..generator.multibody.symbols import omega as angular_velocity
 
-    space = R * sp.Matrix([Ii * x for Ii, x in zip(inertia, turning, strict=True)])
-    kept = {"Lx": space[0], "Ly": space[1], "Lz": space[2]}
-    return _model("body_that_turns", sp.Integer(0), kept, moments, omega)
+    space = R * sp.Matrix([Ii * x for Ii, x in zip(inertia, angular_velocity, strict=True)])
+    momenta = {"Lx": space[0], "Ly": space[1], "Lz": space[2]}
+    return _model("body_that_turns", sp.Integer(0), momenta, moments, omega)
 
 
 def _kovalevskaya() -> Model:
@@ -87,9 +87,9 @@ def _goryachev_chaplygin() -> Model:
     from ..generator.multibody.symbols import R, omega
 
     O1, O2, O3 = omega  # M = (4 Ω₁, 4 Ω₂, Ω₃)
-    kept = {"G": O3 * (O1**2 + O2**2) - O1 * R[2, 2], "Lz": 4 * O1 * R[2, 0]
-            + 4 * O2 * R[2, 1] + O3 * R[2, 2]}
-    return _model("goryachev_chaplygin", R[2, 0], kept, _GORYACHEV, ("1", "0.5", "0"))
+    integrals = {"G": O3 * (O1**2 + O2**2) - O1 * R[2, 2], "Lz": 4 * O1 * R[2, 0]
+                 + 4 * O2 * R[2, 1] + O3 * R[2, 2]}
+    return _model("goryachev_chaplygin", R[2, 0], integrals, _GORYACHEV, ("1", "0.5", "0"))
 
 
 def _heavy_top() -> Model:

@@ -34,11 +34,11 @@ def _neumann() -> Model:
     from ..generator.systems.system import System
 
     q, p, stiff = sp.symbols("x y z", real=True), sp.symbols("px py pz", real=True), (1, 2, 4)
-    kept = {f"F{i + 1}": q[i] ** 2 + sum(
+    integrals = {f"F{i + 1}": q[i] ** 2 + sum(
         (q[i] * p[j] - q[j] * p[i]) ** 2 / sp.Integer(stiff[i] - stiff[j])
         for j in range(3) if j != i) for i in range(3)}
     H = sum(x**2 for x in p) / 2 + sum(a * x**2 for a, x in zip(stiff, q, strict=True)) / 2
-    system = System(q, p, (), H, (sum(x**2 for x in q) - 1,), name="neumann", quantities=kept)
+    system = System(q, p, (), H, (sum(x**2 for x in q) - 1,), name="neumann", quantities=integrals)
     q0, p0 = (np.array([Fraction(x) for x in texts.split()])
               for texts in ("0.6 0.64 0.48", "0.8 -0.48 -0.36"))
     return Model(system, {}, q0, p0)
@@ -56,17 +56,17 @@ def _ellipsoid() -> Model:
     from ..generator.systems.system import System
 
     q, p, squares = sp.symbols("x y z", real=True), sp.symbols("px py pz", real=True), (1, 2, 4)
-    kept = sum(x**2 / sp.Integer(b) ** 2 for x, b in zip(q, squares, strict=True)) * sum(
+    integral = sum(x**2 / sp.Integer(b) ** 2 for x, b in zip(q, squares, strict=True)) * sum(
         x**2 / sp.Integer(b) for x, b in zip(p, squares, strict=True))
     surface = sum(x**2 / sp.Integer(b) for x, b in zip(q, squares, strict=True)) - 1
     system = System(q, p, (), sum(x**2 for x in p) / 2, (surface,), name="ellipsoid",
-                    quantities={"J": kept})
-    place = [Fraction("0.6"), Fraction("0.64") * _root(2), Fraction("0.96")]
-    normal = [x / b for x, b in zip(place, squares, strict=True)]
+                    quantities={"J": integral})
+    position = [Fraction("0.6"), Fraction("0.64") * _root(2), Fraction("0.96")]
+    normal = [x / b for x, b in zip(position, squares, strict=True)]
     square = sum(x * x for x in normal)
     along = [(i == 0) - normal[0] * x / square for i, x in enumerate(normal)]
     length = _root(1 - normal[0] ** 2 / square)
-    return Model(system, {}, np.array(place), np.array([x / length for x in along]))
+    return Model(system, {}, np.array(position), np.array([x / length for x in along]))
 
 
 def _root(x: Fraction | int) -> Fraction:
@@ -87,8 +87,8 @@ def _bead() -> Model:
     g = sp.Symbol("g", positive=True)
     system = System((x, y), p, (g,), sum(u**2 for u in p) / 2 + g * y,
                     (x * sp.sin(2 * t) - y * sp.cos(2 * t),), name="bead", time=t)
-    values: dict[str, Any] = {"g": Fraction("9.81")}
-    return Model(system, values, np.array([1, 0]), np.array([0, 2]))
+    parameters: dict[str, Any] = {"g": Fraction("9.81")}
+    return Model(system, parameters, np.array([1, 0]), np.array([0, 2]))
 
 
 def _growing_mass() -> Model:
@@ -102,8 +102,8 @@ def _growing_mass() -> Model:
     c, k = sp.symbols("c k", positive=True)
     system = System.from_lagrangian(sp.exp(2 * c * t) * (v**2 - k**2 * x**2) / 2, [x], [v], [c, k],
                                     time=t, name="growing_mass")
-    values: dict[str, Any] = {"c": Fraction("0.25"), "k": Fraction(1)}
-    return Model(system, values, np.array([1]), np.array([0]))
+    parameters: dict[str, Any] = {"c": Fraction("0.25"), "k": Fraction(1)}
+    return Model(system, parameters, np.array([1]), np.array([0]))
 
 
 NEUMANN = Reference(

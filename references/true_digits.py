@@ -17,16 +17,16 @@ PATH = Path(__file__).resolve().parent / "digits.json"
 
 @dataclass(frozen=True)
 class Truth:
-    """What holds at the end of a problem.
+    """The exact values at the end of a problem.
 
     Attributes
     ----------
     values : mapping of str to str
         Name → 24 decimal digits, all of them true.
     made : str
-        How, in words.
+        A description of the two methods.
     agreement : float
-        The largest relative difference of a number by the two ways.
+        The largest relative difference of a number by the two methods.
     """
 
     values: Mapping[str, str]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LIMIT", "WorkPrecisionRun", "measure", "run_once"]
 
-#: What at least one of our schemes has to reach.
+#: Error that at least one of our schemes must reach.
 LIMIT = 1e-12
 
 
@@ -40,10 +40,10 @@ class WorkPrecisionRun:
     cpu_seconds : float
         Of this thread, the median of the rounds; the stepper is compiled before.
     invariants : mapping of str to float
-        Largest error of energy (or of its balance) and of the constraints over all steps, and
-        what each other invariant has moved from start to end.
+        Largest error of energy (or of its balance) and of the constraints over all steps, and the
+        change of each other invariant from start to end.
     peer : str
-        The program that went there, "" for gyrospark.
+        The program that ran it, "" for gyrospark.
     """
 
     name: str
@@ -60,7 +60,7 @@ class WorkPrecisionRun:
         return f"{self.peer} {self.scheme}".strip()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what JSON holds of it."""
+        """Return the run for JSON."""
         return asdict(self)
 
 
@@ -77,7 +77,7 @@ def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
     quick : bool
         The first scheme of the problem alone.
     watch : callable
-        Is told what is at work.
+        Called with the name of each attempt before it runs.
 
     Raises
     ------
@@ -100,13 +100,15 @@ def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
 def run_once(problem: Reference, step: Stepper, model: Model, steps: int,
              real: RealName = "double") -> Trajectory:
     """Return the start and the end of a run to the time of comparison."""
-    values = dict(model.parameters)
+    parameters = dict(model.parameters)
     dt = rounding(real)(Fraction(problem.seconds) / steps)
-    return step.integrate(model.q0, model.p0, dt=dt, steps=steps, every=steps, parameters=values)
+    return step.integrate(model.q0, model.p0, dt=dt, steps=steps, every=steps,
+                          parameters=parameters)
 
 
 def _invariants(problem: Reference, run: Trajectory) -> dict[str, float]:
-    found = {"energy": float(run.report.energy_error_max),
-             "constraints": float(run.report.constraint_max)}
+    errors = {"energy": float(run.report.energy_error_max),
+              "constraints": float(run.report.constraint_max)}
     moved = {name: run.quantity(name) for name in problem.invariants if name in run.quantities}
-    return found | {name: abs(float(values[-1] - values[0])) for name, values in moved.items()}
+    return errors | {name: abs(float(quantity[-1] - quantity[0]))
+                     for name, quantity in moved.items()}

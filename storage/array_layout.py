@@ -1,10 +1,10 @@
-"""The arrays of a stored run, as xarray, Julia and other readers of Zarr see them.
+"""The arrays of a stored run, for xarray, Julia and other readers of Zarr.
 
-Those of ``OUTPUTS``, of which some systems have no multipliers, no work, no quantities, lie
-along the dimension ``time``, one entry a stored state; multipliers and iterations belong to the
-steps that end there and have none at the start. Values not yet computed are NaN, or 0. Wide
-numbers (long double, binary128), which Zarr has not, stand rounded to double under these names and
-whole, as bytes, under ``<name>_bytes``.
+The arrays of ``OUTPUTS`` lie along the dimension ``time``, one entry per stored state; some systems
+have no multipliers, work or quantities. Multipliers and iterations belong to the step that ends at
+a state, and are empty at the start. Values not yet computed are NaN, or 0. Zarr has no wide numbers
+(long double, binary128): they are stored rounded to double under these names, and as bytes with all
+digits under ``<name>_bytes``.
 
 A row of all arrays is a state; rows are written in blocks, each a chunk of every array.
 
@@ -104,28 +104,31 @@ def wide_name(name: str) -> str:
 def fields_of(manifest: Manifest) -> list[StoredField]:
     """Return the arrays of a run of the stepper with this manifest."""
     system, real = manifest.system, REALS[manifest.real]
-    found = []
-    for one in OUTPUTS:
-        said: dict[str, Any] = {}
-        names = getattr(system, one.labels) if one.labels and not one.split else ()
+    fields = []
+    for output in OUTPUTS:
+        component_names: dict[str, Any] = {}
+        names = getattr(system, output.labels) if output.labels and not output.split else ()
         if names:
-            said["components"] = list(names)
-        found += [StoredField(name, one.inner(manifest) or (), about(one, manifest, name) | said,
-                              one.dtype or real.stored, real.wide and not one.whole)
-                  for name in parts(one, manifest)]
-    return found
+            component_names["components"] = list(names)
+        fields += [StoredField(name, output.inner(manifest) or (),
+                               about(output, manifest, name) | component_names,
+                               output.dtype or real.stored, real.wide and not output.whole)
+                   for name in parts(output, manifest)]
+    return fields
 
 
 def fields_of_event(manifest: Manifest, name: str) -> list[StoredField]:
     """Return the arrays of an event of this name, in the order of ``Crossings``."""
     real = REALS[manifest.real]
-    state = [(one, one.inner(manifest) or ()) for one in OUTPUTS if one.name in ("q", "p")]
+    state = [(output, output.inner(manifest) or ()) for output in OUTPUTS
+             if output.name in ("q", "p")]
     return [
         StoredField(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
                     real.wide),
-        *(StoredField(f"event_{name}_{one.name}", inner,
-                      about(one, manifest, one.name) | {"long_name": f"{one.long_name} at {name}"},
-                      real.stored, real.wide) for one, inner in state),
+        *(StoredField(f"event_{name}_{output.name}", inner,
+                      about(output, manifest, output.name)
+                      | {"long_name": f"{output.long_name} at {name}"},
+                      real.stored, real.wide) for output, inner in state),
         StoredField(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
         StoredField(f"event_{name}_rising", (),
                     {"long_name": "1 where the quantity rises along the run"},
@@ -137,7 +140,8 @@ def fields_of_event(manifest: Manifest, name: str) -> list[StoredField]:
 
 def names_of(fields: Iterable[StoredField]) -> list[str]:
     """Return the names of the arrays that have these fields."""
-    return [name for one in fields for name in (one.name, wide_name(one.name))[: 1 + one.wide]]
+    return [name for stored_field in fields
+            for name in (stored_field.name, wide_name(stored_field.name))[: 1 + stored_field.wide]]
 
 
 def block_rows(
@@ -145,8 +149,8 @@ def block_rows(
     most_rows: int | None = None
 ) -> int:
     """Return how many states are written at a time."""
-    most = min(most_bytes // sum(f.row_bytes for f in fields), most_rows or _MOST_ROWS)
-    return max(1, min(rows, 1 << (max(most, 1).bit_length() - 1)))
+    row_limit = min(most_bytes // sum(f.row_bytes for f in fields), most_rows or _MOST_ROWS)
+    return max(1, min(rows, 1 << (max(row_limit, 1).bit_length() - 1)))
 
 
 def create(
@@ -154,16 +158,16 @@ def create(
     attributes: dict[str, Any],
     events: Mapping[str, list[StoredField]] | None = None, source: bytes = b"",
 ) -> None:
-    """Make an empty store; nothing is computed in it yet. ``events`` have arrays by their names.
+    """Create an empty store: fields of states, fields of each event, checkpoint, attributes.
 
-    ``source`` are the bytes of the stepper's files.
+    ``source`` has the bytes of the stepper's files.
     """
     group = zarr.create_group(DurableStore(path),
                               attributes=attributes | {"arrays": names_of(fields)})
     _create_along(group, "time", fields, rows, block_rows(fields, rows))
-    for name, own in (events or {}).items():
-        _create_along(group, f"event_{name}", own, 0,
-                      block_rows(own, _MOST_EVENTS, _BLOCK_OF_EVENTS, _MOST_EVENTS))
+    for name, event_fields in (events or {}).items():
+        _create_along(group, f"event_{name}", event_fields, 0,
+                      block_rows(event_fields, _MOST_EVENTS, _BLOCK_OF_EVENTS, _MOST_EVENTS))
     create_array(group, CHECKPOINT, (checkpoint_bytes,), (checkpoint_bytes,), "u1", 0,
                  ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
     if source:
@@ -177,22 +181,24 @@ def create(
 def _create_along(
     group: zarr.Group, dimension: str, fields: list[StoredField], rows: int, block: int
 ) -> None:
-    for one in fields:
-        inner = [name for name, _ in one.inner]
-        create_array(group, one.name, (rows, *one.shape), (block, *one.shape), one.dtype, one.fill,
-                     [dimension, *inner], one.attributes)
-        if one.wide:
-            said = {"long_name": f"{one.name} with all its digits, {WIDE_BYTES} bytes a number"}
-            create_array(group, wide_name(one.name), (rows, *one.wide_shape),
-                         (block, *one.wide_shape), "u1", WIDE_FILL, [dimension, *inner, "byte"],
-                         said)
+    for stored_field in fields:
+        inner = [name for name, _ in stored_field.inner]
+        create_array(group, stored_field.name, (rows, *stored_field.shape),
+                     (block, *stored_field.shape), stored_field.dtype, stored_field.fill,
+                     [dimension, *inner], stored_field.attributes)
+        if stored_field.wide:
+            description = {"long_name": f"{stored_field.name} with all its digits, {WIDE_BYTES} "
+                                        "bytes a number"}
+            create_array(group, wide_name(stored_field.name), (rows, *stored_field.wide_shape),
+                         (block, *stored_field.wide_shape), "u1", WIDE_FILL,
+                         [dimension, *inner, "byte"], description)
 
 
 def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str, Any]) -> None:
-    """Give the arrays of a store so many rows, and then the store these attributes.
+    """Resize the arrays of a store to ``rows``, then set attributes of the store.
 
-    A process may end between any two files: until all is done the store has the attribute
-    ``EXTENDS``, and its arrays have their old number of rows or the new one.
+    The process may be killed between any two files: until all are written the store has the
+    attribute ``EXTENDS``, and each array has its old or its new number of rows.
     """
     consolidate(path, (), {EXTENDS: rows})
     group = open_group(path, write=True)
@@ -208,11 +214,11 @@ def create_array(
 ) -> zarr.Array[Any]:
     """Create an array of little-endian numbers, each chunk with its CRC32C.
 
-    No compression: the last bits of a motion are noise, and a tenth is all it saves.
+    No compression: the last bits of a motion are noise, and compression saves only a tenth.
     """
-    numbers = BytesCodec(endian="little" if np.dtype(dtype).itemsize > 1 else None)
+    number_codec = BytesCodec(endian="little" if np.dtype(dtype).itemsize > 1 else None)
     return group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill,
-                              filters=None, serializer=numbers, compressors=[Crc32cCodec()],
+                              filters=None, serializer=number_codec, compressors=[Crc32cCodec()],
                               dimension_names=dimensions, attributes=attributes)
 
 
@@ -221,17 +227,17 @@ def consolidate(
 ) -> None:
     """Consolidate the metadata of arrays in the group: readers then open one file, not ten.
 
-    xarray warns where it does not find it. ``names`` are the arrays with new
-    metadata, by default all; ``attributes`` of the group change at the same instant.
+    xarray warns if there is none. ``names`` are the arrays with new metadata, by default all;
+    ``attributes`` of the group are written in the same file.
     """
     root = json.loads((path / _METADATA).read_bytes())
     root["attributes"] |= attributes or {}
-    known = (root.get("consolidated_metadata") or {}).get("metadata", {})
-    if names is None or not known:
+    consolidated = (root.get("consolidated_metadata") or {}).get("metadata", {})
+    if names is None or not consolidated:
         names = [file.parent.name for file in path.glob(f"*/{_METADATA}")]
     arrays = {name: json.loads((path / name / _METADATA).read_bytes()) for name in names}
     root["consolidated_metadata"] = {"kind": "inline", "must_understand": False,
-                                     "metadata": dict(sorted((known | arrays).items()))}
+                                     "metadata": dict(sorted((consolidated | arrays).items()))}
     write_durably(path / _METADATA, json.dumps(root, indent=2).encode())
 
 
@@ -259,8 +265,8 @@ def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
     """
     opened: dict[str, zarr.Array[Any]] = vars(group).setdefault("opened_arrays", {})
     if name not in opened:
-        found = group[name]
-        if not isinstance(found, zarr.Array):
+        member = group[name]
+        if not isinstance(member, zarr.Array):
             raise KeyError(name)
-        opened[name] = found
+        opened[name] = member
     return opened[name]

@@ -1,4 +1,4 @@
-"""Chunks of a store's arrays, written by Zarr side by side."""
+"""Chunks of a store's arrays, written by Zarr concurrently."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ _AT_ONCE = 4
 
 
 class Chunk(NamedTuple):
-    """Numbers to write: the chunk at ``place`` among those of the array.
+    """A chunk to write: its position among the chunks of the array, and its values.
 
-    There may be fewer values than the chunk has room for; it is filled up.
+    With fewer values than the chunk holds, the rest gets the fill value.
     """
 
     array: zarr.Array[Any]
-    place: tuple[int, ...]
+    position: tuple[int, ...]
     values: NDArray[Any]
 
 
 def write_chunks(chunks: Sequence[Chunk]) -> None:
-    """Write chunks of a store; when this returns they are on the disk.
+    """Write chunks of a store; they are on the disk when this returns.
 
-    At once: each waits for the disk, and the disk takes them together.
+    They are written concurrently: each waits for the disk, which takes them together.
 
     Raises
     ------
@@ -44,9 +44,9 @@ def write_chunks(chunks: Sequence[Chunk]) -> None:
 
 
 def _write(chunk: Chunk) -> None:
-    """Write a whole chunk, of which Zarr reads no earlier numbers, even if all are fill values."""
+    """Write a whole chunk: Zarr reads no earlier numbers, even if all are fill values."""
     array = chunk.array.with_config({"write_empty_chunks": True})
-    begin = np.multiply(chunk.place, array.chunks)
+    begin = np.multiply(chunk.position, array.chunks)
     end = np.minimum(begin + array.chunks, array.shape)
     numbers = chunk.values
     if numbers.shape != tuple(end - begin):

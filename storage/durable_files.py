@@ -68,30 +68,30 @@ def _unlisted(root: Path) -> Path | None:
 
 
 def write_durably(path: Path, *data: Any, workshop: Path | None = None) -> None:
-    """Write a file that is there whole, or not at all, and on the disk when this returns.
+    """Write a file that is complete or absent, and on the disk when this returns.
 
-    Its bytes are those of ``data``, one after the other.
+    Its content is ``data``, concatenated.
     """
     _make_folder(path.parent)
-    with atomic_file(path, workshop) as part, part.open("wb") as file:
+    with atomic_file(path, workshop) as partial_file, partial_file.open("wb") as file:
         file.writelines(data)
 
 
 @contextlib.contextmanager
 def atomic_file(path: Path, workshop: Path | None = None) -> Iterator[Path]:
-    """Yield the name of a file to write, which then becomes ``path``; removed if that fails.
+    """Yield a temporary name of a file to write, which is then renamed to ``path``.
 
-    It is in ``workshop``, by default the folder of ``path``.
+    The temporary file is in ``workshop``, by default the folder of ``path``, and removed on errors.
     """
-    part = (workshop or path.parent) / f".{path.name}.{uuid.uuid4().hex}{_PART}"
+    partial_file = (workshop or path.parent) / f".{path.name}.{uuid.uuid4().hex}{_PART}"
     try:
-        yield part
-        with part.open("rb") as file:
+        yield partial_file
+        with partial_file.open("rb") as file:
             os.fsync(file.fileno())
-        part.replace(path)
+        partial_file.replace(path)
     except BaseException:
         with contextlib.suppress(OSError):
-            part.unlink()
+            partial_file.unlink()
         raise
     sync_folder(path.parent)
 
@@ -117,8 +117,8 @@ def sync_folder(folder: Path) -> None:
 
 def remove_parts(root: Path) -> None:
     """Remove unfinished files of killed processes. The caller is the store's only writer."""
-    for part in root.rglob(f".*{_PART}"):
-        part.unlink(missing_ok=True)
+    for partial_file in root.rglob(f".*{_PART}"):
+        partial_file.unlink(missing_ok=True)
 
 
 def store_path(path: Any) -> Path:
@@ -140,11 +140,11 @@ def new_store_path(path: Any, cure: str) -> Path:
     InputError
         If its name says that it is a file of states, with the cure.
     """
-    found = store_path(path)
-    if ending_of(found) in endings("states"):
-        raise InputError(f"out = {str(found)!r} names a file, and a store is a folder; end it in "
+    store = store_path(path)
+    if ending_of(store) in endings("states"):
+        raise InputError(f"out = {str(store)!r} names a file, and a store is a folder; end it in "
                          f".zarr. {cure}")
-    return found
+    return store
 
 
 def one_line(error: Exception) -> str:

@@ -1,7 +1,7 @@
-"""Event store of a run: arrays to which found events are appended.
+"""Event store of a run: arrays to which located events are appended.
 
-Nothing in them changes once it is there. Attributes and checkpoint hold the number of
-each; later entries belong to a process that was interrupted, and are dropped.
+Entries never change. Attributes and checkpoint hold the number of events; later entries belong to
+an interrupted process and are dropped.
 """
 
 from __future__ import annotations
@@ -32,21 +32,22 @@ class EventStore:
 
     def __init__(self, group: zarr.Group, manifest: Manifest, names: list[str]) -> None:
         self._fields = {name: fields_of_event(manifest, name) for name in names}
-        self._arrays = {one: array_of(group, one) for fields in self._fields.values()
-                        for one in names_of(fields)}
+        self._arrays = {array_name: array_of(group, array_name) for fields in self._fields.values()
+                        for array_name in names_of(fields)}
 
-    def chunks(self, begun: Mapping[str, int], found: Mapping[str, Crossings]) -> list[Chunk]:
-        """Return new events as chunks, after the given number stored of each."""
-        return [chunk for name, crossings in found.items() if len(crossings)
-                for field, values in zip(self._fields[name], values_of(crossings), strict=True)
-                for chunk in self._of_field(field, begun[name], values)]
+    def chunks(self, stored_counts: Mapping[str, int],
+               new_crossings: Mapping[str, Crossings]) -> list[Chunk]:
+        """Return chunks with new events, appended after the stored number of each event."""
+        return [chunk for name, crossings in new_crossings.items() if len(crossings)
+                for field, array in zip(self._fields[name], values_of(crossings), strict=True)
+                for chunk in self._of_field(field, stored_counts[name], array)]
 
-    def _of_field(self, field: StoredField, begun: int, values: Array) -> list[Chunk]:
-        parts = {field.name: values.astype(field.dtype)}
+    def _of_field(self, field: StoredField, stored_count: int, array: Array) -> list[Chunk]:
+        arrays = {field.name: array.astype(field.dtype)}
         if field.wide:
-            parts[wide_name(field.name)] = as_bytes(values)
-        return [chunk for name, rows in parts.items()
-                for chunk in _behind(self._arrays[name], begun, rows)]
+            arrays[wide_name(field.name)] = as_bytes(array)
+        return [chunk for name, new_rows in arrays.items()
+                for chunk in _appended_chunks(self._arrays[name], stored_count, new_rows)]
 
     @property
     def names(self) -> set[str]:
@@ -56,24 +57,26 @@ class EventStore:
     def grow(self, counts: Mapping[str, int]) -> set[str]:
         """Resize the arrays of each event, and drop later rows.
 
-        Returns the names of those that had not as many.
+        Returns the names of the resized arrays.
         """
-        changed = [(one, count) for name, count in counts.items()
-                   for one in names_of(self._fields[name]) if self._arrays[one].shape[0] != count]
-        for one, count in changed:
-            array = self._arrays[one]
+        changed = [(array_name, count) for name, count in counts.items()
+                   for array_name in names_of(self._fields[name])
+                   if self._arrays[array_name].shape[0] != count]
+        for array_name, count in changed:
+            array = self._arrays[array_name]
             array.resize((count, *array.shape[1:]))
-        return {one for one, _ in changed}
+        return {array_name for array_name, _ in changed}
 
 
-def _behind(array: zarr.Array[Any], begun: int, rows: Array) -> list[Chunk]:
-    """Return the chunks that have new rows; the first has old ones too."""
+def _appended_chunks(array: zarr.Array[Any], stored_count: int, new_rows: Array) -> list[Chunk]:
+    """Return the chunks with new rows; the first chunk has the stored rows of its block too."""
     block, inner = array.chunks[0], (0,) * (array.ndim - 1)
-    first = begun // block
-    known = stored_values(array, first * block, begun - first * block, False, array.dtype)
-    whole = np.concatenate([known, rows])
-    return [Chunk(array, (first + i, *inner), whole[i * block : (i + 1) * block])
-            for i in range(-(-len(whole) // block))]
+    first = stored_count // block
+    block_start = stored_values(array, first * block, stored_count - first * block, False,
+                                array.dtype)
+    all_rows = np.concatenate([block_start, new_rows])
+    return [Chunk(array, (first + i, *inner), all_rows[i * block : (i + 1) * block])
+            for i in range(-(-len(all_rows) // block))]
 
 
 def values_of(crossings: Crossings) -> tuple[Array, ...]:
@@ -87,12 +90,12 @@ def crossings_in(
 ) -> dict[str, Crossings]:
     """Return the given number of crossings of each event."""
     dtype = REALS[manifest.real].dtype
-    found = {}
+    crossings = {}
     for name, count in counts.items():
         fields = fields_of_event(manifest, name)
         refuse_missing_blocks(path, group, 0, count, names_of(fields))
         t, q, p, steps, rising, elapsed = (
-            stored_values(array_of(group, wide_name(one.name) if one.wide else one.name), 0, count,
-                          one.wide, dtype) for one in fields)
-        found[name] = Crossings(t, q, p, steps, rising.astype(bool), elapsed)
-    return found
+            stored_values(array_of(group, wide_name(field.name) if field.wide else field.name), 0,
+                          count, field.wide, dtype) for field in fields)
+        crossings[name] = Crossings(t, q, p, steps, rising.astype(bool), elapsed)
+    return crossings

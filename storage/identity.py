@@ -34,7 +34,7 @@ def identity_of(
     Numbers have all their digits: as text where a double does not hold them. A run without events
     has no entry for them, as in earlier versions.
     """
-    return _watched(events) | {
+    return _event_identity(events) | {
         "format": FORMAT,
         "gyrospark": __version__,
         "stepper": stepper.name,
@@ -52,18 +52,19 @@ def identity_of(
     }
 
 
-def _watched(events: tuple[Event, ...]) -> dict[str, Any]:
-    said = {one.name: {"quantity": one.quantity, "level": _level(one.level),
-                       "direction": one.direction, "terminal": one.terminal} for one in events}
-    return {"events": said} if said else {}
+def _event_identity(events: tuple[Event, ...]) -> dict[str, Any]:
+    events_json = {event.name: {"quantity": event.quantity, "level": _level(event.level),
+                                "direction": event.direction, "terminal": event.terminal}
+                   for event in events}
+    return {"events": events_json} if events_json else {}
 
 
 def _level(level: Any) -> float | str:
     """Return a level as a number where a double has all of it, else as a fraction."""
-    whole = exact(level)
-    assert isinstance(whole, Fraction)  # events have no other
-    fits = abs(whole) < 2**1000 and Fraction(float(whole)) == whole
-    return float(whole) if fits else str(whole)
+    exact_level = exact(level)
+    assert isinstance(exact_level, Fraction)  # events have no other
+    fits = abs(exact_level) < 2**1000 and Fraction(float(exact_level)) == exact_level
+    return float(exact_level) if fits else str(exact_level)
 
 
 def versions() -> dict[str, str]:
@@ -72,7 +73,7 @@ def versions() -> dict[str, str]:
             "python": platform.python_version()}
 
 
-def refuse_if_different(kept: Mapping[str, Any], now: Mapping[str, Any], where: str) -> None:
+def refuse_if_different(stored: Mapping[str, Any], current: Mapping[str, Any], where: str) -> None:
     """Refuse to resume another run.
 
     Raises
@@ -80,38 +81,40 @@ def refuse_if_different(kept: Mapping[str, Any], now: Mapping[str, Any], where: 
     InputError
         With all differences, both values each.
     """
-    found = list(_differences(kept, now))
-    writer = kept.get("gyrospark")
-    if writer != now["gyrospark"]:
+    differences = list(_differences(stored, current))
+    writer = stored.get("gyrospark")
+    if writer != current["gyrospark"]:
         ours = ("gyrospark ", "code.source ", "steppers.")  # what a version changes
-        more = "".join(f"; {phrase}" for phrase in found if not phrase.startswith(ours))
+        other_differences = "".join(f"; {phrase}" for phrase in differences
+                                    if not phrase.startswith(ours))
         raise InputError(
-            f"{where} was written by gyrospark {writer}; this is gyrospark {now['gyrospark']}, "
-            f"which may compute other bits{more}. What is stored can be read; go on with gyrospark "
-            f"{writer}, or choose another store."
+            f"{where} was written by gyrospark {writer}; this is gyrospark {current['gyrospark']}, "
+            f"which may compute other bits{other_differences}. What is stored can be read; go on "
+            f"with gyrospark {writer}, or choose another store."
         )
-    if found:
+    if differences:
         raise InputError(
-            f"{where} holds another run and cannot be resumed: {'; '.join(found)}. Repeat the "
-            "command that began it, or choose another store."
+            f"{where} holds another run and cannot be resumed: {'; '.join(differences)}. Repeat "
+            "the command that began it, or choose another store."
         )
 
 
 def written_by(path: Path, writer: Any, why: str) -> InputError:
-    """Return the error for a store of another version that this one does not understand."""
+    """Return the error for a store of another version that this version cannot read."""
     return InputError(f"{str(path)!r} was written by gyrospark {writer}; this is gyrospark "
                       f"{__version__}, which cannot read it: {why}. Use gyrospark {writer}.")
 
 
-def _differences(kept: Any, now: Any, path: str = "") -> list[str]:
+def _differences(stored: Any, current: Any, path: str = "") -> list[str]:
     """Return a phrase for each entry that differs."""
-    if isinstance(kept, Mapping) and isinstance(now, Mapping):
+    if isinstance(stored, Mapping) and isinstance(current, Mapping):
         return [
             phrase
-            for name in {**kept, **now}
-            for phrase in _differences(kept.get(name), now.get(name), f"{path}.{name}".lstrip("."))
+            for name in {**stored, **current}
+            for phrase in _differences(stored.get(name), current.get(name),
+                                       f"{path}.{name}".lstrip("."))
         ]
-    return [] if kept == now else [f"{path} was {_short(kept)} and is {_short(now)}"]
+    return [] if stored == current else [f"{path} was {_short(stored)} and is {_short(current)}"]
 
 
 def _short(value: Any) -> str:

@@ -1,6 +1,6 @@
-"""A run in memory as a store, for ``run.save("x.zarr")``: what a stored run has, but for its end.
+"""A run in memory as a store, for ``run.save("x.zarr")``: a stored run without a checkpoint.
 
-Its solver memory is not known, so that no step more is taken from it.
+The solver memory at its end is not known, so that it cannot be resumed.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ def save_store(run: Trajectory, path: Path) -> Path:
         group = open_group(fresh, write=True)
         block = array_of(group, "time").chunks[0]
         for field in fields:
-            rows = arrays[field.name]
-            parts = {field.name: rows.astype(field.dtype)}
+            array = arrays[field.name]
+            stored_arrays = {field.name: array.astype(field.dtype)}
             if field.wide:
-                parts[wide_name(field.name)] = as_bytes(rows)
-            for name, values in parts.items():
+                stored_arrays[wide_name(field.name)] = as_bytes(array)
+            for name, stored_array in stored_arrays.items():
                 write_chunks([
-                    Chunk(array_of(group, name), (i, *(0 for _ in values.shape[1:])),
-                          values[i * block : (i + 1) * block])
+                    Chunk(array_of(group, name), (i, *(0 for _ in stored_array.shape[1:])),
+                          stored_array[i * block : (i + 1) * block])
                     for i in range(-(-len(run) // block))])
         events = EventStore(group, run.manifest, list(run.events))
         grown = events.grow({name: len(x) for name, x in run.events.items()})
@@ -75,7 +75,8 @@ def _attributes(run: Trajectory) -> dict[str, Any]:
     about = Trajectory._attributes(run)
     return {
         **about, "status": COMPLETE, "states": len(run), "steps_done": run.report.steps,
-        "versions": versions(), "events": {name: len(found) for name, found in run.events.items()},
+        "versions": versions(),
+        "events": {name: len(crossings) for name, crossings in run.events.items()},
         "run": {**about["run"], "format": FORMAT, "gyrospark": __version__,
                 "stepper": run.manifest.name, "t0": digits_of(run.t[0]), "rows": len(run),
                 **({"events": {name: {} for name in run.events}} if run.events else {})},

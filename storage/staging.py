@@ -20,12 +20,12 @@ from .durable_files import sync_folder
 __all__ = ["created_atomically", "is_new", "lock_file", "writer_lock"]
 
 def is_new(path: Path, resume: bool, holds: str) -> bool:
-    """Return whether a store is to be made; an existing one is resumed.
+    """Return whether the store is new; an existing store is resumed.
 
     Raises
     ------
     InputError
-        If one exists that ``holds`` a run and is not to be resumed.
+        If a store exists and ``resume`` is false; ``holds`` names its content in the message.
     """
     if path.exists() and not resume:
         raise InputError(f"The store {str(path)!r} exists already; --resume (resume=True) goes "
@@ -35,19 +35,19 @@ def is_new(path: Path, resume: bool, holds: str) -> bool:
 
 @contextlib.contextmanager
 def created_atomically(path: Path) -> Iterator[Path]:
-    """Yield the name of a folder to make, which then becomes ``path``, or what that links to.
+    """Yield the name of a new folder, which is then renamed to ``path``, or to its link's target.
 
-    Nothing remains of one that cannot be made.
+    On errors the folder is removed.
     """
     real = Path(os.path.realpath(path))
-    fresh = real.with_name(f".{real.name}.new")
-    if fresh.exists():  # of a process that was killed: the caller has the lock
-        shutil.rmtree(fresh)
+    new_folder = real.with_name(f".{real.name}.new")
+    if new_folder.exists():  # of a process that was killed: the caller has the lock
+        shutil.rmtree(new_folder)
     try:
-        yield fresh
-        fresh.rename(real)
+        yield new_folder
+        new_folder.rename(real)
     except BaseException:
-        shutil.rmtree(fresh, ignore_errors=True)
+        shutil.rmtree(new_folder, ignore_errors=True)
         raise
     sync_folder(real.parent)
 

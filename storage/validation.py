@@ -1,7 +1,7 @@
 """Validation of a store: its attributes are complete and match its arrays.
 
-A store may come from another version, a disk that loses bytes, or an editor. What is refused here
-would otherwise be an error somewhere else, or a wrong number.
+A store may come from another version, a disk that loses bytes, or an editor. A store refused here
+would otherwise cause an obscure error later, or a wrong number.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If that is not what gyrospark says of a run, or not in a format that is known here.
+        If they are incomplete or inconsistent, or of an unknown format.
     """
     about = {"events": {}} | attributes_of(group)
     run = about.get("run")
@@ -94,12 +94,12 @@ def _damaged(path: Path, complaint: str) -> InputError:
     return InputError(f"The store {str(path)!r} is damaged: {complaint}; {_CURE}")
 
 
-def _is_count(value: Any, least: int) -> bool:
-    return type(value) is int and value >= least
+def _is_count(value: Any, lower_bound: int) -> bool:
+    return type(value) is int and value >= lower_bound
 
 
 def _is_number(value: Any, real: RealName = "double") -> bool:
-    """Whether a number is as stores hold it: of a wide type a text may have its digits."""
+    """Whether a value is a stored number; numbers of a wide type may be texts of their digits."""
     try:
         from_text(value, real)
     except ValueError:
@@ -109,10 +109,10 @@ def _is_number(value: Any, real: RealName = "double") -> bool:
 
 def _check_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
     """Yield complaints about the run's arguments."""
-    for name, least in (("steps", 0), ("every", 1), ("rows", 1)):
+    for name, lower_bound in (("steps", 0), ("every", 1), ("rows", 1)):
         if name == "rows" and name not in run:
             continue
-        if not _is_count(run.get(name), least):
+        if not _is_count(run.get(name), lower_bound):
             yield f"run.{name} is {run.get(name)!r}"
     for name in ("dt", "t0"):
         if not _is_number(run.get(name), real):
@@ -162,23 +162,23 @@ def _check_events(
     about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
 ) -> Iterator[str]:
     """Yield complaints about event counts and event arrays."""
-    asked, counts = run.get("events", {}), about["events"]
-    if not isinstance(asked, Mapping) or not isinstance(counts, Mapping) or (
-            asked.keys() != counts.keys()):
-        yield f"events are {counts!r}, and {asked!r} were asked for"
+    requested, counts = run.get("events", {}), about["events"]
+    if not isinstance(requested, Mapping) or not isinstance(counts, Mapping) or (
+            requested.keys() != counts.keys()):
+        yield f"events are {counts!r}, and {requested!r} were asked for"
         return
     for name, count in counts.items():
         if not _is_count(count, 0):
             yield f"events.{name} is {count!r}"
             continue
-        for one in names_of(fields_of_event(Manifest.from_json(about["manifest"]), name)):
+        for array_name in names_of(fields_of_event(Manifest.from_json(about["manifest"]), name)):
             try:
-                array = array_of(group, one)
+                array = array_of(group, array_name)
             except UNREADABLE:
-                yield f"array {one!r} is missing or cannot be read"
+                yield f"array {array_name!r} is missing or cannot be read"
                 return
             if array.ndim == 0 or array.shape[0] < count:
-                yield f"array {one!r} has not {count} rows"
+                yield f"array {array_name!r} has not {count} rows"
 
 
 def _check_report(report: Any) -> Iterator[str]:
@@ -189,13 +189,13 @@ def _check_report(report: Any) -> Iterator[str]:
         yield "its report is not complete"
         return
     for name, value in known_fields(Report, report).items():
-        numbers = value if name in ("q", "p") and isinstance(value, list) else [value]
-        if not all(map(_is_number, numbers)):
+        entries = value if name in ("q", "p") and isinstance(value, list) else [value]
+        if not all(map(_is_number, entries)):
             yield f"report.{name} is {value!r}"
 
 
 def rows_of(run: Mapping[str, Any]) -> int:
-    """Return how many states the whole run has; a run that was saved says it."""
+    """Return the number of states of the whole run, which a saved run has as an attribute."""
     if "rows" in run:
         return int(run["rows"])
     return -(-int(run["steps"]) // int(run["every"])) + 1
@@ -203,7 +203,7 @@ def rows_of(run: Mapping[str, Any]) -> int:
 
 def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
     """Yield complaints about the arrays of every run, and those it names."""
-    names, rows = about.get("arrays"), {rows_of(about["run"]), about.get(EXTENDS)}
+    names, allowed_lengths = about.get("arrays"), {rows_of(about["run"]), about.get(EXTENDS)}
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         yield f"arrays are {names!r}"
         return
@@ -214,7 +214,7 @@ def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
         except UNREADABLE:
             yield f"array {name!r} is missing or cannot be read"
             return
-        if array.ndim == 0 or array.shape[0] not in rows:
+        if array.ndim == 0 or array.shape[0] not in allowed_lengths:
             yield f"array {name!r} has not {rows_of(about['run'])} rows"
             return
         blocks.add(array.chunks[0])
@@ -223,13 +223,13 @@ def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
 
 
 def refuse_other_arrays(
-    path: Path, group: zarr.Group, fields: list[StoredField], rows: Iterable[int],
+    path: Path, group: zarr.Group, fields: list[StoredField], row_counts: Iterable[int],
     checkpoint_bytes: int,
     events: Iterable[StoredField] = (),
 ) -> None:
-    """Refuse to resume a store whose arrays are not those of a run of so many rows.
+    """Refuse to resume a store whose arrays do not have the shapes and types of a run.
 
-    Those of ``events`` may have any number.
+    ``row_counts`` are the allowed numbers of states; arrays of ``events`` may have any length.
 
     Raises
     ------
@@ -238,19 +238,21 @@ def refuse_other_arrays(
     block, about = array_of(group, "time").chunks[0], attributes_of(group)
     expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
         CHECKPOINT: ((), (checkpoint_bytes,), np.dtype("u1"))}
-    for one in fields:
-        expected[one.name] = one.shape, (block, *one.shape), np.dtype(one.dtype)
-        if one.wide:
-            expected[wide_name(one.name)] = one.wide_shape, (block, *one.wide_shape), np.dtype("u1")
-    for one in events:
-        block_of_event = array_of(group, one.name).chunks[0]
-        expected[one.name] = one.shape, (block_of_event, *one.shape), np.dtype(one.dtype)
-        if one.wide:
-            expected[wide_name(one.name)] = (one.wide_shape, (block_of_event, *one.wide_shape),
-                                             np.dtype("u1"))
+
+    def expect(stored_field: StoredField, block: int) -> None:
+        expected[stored_field.name] = (
+            stored_field.shape, (block, *stored_field.shape), np.dtype(stored_field.dtype))
+        if stored_field.wide:
+            expected[wide_name(stored_field.name)] = (
+                stored_field.wide_shape, (block, *stored_field.wide_shape), np.dtype("u1"))
+
+    for stored_field in fields:
+        expect(stored_field, block)
+    for stored_field in events:
+        expect(stored_field, array_of(group, stored_field.name).chunks[0])
     growing = set(names_of(events))
     for name, (inner, chunks, dtype) in expected.items():
-        lengths = {checkpoint_bytes} if name == CHECKPOINT else set(rows)
+        lengths = {checkpoint_bytes} if name == CHECKPOINT else set(row_counts)
         try:
             array = array_of(group, name)
         except UNREADABLE:
@@ -268,9 +270,9 @@ def refuse_other_arrays(
 def refuse_missing_blocks(
     path: Path, group: zarr.Group, first: int, states: int, names: Iterable[str] | None = None
 ) -> None:
-    """Refuse to read rows whose files are gone: Zarr would silently give NaN for them.
+    """Refuse to read rows whose files are missing: Zarr would silently return NaN for them.
 
-    ``names`` are those of the arrays; by default of all that have a row a state.
+    ``names`` are the names of arrays, by default of all arrays with one row per state.
 
     Raises
     ------
@@ -279,10 +281,11 @@ def refuse_missing_blocks(
     for name in attributes_of(group)["arrays"] if names is None else names:
         array = array_of(group, name)
         block, inner = array.chunks[0], (0,) * (array.ndim - 1)
-        for number in range(first // block, -(-states // block)):
-            key = array.metadata.encode_chunk_key((number, *inner))
+        for block_index in range(first // block, -(-states // block)):
+            key = array.metadata.encode_chunk_key((block_index, *inner))
             if not (path / name / key).is_file():
-                raise _damaged(path, f"rows {number * block} and on of array {name!r} are missing")
+                raise _damaged(path,
+                               f"rows {block_index * block} and on of array {name!r} are missing")
 
 
 def stored_values(
@@ -296,8 +299,8 @@ def stored_values(
         If what is stored is damaged.
     """
     try:
-        values = np.asarray(array[first : first + count])
+        array_rows = np.asarray(array[first : first + count])
     except UNREADABLE as error:
         raise InputError(f"Array {array.name!r} of the store is damaged: {one_line(error)}."
                          ) from error
-    return from_bytes(values, dtype) if wide else values
+    return from_bytes(array_rows, dtype) if wide else array_rows
