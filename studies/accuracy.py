@@ -33,7 +33,7 @@ _CONE_ABOUT = f"{_NORMS_USED} against the exact precession."
 
 @dataclass(frozen=True)
 class Setting:
-    """What all cells of a table have in common."""
+    """The arguments common to all cells of a table."""
 
     problem: str
     dt: float

@@ -42,7 +42,7 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True)
 class Case:
-    """What is integrated.
+    """A run: problem, stepper, parameter, time step and frame.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Case:
     dt, steps
         Δt in seconds and N_t.
     frame
-        How the rates of a co-moving frame are found, "start" or "auto"; "" for none.
+        The rule for the rates of a co-moving frame, "start" or "auto"; "" for no frame.
     """
 
     problem: str
@@ -181,7 +181,7 @@ class Engine:
         return float(errors[np.argmax(np.abs(errors))])
 
     def size(self, case: Case, quantity: Quantity) -> float:
-        """Return what an error of the quantity is relative to: |H₀|, |l₃,₀|, |q||p₀| or 1."""
+        """Return the scale of a quantity's relative error: |H₀|, |l₃,₀|, |q||p₀| or 1."""
         problem = self.problem(case)
         if quantity in ("H", "E"):
             return abs(float(self.trajectory(case).energy()[0]))

@@ -118,7 +118,7 @@ class FloatConditions:
         return left[-1] @ right[-1] - exact, by_number.T @ affine
 
     def objective(self, x: Array) -> float:
-        """Return what a search makes small, as the module says."""
+        """Return the objective of the search at x: see the module's text."""
         made, parts = self.conditions.composition, self.conditions.values(x.tolist(), float)
         p = made.order
         if made.base:

@@ -38,7 +38,7 @@ class ConvergenceStudy:
 
     @property
     def quantity(self) -> Quantity:
-        """What is measured."""
+        """The measured quantity: l₃ for EMS, which conserves H, otherwise H."""
         return "l3" if self.method == "EMS" else "H"
 
     @property

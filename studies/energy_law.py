@@ -1,4 +1,4 @@
-"""What LIIIA-B does to the energy: the leading terms of its modified Hamiltonian, with γ.
+"""The energy error of LIIIA-B: the leading terms of its modified Hamiltonian, with γ.
 
 LIIIA-B is the variational method of the discrete Lagrangian
 

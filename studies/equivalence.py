@@ -83,7 +83,7 @@ def gradients_claim(alpha: sp.Expr | None = None) -> Claim:
 
 
 def stages_claim(norm: sp.Expr = 1) -> Claim:
-    """Claim that k_i and k̂_i + k̃_i of both forms are equal; false unless |Q_i|² = 1.
+    """Return the claim that k_i and k̂_i + k̃_i of both forms are equal; false unless |Q_i|² = 1.
 
     The gradients of (1 − |q|²)|p|²/(8γ) at a stage with |Q|² = norm are what is left of
     k_i and of k̂_i + k̃_i once the multipliers are shifted.
@@ -105,7 +105,7 @@ def stages_claim(norm: sp.Expr = 1) -> Claim:
 
 
 def nodes_claim(tableaux: list[Tableau]) -> Claim:
-    """Claim that the stages are the constraint nodes with the same weights; false for G-L."""
+    """Return the claim that stages are constraint nodes with the same weights; false for G-L."""
     good = [t for t in tableaux if _stages_are_constraint_nodes(t)]
     return Claim(
         "Ã = Â, Ā = A, b̃ = b̂ = b; the first node is 0, the last node 1, and the last column of Ã "
@@ -131,7 +131,7 @@ def _stages_are_constraint_nodes(t: Tableau) -> bool:
 
 
 def trajectories_claim(steps: int) -> Claim:
-    """Claim that q and p of compiled steppers agree to round-off."""
+    """Return the claim that q and p of compiled steppers agree to round-off."""
     value = mean_inertia(fast_top().inertia)
     worst = 0.0
     for s in STAGES:

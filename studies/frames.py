@@ -51,7 +51,7 @@ def _cases(setting: Setting, printed: Printed) -> list[tuple[Case, Quantity]]:
 
 
 def _cone_claim(engine: Engine, table: int, setting: Setting, printed: Printed) -> Claim:
-    """Claim that every cell is round-off in the frame of the start."""
+    """Return the claim that every cell is round-off in the frame of the start."""
     cells = _cases(setting, printed)
     still, moved = (
         sum(engine.mean(replace(case, frame=frame), quantity) <= engine.floor(case, quantity)
@@ -68,7 +68,7 @@ def _gain(engine: Engine, case: Case, quantity: Quantity, frame: Frame) -> float
 
 
 def _gain_claim(engine: Engine, quantity: Quantity) -> Claim:
-    """Claim that the paper's γ_m gains by a frame."""
+    """Return the claim that the paper's γ_m gains by a frame."""
     found, least = [], []
     for method in COLUMNS:
         if (method, quantity) != ("EMS", "H"):
@@ -82,7 +82,7 @@ def _gain_claim(engine: Engine, quantity: Quantity) -> Claim:
 
 
 def _every_cell_claim(engine: Engine) -> Claim:
-    """Claim that no cell of Table 4 gets worse by the choice, EMS's energy aside."""
+    """Return the claim that no cell of Table 4 gets worse by the choice, EMS's energy aside."""
     gains = [_gain(engine, case, quantity, "auto") for case, quantity in _cases(TOP, TABLE_4)
              if (case.scheme, quantity) != ("EMS", "H")]
     return Claim("Table 4, all three γ: this ratio for the chosen frame, median and minimum of "
@@ -92,7 +92,7 @@ def _every_cell_claim(engine: Engine) -> Claim:
 
 
 def _ems_claim(engine: Engine) -> Claim:
-    """Claim that EMS keeps H − ωJ, and not H."""
+    """Return the claim that EMS keeps H − ωJ, and not H."""
     case = replace(TOP.case("EMS", "gamma", "m"), frame="auto")
     run, symmetries = engine.trajectory(case), engine.stepper(case).symmetries
     lost = [run.parameters[s.name] * s.momentum(run.q, run.p) for s in symmetries]

@@ -48,7 +48,7 @@ def study(engine: Engine) -> Finding:
 
 
 def motion_claim(body: TrialBody, trials: list[Trial], times: tuple[float, ...]) -> Claim:
-    """Claim that no path is farther from the true one than with γ_m by more than 5 %."""
+    """Return the claim that no path's error exceeds its error with γ_m by more than 5 %."""
     worst = [float(np.nanmax(trial.ratios(times=times), initial=0)) for trial in trials]
     text = ", ".join(f"{trial.method} {_ratio(w)}" for trial, w in zip(trials, worst, strict=True))
     return Claim(f"{body.name}, γ chosen for the motion: distance of each of the body's three axes "
@@ -57,7 +57,7 @@ def motion_claim(body: TrialBody, trials: list[Trial], times: tuple[float, ...])
 
 
 def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
-    """Claim that the largest error decreases in the median, against each recommendation."""
+    """Return the claim that the median largest error is below that of each recommended γ."""
     texts, medians = [], []
     for rule in MEANS.values():
         gains = np.array([trial.gain(rule, times[:2]) for trial in trials])
@@ -75,7 +75,7 @@ def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
 
 
 def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
-    """Claim that the energy is not the motion: what its γ costs an axis, at worst."""
+    """Return the claim that the γ of least energy error can increase the error of an axis."""
     worst = {trial: float(np.nanmax(trial.price(times), initial=0)) for trial in trials}
     most = max(worst, key=lambda trial: worst[trial])
     count, gain = sum(w > ALLOWED for w in worst.values()), most.energy_gain("γ_m")
@@ -90,7 +90,7 @@ def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
 
 
 def ims_claim(trials: list[Trial]) -> Claim:
-    """Claim that IMS on symmetric tops gains far more than 3 over γ_m and γ_h."""
+    """Return the claim that IMS on symmetric tops gains far more than 3 over γ_m and γ_h."""
     gains = [trial.energy_gain(rule) for trial in trials for rule in ("γ_m", "γ_h")]
     return Claim("IMS-γ on the symmetric tops: energy error with γ_m and γ_h, divided by the "
                  "error with the chosen γ; minimum.", f"{min(gains):.1e}", "at least 3",
@@ -98,7 +98,7 @@ def ims_claim(trials: list[Trial]) -> Claim:
 
 
 def energy_claim(body: TrialBody, trials: list[Trial]) -> Claim:
-    """Claim that on the pilots' length no recommendation is better by more than 5 %."""
+    """Return the claim that on the pilots' length no recommendation is better by more than 5 %."""
     kept = [trial for trial in trials if not trial.at_round_off()]
     return _energy_claim(f"{body.name}: energy error with the best of γ_m, γ_h, γ̃_m, γ̃_h, "
                          f"divided by the error with the chosen γ, {body.steps} steps of "
@@ -120,7 +120,7 @@ def _energy_claim(statement: str, kept: list[Trial], times: int) -> Claim:
 
 
 def kinetic_claim(trials: list[Trial]) -> Claim:
-    """Claim that the 1/γ part of the energy error of 2-LIIIA-B is −h² (T² − T₀²)/8."""
+    """Return the claim that the 1/γ part of the energy error of 2-LIIIA-B is −h² (T² − T₀²)/8."""
     found = [kinetic_line(trial) for trial in trials]
     text = "; ".join(f"slope {line.slope:.4f}, R² = {line.quality}" for line in found)
     return Claim("2-LIIIA-B, asymmetric tops: the part of the energy error that is linear in 1/γ "
@@ -143,7 +143,7 @@ def kinetic_line(trial: Trial) -> FittedLine:
 
 
 def idle_claim(trial: Trial) -> Claim:
-    """Claim that γ does nothing to the energy of a free body under IMS."""
+    """Return the claim that γ does nothing to the energy of a free body under IMS."""
     errors = [trial.energy_error(trial.rule(name)) for name in MEANS.values()]
     spread = max(errors) / min(errors) - 1
     return Claim("IMS-γ, free body: γ has no part in the energy error; change of its mean over "

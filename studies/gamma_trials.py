@@ -210,7 +210,7 @@ def _energy_error(trial: Trial, gamma: float, times: int) -> float:
 
 @cache
 def _exact(body: TrialBody, steps: int) -> tuple[MotionError, int]:
-    """Return what compares with the true motion, every so many steps."""
+    """Return the error of a motion from the exact one, and the number of steps between its rows."""
     problem = body.problem
     every = _KEPT if steps > 2000 else 1
     run = stepper("G-L", 6).integrate(

@@ -78,7 +78,7 @@ def _keeps(engine: Engine, case: Case, quantity: Quantity) -> bool:
 
 
 def _overall_claim(engine: Engine, setting: Setting) -> Claim:
-    """Compare what is kept with the theory: what a scheme should keep it keeps."""
+    """Return the claim that each scheme conserves the quantities that theory says it conserves."""
     wanted = [(setting.case(method, rep, rule), quantity) for method in COLUMNS
               for rep, rule in VARIANTS for quantity in CONSERVED[method]]
     kept = [pair for pair in wanted if _keeps(engine, *pair)]
@@ -87,7 +87,7 @@ def _overall_claim(engine: Engine, setting: Setting) -> Claim:
 
 
 def _conserved_claim(engine: Engine, setting: Setting, method: str) -> Claim:
-    """Compare what is kept with the theory, for both types and all parameters."""
+    """Return the same claim for both number types and all parameters."""
     kept = {
         rep: [{c for c in _QUANTITIES if _keeps(engine, setting.case(method, rep, rule), c)}
               for other, rule in VARIANTS if other == rep]

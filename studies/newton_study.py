@@ -71,7 +71,7 @@ class Rule:
 
 @dataclass
 class March:
-    """What became of a run: iterations of each step done, and how it ended."""
+    """The outcome of a run: the iterations of each finished step, and the reason of its end."""
 
     iterations: list[int] = field(default_factory=list)
     unsolved: int = 0  # steps that used up iter_max
@@ -188,7 +188,7 @@ class _Run:
         return status
 
     def _origin(self) -> Array:
-        """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
+        """Return the origin of x: the state for IMS and EMS, which solve for increments, else 0."""
         origin = self.b.new(self.b.unknowns)
         if self.is_state:
             origin[: 2 * self.b.n] = np.concatenate([self.q, self.p])

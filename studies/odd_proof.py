@@ -161,7 +161,7 @@ def _rate(moving: Any) -> Any:
 
 
 def identities_claim() -> Claim:
-    """Claim what C₂, C₃ and B₂ are in words, for every top."""
+    """Return the claim with closed forms of C₂, C₃ and B₂, for every top."""
     top, derivative = symbolic_top()
     l, j = top.l, top.inverse_inertia  # noqa: E741
     T = sum(x * x * i for x, i in zip(l, j, strict=True)) * QQ(1, 2)

@@ -130,7 +130,7 @@ def sweep(s: int, steps: int) -> tuple[GammaSweep, GammaSweep]:
 
 @cache
 def law_growth(s: int) -> tuple[Law, Law]:
-    """Return what the law grows by along the exact motion, to the half and the turning point."""
+    """Return the growth of the law along the exact motion, to the half and the turning point."""
     motion = run("G-L", 4, turning_time() / 72, 72, mean_inertia(fast_top().inertia))
     law = energy_law(s, top_along(motion, [0, 36, 72]))
     terms = (law.A, law.B, law.C, law.X, law.Y)

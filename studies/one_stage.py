@@ -57,7 +57,7 @@ def order_claim(name: str, runs: list[Trajectory], exact: Trajectory) -> Claim:
 
 
 def iterations_claim(runs: list[Trajectory]) -> Claim:
-    """Claim that Newton's method with the exact Jacobian has no trouble."""
+    """Return the claim that Newton's method with the exact Jacobian has no trouble."""
     most = max(r.report.iterations_max for r in runs)
     steps = sum(r.report.steps for r in runs)
     return Claim(f"Most Newton iterations in any of {steps} steps, all α of Table 8.", str(most),
@@ -65,7 +65,7 @@ def iterations_claim(runs: list[Trajectory]) -> Claim:
 
 
 def bounded_claim(motion: Trajectory) -> Claim:
-    """Claim that the energy error of the last quarter is that of the first."""
+    """Return the claim that the energy errors of the first and last quarter are equal."""
     errors = np.abs(energy_errors(motion))
     quarter = len(errors) // 4
     first, last = (float(part.max()) for part in (errors[:quarter], errors[-quarter:]))
@@ -76,7 +76,7 @@ def bounded_claim(motion: Trajectory) -> Claim:
 
 
 def trend_claim(motion: Trajectory) -> Claim:
-    """Claim that no straight line grows through the energy error, as the paper says of it."""
+    """Return the claim that the energy error has no linear trend, contrary to the paper."""
     line = fit_line(motion.t.tolist(), energy_errors(motion).tolist())
     growth = abs(line.slope) * float(motion.t[-1]) / motion.report.energy_error_max
     return Claim(

@@ -56,7 +56,7 @@ class ParameterSweep:
 
     @property
     def symbol(self) -> str:
-        """What is measured."""
+        """The symbol of the measured error."""
         return "Δl₃" if self.quantity == "l3" else "ΔH"
 
 

@@ -59,7 +59,7 @@ TABLE_7: Printed = {
 
 @dataclass(frozen=True)
 class Misprint:
-    """What a cell should say, found independently of this package (errata.md)."""
+    """The correct value of a misprinted cell, from an independent source (errata.md)."""
 
     erratum: int
     right: str

@@ -1,4 +1,4 @@
-"""What a study returns; the report, the command line and the tests read nothing else."""
+"""The result of a study: the only input of the report, the command line and the tests."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement that was checked, with the number that decides it.
+    """A checked statement, with the number that decides it.
 
-    ``how`` is "proved" for a symbolic identity and "measured" for a law seen in numbers; ``known``
-    says why it does not hold where that is as it has always been.
+    ``how`` is "proved" for a symbolic identity and "measured" for a numerical law; ``known`` has
+    the reason why it does not hold, if that is expected.
     """
 
     statement: str
@@ -55,7 +55,7 @@ class Claim:
 
     @property
     def outcome(self) -> str:
-        """What became of it, in a word or two."""
+        """The outcome in a word or two."""
         if self.holds:
             return "proved" if self.how == "proved" else "holds"
         return "not met, as is known" if self.known else "fails"

@@ -1,4 +1,4 @@
-"""What all results together say: counts of verdicts, and claims that hold or do not."""
+"""The summary of all results: counts of verdicts, and claims that hold or do not."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def tables_of(results: Iterable[Result]) -> list[Table]:
 
 
 def requirements(results: Iterable[Result]) -> list[Claim]:
-    """Return what issue 3 asks of Tables 4, 6 and 7, if all three are there."""
+    """Return the requirements of issue 3 on Tables 4, 6 and 7, if all three are there."""
     tables = [table for table in tables_of(results) if table.number in ACCURACY_TABLES]
     if len(tables) < len(ACCURACY_TABLES):
         return []

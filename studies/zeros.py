@@ -108,7 +108,7 @@ def study(engine: Engine) -> Finding:
 
 
 def zero_claim(law: ErrorLine) -> Claim:
-    """Claim that the line is straight and crosses zero where erratum 25 says."""
+    """Return the claim that the line is straight and crosses zero where erratum 25 says."""
     expected = law.case.expected or float("nan")
     quantity = "l₃" if law.case.scheme == "EMS" else "energy"
     straight = law.line.r_squared
@@ -134,7 +134,7 @@ def integrable_claim(gamma: sp.Expr = moments[0]) -> Claim:
 
 
 def exact_claim(case: ZeroCase) -> Claim:
-    """Claim that IMS and EMS have no error but round-off at γ = I₁."""
+    """Return the claim that IMS and EMS have no error but round-off at γ = I₁."""
     I1 = fast_top().inertia[0]
     size, beside = abs(case.error(1 / I1)), abs(case.error(1.2 / I1))
     return Claim(
@@ -144,7 +144,7 @@ def exact_claim(case: ZeroCase) -> Claim:
 
 
 def derived_claim(law: ErrorLine) -> Claim:
-    """Claim that the measured zero of LIIIA-B is the derived −ΔA_s/ΔC_s, for h → 0."""
+    """Return the claim that the measured zero of LIIIA-B is the derived −ΔA_s/ΔC_s, for h → 0."""
     s = law.case.stages or 0
     growth = law_growth(s)[1]
     derived = -float(growth.A) / float(growth.C)
@@ -157,7 +157,7 @@ def derived_claim(law: ErrorLine) -> Claim:
 
 
 def rules_claim(laws: list[ErrorLine], rules: dict[str, float]) -> Claim:
-    """Claim that γ_m and γ_h reduce every error and cancel none."""
+    """Return the claim that γ_m and γ_h reduce every error and cancel none."""
     left = {name: [law.left_over(x) for law in laws] for name, x in rules.items()}
     text = "; ".join(f"{name}: {min(v):.2f} to {max(v):.2f}" for name, v in left.items())
     return Claim(
