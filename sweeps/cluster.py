@@ -73,68 +73,89 @@ def run_tiles(
         If tiles are abandoned because workers died at them repeatedly, or the cluster has lost its
         workers for good.
     """
-    from distributed.scheduler import KilledWorker
+    _ClusterRun(study, fields, tiles, sink, client, interrupts, advance).run()
 
-    remote = sink if isinstance(sink, StoreSink) else None
-    finished_futures: SimpleQueue[Any] = SimpleQueue()
-    submitted: dict[str, tuple[Any, Tile]] = {}
-    blamed: list[Tile] = []
-    abandoned: list[Tile] = []
-    memory = _ClusterCapacity(client)
 
-    def share() -> Any:
+class _ClusterRun:
+    """The tiles of one sweep on a cluster: submitted, blamed for dead workers, abandoned."""
+
+    def __init__(
+        self, study: Study, fields: list[StoredField], tiles: Iterator[Tile], sink: Sink,
+        client: Client, interrupts: Interrupts, advance: Callable[[Tile], None],
+    ) -> None:
+        self.study, self.fields, self.tiles, self.sink = study, fields, tiles, sink
+        self.client, self.interrupts, self.advance = client, interrupts, advance
+        self.remote_sink = sink if isinstance(sink, StoreSink) else None
+        self.ended: SimpleQueue[Any] = SimpleQueue()
+        self.submitted: dict[str, tuple[Any, Tile]] = {}
+        self.blamed: list[Tile] = []
+        self.abandoned: list[Tile] = []
+        self.retried_alone: set[tuple[int, ...]] = set()
+        self.capacity = _ClusterCapacity(client)
+        self.shared = self._share()
+
+    def run(self) -> None:
+        """Submit tiles and handle the ends of their futures until none is left."""
+        self._fill()
+        while self.submitted:
+            try:
+                future = self.ended.get(timeout=_CHECK_SECONDS)
+            except Empty:
+                self._withdraw()
+                self.capacity.measure(len(self.submitted))
+                continue
+            self._handle(future)
+            self._withdraw()
+            self._fill()
+        if self.abandoned:
+            raise GyrosparkError(
+                f"Tiles of the sweep that are not computed: {len(self.abandoned)}. Workers died "
+                "again and again at them; give the workers more memory, and repeat the sweep with "
+                "--resume.")
+
+    def _share(self) -> Any:
         # A task, not scattered data: the scheduler repeats it when its workers have died.
-        return client.submit(_shared, study, fields, remote, pure=False)
+        return self.client.submit(_shared, self.study, self.fields, self.remote_sink, pure=False)
 
-    def begin(tile: Tile) -> None:
-        future = client.submit(_compute, shared, tile, pure=False, retries=_RETRIES)
-        submitted[future.key] = future, tile
-        future.add_done_callback(finished_futures.put)
+    def _submit(self, tile: Tile) -> None:
+        future = self.client.submit(_compute, self.shared, tile, pure=False, retries=_RETRIES)
+        self.submitted[future.key] = future, tile
+        future.add_done_callback(self.ended.put)
 
-    def fill() -> None:
-        while len(submitted) < memory.tiles and not interrupts.requested:
-            tile = next(tiles, None)
+    def _fill(self) -> None:
+        """Submit new tiles up to the capacity, and the blamed ones alone at the end."""
+        while len(self.submitted) < self.capacity.tiles and not self.interrupts.requested:
+            tile = next(self.tiles, None)
             if tile is None:
                 break
-            begin(tile)
-        if not submitted and blamed and not interrupts.requested:
-            retried_alone.add(blamed[-1].place)
-            begin(blamed.pop())
+            self._submit(tile)
+        if not self.submitted and self.blamed and not self.interrupts.requested:
+            self.retried_alone.add(self.blamed[-1].place)
+            self._submit(self.blamed.pop())
 
-    def withdraw() -> None:
-        if interrupts.requested:
-            client.cancel([future for future, _ in submitted.values()
-                           if future.status == "pending"])
+    def _withdraw(self) -> None:
+        """After a signal, cancel the tiles that no worker has begun."""
+        if self.interrupts.requested:
+            self.client.cancel([future for future, _ in self.submitted.values()
+                                if future.status == "pending"])
 
-    shared, retried_alone = share(), set[tuple[int, ...]]()
-    fill()
-    while submitted:
-        try:
-            future = finished_futures.get(timeout=_CHECK_SECONDS)
-        except Empty:
-            withdraw()
-            memory.measure(len(submitted))
-            continue
-        _, tile = submitted.pop(future.key)
+    def _handle(self, future: Any) -> None:
+        """Handle the end of a tile's future: finished, cancelled, or its workers died."""
+        from distributed.scheduler import KilledWorker
+
+        _, tile = self.submitted.pop(future.key)
         if future.status == "finished":
-            if remote is None:
-                sink.write(tile, future.result())
-            advance(tile)
+            if self.remote_sink is None:
+                self.sink.write(tile, future.result())
+            self.advance(tile)
         elif future.status == "cancelled":
-            if not interrupts.requested:
-                begin(tile)
+            if not self.interrupts.requested:
+                self._submit(tile)
         elif isinstance(future.exception(), KilledWorker):
-            (abandoned if tile.place in retried_alone else blamed).append(tile)
-            shared = share()  # it may have been blamed as well
+            (self.abandoned if tile.place in self.retried_alone else self.blamed).append(tile)
+            self.shared = self._share()  # it may have been blamed as well
         else:
             raise future.exception()
-        withdraw()
-        fill()
-    if abandoned:
-        raise GyrosparkError(
-            f"Tiles of the sweep that are not computed: {len(abandoned)}. Workers died again and "
-            "again at them; give the workers more memory, and repeat the sweep with --resume."
-        )
 
 
 class _ClusterCapacity:

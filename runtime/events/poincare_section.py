@@ -1,4 +1,4 @@
-"""A Poincaré section: where the motions from many starts go through a level of a quantity."""
+"""A Poincaré section: the crossings of a level of a quantity by motions from many starts."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ Array = NDArray[Any]
 @explain_arguments
 @dataclass(frozen=True, eq=False)
 class Section:
-    """The points of a section, those of each trajectory one behind the other.
+    """The points of a section, trajectory after trajectory.
 
     Attributes
     ----------
     event : Event
-        What is crossed.
+        The crossed level.
     t, q, p : arrays, shapes (K,), (K, n), (K, n)
         Time and state of each crossing.
     trajectory : array of int, shape (K,)
-        Of which start each is.
+        Index of the start of each point.
     failures : dict of int to StepFailed
         Trajectories that ended early; their points until then are here.
     tangents : list of TangentRows or None
-        Where they were asked for: for each start, the derivatives of its points and their times,
-        along the section; None where a trajectory failed.
+        If requested: for each start, the derivatives of its points and their times along the
+        section; None if its trajectory failed.
     """
 
     event: Event
@@ -80,20 +80,20 @@ class Section:
                       [*quantities, *system.coordinates, *system.momenta])
         if name in quantities:
             return self._quantity(quantities.index(name))
-        of, names = (self.q, system.coordinates) if name in system.coordinates else (
+        states, names = (self.q, system.coordinates) if name in system.coordinates else (
             self.p, system.momenta)
-        found: Array = of[:, list(names).index(name)]
-        return found
+        column: Array = states[:, list(names).index(name)]
+        return column
 
     def _quantity(self, column: int) -> Array:
         binding = self._stepper.binding
-        found, t = np.empty_like(self.q[:, 0]), self.t.astype(binding.dtype)
+        quantity, t = np.empty_like(self.q[:, 0]), self.t.astype(binding.dtype)
         ends = np.searchsorted(self.trajectory, np.arange(len(self._parameters) + 1))
-        for values, start, end in zip(self._parameters, ends[:-1], ends[1:], strict=True):
-            rows = slice(start, end)
-            found[rows] = binding.quantities(binding.parameters(values), t[rows], self.q[rows],
-                                             self.p[rows])[:, column]
-        return found
+        for parameters, start, end in zip(self._parameters, ends[:-1], ends[1:], strict=True):
+            points = slice(start, end)
+            quantity[points] = binding.quantities(binding.parameters(parameters), t[points],
+                                                  self.q[points], self.p[points])[:, column]
+        return quantity
 
     def plot(self, x: str, y: str, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw the points by two of their values, a colour for each trajectory.
@@ -125,8 +125,8 @@ def section(
     Raises
     ------
     InputError
-        For what ``integrate_ensemble`` refuses, and for what is no event; for ``tangents`` of an
-        event of a quantity, and where a point only touches the level.
+        As ``integrate_ensemble``; if ``event`` is no event; for ``tangents`` of an event of a
+        quantity, and if a point only touches the level.
     """
     if not hasattr(stepper, "integrate_ensemble"):
         raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
@@ -135,14 +135,16 @@ def section(
         raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
     state = merged_starts(stepper, starts, p, parameters)
     count = steps_of_all(steps, t_end, state.t, dt)
-    found = stepper.integrate_ensemble(
+    ensemble = stepper.integrate_ensemble(
         Start(state.q, state.p, t=state.t), dt=dt, steps=count, every=max(count, 1),
         parameters=state.parameters, solver=solver, workers=workers, events=event,
         tangents=tangents)
-    own = [found.events[event.name][i] for i in range(len(found))]
+    crossings = [ensemble.events[event.name][i] for i in range(len(ensemble))]
     return Section(
-        event, np.concatenate([one.t for one in own]), np.concatenate([one.q for one in own]),
-        np.concatenate([one.p for one in own]),
-        np.repeat(np.arange(len(own)), [len(one) for one in own]), found.failures, stepper,
-        [member.parameters for member in found.members],
-        [None if one is None else one.events[event.name] for one in found.tangents])
+        event, np.concatenate([crossing.t for crossing in crossings]),
+        np.concatenate([crossing.q for crossing in crossings]),
+        np.concatenate([crossing.p for crossing in crossings]),
+        np.repeat(np.arange(len(crossings)), [len(crossing) for crossing in crossings]),
+        ensemble.failures, stepper, [member.parameters for member in ensemble.members],
+        [None if tangents_of_run is None else tangents_of_run.events[event.name]
+         for tangents_of_run in ensemble.tangents])
