@@ -180,13 +180,13 @@ def _agreeing(errors: list[float], h: float) -> MeasuredOrder | None:
     After two slopes that agree, the first lower slope ends the search: it shows round-off, which
     may grow like 1/h, as in multipliers.
     """
-    slopes = list(takewhile(lambda slope: slope > _NO_ORDER,
+    slopes = list(takewhile(lambda measured_slope: measured_slope > _NO_ORDER,
                             (math.log2(a / b) for a, b in pairwise(errors))))
     best: MeasuredOrder | None = None
-    for k, (one, next_slope) in enumerate(pairwise(slopes)):
-        if best is not None and best.agrees and next_slope < one - 0.3:
+    for k, (first_slope, next_slope) in enumerate(pairwise(slopes)):
+        if best is not None and best.agrees and next_slope < first_slope - 0.3:
             break
-        candidate = MeasuredOrder(next_slope, abs(next_slope - one), h / 2 ** (k + 3),
+        candidate = MeasuredOrder(next_slope, abs(next_slope - first_slope), h / 2 ** (k + 3),
                                   tuple(slopes))
         best = candidate if best is None or candidate.spread < best.spread else best
     return best

@@ -166,13 +166,13 @@ class RandomPoints:
                 symbol_values |= dict.fromkeys(system.p, self._context.zero)
             evaluator = Evaluator(symbol_values, mp=self._context)
             try:
-                values = [[evaluator(e) for e in symbols] for symbols in
-                          (system.q, system.p, system.minus_p_rate, system.H_p)]
+                evaluated = [[evaluator(e) for e in symbols] for symbols in
+                             (system.q, system.p, system.minus_p_rate, system.H_p)]
             except (ArithmeticError, ValueError):
                 continue
-            if all(self._context.isfinite(x) and x.imag == 0 for symbols in values
+            if all(self._context.isfinite(x) and x.imag == 0 for symbols in evaluated
                    for x in symbols):
-                states.append(tuple(values))
+                states.append(tuple(evaluated))
             if len(states) == _FEW:
                 break
         return states

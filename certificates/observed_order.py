@@ -80,28 +80,30 @@ def _slope(tableau: Tableau, h: Any) -> float | None:
         exact, method = (_Spark(t.numeric(digits), t.s, t.p) for t in (reference, tableau))
         y = exact.start()
         half = method.step(y, h / 2)
-        error = _distance(half, exact.step(y, h / 2))
+        error = _largest_difference(half, exact.step(y, h / 2))
         if tableau.digits_given is not None:
-            moved = _Spark(_moved(method.tab, tableau.digits_given), tableau.s, tableau.p)
-            if not error > _CLEAR * _distance(half, moved.step(y, h / 2)):
+            differently_rounded = _Spark(_rounded_differently(method.tab, tableau.digits_given),
+                                         tableau.s, tableau.p)
+            if not error > _CLEAR * _largest_difference(half, differently_rounded.step(y, h / 2)):
                 return None
-        return float(mp.log(_distance(method.step(y, h), exact.step(y, h)) / error, 2)) - 1
+        return float(mp.log(_largest_difference(method.step(y, h), exact.step(y, h)) / error,
+                            2)) - 1
 
 
-def _moved(numbers: NumericTableau, digits_given: int) -> NumericTableau:
+def _rounded_differently(coefficients: NumericTableau, digits_given: int) -> NumericTableau:
     """Return the tableau with every coefficient off by half a unit of its last digit."""
     draw, unit = random.Random(7), mp.mpf(10) ** -digits_given / 2
 
-    def moved(entry: Any) -> Any:
+    def shifted(entry: Any) -> Any:
         if isinstance(entry, list):
-            return [moved(e) for e in entry]
+            return [shifted(e) for e in entry]
         return entry + draw.choice((-unit, unit)) if entry else entry
 
-    return NumericTableau(**{name: moved(getattr(numbers, name)) for name in FIELDS})
+    return NumericTableau(**{name: shifted(getattr(coefficients, name)) for name in FIELDS})
 
 
-def _distance(one: list[Any], other: list[Any]) -> Any:
-    return mp.norm(mp.matrix(one) - mp.matrix(other), mp.inf)
+def _largest_difference(y: list[Any], z: list[Any]) -> Any:
+    return mp.norm(mp.matrix(y) - mp.matrix(z), mp.inf)
 
 
 def test_problem() -> System:
@@ -122,8 +124,10 @@ def _functions() -> dict[str, Callable[..., Any]]:
     """Return the functions of the test problem, in mpmath."""
     system = test_problem()
     variables = [*system.q, *system.p]
-    parts = {"H_q": system.H_q, "H_p": system.H_p, "G": system.G[0], "g": system.constraints[0]}
-    functions = {name: sp.lambdify(variables, part, "mpmath") for name, part in parts.items()}
+    expressions = {"H_q": system.H_q, "H_p": system.H_p, "G": system.G[0],
+                   "g": system.constraints[0]}
+    functions = {name: sp.lambdify(variables, expression, "mpmath")
+                 for name, expression in expressions.items()}
     return functions | {"F": sp.lambdify([system.time], list(system.forces), "mpmath")}
 
 

@@ -104,10 +104,10 @@ class _Flow:
         yield Proof(self.name, "|q|² = 1", ring.vanishes(sp.Add(*(x**2 for x in self.q), -1)))
 
 
-def _turning(x: Sequence[sp.Expr], left: Sequence[sp.Expr], right: Sequence[sp.Expr]
+def _turning(x: Sequence[sp.Expr], W: Sequence[sp.Expr], w: Sequence[sp.Expr]
              ) -> list[sp.Expr]:
     """Return ½ W x + ½ x w."""
-    return [(u + v) / 2 for u, v in zip(_product([0, *left], x), _product(x, [0, *right]),
+    return [(u + v) / 2 for u, v in zip(_product([0, *W], x), _product(x, [0, *w]),
                                         strict=True)]
 
 

@@ -117,8 +117,8 @@ def triangle(A: Array) -> Array:
     block_rows = 2 * A.shape[1]
     R: Array = A[:0]
     for first in range(0, len(A), block_rows):
-        made: Any = np.linalg.qr(np.concatenate([R, A[first : first + block_rows]]), mode="r")
-        R = made
+        factor: Any = np.linalg.qr(np.concatenate([R, A[first : first + block_rows]]), mode="r")
+        R = factor
     return R
 
 

@@ -184,8 +184,8 @@ def _in_wasmtime(module: bytes, options: Options) -> list[str]:
     for stepper in options.steppers:
         real = "f" if stepper.manifest.real == "float" else "d"
 
-        def call(what: str, *arguments: float, name: str = stepper.name) -> Any:
-            return exports[f"{name}_{what}"](store, *arguments)
+        def call(function: str, *arguments: float, name: str = stepper.name) -> Any:
+            return exports[f"{name}_{function}"](store, *arguments)
 
         arrays = [struct.pack(f"<{len(values)}{real}", *values) for values in (
             list(options.parameters.values()), options.q, options.p)]
