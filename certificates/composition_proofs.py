@@ -81,9 +81,8 @@ class OrderConditions:
     def unknowns(self) -> list[Fraction]:
         """x as stored."""
         composition = self.composition
-        palindromes = [composition.weights] if composition.base else [composition.drifts,
-                                                                      composition.kicks,
-                                                                      composition.gradients]
+        palindromes = [composition.weights] if composition.base else [
+            composition.drifts, composition.kicks, composition.gradients]
         return [value for (size, summed), palindrome in zip(self._parts, palindromes, strict=False)
                 for value in palindrome[: (size + 1) // 2 - summed]]
 

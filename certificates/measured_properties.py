@@ -239,10 +239,8 @@ class Examination:
             return reported(quantity, "a step of the way back, or of a neighbour, failed", "-",
                             "neighbours part too fast")
         kicks = 1 + self._kick / sizes[1]
-        bound = reversed_run.growth * kicks * self.round_off.epsilon * max(64,
-                                                                           8
-                                                                           * (2
-                                                                              * self.steps) ** 0.5)
+        random_walk = max(64, 8 * (2 * self.steps) ** 0.5)
+        bound = reversed_run.growth * kicks * self.round_off.epsilon * random_walk
         value = max(reversed_run.q_error / sizes[0], reversed_run.p_error / sizes[1])
         measured = f"q {reversed_run.q_error:.1e}, p {reversed_run.p_error:.1e}"
         if not self.guarantees.symmetric:

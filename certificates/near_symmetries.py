@@ -103,8 +103,8 @@ class RandomPoints:
         """Return g and g_q at each point, shapes (points, m) and (points, m, n)."""
         system, symbol_values = self.system, self._symbol_values(q, p)
         slopes = _at_points([e for row in system.G for e in row], symbol_values).T
-        return _at_points(system.constraints, symbol_values).T, slopes.reshape(-1, system.m,
-                                                                               system.n)
+        g = _at_points(system.constraints, symbol_values).T
+        return g, slopes.reshape(-1, system.m, system.n)
 
     def _velocity_constraint(self, q: Array, p: Array) -> _Step:
         """Return g_q H_p and its derivative g_q H_pp by p."""
@@ -140,8 +140,9 @@ class RandomPoints:
             return max(on_constraints, 1.0), True
         off_constraints = max((_relative(np.array(terms)) for terms in self._precise_terms(field)),
                               default=np.inf)
-        return (on_constraints, True) if off_constraints > NEAR else (max(off_constraints, slide),
-                                                                      False)
+        if off_constraints > NEAR:
+            return on_constraints, True
+        return max(off_constraints, slide), False
 
     def _precise_terms(self, field: LinearField) -> Iterator[list[Any]]:
         """Yield the terms of {J, H} + J_p·F at a few states, in many digits."""
@@ -182,8 +183,7 @@ class RandomPoints:
         """q, p, H_q − F, H_p and g_q at many states of the constraint manifold."""
         system, symbol_values = self.system, self.points(self.point_count, manifold=True)
         q, p = (_at_points(s, symbol_values) for s in (system.q, system.p))
-        force, speed = _at_points(system.minus_p_rate, symbol_values), _at_points(system.H_p,
-                                                                                  symbol_values)
+        force, speed = (_at_points(e, symbol_values) for e in (system.minus_p_rate, system.H_p))
         G = _at_points([e for row in system.G for e in row], symbol_values)
         usable = np.isfinite(np.concatenate([q, p, force, speed, G])).all(axis=0)
         q, p, force, speed, G = (array[:, usable] for array in (q, p, force, speed, G))

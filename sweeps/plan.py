@@ -34,8 +34,8 @@ def plan(
 ) -> Study:
     """Return the checked study of a sweep; see ``sweep`` for the arguments."""
     over = as_mapping("over", over, '{"gamma": [4e-4, 8e-4]}')
-    parameter_values = {} if parameters is None else as_mapping("parameters", parameters,
-                                                                '{"mgl": 0.4}')
+    parameter_values = {} if parameters is None else as_mapping(
+        "parameters", parameters, '{"mgl": 0.4}')
     if SCHEME in over:
         if scheme is not None or stages is not None:
             raise InputError("scheme varies along an axis; leave out scheme and stages.")

@@ -221,8 +221,8 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
                          f"{listed(choices)}{proposal(column, choices)}.")
     elif column in names:
         domain = stepper.parameter_domains[column]
-        outside_domain = {"positive": values <= 0, "nonzero": values == 0}.get(domain,
-                                                                               values != values)
+        outside_domain = {"positive": values <= 0, "nonzero": values == 0}.get(
+            domain, values != values)
         if outside_domain.any():
             raise InputError(f"Parameter {column} = {values[outside_domain][0]} is not {domain}; "
                              "an axis that holds it cannot be swept.")

@@ -159,8 +159,7 @@ def starts(table: Any, start: RunDefaults, varied: set[str]) -> Axis:
 
 def _quaternions(quaternions: Any) -> Array:
     """Return rows of four numbers from one row or several."""
-    several = (list, tuple, np.ndarray)
-    is_single = isinstance(quaternions,
-                           several) and len(quaternions) > 0 and not isinstance(quaternions[0],
-                                                                                several)
+    sequences = (list, tuple, np.ndarray)
+    is_single = (isinstance(quaternions, sequences) and len(quaternions) > 0
+                 and not isinstance(quaternions[0], sequences))
     return as_rows("quaternion", [quaternions] if is_single else quaternions, 4)

@@ -174,6 +174,7 @@ class Fitting:
     def arguments(self, point: Point, halvings: int = 0) -> tuple[RunArguments, Array]:
         """Return the run of the first samples, and the row of each of them."""
         factor = 2**halvings
+        # every = gcd of the samples' steps: the fewest stored rows that include all samples.
         sample_steps = self.sample_steps[: self.samples] * factor
         last_step = int(sample_steps[-1])
         every = max(1, int(np.gcd.reduce(sample_steps)))
@@ -467,8 +468,8 @@ def _first_run(
     all_parameters = step._parameters_with_inputs(start.parameters, input_rows)
     q, p = start.q, start.p
     if step.m:
-        numeric_parameters = {name: 1.0 if isinstance(x, Rule) else x for name,
-                              x in all_parameters.items()}
+        numeric_parameters = {name: 1.0 if isinstance(x, Rule) else x
+                              for name, x in all_parameters.items()}
         q, p = step.project(q, p, parameters=numeric_parameters, t=start.t)
     run = step._resolved(step._run_arguments(
         q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=input_rows))

@@ -82,11 +82,13 @@ def minimise(
     linear = linearise(point)
     factor = 1.0
     for iteration in range(iteration_limit):
+        # The residual as the last column: one QR factorisation gives R and Qᵀr.
         R = triangle(np.column_stack([linear.J * linear.units, linear.r]))
         U, s, Vt = np.linalg.svd(R[:, :-1], full_matrices=False)
         g = U.T @ R[:, -1]
         cost = float(linear.r @ linear.r)
         variance = cost / max(1, len(linear.r) - len(s)) + noise**2
+        # No step along directions whose standard deviation exceeds _BEYOND units.
         within_reach = _BEYOND * s > np.sqrt(variance)
         failed = False
         while True:

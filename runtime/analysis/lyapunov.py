@@ -253,11 +253,13 @@ class Benettin:
         self.defect = max(self.defect, float(np.abs(change / np.outer(sizes, sizes)).max()))
         if self.full:
             self.volume += self._log_volume() - self.start_volume
+        # LAPACK's R may have negative diagonal entries; growth factors are R_ii > 0.
         Q, R = np.linalg.qr(c)
         signs = np.where(np.diag(R) < 0, -1.0, 1.0)
         self.unit, R = Q * signs, R * signs[:, None]
         growth = np.diag(R)
         self.spread = max(self.spread, float(growth.max() / growth.min()))
+        # The product of all R has the singular values of Φ'; its logarithm of size avoids overflow.
         self.product = R @ self.product
         size = float(np.linalg.norm(self.product, 2))
         self.product, self.scale = self.product / size, self.scale + float(np.log(size))

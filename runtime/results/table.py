@@ -408,8 +408,8 @@ def _write_netcdf(table: Table, path: Path) -> None:
                             variable = file.create_variable(
                                 name, dimensions, dtype=array.dtype if array.dtype.kind != "U" else
                                 h5py.string_dtype())
-                            variable.attrs.update({key: _plain(x) for key,
-                                                   x in description.items()})
+                            variable.attrs.update(
+                                {key: _plain(x) for key, x in description.items()})
                         file.variables[name][index] = array.astype(object) if (
                             array.dtype.kind == "U") else array
             for dimension, (names, meaning) in table.labels.items():

@@ -233,6 +233,7 @@ class Pilots:
         for factor, rows in ((_CLEAR, None), *((1.0, slice(quarter[0], quarter[-1] + 1))
                                                for quarter in quarters if len(quarter))):
             base_sizes = self.sizes(base, rows)
+            # A path that is exact with the base may keep an error of round-off.
             bound = np.where(base_is_round_off,
                              np.maximum(base_sizes, _ROUND_OFF * self.rounding) + self.rounding,
                              (base_sizes - self.doubt) / factor - self.doubt)

@@ -102,6 +102,7 @@ class Search:
             best = self._choose(trials)
         searched = [index for trial in self._search_starts(trials)
                     for index in self._levenberg_marquardt(trial, best)]
+        # Rates fitted to the pilot runs may fail later: they must beat tried ones clearly.
         best = self._choose(searched, best, _CLEARLY if self.rates else 1.0)
         return best, self._reason(best, gamma_reason)
 

@@ -64,8 +64,8 @@ class SpectralLines:
         outer_band = np.abs(self._nu) > 0.875 * self._band
         self.resolved = bool(self._power[outer_band].sum() <= _FOLDED * self._power.sum())
         strong = self._power > _FAINT * self._power.max(initial=0)
-        self._power, self._nu, self._alpha = (x[strong] for x in (self._power, self._nu,
-                                                                  self._alpha))
+        self._power, self._nu, self._alpha = (
+            x[strong] for x in (self._power, self._nu, self._alpha))
 
     def minimise(self, k: int, start: Array) -> Array:
         """Return the ω that minimises M_k, by Newton's method from ``start``."""

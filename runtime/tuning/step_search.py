@@ -114,7 +114,7 @@ class StepSearch:
         self.pilots.append(Pilot(f"{n:,} steps", {}, as_double(self.span / n), error))
 
     def _interpolated_step_suffices(self, best: int, finest: Array) -> bool:
-        """Measure what the law asks for above a pilot; return whether it suffices."""
+        """Measure n (e/error)^(1/r) steps between two pilot runs; return whether they suffice."""
         coarse_error = self.pilots[best - 1].motion
         if not math.isfinite(coarse_error):
             return False
@@ -126,6 +126,7 @@ class StepSearch:
         q, _ = self._run(n)
         if q is None:
             return False
+        # The finest run has an error too, a share (n/n_finest)^r of the measured distance.
         refinement = (n / (2 * self._steps[-1])) ** self.order
         self._add(n, _distance(q, finest) / (1 - refinement))
         return self.pilots[-1].motion <= self.bound
@@ -133,9 +134,9 @@ class StepSearch:
     def _refuse_round_off(self) -> None:
         """Raise an error if halving the step twice no longer reduces the error: round-off."""
         last_errors = [pilot.motion for pilot in self.pilots[-3:]]
-        if len(last_errors) < 3 or max(last_errors[1:]) > math.sqrt(self.epsilon) or any(
-                coarse_error >= _HALVED * fine_error for coarse_error,
-                fine_error in pairwise(last_errors)):
+        if len(last_errors) < 3 or max(last_errors[1:]) > math.sqrt(self.epsilon):
+            return
+        if any(coarse >= _HALVED * fine for coarse, fine in pairwise(last_errors)):
             return
         raise InputError(
             f"step_error = {self.bound:g} is below round-off: the error stays at "

@@ -327,12 +327,12 @@ class _Rules:
             # To leading order the best numbers do not depend on dt: the pilot runs see all of it.
             count = min(steps, pilot_limit)
             run = replace(self.run, dt=self.stepper.binding.number(span / count), steps=count)
-            tuned = _Rules(self.stepper, run, self.rules, self.report).tuned(pilot_limit,
-                                                                             longer=False)
+            rules = _Rules(self.stepper, run, self.rules, self.report)
+            tuned = rules.tuned(pilot_limit, longer=False)
             pilots += tuned.pilots
             if any(parameters[name] != x for name, x in tuned.parameters.items()):
-                steps, last_pilot, further_pilots = self._steps(parameters | tuned.parameters,
-                                                                span, bound)
+                steps, last_pilot, further_pilots = self._steps(
+                    parameters | tuned.parameters, span, bound)
                 pilots += further_pilots
         reason = f"{steps:,} steps: the error of the motion is {last_pilot.motion:.2g} at most"
         return replace(tuned, dt=span / steps, error=last_pilot.motion, pilots=pilots,
