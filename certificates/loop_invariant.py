@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,11 +75,19 @@ class LoopDrift:
         return self.tail**2 <= self.epsilon / 2
 
 
+class LoopIntegral(NamedTuple):
+    """∮ p·dq of a loop, its round-off scale ∮ Σ s_i |dq_i| + r_i |dp_i|, the spectrum's tail."""
+
+    value: float
+    scale: float
+    tail: float
+
+
 def loop_integral(
     q: Array, p: Array, rounded: tuple[Array, Array] | None = None,
     epsilon: float = float(np.finfo(float).eps),
-) -> tuple[float, float, float]:
-    """Return ∮ p·dq, ∮ Σ s_i |dq_i| + r_i |dp_i|, and the tail of the spectrum.
+) -> LoopIntegral:
+    """Return the integral of a loop by the spectral derivative of its states.
 
     Parameters
     ----------
@@ -101,7 +109,7 @@ def loop_integral(
     r, s = np.maximum(np.abs(q), least_r), np.maximum(np.abs(p), least_s)
     scale = (np.abs(slopes[0]) * s + np.abs(slopes[1]) * r).sum() * 2 * np.pi / M
     tail = max(_tail(mode, x, epsilon) for mode, x in zip(modes, (q, p), strict=True))
-    return float(value), float(scale), tail
+    return LoopIntegral(float(value), float(scale), tail)
 
 
 def _tail(modes: Array, x: Array, epsilon: float) -> float:
@@ -179,10 +187,11 @@ def _integrated_loop(
     integrals = [loop_integral(ensemble.q[:, k].astype(float), ensemble.p[:, k].astype(float),
                                rounded, stepper.binding.epsilon)
                  for k in range(ensemble.q.shape[1])]
-    changes = [abs(value - integrals[0][0]) for value, _, _ in integrals]
+    start = integrals[0].value
+    changes = [abs(integral.value - start) for integral in integrals]
     return LoopDrift(
-        start=integrals[0][0], scale=max(scale for _, scale, _ in integrals), drift=max(changes),
+        start=start, scale=max(integral.scale for integral in integrals), drift=max(changes),
         halfway=max(changes[: len(changes) // 2 + 1]), points=points, radius=radius,
-        tail=max(tail for _, _, tail in integrals), steps=steps,
+        tail=max(integral.tail for integral in integrals), steps=steps,
         epsilon=stepper.binding.epsilon,
     )

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,13 @@ class Pilot:
     energy: float = math.nan
 
 
+class _RunErrors(NamedTuple):
+    """Errors of a pilot run: of the motion by rows and columns, of the energy by rows."""
+
+    motion: Array
+    energy: Array
+
+
 @dataclass(frozen=True)
 class _Reference:
     """An extrapolated motion, and the size of its last refinement, of all paths and of each."""
@@ -102,7 +109,7 @@ class Pilots:
         self.every = max(1, run.steps // _ROWS)
         self.trials: list[Array] = []
         self._labels: list[str] = []
-        self._errors: list[tuple[Array, Array] | None] = []
+        self._errors: list[_RunErrors | None] = []
         self._runs, self._report = 0, report
 
     def parameters(self, x: Array) -> dict[str, float]:
@@ -188,7 +195,7 @@ class Pilots:
         run = self.run(x)
         self.trials.append(x)
         self._labels.append(label)
-        self._errors.append(None if run is None else (
+        self._errors.append(None if run is None else _RunErrors(
             self._motion(np.asarray(run.q))[1:],
             np.asarray(run.energy_error()[1:], dtype=float)[:, None]))
         return len(self.trials) - 1
@@ -198,7 +205,8 @@ class Pilots:
         errors = self._errors[index]
         if errors is None:
             return None
-        return errors[self.aim == "energy"][: self.rows][rows or slice(None)]
+        minimised = errors.energy if self.aim == "energy" else errors.motion
+        return minimised[: self.rows][rows or slice(None)]
 
     def sizes(self, index: int, rows: slice | None = None) -> Array:
         """Return the root mean square error of each path; infinite if the run failed."""
@@ -260,21 +268,21 @@ class Pilots:
         if errors is None:
             return Pilot(label, parameters, dt, math.inf, math.inf, math.inf)
         paths, base_errors, worst = self._motion.paths, self._errors[0], math.nan
-        motion = root_mean_squares(errors[0][: self.rows], paths)
+        motion = root_mean_squares(errors.motion[: self.rows], paths)
         if base_errors is not None:
-            base_sizes = root_mean_squares(base_errors[0][: self.rows], paths)
+            base_sizes = root_mean_squares(base_errors.motion[: self.rows], paths)
             worst = float((motion[base_sizes > 0]
                            / base_sizes[base_sizes > 0]).max(initial=-math.inf))
         return Pilot(label, parameters, dt, float(motion.max()),
                      worst if math.isfinite(worst) else math.nan,
-                     float(root_mean_squares(errors[1], [[0]])[0]))
+                     float(root_mean_squares(errors.energy, [[0]])[0]))
 
     def rows_before(self, index: int, angle: float) -> int:
         """Return the number of rows before an attitude differs by more than ``angle``, in rad."""
         errors = self._errors[index]
         if errors is None:
             return self.rows
-        exceeds = np.abs(errors[0][:, self._motion.turning]).max(axis=1, initial=0) > angle
+        exceeds = np.abs(errors.motion[:, self._motion.turning]).max(axis=1, initial=0) > angle
         return int(exceeds.argmax()) if exceeds.any() else self.rows
 
     def quarters(self, index: int) -> Array:
