@@ -118,10 +118,11 @@ def build(
     if path is not None:
         check_out(path)
     model = None if isinstance(system, (str, Problem)) else system
-    texts = [text_of(spec, model) for spec in specs]
-    steppers = tuple(map(_written_stepper, (files for files, _ in texts)))
+    files_and_defaults = [text_of(spec, model) for spec in specs]
+    steppers = tuple(_written_stepper(files) for files, _ in files_and_defaults)
     first = steppers[0]
-    defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else texts[0][1]
+    _, model_defaults = files_and_defaults[0]
+    defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else model_defaults
     options = _options(first, defaults, dt, start, parameters, steppers)
     if start is not None:
         _refuse_off_constraints(specs[0], model, options)

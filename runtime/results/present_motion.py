@@ -176,8 +176,8 @@ class PresentJoint(_SingleState, JointMotion):
 
     def _reaction(self) -> tuple[Array, Array]:
         """Return force and torque at the begin of the next step."""
-        reactions = JointMotion(self._run.next_step(), self.name, self._at)._reaction()
-        return reactions[0][0], reactions[1][0]
+        force, torque = JointMotion(self._run.next_step(), self.name, self._at)._reaction()
+        return force[0], torque[0]
 
     def _quaternion_of(self, name: str) -> list[float]:
         ground = [1.0, 0.0, 0.0, 0.0]
