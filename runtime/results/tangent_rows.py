@@ -90,11 +90,11 @@ class TangentRows:
             parts.append(forces)
         return np.concatenate(parts, axis=1)
 
-    def of_others(self, stacked: Array, t: Array) -> TangentRows:
-        """Return the same directions at other states and times; ``stacked`` as from ``together``.
+    def of_others(self, made: Array, t: Array) -> TangentRows:
+        """Return the same directions at other states and times; ``made`` as from ``together``.
         """
-        n, k = self.q.shape[1], stacked.shape[2]
+        n, k = self.q.shape[1], made.shape[2]
         forces = None
-        if stacked.shape[1] > 2 * n:
-            forces = stacked[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
-        return replace(self, q=stacked[:, :n], p=stacked[:, n : 2 * n], t=t, multipliers=forces)
+        if made.shape[1] > 2 * n:
+            forces = made[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
+        return replace(self, q=made[:, :n], p=made[:, n : 2 * n], t=t, multipliers=forces)
