@@ -65,9 +65,9 @@ def export_gltf(
     """
     target = check_model_file(path)
     choose("meshes", meshes, MESHES)
-    scene, found = with_visuals(trajectory, scene_of(trajectory, _FRAMES), meshes)
-    with result_file(target, "The model") as part:
-        part.write_bytes(_Document(scene, found).as_bytes())
+    scene, mesh_files = with_visuals(trajectory, scene_of(trajectory, _FRAMES), meshes)
+    with result_file(target, "The model") as partial_file:
+        partial_file.write_bytes(_Document(scene, mesh_files).as_bytes())
     return target
 
 
@@ -97,18 +97,18 @@ class _Document:
             "name": scene.title, "rotation": _rotation(scene.up, np.array([0.0, 1.0, 0.0]))}]
         self.samplers: list[dict[str, Any]] = []
         self.channels: list[dict[str, Any]] = []
-        self.scene, self.given = scene, meshes
+        self.scene, self.mesh_files = scene, meshes
         self.times = self._numbers((scene.t - scene.t[0]) * np.sign(scene.t[-1] - scene.t[0] or 1),
                                    "<f4")
         self.reach = scene.reach(0)
-        for i, part in enumerate(scene.parts):
-            shapes = part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]
-            self._node(part.name, [*shapes, *scene.joints_on(i, self.reach)],
-                       COLOURS[i % len(COLOURS)], translation=part.x,
-                       rotation=_scalar_last(part.q))
-        still = [*scene.ground, *scene.joints_on(-1, self.reach)]
-        if still:
-            self._node("ground", still, _GROUND)
+        for i, body in enumerate(scene.parts):
+            shapes = body.shapes or [Shape("box", body.sizes["box"], body.centre, body.axes)]
+            self._node(body.name, [*shapes, *scene.joints_on(i, self.reach)],
+                       COLOURS[i % len(COLOURS)], translation=body.x,
+                       rotation=_scalar_last(body.q))
+        ground_shapes = [*scene.ground, *scene.joints_on(-1, self.reach)]
+        if ground_shapes:
+            self._node("ground", ground_shapes, _GROUND)
         for tie in scene.ties:
             if tie.kind in ("rod", "spring"):
                 self._rod(tie)
@@ -131,9 +131,9 @@ class _Document:
                 (text + b" " * (-len(text) % 4), 0x4E4F534A), (bytes(self.numbers), 0x004E4942)))
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
-    def _numbers(self, values: Array, kind: str, use: int = 0) -> int:
+    def _numbers(self, array: Array, kind: str, use: int = 0) -> int:
         """Return the accessor of an array, with its bounds."""
-        data = np.ascontiguousarray(values, dtype=kind)
+        data = np.ascontiguousarray(array, dtype=kind)
         self.views.append({"buffer": 0, "byteOffset": len(self.numbers), "byteLength": data.nbytes,
                            **({"target": use} if use else {})})
         self.numbers += data.tobytes()  # of four bytes each: aligned
@@ -161,39 +161,39 @@ class _Document:
         """Add a node of shapes, with the motion that is not constant as an animation."""
         node: dict[str, Any] = {"name": name, "mesh": len(self.meshes)}
         self.meshes.append({"name": name, "primitives": list(self._primitives(shapes, colour))})
-        for what, values in motion.items():
-            node[what] = values[0].tolist()
-            if np.ptp(values, axis=0).any():
+        for path, channel in motion.items():
+            node[path] = channel[0].tolist()
+            if np.ptp(channel, axis=0).any():
                 self.channels.append({"sampler": len(self.samplers), "target": {
-                    "node": len(self.nodes), "path": what}})
+                    "node": len(self.nodes), "path": path}})
                 self.samplers.append({"input": self.times, "interpolation": "LINEAR",
-                                      "output": self._numbers(values, "<f4")})
+                                      "output": self._numbers(channel, "<f4")})
         self.nodes.append(node)
 
     def _primitives(self, shapes: Iterable[Shape], colour: str) -> Iterable[dict[str, Any]]:
-        """Yield triangles of each colour, and those of each mesh."""
+        """Yield a primitive for each colour of solids, and one for each mesh of a file."""
         solids: dict[str, list[Mesh]] = {}
         for shape in shapes:
-            own = shape.colour or colour
+            shape_colour = shape.colour or colour
             if shape.file:  # without normals it is flat
-                mesh = self.given[shape.file]
+                mesh = self.mesh_files[shape.file]
                 faces = mesh.triangles if np.prod(shape.size) > 0 else mesh.triangles[:, ::-1]
-                at = self._numbers(shape.centre + mesh.points * shape.size @ shape.axes.T, "<f4",
-                                   _VERTICES)
-                yield self._primitive({"POSITION": at}, faces, own)
+                accessor = self._numbers(shape.centre + mesh.points * shape.size @ shape.axes.T,
+                                         "<f4", _VERTICES)
+                yield self._primitive({"POSITION": accessor}, faces, shape_colour)
                 continue
             solid = mesh_of(shape)
-            for value in {0.0} if shape.colour else {*solid.light.tolist()}:
-                some = solid.faces if shape.colour else solid.faces[solid.light == value]
-                used, faces = np.unique(some, return_inverse=True)
-                solids.setdefault(_lighter(own, 0.42 * value), []).append(replace(
+            for tint in {0.0} if shape.colour else {*solid.light.tolist()}:
+                faces_of_tint = solid.faces if shape.colour else solid.faces[solid.light == tint]
+                used, faces = np.unique(faces_of_tint, return_inverse=True)
+                solids.setdefault(_lighter(shape_colour, 0.42 * tint), []).append(replace(
                     solid, points=solid.points[used], normals=solid.normals[used],
                     faces=faces.reshape(-1, 3)))
-        for own, one in solids.items():
-            whole = joined(one)
-            yield self._primitive({"POSITION": self._numbers(whole.points, "<f4", _VERTICES),
-                                   "NORMAL": self._numbers(whole.normals, "<f4", _VERTICES)},
-                                  whole.faces, own)
+        for shape_colour, solid_parts in solids.items():
+            solid_mesh = joined(solid_parts)
+            yield self._primitive({"POSITION": self._numbers(solid_mesh.points, "<f4", _VERTICES),
+                                   "NORMAL": self._numbers(solid_mesh.normals, "<f4", _VERTICES)},
+                                  solid_mesh.faces, shape_colour)
 
     def _primitive(self, attributes: dict[str, int], faces: Array, colour: str) -> dict[str, Any]:
         return {"attributes": attributes, "indices": self._numbers(faces.ravel(), "<u4", _ELEMENTS),
@@ -201,7 +201,7 @@ class _Document:
 
 
 def _scalar_last(q: Array) -> Array:
-    """Return unit quaternions as glTF has them, each on the side of the one before."""
+    """Return unit quaternions scalar last, with signs that make them continuous in time."""
     signs = np.cumprod(np.append(1.0, np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0)))
     unit: Array = q * (signs / np.linalg.norm(q, axis=1))[:, None]
     return unit[:, [1, 2, 3, 0]]
@@ -212,8 +212,8 @@ def _rotation(start: Array, end: Array) -> list[float]:
     q = np.append(np.cross(start, end), 1 + start @ end)
     if q[3] < 1e-9:  # opposite: about any axis that is normal to both
         q = np.append(axes_about(start)[:, 0], 0.0)
-    found: list[float] = (q / np.linalg.norm(q)).tolist()
-    return found
+    rotation: list[float] = (q / np.linalg.norm(q)).tolist()
+    return rotation
 
 
 def _lighter(colour: str, share: float) -> str:

@@ -36,7 +36,7 @@ _HEIGHT = 560
 
 
 class View:
-    """A page that moves; Jupyter shows it where it is the last value of a cell.
+    """An animated page; Jupyter shows it where it is the last value of a cell.
 
     Attributes
     ----------
@@ -66,8 +66,8 @@ class View:
             If the file cannot be written.
         """
         self.path = check_page(path)
-        with result_file(self.path, "The page") as part:
-            part.write_text(self.page, encoding="utf-8")
+        with result_file(self.path, "The page") as partial_file:
+            partial_file.write_text(self.page, encoding="utf-8")
         return self.path
 
     def _repr_html_(self) -> str:
@@ -116,11 +116,11 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     target = None if path is None else check_page(path)
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
     plain = scene_of(trajectory, count)
-    scene, found = with_visuals(trajectory, plain, meshes)
-    shown = View(plain.title, _page(scene, shape, found), scene, found)
+    scene, mesh_files = with_visuals(trajectory, plain, meshes)
+    page_view = View(plain.title, _page(scene, shape, mesh_files), scene, mesh_files)
     if target is not None:
-        shown.save(target)
-    return shown
+        page_view.save(target)
+    return page_view
 
 
 def check_page(path: str | os.PathLike[str]) -> Path:
@@ -139,22 +139,24 @@ def check_page(path: str | os.PathLike[str]) -> Path:
 def with_visuals(
     trajectory: Trajectory, scene: Scene, meshes: MeshesName, budget: int = BUDGET
 ) -> tuple[Scene, dict[str, IndexedMesh]]:
-    """Return a scene whose bodies look as their model says, and its meshes by their files.
+    """Return a scene with the visuals of the model, and its meshes by file.
 
-    Small meshes have so many bytes together.
+    ``budget`` is the number of bytes of all meshes together for ``"small"``.
     """
     visuals = getattr(trajectory._stepper, "visuals", {})
-    found, refused = read_meshes((shape.file for shapes in visuals.values() for shape in shapes
-                                  if shape.file), meshes, budget)
-    known = {name: [shape for shape in shapes if not shape.file or shape.file in found]
-             for name, shapes in visuals.items()}
-    remarks = [f"The mesh {Path(file).name} is not shown: {why}" for file, why in refused.items()]
+    mesh_files, reasons = read_meshes((shape.file for shapes in visuals.values() for shape in shapes
+                                       if shape.file), meshes, budget)
+    shapes_by_body = {name: [shape for shape in shapes if not shape.file
+                             or shape.file in mesh_files]
+                      for name, shapes in visuals.items()}
+    remarks = [f"The mesh {Path(file).name} is not shown: {reason}"
+               for file, reason in reasons.items()]
     for remark in remarks:
         warn(remark)
-    parts = [replace(part, shapes=known[part.name], glass=False, own=True)
-             if known.get(part.name) else part for part in scene.parts]
-    return replace(scene, parts=parts, ground=known.get("", []),
-                   remarks=[*scene.remarks, *remarks]), found
+    parts = [replace(body, shapes=shapes_by_body[body.name], glass=False, own=True)
+             if shapes_by_body.get(body.name) else body for body in scene.parts]
+    return replace(scene, parts=parts, ground=shapes_by_body.get("", []),
+                   remarks=[*scene.remarks, *remarks]), mesh_files
 
 
 def _page(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> str:
@@ -189,13 +191,14 @@ def compact(script: str) -> str:
 def _content(
     scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]
 ) -> dict[str, Any]:
-    """Return the scene as JSON has it, long arrays as base64 of 32-bit floats."""
-    numbers = {file: i for i, file in enumerate(meshes)}
+    """Return the scene for JSON, long arrays as base64 of 32-bit floats."""
+    mesh_numbers = {file: i for i, file in enumerate(meshes)}
 
-    def shapes(some: Iterable[Shape]) -> list[dict[str, Any]]:
-        return [{"kind": one.kind, "size": one.size.tolist(), "centre": one.centre.tolist(),
-                 "axes": one.axes.T.tolist(), "colour": one.colour,
-                 **({"mesh": numbers[one.file]} if one.file else {})} for one in some]
+    def shapes(shape_list: Iterable[Shape]) -> list[dict[str, Any]]:
+        return [{"kind": shape.kind, "size": shape.size.tolist(), "centre": shape.centre.tolist(),
+                 "axes": shape.axes.T.tolist(), "colour": shape.colour,
+                 **({"mesh": mesh_numbers[shape.file]} if shape.file else {})}
+                for shape in shape_list]
 
     return {
         "meshes": {**encoded_solids(), **{i: [encoded(mesh)] for i, mesh in enumerate(
@@ -206,13 +209,13 @@ def _content(
         "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),
         "energy": _bytes(scene.energy_error),
         "bodies": [{
-            "name": part.name, "q": _bytes(part.q), "centre": part.centre.tolist(),
-            "x": _bytes(part.x if np.ptp(part.x, axis=0).any() else part.x[:1]),
-            "axes": part.axes.T.tolist(), "tip": part.tip.tolist(),
-            "sizes": {kind: size.tolist() for kind, size in part.sizes.items()},
-            "scaled": part.to_scale, "shapes": shapes(part.shapes), "glass": part.glass,
-            "own": part.own,
-        } for part in scene.parts],
+            "name": body.name, "q": _bytes(body.q), "centre": body.centre.tolist(),
+            "x": _bytes(body.x if np.ptp(body.x, axis=0).any() else body.x[:1]),
+            "axes": body.axes.T.tolist(), "tip": body.tip.tolist(),
+            "sizes": {kind: size.tolist() for kind, size in body.sizes.items()},
+            "scaled": body.to_scale, "shapes": shapes(body.shapes), "glass": body.glass,
+            "own": body.own,
+        } for body in scene.parts],
         "ties": [{
             "name": tie.name, "kind": tie.kind, "slides": tie.slides, "a": tie.a, "b": tie.b,
             "onA": tie.on_a.tolist(),
@@ -221,6 +224,6 @@ def _content(
     }
 
 
-def _bytes(values: Any) -> str:
-    """Return numbers as base64 of little-endian 32-bit floats, those that are none as 0."""
-    return base64.b64encode(np.nan_to_num(values).astype("<f4").tobytes()).decode("ascii")
+def _bytes(array: Any) -> str:
+    """Return numbers as base64 of little-endian 32-bit floats, NaN as 0."""
+    return base64.b64encode(np.nan_to_num(array).astype("<f4").tobytes()).decode("ascii")

@@ -92,12 +92,12 @@ class RenderedPicture:
             If the file cannot be written.
         """
         self.path = check_picture_file(path)
-        with result_file(self.path, "The picture") as part:
-            part.write_bytes(encode_png(self.pixels))
+        with result_file(self.path, "The picture") as partial_file:
+            partial_file.write_bytes(encode_png(self.pixels))
         return self.path
 
     def _repr_png_(self) -> bytes:
-        """Return what Jupyter shows."""
+        """Return the PNG for Jupyter."""
         return encode_png(self.pixels)
 
 
@@ -159,16 +159,16 @@ def draw_picture(
         scene, frame = scene_of(trajectory, count), None
     else:
         t = trajectory.t.astype(float)
-        wanted = _number("time", time, -1e300, 1e300, "a number of seconds")
-        nearest = int(np.argmin(np.abs(t - wanted)))
+        shown_time = _number("time", time, -1e300, 1e300, "a number of seconds")
+        nearest = int(np.argmin(np.abs(t - shown_time)))
         scene = scene_of(trajectory, count, include=nearest)
         frame = int(np.argmin(np.abs(scene.t - t[nearest])))
-    dressed, meshes = with_visuals(trajectory, scene, "small")
-    made = draw_scene(dressed, meshes, size=size, frame=frame, azimuth=azimuth, elevation=elevation,
-                      background=background, traces=traces)
+    scene_with_visuals, meshes = with_visuals(trajectory, scene, "small")
+    picture = draw_scene(scene_with_visuals, meshes, size=size, frame=frame, azimuth=azimuth,
+                         elevation=elevation, background=background, traces=traces)
     if target is not None:
-        made.save(target)
-    return made
+        picture.save(target)
+    return picture
 
 
 def draw_scene(
@@ -209,8 +209,8 @@ class SceneDrawing:
         self.floor: float | None = None
         self.stands: list[tuple[Mesh, Array, float]] = []
         if scene.gravity:
-            some = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
-            low = [solid.corners @ scene.up, scene.points(some) @ scene.up,
+            frame_indices = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
+            low = [solid.corners @ scene.up, scene.points(frame_indices) @ scene.up,
                    *(line @ scene.up for line in lines)]
             self.floor = float(min(heights.min() for heights in low))
             self.stands = list(_stands(scene, frames[0], self.floor))
@@ -222,7 +222,7 @@ class SceneDrawing:
         """Return a frame, shape (height, width, 3)."""
         meshes = self._meshes.get(frame) or list(_meshes(self.scene, frame, self.files))
         ribbons = _ribbons(self.camera, self._lines(frame),
-                           [colour_of(_own_colour(i)) for i in self.traced],
+                           [colour_of(_body_colour(i)) for i in self.traced],
                            _TRACE * self.size[1] / 480)
         return render(_triangles(meshes + self.stands), ribbons, self.camera, self.size,
                       up=self.scene.up, floor=self.floor, cell=_cell(self.reach),
@@ -235,39 +235,39 @@ class SceneDrawing:
 
 def _number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
     """Return a number between bounds."""
-    found = real_array(value)
-    if found is None or found.ndim or not low <= float(found) <= high:
+    array = real_array(value)
+    if array is None or array.ndim or not low <= float(array) <= high:
         raise InputError(f"{name} = {shown(value)} is no direction or time of a picture; give "
                          f"{allowed}.")
-    return float(found)
+    return float(array)
 
 
 def _size(size: Any) -> tuple[int, int]:
     """Return width and height of a picture."""
-    found = real_array(size)
-    if (found is None or found.shape != (2,) or (found != np.round(found)).any()
-            or found.min() < _LEAST or found.max() > _MOST):
+    array = real_array(size)
+    if (array is None or array.shape != (2,) or (array != np.round(array)).any()
+            or array.min() < _LEAST or array.max() > _MOST):
         raise InputError(f"size = {shown(size)} is no size of a picture; give its width and height "
                          f"in pixels, two whole numbers from {_LEAST} to {_MOST}.")
-    return int(found[0]), int(found[1])
+    return int(array[0]), int(array[1])
 
 
-def _place(scene: Scene, frame: int, i: int, r: Array) -> Array:
-    """Return where a point of a body is, of the ground for −1."""
+def _point_in_space(scene: Scene, frame: int, i: int, r: Array) -> Array:
+    """Return a point of body i in space; −1 is the ground."""
     if i < 0:
         return r
-    part = scene.parts[i]
-    where: Array = part.x[frame] + rotation_matrix(part.q[frame]) @ r
-    return where
+    body = scene.parts[i]
+    point: Array = body.x[frame] + rotation_matrix(body.q[frame]) @ r
+    return point
 
 
 def _paths(scene: Scene) -> Array:
-    """Return where the tip of each body is, shape (frames, bodies, 3)."""
-    return np.stack([part.at(part.tip)[:, 0] for part in scene.parts], axis=1)
+    """Return the tip of each body in space, shape (frames, bodies, 3)."""
+    return np.stack([body.at(body.tip)[:, 0] for body in scene.parts], axis=1)
 
 
 def _widest(scene: Scene) -> int:
-    """Return the latest frame at which the scene is about as large as it ever is."""
+    """Return the latest frame at which the extent of the scene is within 2 % of its maximum."""
     frames = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
     points = scene.points(frames)
     extent = np.linalg.norm(np.ptp(points, axis=1), axis=1)
@@ -289,12 +289,12 @@ def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
     """
     frames = np.unique(np.linspace(0, len(scene.t) - 1, 60).astype(int))
     first, second = _basis(scene.up)
-    moved = []
-    for part in scene.parts:
-        size = float(part.sizes["box"].max())
-        corners = part.at(part.centre + size * part.axes.T)[frames]
-        moved.append((corners - corners[0]).reshape(-1, 3))
-    _, spread, directions = np.linalg.svd(np.concatenate(moved), full_matrices=False)
+    displacements = []
+    for body in scene.parts:
+        size = float(body.sizes["box"].max())
+        corners = body.at(body.centre + size * body.axes.T)[frames]
+        displacements.append((corners - corners[0]).reshape(-1, 3))
+    _, spread, directions = np.linalg.svd(np.concatenate(displacements), full_matrices=False)
     if spread[2] < 2e-3 * spread[1]:  # a motion in a plane
         normal = directions[2]
         if abs(normal @ scene.up) < 0.3:
@@ -308,17 +308,18 @@ def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
 
 def _best_azimuth(corners: Array, up: Array, tilt: float) -> float:
     """Return the azimuth, near −50°, from which the bodies cover the most pixels."""
-    best, most, size = 0.0, -1.0, 72
+    best_facing, largest_area, size = 0.0, -1.0, 72
     for degrees in range(-140, 40, 30):
         facing = np.radians(degrees)
-        seen = corners @ _sight(up, facing, tilt).T
-        low = seen.reshape(-1, 3).min(axis=0)
-        scale = size / max(float((seen.reshape(-1, 3).max(axis=0) - low)[:2].max()), 1e-12)
-        index, _ = rasterize((seen - low) * scale + [0, 0, 1], size, size)
+        screen_corners = corners @ _sight(up, facing, tilt).T
+        low = screen_corners.reshape(-1, 3).min(axis=0)
+        scale = size / max(float((screen_corners.reshape(-1, 3).max(axis=0) - low)[:2].max()),
+                           1e-12)
+        index, _ = rasterize((screen_corners - low) * scale + [0, 0, 1], size, size)
         area = float((index >= 0).sum()) / scale**2 * (1.12 - 0.0016 * abs(degrees + 50))
-        if area > most:
-            best, most = float(facing), area
-    return best
+        if area > largest_area:
+            best_facing, largest_area = float(facing), area
+    return best_facing
 
 
 def _sight(up: Array, facing: float, tilt: float) -> Array:
@@ -339,85 +340,88 @@ def _traced(scene: Scene, paths: Array) -> list[int]:
     return [int(i) for i in (moving if len(moving) <= 2 else moving[-1:])]
 
 
-def _own_colour(i: int) -> str:
+def _body_colour(i: int) -> str:
     return COLOURS[i % len(COLOURS)]
 
 
 def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
             ) -> Iterator[tuple[Mesh, Array, float]]:
-    """Yield what is drawn in space: triangles, colour and alpha."""
+    """Yield the meshes of ground, bodies and ties in space, each with colour and opacity."""
     reach = scene.reach(frame)
     for shape in (*scene.ground, *scene.joints_on(-1, reach)):
         mesh = mesh_of_file(shape, files[shape.file]) if shape.file else mesh_of(shape)
         yield replace(mesh, light=0 * mesh.light), colour_of(shape.colour or STAND), 1.0
-    around = (COARSE,) * (sum(len(part.shapes) for part in scene.parts) > _COARSE)
-    for i, part in enumerate(scene.parts):
-        R, x = rotation_matrix(part.q[frame]), part.x[frame]
-        shapes = [*(part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]),
+    around = (COARSE,) * (sum(len(body.shapes) for body in scene.parts) > _COARSE)
+    for i, body in enumerate(scene.parts):
+        R, x = rotation_matrix(body.q[frame]), body.x[frame]
+        shapes = [*(body.shapes or [Shape("box", body.sizes["box"], body.centre, body.axes)]),
                   *scene.joints_on(i, reach)]
-        glass = [Shape("box", 0.96 * part.sizes["box"], part.centre, part.axes)] * part.glass
-        for shape, alpha in [(one, 1.0) for one in shapes] + [(one, _GLASS) for one in glass]:
+        glass = [Shape("box", 0.96 * body.sizes["box"], body.centre, body.axes)] * body.glass
+        for shape, alpha in [*((x, 1.0) for x in shapes), *((x, _GLASS) for x in glass)]:
             mesh = (mesh_of_file(shape, files[shape.file]) if shape.file else
                     mesh_of(shape, *around))
             light = 0 * mesh.light if shape.colour else mesh.light
             yield (Mesh(x + mesh.points @ R.T, mesh.normals @ R.T, mesh.faces, light),
-                   colour_of(shape.colour or _own_colour(i)), alpha)
+                   colour_of(shape.colour or _body_colour(i)), alpha)
     for tie in scene.ties:
         for mesh, colour in () if scene.hides(tie) else _tie_meshes(scene, tie, frame, reach):
             yield replace(mesh, light=0 * mesh.light), colour_of(colour), 1.0
 
 
 def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Array, float]]:
-    """Yield what carries joints of the ground: two posts, one post, or a plate above."""
+    """Yield supports of joints of the ground: two posts, one post, or a plate above."""
     up, metal = scene.up, colour_of(STAND)
     r = JOINT * scene.reach(frame)
-    for part, pivot, axis in _pivots(scene):
-        if part.own:
+    for body, pivot, axis in _pivots(scene):
+        if body.own:
             continue
-        below = float(np.max(part.at(part.centre)[:, 0] @ up)) < pivot @ up
-        R = rotation_matrix(part.q[frame])
-        lowest = min(float((mesh_of(shape).points @ R.T @ up).min()) for shape in part.shapes)
+        below = float(np.max(body.at(body.centre)[:, 0] @ up)) < pivot @ up
+        R = rotation_matrix(body.q[frame])
+        lowest = min(float((mesh_of(shape).points @ R.T @ up).min()) for shape in body.shapes)
         height = float(pivot @ up) - floor
         if axis is not None and abs(axis @ up) >= 0.5 and (
-                lowest + part.x[frame] @ up < floor + 2 * r):
+                lowest + body.x[frame] @ up < floor + 2 * r):
             continue  # it turns about a vertical axis and reaches down to the floor
         feet = [np.zeros(3)]
         if axis is not None and abs(axis @ up) < 0.5:
             feet = [2.6 * r * side * axis for side in (-1, 1)]
         if below:
-            shapes = [Shape.bar(pivot + at, pivot + at + 2.4 * r * up, 0.55 * r) for at in feet]
+            shapes = [Shape.bar(pivot + foot, pivot + foot + 2.4 * r * up, 0.55 * r)
+                      for foot in feet]
             shapes.append(Shape("disc", np.array([4 * r, 4 * r, 0.4 * r]), pivot + 2.8 * r * up,
                                 axes_about(up)))
         elif height < 2 * r:
             continue
         else:
-            shapes = [shape for at in feet for shape in (
-                Shape.bar(pivot + at + (0 if len(feet) == 2 else -r) * up,
-                          pivot + at - height * up, 0.55 * r),
+            shapes = [shape for foot in feet for shape in (
+                Shape.bar(pivot + foot + (0 if len(feet) == 2 else -r) * up,
+                          pivot + foot - height * up, 0.55 * r),
                 Shape("disc", np.array([1.6 * r, 1.6 * r, 0.25 * r]),
-                      pivot + at + (0.25 * r - height) * up, axes_about(up)))]
+                      pivot + foot + (0.25 * r - height) * up, axes_about(up)))]
         for shape in shapes:
             mesh = mesh_of(shape)
             yield replace(mesh, light=0 * mesh.light), metal, 1.0
 
 
 def _pivots(scene: Scene) -> Iterator[tuple[ScenePart, Array, Array | None]]:
-    """Yield bodies that the ground holds at a point, the point, and the axis of a hinge."""
-    for i, part in enumerate(scene.parts):
+    """Yield (body, point, axis) of bodies fixed to the ground at a point; axis of a hinge or None.
+    """
+    for i, body in enumerate(scene.parts):
         if is_held(scene.parts, scene.ties, i):
-            yield part, part.x[0], None
+            yield body, body.x[0], None
     for tie in scene.ties:
         if min(tie.a, tie.b) < 0 and tie.kind in ("ball", "hinge") and not tie.slides:
-            part = scene.parts[max(tie.a, tie.b)]
+            body = scene.parts[max(tie.a, tie.b)]
             axis = tie.axis
             if axis is not None and tie.b >= 0:
-                axis = rotation_matrix(part.q[0]) @ axis
-            yield part, tie.on_a if tie.a < 0 else tie.on_b, axis
+                axis = rotation_matrix(body.q[0]) @ axis
+            yield body, tie.on_a if tie.a < 0 else tie.on_b, axis
 
 
 def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tuple[Mesh, str]]:
     """Yield rails, rods and coils."""
-    a, b = _place(scene, frame, tie.a, tie.on_a), _place(scene, frame, tie.b, tie.on_b)
+    a, b = (_point_in_space(scene, frame, i, r)
+            for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)))
     along = float(np.linalg.norm(b - a))
     if tie.slides and tie.axis is not None:
         yield mesh_of(_rail(scene, tie, frame, 0.5 * JOINT * reach)), STAND
@@ -434,13 +438,13 @@ def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tu
 
 
 def _rail(scene: Scene, tie: Tie, frame: int, radius: float) -> Shape:
-    """Return the bar on which b slides, as long as its way."""
+    """Return the bar on which b slides, as long as its travel."""
     axis = np.zeros(3) if tie.axis is None else tie.axis
     frames = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
     places = scene.parts[tie.b].at(tie.on_b)[frames, 0] if tie.b >= 0 else tie.on_b[None]
     R = [np.eye(3) if tie.b < 0 else rotation_matrix(scene.parts[tie.b].q[k]) for k in frames]
     axes = np.array([turn @ axis for turn in R])
-    starts = np.array([_place(scene, int(k), tie.a, tie.on_a) for k in frames])
+    starts = np.array([_point_in_space(scene, int(k), tie.a, tie.on_a) for k in frames])
     travel = np.einsum("ij,ij->i", places - starts, axes)
     now = int(np.argmin(np.abs(frames - frame)))
     end = 4 * radius
@@ -450,55 +454,55 @@ def _rail(scene: Scene, tie: Tie, frame: int, radius: float) -> Shape:
 
 def _triangles(meshes: list[tuple[Mesh, Array, float]]) -> Triangles:
     """Return the triangles of meshes; light faces are mixed with white."""
-    corners, normals, colours, numbers, alphas = [], [], [], [], []
-    number, before = 0, None
+    corners, normals, colours, solid_numbers, alphas = [], [], [], [], []
+    solid_number, previous_key = 0, None
     for mesh, colour, alpha in meshes:
         key = (*colour, alpha)
-        number += key != before  # parts of one colour in a row have no outline between them
-        before = key
+        solid_number += key != previous_key  # no outline between neighbours of one colour
+        previous_key = key
         corners.append(mesh.points[mesh.faces])
         normals.append(mesh.normals[mesh.faces])
         colours.append(colour + 0.6 * mesh.light[:, None] * (1 - colour))
-        numbers.append(np.full(len(mesh.faces), number))
+        solid_numbers.append(np.full(len(mesh.faces), solid_number))
         alphas.append(np.full(len(mesh.faces), alpha))
     return Triangles(np.concatenate(corners), np.concatenate(normals), np.concatenate(colours),
-                     np.concatenate(numbers), np.concatenate(alphas))
+                     np.concatenate(solid_numbers), np.concatenate(alphas))
 
 
 def _camera(points: Array, up: Array, facing: float, tilt: float, width: int, height: int,
             ) -> tuple[Camera, float, Array]:
-    """Return a camera that sees all points, half the size of what it sees, and its centre."""
+    """Return a camera that sees all points, with half the size and the centre of their box."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre, reach = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
     axes = _sight(up, facing, tilt)
     camera = Camera(centre + _AWAY * reach * axes[2], axes, 1.0, np.zeros(2))
-    seen = camera.project(points)[:, :2]
-    least, most = seen.min(axis=0), seen.max(axis=0)
-    span = np.maximum(most - least, 1e-12)
+    pixels = camera.project(points)[:, :2]
+    lowest, highest = pixels.min(axis=0), pixels.max(axis=0)
+    span = np.maximum(highest - lowest, 1e-12)
     focus = _FILL * float(min(width / span[0], height / span[1]))
-    middle = np.array([width, height]) / 2 - focus * (least + most) / 2
+    middle = np.array([width, height]) / 2 - focus * (lowest + highest) / 2
     return Camera(camera.eye, camera.axes, focus, middle), reach, centre
 
 
 def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: float) -> Triangles:
-    """Return lines as strips on the screen, a little nearer than what they touch."""
+    """Return lines as strips on the screen, slightly nearer than the surfaces they touch."""
     corners, shades = [], []
     for line, colour in zip(lines, colours, strict=True):
-        seen = camera.project(line)
-        moved = np.append(True, np.linalg.norm(np.diff(seen[:, :2], axis=0), axis=1) > 0.05)
-        seen = seen[moved]
-        if len(seen) < 2:
+        pixels = camera.project(line)
+        distinct = np.append(True, np.linalg.norm(np.diff(pixels[:, :2], axis=0), axis=1) > 0.05)
+        pixels = pixels[distinct]
+        if len(pixels) < 2:
             continue
-        step = np.diff(seen[:, :2], axis=0)
+        step = np.diff(pixels[:, :2], axis=0)
         step /= np.linalg.norm(step, axis=1, keepdims=True)
         across = np.stack([-step[:, 1], step[:, 0]], axis=1)
         joint = np.concatenate([across[:1], across[1:] + across[:-1], across[-1:]])
         joint /= np.maximum(np.linalg.norm(joint, axis=1, keepdims=True), 0.3)
         offset = np.column_stack([joint * width / 2, np.zeros(len(joint))])
-        near = seen * [1, 1, 1.0005]
-        left, right = near + offset, near - offset
-        corners += [np.stack([left[:-1], right[:-1], right[1:]], axis=1),
-                    np.stack([left[:-1], right[1:], left[1:]], axis=1)]
+        near = pixels * [1, 1, 1.0005]
+        left_edge, right_edge = near + offset, near - offset
+        corners += [np.stack([left_edge[:-1], right_edge[:-1], right_edge[1:]], axis=1),
+                    np.stack([left_edge[:-1], right_edge[1:], left_edge[1:]], axis=1)]
         shades += [np.broadcast_to(0.85 * colour, (len(step), 3))] * 2
     n = sum(len(c) for c in corners)
     if not n:

@@ -71,11 +71,11 @@ class ScenePart:
         Of a body on a fixed point under gravity, of which no mass is known: distance and semi-axes
         of the plate that has its inertia, on the third of ``axes``; see ``body_shapes``.
     shapes : list of Shape
-        What it is drawn with, in body axes; none for the box of its inertia.
+        The drawn shapes in body axes; none for the box of its inertia.
     glass : bool
         Whether it is a frame around other bodies, with sides of glass.
     own : bool
-        Whether its model says what it looks like: its joints are not drawn then.
+        Whether its model has visuals: its joints are then not drawn.
     """
 
     name: str
@@ -92,7 +92,7 @@ class ScenePart:
     own: bool = False
 
     def at(self, points: Array) -> Array:
-        """Return where points of the body are, shape (frames, number of points, 3)."""
+        """Return points of the body in space, shape (frames, number of points, 3)."""
         R = rotation_matrix(self.q)
         where: Array = self.x[:, None] + np.einsum("kij,nj->kni", R, np.atleast_2d(points))
         return where
@@ -100,7 +100,7 @@ class ScenePart:
 
 @dataclass(frozen=True)
 class Tie:
-    """What joins two parts: their numbers, −1 for the ground, and a point on each.
+    """A joint, rod or spring between two bodies: their indices, −1 for the ground, and points.
 
     ``kind`` is ``"ball"``, ``"hinge"`` with the axis in b, ``"rod"`` or ``"spring"``; ``slides``
     says that b moves along the axis.
@@ -130,9 +130,9 @@ class Scene:
     gravity : bool
         Whether there is gravity, and so a floor.
     remarks : list of str
-        What is to be known of the picture.
+        Notes on the picture for its reader.
     ground : list of Shape
-        What stands in space.
+        Shapes fixed in space.
     """
 
     title: str
@@ -183,7 +183,7 @@ class Scene:
 def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None) -> Scene:
     """Return the bodies and joints of at most so many states, evenly among the stored ones.
 
-    ``include`` is the number of a state that is one of them.
+    ``include`` is the index of a state to include.
 
     Raises
     ------
@@ -191,23 +191,24 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
         Where there is no rigid body.
     """
     check_bodies(trajectory.manifest)
-    some = np.linspace(0, len(trajectory) - 1, min(frames, len(trajectory))).astype(int)
-    some = np.unique(some if include is None else np.append(some, include))
-    order = np.argsort(np.sign(float(trajectory.dt)) * trajectory.t[some].astype(float),
+    state_indices = np.linspace(0, len(trajectory) - 1, min(frames, len(trajectory))).astype(int)
+    state_indices = np.unique(state_indices if include is None
+                              else np.append(state_indices, include))
+    order = np.argsort(np.sign(float(trajectory.dt)) * trajectory.t[state_indices].astype(float),
                        kind="stable")  # times may have been asked for in any
-    some = some[order]
-    known = bodies_of(trajectory.manifest)
-    parts = [_part(trajectory, name, some) if name in known else
-             _placed_part(trajectory, name, some) for name in trajectory.bodies]
+    state_indices = state_indices[order]
+    bodies = bodies_of(trajectory.manifest)
+    parts = [_scene_body(trajectory, name, state_indices) if name in bodies else
+             _placed_body(trajectory, name, state_indices) for name in trajectory.bodies]
     error, t = trajectory.energy_error(), trajectory.t
     up, ties = _up(trajectory), _ties(trajectory, parts)
     drawn = _with_shapes(parts, ties, _rolling(trajectory.manifest))
     return Scene(
         f"{trajectory.manifest.system.name}, {trajectory.manifest.scheme.method}",
-        t[some].astype(float), error[some].astype(float), drawn, ties,
+        t[state_indices].astype(float), error[state_indices].astype(float), drawn, ties,
         np.array([0.0, 0.0, 1.0]) if up is None else up,
-        up is not None or any(part.plate is not None for part in parts),
-        list(_remarks(trajectory, parts, some)))
+        up is not None or any(body.plate is not None for body in parts),
+        list(_remarks(trajectory, parts, state_indices)))
 
 
 def check_bodies(manifest: Manifest) -> None:
@@ -222,11 +223,11 @@ def check_bodies(manifest: Manifest) -> None:
                          "draws its coordinates.")
 
 
-def _part(trajectory: Trajectory, name: str, some: Any) -> ScenePart:
-    body, at = trajectory.body(name), bodies_of(trajectory.manifest)[name]
-    mass = at.mass_of(trajectory.parameters)
-    centre = body.centre if at.centre else np.zeros(3)
-    J = body.inertia
+def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> ScenePart:
+    motion, columns = trajectory.body(name), bodies_of(trajectory.manifest)[name]
+    mass = columns.mass_of(trajectory.parameters)
+    centre = motion.centre if columns.centre else np.zeros(3)
+    J = motion.inertia
     if mass is not None:  # about the centre of mass
         J = J - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     moments, axes = (np.diag(J), np.eye(3)) if not (J - np.diag(np.diag(J))).any() else (
@@ -239,14 +240,14 @@ def _part(trajectory: Trajectory, name: str, some: Any) -> ScenePart:
         shape = shape / shape.max()
     sizes = {kind: shape / (np.sqrt(factor) if mass is not None else 1.0)
              for kind, factor in _FACTORS.items()}
-    x = trajectory.q[some][:, at.x].astype(float) if at.x else np.broadcast_to(
-        numbers(at.origin, trajectory.parameters), (len(some), 3))
-    if at.x or centre.any():
+    x = trajectory.q[state_indices][:, columns.x].astype(float) if columns.x else np.broadcast_to(
+        numbers(columns.origin, trajectory.parameters), (len(state_indices), 3))
+    if columns.x or centre.any():
         tip = centre
     else:  # its centre stands still: the end of the third axis
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
     plate = None
-    if mass is None and not at.x and not at.centre:
+    if mass is None and not columns.x and not columns.centre:
         w = _weight(trajectory, moments, axes)
         if w is not None and np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
             k = int(np.argmax(np.abs(w)))  # the weight is on a principal axis
@@ -255,41 +256,42 @@ def _part(trajectory: Trajectory, name: str, some: Any) -> ScenePart:
             distance, half = plate_of(moments[order])
             size = max(distance, float(half.max()))
             plate = distance / size, half / size
-            sizes = {kind: values[order] for kind, values in sizes.items()}
+            sizes = {kind: sizes_of_kind[order] for kind, sizes_of_kind in sizes.items()}
             tip = axes[:, 2] * (plate[0] + max(0.75 * float(plate[1].max()), 0.35 * plate[0]))
         elif sizes["box"].min() < 0.05 * sizes["box"].max() and not centre.any():  # a T: its stem
             k = int(np.argsort(sizes["box"])[1])
             tip = -1.35 * sizes["box"][k] * axes[:, k]
-    return ScenePart(name, trajectory.q[some][:, at.q].astype(float), x, centre, axes, sizes, tip,
-                     mass is not None, plate)
+    return ScenePart(name, trajectory.q[state_indices][:, columns.q].astype(float), x, centre,
+                     axes, sizes, tip, mass is not None, plate)
 
 
-def _placed_part(trajectory: Trajectory, name: str, some: Any) -> ScenePart:
-    """Return a cube for a body of which place and attitude are known: a twentieth of the way."""
-    body = trajectory.body(name)
-    far = max(float(np.abs(trajectory.body(other).position()[some]).max())
-              for other in placed_of(trajectory.manifest))
-    size = np.full(3, far / 20 or 1.0)
-    return ScenePart(name, body.attitude[some], body.position()[some], np.zeros(3), np.eye(3),
+def _placed_body(trajectory: Trajectory, name: str, state_indices: Any) -> ScenePart:
+    """Return a cube for a body without inertia, half its edge 1/20 of the largest coordinate."""
+    motion = trajectory.body(name)
+    farthest = max(float(np.abs(trajectory.body(placed_name).position()[state_indices]).max())
+                   for placed_name in placed_of(trajectory.manifest))
+    size = np.full(3, farthest / 20 or 1.0)
+    return ScenePart(name, motion.attitude[state_indices], motion.position()[state_indices],
+                     np.zeros(3), np.eye(3),
                 dict.fromkeys(_FACTORS, size), np.zeros(3), to_scale=False)
 
 
 def _ties(trajectory: Trajectory, parts: list[ScenePart]) -> list[Tie]:
-    """Return the joints, rods and springs that have a place."""
-    numbered = {part.name: i for i, part in enumerate(parts)} | {"": -1}
-    found = []
+    """Return the joints, rods and springs that a scene draws."""
+    numbered = {body.name: i for i, body in enumerate(parts)} | {"": -1}
+    ties = []
     for name, (kind, joint) in drawn_joints(trajectory.manifest).items():
         on_a, on_b, axis = (numbers(e, trajectory.parameters)
                             for e in (joint.on_a, joint.on_b, joint.axis_b))
-        found.append(Tie(name, kind, numbered[joint.a], numbered[joint.b], on_a, on_b,
-                         axis if joint.axis_b else None,
-                         slides=kind == "hinge" and joint.pulls is None))
-    return found
+        ties.append(Tie(name, kind, numbered[joint.a], numbered[joint.b], on_a, on_b,
+                        axis if joint.axis_b else None,
+                        slides=kind == "hinge" and joint.pulls is None))
+    return ties
 
 
 def drawn_joints(manifest: Manifest) -> dict[str, tuple[str, JointAt]]:
     """Return kind and place of the joints, rods and springs that a scene shows, by name."""
-    found = {}
+    joints = {}
     for name, joint in joints_of(manifest).items():
         if joint.pulls and all(pull.kind == "axial" for pull in joint.pulls):
             continue  # a drive, at the place of its joint
@@ -302,8 +304,8 @@ def drawn_joints(manifest: Manifest) -> dict[str, tuple[str, JointAt]]:
         distance = joint.pulls is not None and any(p.kind == "distance" for p in joint.pulls)
         kind = ("spring" if not joint.constraints else "rod" if distance else
                 "hinge" if joint.axis_b else "ball")
-        found[name] = (kind, joint)
-    return found
+        joints[name] = (kind, joint)
+    return joints
 
 
 def _up(trajectory: Trajectory) -> Array | None:
@@ -318,59 +320,62 @@ def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None
 
     In its principal axes. Least squares of H − T = c + w · (third row of R), of states of the run.
     """
-    some = np.unique(np.linspace(0, len(trajectory) - 1, 60).astype(int))
-    q, p = (values[some].astype(float) for values in (trajectory.q, trajectory.p))
+    state_indices = np.unique(np.linspace(0, len(trajectory) - 1, 60).astype(int))
+    q, p = (states[state_indices].astype(float) for states in (trajectory.q, trajectory.p))
     L = (left_matrix(q) @ p[..., None])[..., 0] @ axes / 2
-    V = trajectory.energy()[some].astype(float) - (L**2 / moments).sum(axis=1) / 2
+    V = trajectory.energy()[state_indices].astype(float) - (L**2 / moments).sum(axis=1) / 2
     row = rotation_matrix(q)[:, 2]
-    if len(some) < 6 or np.ptp(row, axis=0).max() < 1e-6:
+    if len(state_indices) < 6 or np.ptp(row, axis=0).max() < 1e-6:
         return None
-    columns = np.column_stack([row, np.ones(len(some))])
+    columns = np.column_stack([row, np.ones(len(state_indices))])
     w, *_ = np.linalg.lstsq(columns, V, rcond=1e-9)
     size = float(np.linalg.norm(w[:3]))
-    known = np.abs(columns @ w - V).max() < 1e-6 * size
-    return w[:3] @ axes if known and size > 1e-9 * float(np.abs(V).max() + size) else None
+    fits = np.abs(columns @ w - V).max() < 1e-6 * size
+    return w[:3] @ axes if fits and size > 1e-9 * float(np.abs(V).max() + size) else None
 
 
 def _rolling(manifest: Manifest) -> set[str]:
-    """Return the bodies that roll: a constraint of theirs has neither a place nor an axis."""
+    """Return the names of rolling bodies: those with a constraint without a point or axis."""
     return {body for joint in joints_of(manifest).values() for body in (joint.a, joint.b)
             if joint.constraints and not (joint.on_a or joint.on_b or joint.axis_b)}
 
 
 def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> list[ScenePart]:
-    """Return the parts with the shapes that they are drawn with."""
-    centres = np.array([part.at(part.centre)[0, 0] for part in parts])
+    """Return the bodies with their drawn shapes."""
+    centres = np.array([body.at(body.centre)[0, 0] for body in parts])
     reach = max([float(np.linalg.norm(np.ptp(centres, axis=0)))]
-                + [2 * float(part.sizes["box"].max()) for part in parts]
-                + [2 * float(np.linalg.norm(part.centre - r)) for part, r in _points(parts, ties)])
-    found, sizes = [], [float(part.sizes["box"].max()) for part in parts]
-    for i, part in enumerate(parts):
-        held = [Held(r, turned, outer=other < 0 or sizes[other] > sizes[i], slides=tie.slides)
-                for tie in ties if tie.kind in ("ball", "hinge")
-                for own, other, r in ((tie.a, tie.b, tie.on_a), (tie.b, tie.a, tie.on_b))
-                if own == i for turned in (_axis_in(parts, tie, i),)]
+                + [2 * float(body.sizes["box"].max()) for body in parts]
+                + [2 * float(np.linalg.norm(body.centre - r)) for body, r in _points(parts, ties)])
+    bodies, sizes = [], [float(body.sizes["box"].max()) for body in parts]
+    for i, body in enumerate(parts):
+        attachments = [
+            Held(r, axis, outer=other_index < 0 or sizes[other_index] > sizes[i],
+                 slides=tie.slides)
+            for tie in ties if tie.kind in ("ball", "hinge")
+            for body_index, other_index, r in ((tie.a, tie.b, tie.on_a), (tie.b, tie.a, tie.on_b))
+            if body_index == i for axis in (_axis_in(parts, tie, i),)]
         if is_held(parts, ties, i):
-            held.append(Held(np.zeros(3), None, outer=True, slides=False))
-        R = rotation_matrix(part.q[:1])[0]
-        local = (centres - centres[i]) @ R @ part.axes
-        half = part.sizes["box"]
-        inside = part.name not in rolling and any(j != i and (np.abs(local[j]) < half).all()
-                     and other.sizes["box"].max() < half.max() for j, other in enumerate(parts))
+            attachments.append(Held(np.zeros(3), None, outer=True, slides=False))
+        R = rotation_matrix(body.q[:1])[0]
+        local = (centres - centres[i]) @ R @ body.axes
+        half = body.sizes["box"]
+        inside = body.name not in rolling and any(
+            j != i and (np.abs(local[j]) < half).all() and other.sizes["box"].max() < half.max()
+            for j, other in enumerate(parts))
         loose = [r for tie in ties if tie.kind == "rod"
-                 for own, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if own == i]
-        shapes = shapes_of(part, held, reach, inside=inside, loose=loose)
-        if part.name in rolling and {shape.kind for shape in shapes} == {"box"}:
-            shapes = [Shape("sphere", part.sizes["ellipsoid"], part.centre, part.axes)]
+                 for body_index, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if body_index == i]
+        shapes = shapes_of(body, attachments, reach, inside=inside, loose=loose)
+        if body.name in rolling and {shape.kind for shape in shapes} == {"box"}:
+            shapes = [Shape("sphere", body.sizes["ellipsoid"], body.centre, body.axes)]
         frame = inside and len(shapes) == 12
-        found.append(replace(part, shapes=shapes, glass=frame))
-    return found
+        bodies.append(replace(body, shapes=shapes, glass=frame))
+    return bodies
 
 
 def is_held(parts: list[ScenePart], ties: list[Tie], i: int) -> bool:
     """Return whether the ground holds a point of a body, its origin, without a joint there."""
-    part = parts[i]
-    return bool(part.centre.any()) and not np.ptp(part.x, axis=0).any() and all(
+    body = parts[i]
+    return bool(body.centre.any()) and not np.ptp(body.x, axis=0).any() and all(
         r.any() for tie in ties for k, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if k == i)
 
 
@@ -379,25 +384,25 @@ def _axis_in(parts: list[ScenePart], tie: Tie, i: int) -> Array | None:
     if tie.axis is None or tie.b == i:
         return tie.axis
     in_space = tie.axis if tie.b < 0 else rotation_matrix(parts[tie.b].q[0]) @ tie.axis
-    found: Array = rotation_matrix(parts[i].q[0]).T @ in_space
-    return found
+    axis: Array = rotation_matrix(parts[i].q[0]).T @ in_space
+    return axis
 
 
 def _points(parts: list[ScenePart], ties: list[Tie]) -> list[tuple[ScenePart, Array]]:
-    """Return the parts with each of their points that something joins."""
+    """Return the bodies with each of their points at a joint, rod or spring."""
     return [(parts[i], r) for tie in ties for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b))
             if i >= 0]
 
 
-def _remarks(trajectory: Trajectory, parts: list[ScenePart], some: Any) -> Any:
-    if not all(part.to_scale for part in parts):
+def _remarks(trajectory: Trajectory, parts: list[ScenePart], state_indices: Any) -> Any:
+    if not all(body.to_scale for body in parts):
         yield "The mass is not known: the shape has the proportions of the inertia, not its size."
-    t = trajectory.t[some].astype(float)
+    t = trajectory.t[state_indices].astype(float)
     if len(t) > 1:
-        known = bodies_of(trajectory.manifest)
-        for part in (part for part in parts if part.name in known):
-            omega = trajectory.body(part.name).angular_velocity()[some]
+        bodies = bodies_of(trajectory.manifest)
+        for body in (body for body in parts if body.name in bodies):
+            omega = trajectory.body(body.name).angular_velocity()[state_indices]
             turn = np.linalg.norm(omega, axis=1)[1:] * np.abs(np.diff(t))
             if turn.max() > np.pi:
-                yield (f"{part.name} turns by up to {turn.max() / (2 * np.pi):.1f} turns between "
+                yield (f"{body.name} turns by up to {turn.max() / (2 * np.pi):.1f} turns between "
                        "two of the pictures kept here: it seems to turn slower, or backwards.")

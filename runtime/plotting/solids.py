@@ -157,32 +157,33 @@ def tube(line: Array, radius: float, around: int = 8) -> Mesh:
 
 def _grid(points: Array, normals: Array, light: Array | None = None) -> Mesh:
     """Return the mesh of a net of points, shape (rows, columns, 3), without empty triangles."""
-    rows, columns = points.shape[:2]
-    number = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    row_count, column_count = points.shape[:2]
+    vertex_number = np.arange(row_count * column_count).reshape(row_count, column_count)
+    a, b, c, d = (vertex_number[:-1, :-1], vertex_number[1:, :-1], vertex_number[1:, 1:],
+                  vertex_number[:-1, 1:])
     faces = np.stack([np.stack([a, d, c], -1), np.stack([a, c, b], -1)], axis=2).reshape(-1, 3)
     shade = np.zeros(len(faces)) if light is None else np.repeat(light.ravel(), 2)
-    flat = points.reshape(-1, 3)
-    corner = flat[faces]
+    vertices = points.reshape(-1, 3)
+    corner = vertices[faces]
     crossed = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.linalg.norm(crossed, axis=1)
-    some = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
-    return Mesh(flat, normals.reshape(-1, 3), faces[some], shade[some])
+    not_empty = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
+    return Mesh(vertices, normals.reshape(-1, 3), faces[not_empty], shade[not_empty])
 
 
 def _revolved(profile: Profile, sectors: int, around: int) -> Mesh:
     """Return a surface of revolution about the third axis; every second sector is lighter."""
     line = np.array(profile, float)
     step = np.diff(line, axis=0)
-    some = step.any(axis=1)
-    line, step = line[np.append(True, some)], step[some]
+    distinct = step.any(axis=1)
+    line, step = line[np.append(True, distinct)], step[distinct]
     normal = np.stack([step[:, 1], -step[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     starts, ends = normal.copy(), normal.copy()
     smooth = np.flatnonzero((normal[1:] * normal[:-1]).sum(axis=1) > _SMOOTH)
     ends[smooth] = starts[smooth + 1] = normal[smooth] + normal[smooth + 1]
-    turns = 2 * np.pi * np.arange(around + 1) / around
-    circle = np.stack([np.cos(turns), np.sin(turns)])
+    angles = 2 * np.pi * np.arange(around + 1) / around
+    circle = np.stack([np.cos(angles), np.sin(angles)])
     lighter = (np.arange(around) * sectors // around % 2).astype(float)
 
     def turned(pair: Array) -> Array:
@@ -190,12 +191,12 @@ def _revolved(profile: Profile, sectors: int, around: int) -> Mesh:
         return np.concatenate([ring, np.broadcast_to(pair[:, None, 1, None],
                                                      (*ring.shape[:2], 1))], axis=2)
 
-    made = []
+    rings = []
     for k in range(len(step)):
         n = np.stack([starts[k], ends[k]])
         n /= np.linalg.norm(n, axis=1, keepdims=True)
-        made.append(_grid(turned(line[k:k + 2]), turned(n), lighter))
-    return joined(made)
+        rings.append(_grid(turned(line[k:k + 2]), turned(n), lighter))
+    return joined(rings)
 
 
 def _box(half: Array) -> Mesh:

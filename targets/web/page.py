@@ -76,27 +76,27 @@ def _title(manifest: Manifest) -> str:
 
 
 def _content(manifest: Manifest, options: Options) -> dict[str, Any]:
-    """Return what page.js reads: places in arrays, names, numbers of the start."""
+    """Return the data for page.js: columns of bodies, names, numbers of the start."""
     system, bodies = manifest.system, bodies_of(manifest)
     velocities, spins = [], []
-    for i, number in enumerate(velocities_of(manifest)):
+    for i, quantity in enumerate(velocities_of(manifest)):
         owner = next((name for name in sorted(bodies, key=len, reverse=True)
-                      if number.name.startswith(f"{name}_")), "")
-        text = number.name.removeprefix(f"{owner}_")
+                      if quantity.name.startswith(f"{name}_")), "")
+        text = quantity.name.removeprefix(f"{owner}_")
         if "omega" in text:
             spins.append(i)
-        velocities.append({"name": number.name, "body": owner, "unit": _unit(number.unit),
+        velocities.append({"name": quantity.name, "body": owner, "unit": _unit(quantity.unit),
                            "text": text.replace("omega", "ω").replace("_", " ")})
     fixed = {*re.findall(r"\w+", " ".join(system.constraints))}
     numbered = {name: i for i, name in enumerate(bodies)} | {"": -1}
-    known = {number.name: number.unit for number in system.numbers}
+    units = {quantity.name: quantity.unit for quantity in system.numbers}
     inputs = [*system.inputs]
     sliders = sorted(system.parameters.items(), key=lambda pair: pair[0] not in inputs)
-    about = " ".join(filter(None, [
+    description = " ".join(filter(None, [
         options.description,
         f"The generated C of gyrospark {__version__}, as WebAssembly, integrates in this page."]))
     return {
-        "about": about, MARKER: "web",
+        "about": description, MARKER: "web",
         "hash": [stepper.manifest.hash for stepper in options.steppers],
         "conserves": not system.forces and system.time is None,
         "schemes": schemes_of(options), "start": start_of(manifest, options),
@@ -105,7 +105,7 @@ def _content(manifest: Manifest, options: Options) -> dict[str, Any]:
         "velocities": velocities, "spins": spins,
         "numbers": [{"name": name, "domain": domain,
                      "role": "input" if name in inputs else "parameter",
-                     "unit": _unit(known.get(name))}
+                     "unit": _unit(units.get(name))}
                     for name, domain in sliders if name not in fixed],
         "bodies": [{"name": name, "q": body.q, "x": body.x, "origin": body.origin,
                     "centre": body.centre, "inertia": body.inertia, "mass": body.mass}
@@ -122,7 +122,7 @@ def _unit(unit: str | None) -> str:
     """Return a unit as a page shows it, of FMI's spelling: ``kg m²`` of ``kg.m2``."""
     digits = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
     text = (unit or "").replace(".", " ").replace("-", "⁻")
-    return re.sub(r"(?<=[a-zA-Z⁻])\d", lambda found: found[0].translate(digits), text)
+    return re.sub(r"(?<=[a-zA-Z⁻])\d", lambda match: match[0].translate(digits), text)
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
@@ -177,7 +177,7 @@ def playground(
     InputError
         As ``build``; for a system without a body; where ziglang is missing, with the cure.
     """
-    with tempfile.TemporaryDirectory() as place:
-        built = build("web", system, scheme=scheme, out=Path(place) / "page.html", **options)
+    with tempfile.TemporaryDirectory() as folder_name:
+        built = build("web", system, scheme=scheme, out=Path(folder_name) / "page.html", **options)
         page = built.path.read_text(encoding="utf-8")
     return View(_title(built.stepper.manifest), page)
