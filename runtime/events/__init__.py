@@ -1,7 +1,8 @@
 """Events: where a quantity of a run crosses a level. Their record is ``results.crossings``.
 
     detection         steps in which a value changes its sign
-    location          where events happen, by short real steps
+    zeros             zeros of many functions by Chandrupatla's method
+    location          times and states of events, by short real steps
     last_step         the part of a step to a time between two steps
     observer          the events of a long run, located in pieces
     poincare_section  Poincaré sections of many starts

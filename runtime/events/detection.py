@@ -1,15 +1,14 @@
-"""The states of a run, looked at step by step: where an event's value changes its sign.
+"""Detection of events: the steps of a run in which a value x − level changes its sign.
 
-Compiled code steps, a piece of the run at a time, evaluates the quantities and says between which
-states one of them comes no further from its level than it moves in a step or two; only these are
-looked at here. What is kept of them are the brackets, steps between whose ends a value has two
-signs. A value that comes near its level and turns may cross it twice within one step: where a state
-is nearer to the level than both its neighbours, the steps on its two sides are kept as ones to look
-into. A sine of θ rad a step is seen so for θ < π, and passes the bound of the compiled code, that
-its nearest state is no further off than it moves on both sides, where 1 − c ≤ 4c(1 − c²) with
-c = cos(θ/2): up to θ = 2.72. What turns more often than that between two states cannot be seen.
-A step that begins or ends exactly on the level is kept too: its two ends do not say on which side
-the value was in between.
+Compiled code advances a piece of the run, evaluates the quantities and flags steps that may contain
+a crossing: |x − level| ≤ change of x in the two neighbouring steps. Only these are examined here.
+The result are brackets: steps with values of two signs at their ends. A value that approaches its
+level and turns may cross it twice within one step: if a state is nearer to the level than both
+neighbours, the steps on both sides are bracketed as turning. A sine of θ rad a step turns between
+three states for θ < π, and satisfies the bound of the compiled code for 1 − c ≤ 4c(1 − c²) with
+c = cos(θ/2): up to θ = 2.72. Faster oscillations between two states cannot be detected. A step
+that begins or ends exactly on the level is bracketed too: its ends do not determine the sign within
+the step.
 """
 
 from __future__ import annotations
@@ -31,9 +30,9 @@ __all__ = ["TAIL", "Brackets", "EventDetector", "Levels", "Memory"]
 
 Array = NDArray[Any]
 
-#: States that are kept from piece to piece: a step is looked into with a neighbour on either side.
+#: States stored from piece to piece: a step is examined with a neighbour on either side.
 TAIL = 3
-#: A run starts on a level, perhaps, if its value is that share of its first change from it.
+#: A run may start on a level if its value is at most this share of its first change.
 _AT_START = 2.0**-40
 
 
@@ -69,26 +68,26 @@ class Levels:
         """Return the values of rows of states, a column an event; with times where ``timed``."""
         quantities = (self.binding.quantities(parameters, self._times(t), q, p)
                       if self._of_quantities else q)
-        parts = {"": quantities, "q": q, "p": p}
-        found = np.empty((len(q), len(self.events)), self.binding.number_type)
-        for i, (of, column) in enumerate(self.columns):
-            found[:, i] = parts[of][:, column]
-        values: Array = found - self.levels
-        return values
+        arrays = {"": quantities, "q": q, "p": p}
+        quantity_values = np.empty((len(q), len(self.events)), self.binding.number_type)
+        for i, (kind, column) in enumerate(self.columns):
+            quantity_values[:, i] = arrays[kind][:, column]
+        differences: Array = quantity_values - self.levels
+        return differences
 
     def near(
         self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array, last: Array
     ) -> tuple[int, int] | None:
-        """Return the first and the last of rows of states behind one that is near its level.
+        """Return the first and last row of the states after one that is near its level, or None.
 
-        None where none is. ``last`` is what was before, of ``no_past`` at first.
+        ``last`` has the values at the two states before, at first ``no_past``.
         """
         return self.binding.near(parameters, self._times(t), q, p, self.numbered, self.rounded,
                                  last)
 
     @property
     def no_past(self) -> Array:
-        """What ``near`` knows of the states before the first."""
+        """Values for ``near`` before the first state: NaN."""
         return self.binding.converted(np.full(2 * len(self.events), np.nan))
 
     @property
@@ -107,7 +106,7 @@ class Levels:
 
 @dataclass
 class Brackets:
-    """Steps of a run in which an event happens, or (``turning``) might happen twice."""
+    """Steps of a run in which an event happens, or (``turning``) may happen twice."""
 
     event: Array
     #: Steps before it, and the state and the value there; the value at the end of the step.
@@ -126,11 +125,12 @@ class Brackets:
         return len(self.event)
 
     @classmethod
-    def together(cls, parts: Sequence[Brackets]) -> Brackets:
+    def together(cls, groups: Sequence[Brackets]) -> Brackets:
         """Return all of them, in order."""
         names = ("event", "step", "q", "p", "before", "after", "turning", "on_level",
                  "past")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return cls(*(np.concatenate([getattr(brackets, name) for brackets in groups])
+                     for name in names))
 
     def of(self, chosen: Array) -> Brackets:
         """Return some of them."""
@@ -140,7 +140,7 @@ class Brackets:
 
 
 def _turning(
-    values: Array, start: int, end: int, *, begins: bool, ends: bool
+    differences: Array, start: int, end: int, *, begins: bool, ends: bool
 ) -> tuple[Array, Array]:
     """Return the steps from row ``start`` up to ``end`` in which a value may touch 0, and which.
 
@@ -149,23 +149,24 @@ def _turning(
     value is further from 0 than it moves in both. ``begins`` and ``ends`` say whether the first
     and the last row are the run's, which then lack a neighbour, and are looked at in any case.
     """
-    size, sides = abs(values), np.sign(values.astype(float))
-    least = np.zeros(values.shape, bool)
-    before, now, behind = size[:-2], size[1:-1], size[2:]
-    least[1:-1] = ((now < before) & (now <= behind) & (now <= before - now + (behind - now))
-                   & (sides[:-2] == sides[1:-1]) & (sides[1:-1] == sides[2:]))
-    if len(values) > 1:
-        least[0] = begins & (size[0] <= size[1])
-        least[-1] = ends & (size[-1] < size[-2])
+    size, sides = abs(differences), np.sign(differences.astype(float))
+    nearest = np.zeros(differences.shape, bool)
+    previous, current, following = size[:-2], size[1:-1], size[2:]
+    nearest[1:-1] = ((current < previous) & (current <= following)
+                     & (current <= previous - current + (following - current))
+                     & (sides[:-2] == sides[1:-1]) & (sides[1:-1] == sides[2:]))
+    if len(differences) > 1:
+        nearest[0] = begins & (size[0] <= size[1])
+        nearest[-1] = ends & (size[-1] < size[-2])
     one_side = (sides[:-1] == sides[1:]) & (sides[1:] != 0)
-    row, event = np.nonzero(((least[:-1] | least[1:]) & one_side)[start:end])
+    row, event = np.nonzero(((nearest[:-1] | nearest[1:]) & one_side)[start:end])
     return row + start, event
 
 
 @dataclass(frozen=True)
 class Memory:
-    """What a watch needs of the past to go on: the last states, up to ``TAIL``, and of each event
-    whether its turning in the last step is noted."""
+    """The past that detection needs to resume: the last states, up to ``TAIL``, and for each event
+    whether a turning in the last step is bracketed."""
 
     q: Array
     p: Array
@@ -191,8 +192,8 @@ class EventDetector:
         #: How many of the parts have none of terminal events any more.
         self._split = 0
         self.terminal = any(one.terminal for one in levels.events)
-        self._wanted = np.array([one.direction for one in levels.events])
-        self._ending = np.array([one.terminal for one in levels.events])
+        self._directions = np.array([one.direction for one in levels.events])
+        self._is_terminal = np.array([one.terminal for one in levels.events])
 
     def room(self, steps: int) -> Rows:
         """Return rows for the states of so many steps that are not stored."""
@@ -209,7 +210,8 @@ class EventDetector:
         return self._levels.values(self._parameters, self._times(done, q), q, p)
 
     def detect(self, done: int, q: Array, p: Array) -> None:
-        """Look at the states after ``done``, ``done`` + 1, … steps; the first was perhaps seen."""
+        """Examine the states after ``done``, ``done`` + 1, … steps; the first may be known already.
+        """
         if self._tail is not None and done == self._done:
             done, q, p = done + 1, q[1:], p[1:]
         if not len(q):
@@ -230,121 +232,125 @@ class EventDetector:
         self._near = near is not None and high >= len(q) - TAIL
 
     def _look_at(self, done: int, first: int, q: Array, p: Array) -> None:
-        """Note what happens in some steps, from row ``first`` on, between states near a level."""
-        values = self._values(done, q, p)
-        if len(values) < 2:
+        """Bracket events in steps from row ``first`` on, between states near a level."""
+        differences = self._values(done, q, p)
+        if len(differences) < 2:
             return
-        self._crossings(done, first, q, p, values)
-        if self.ends_in is not None:  # what comes behind is none of the run's
-            q, p, values = (part[: self.ends_in - done + 2] for part in (q, p, values))
+        self._crossings(done, first, q, p, differences)
+        if self.ends_in is not None:  # the run ends in this step
+            q, p, differences = (array[: self.ends_in - done + 2] for array in (q, p, differences))
             self._done, self._tail = self.ends_in + 1, (q[-TAIL:], p[-TAIL:])
-        self._turnings(done, first, q, p, values)
+        self._turnings(done, first, q, p, differences)
 
-    def _crossings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
-        """Note the steps from row ``first`` on in which a value changes its sign."""
-        before, after = values[first:-1], values[first + 1:]
-        falls = (before > 0) & (after < 0) & (self._wanted <= 0)
-        rises = (before < 0) & (after > 0) & (self._wanted >= 0)
-        moved = np.concatenate([np.full((1, len(self._wanted)), True), values != 0])
+    def _crossings(self, done: int, first: int, q: Array, p: Array, differences: Array) -> None:
+        """Bracket the steps from row ``first`` on in which a value changes its sign."""
+        before, after = differences[first:-1], differences[first + 1:]
+        falls = (before > 0) & (after < 0) & (self._directions <= 0)
+        rises = (before < 0) & (after > 0) & (self._directions >= 0)
+        nonzero_before = np.concatenate([np.full((1, len(self._directions)), True),
+                                         differences != 0])
         # between two zeros a value rests, unless it came there in the step before
-        on_level = np.where(before == 0, (after != 0) | moved[first : first + len(before)],
+        on_level = np.where(before == 0, (after != 0) | nonzero_before[first : first + len(before)],
                             after == 0)
         if not done + first:
             on_level[0] |= (falls | rises)[0] & (
                 abs(before[0]) <= _AT_START * abs(after[0] - before[0]))
         row, event = np.nonzero(falls | rises | on_level)
-        sure = ~on_level[row, event]  # one that is on its level ends the run once it is solved for
-        if (self._ending[event] & sure).any():
-            end = int(row[self._ending[event] & sure].min())
+        # A terminal event whose step begins or ends on the level ends the run once it is located.
+        certain = ~on_level[row, event]
+        if (self._is_terminal[event] & certain).any():
+            end = int(row[self._is_terminal[event] & certain].min())
             self.ends_in = done + first + end
-            kept = row <= end
-            row, event, sure = row[kept], event[kept], sure[kept]
+            up_to_end = row <= end
+            row, event, certain = row[up_to_end], event[up_to_end], certain[up_to_end]
         for kind in (True, False):
-            self._note(done, row[sure == kind] + first, event[sure == kind], q, p, values,
-                       on_level=not kind)
+            self._note(done, row[certain == kind] + first, event[certain == kind], q, p,
+                       differences, on_level=not kind)
 
-    def _turnings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
-        """Note the steps in which a value may touch its level, with a neighbour on either side.
+    def _turnings(self, done: int, first: int, q: Array, p: Array, differences: Array) -> None:
+        """Bracket the steps in which a value may touch its level, with a neighbour on either side.
 
-        The last step waits for its neighbour behind.
+        The last step waits for the next one.
         """
-        row, event = _turning(values, max(first - 1, 0), len(values) - 2, begins=not done,
+        row, event = _turning(differences, max(first - 1, 0), len(differences) - 2, begins=not done,
                               ends=False)
         new = (row >= first) | ~self._closed[event]
-        self._note(done, row[new], event[new], q, p, values, turning=True)
+        self._note(done, row[new], event[new], q, p, differences, turning=True)
 
-    def _note(self, done: int, row: Array, event: Array, q: Array, p: Array, values: Array, *,
+    def _note(self, done: int, row: Array, event: Array, q: Array, p: Array, differences: Array, *,
               turning: bool = False, on_level: bool = False) -> None:
         if len(row):
             earlier = row[:, None] - [1, 2]  # the tail has both, unless the run begins there
-            past = np.where(earlier < 0, np.nan, values[earlier, event[:, None]].astype(float))
-            self._parts.append(Brackets(event, done + row, q[row], p[row], values[row, event],
-                                        values[row + 1, event], np.full(len(row), turning),
+            past = np.where(earlier < 0, np.nan, differences[earlier, event[:, None]].astype(float))
+            self._parts.append(Brackets(event, done + row, q[row], p[row], differences[row, event],
+                                        differences[row + 1, event], np.full(len(row), turning),
                                         np.full(len(row), on_level), past))
 
     def close(self, ahead: tuple[Array, Array] | None = None) -> None:
-        """Look into the last step, though no neighbour is there behind it.
+        """Examine the last step without a next one.
 
-        ``ahead`` is the state that a step more leads to, where that is known: a row of q and of p.
+        ``ahead`` is the state after the next step, if it is known: a row of q and of p.
         """
         if self._tail is None:
             return
         q, p = self._tail
         last = len(q) - 1
-        values = self._values(self._done - last, q, p)
-        seen = values if ahead is None else np.concatenate(
-            [values, self._values(self._done + 1, *ahead)])
-        row, event = _turning(seen, max(last - 1, 0), last, begins=self._done == last,
+        differences = self._values(self._done - last, q, p)
+        with_next = differences if ahead is None else np.concatenate(
+            [differences, self._values(self._done + 1, *ahead)])
+        row, event = _turning(with_next, max(last - 1, 0), last, begins=self._done == last,
                               ends=ahead is None)
         row, event = row[~self._closed[event]], event[~self._closed[event]]
         self._closed[event] = True
-        self._note(self._done - last, row, event, q, p, values, turning=True)
+        self._note(self._done - last, row, event, q, p, differences, turning=True)
 
     @property
     def memory(self) -> Memory:
-        """What it goes on from, after the states that it has looked at."""
+        """The memory from which detection resumes after the examined states."""
         none = self._levels.binding.new(0, self._levels.binding.n)
         q, p = self._tail or (none, none)
         return Memory(q, p, self._closed.copy())
 
     def go_on(self, done: int, memory: Memory) -> None:
-        """Go on after so many steps."""
+        """Resume after ``done`` steps."""
         self._done, self._closed = done, memory.closed.copy()
         if len(memory.q):
-            self._tail, self._near = (memory.q, memory.p), True  # a look more finds nothing else
+            self._tail, self._near = (memory.q, memory.p), True  # examined again without effect
             times = self._times(done + 1 - len(memory.q), memory.q)
             self._levels.near(self._parameters, times, memory.q, memory.p, self._last)
 
     @property
     def noted(self) -> int:
-        """How many steps are noted."""
+        """The number of brackets."""
         return sum(map(len, self._parts))
 
     def forget(self) -> None:
-        """Forget the steps that are noted: they are solved for."""
+        """Remove the brackets, which are located."""
         self._parts, self._split = [], 0
 
     @property
     def brackets(self) -> Brackets | None:
-        """All that was found, in the order of the run; None if nothing was."""
+        """All brackets in the order of the run; None if there are none."""
         return _in_order(self._parts)
 
     def final_brackets(self) -> Brackets | None:
-        """Look into the last step of the run; return all that was found."""
+        """Examine the last step of the run; return all brackets."""
         self.close()
         return self.brackets
 
     def take_terminal_brackets(self) -> Brackets | None:
-        """Return the brackets of terminal events, which are then noted no longer."""
-        new = [(part, self._ending[part.event]) for part in self._parts[self._split :]]
-        self._parts[self._split :] = [part.of(~ends) for part, ends in new if not ends.all()]
+        """Remove and return the brackets of terminal events."""
+        candidates = [(brackets, self._is_terminal[brackets.event])
+                      for brackets in self._parts[self._split :]]
+        self._parts[self._split :] = [brackets.of(~ends) for brackets, ends in candidates
+                                      if not ends.all()]
         self._split = len(self._parts)
-        return _in_order([part.of(ends) for part, ends in new if ends.any()])
+        return _in_order([brackets.of(ends) for brackets, ends in candidates if ends.any()])
 
 
-def _in_order(parts: Sequence[Brackets]) -> Brackets | None:
+def _in_order(groups: Sequence[Brackets]) -> Brackets | None:
     """Return brackets in the order of the run; None if there are none."""
-    if not parts:
+    if not groups:
         return None
-    found = Brackets.together(parts)
-    return found.of(np.argsort(found.step, kind="stable"))
+    brackets = Brackets.together(groups)
+    return brackets.of(np.argsort(brackets.step, kind="stable"))

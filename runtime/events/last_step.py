@@ -27,10 +27,10 @@ __all__ = ["ended_between"]
 
 
 def ended_between(
-    stepper: Stepper, run: RunArguments, events: tuple[Event, ...], found: Trajectory,
-    rest: Fraction, t_end: Any,
+    stepper: Stepper, run: RunArguments, events: tuple[Event, ...], trajectory: Trajectory,
+    remaining_time: Fraction, t_end: Any,
 ) -> Trajectory:
-    """Return a run of whole steps with one row more: its state ``rest`` seconds later, at t_end.
+    """Return a run of whole steps with one more row: the state ``remaining_time`` later, at t_end.
 
     The row of its last whole step is left out, unless ``every`` or ``t_eval`` stores it. A run that
     a terminal event has ended is returned as it is; one in the last part of a step ends it there.
@@ -40,56 +40,61 @@ def ended_between(
     StepFailed, Stopped
         In that part of a step, with the run of whole steps.
     """
-    if ending(events, found.events, run.dt) is not None:
-        return found
-    binding, done = stepper.binding, run.steps
-    begun = found.elapsed[-1]
-    grid = found[len(found) - 1]
-    part = replace(run.at_step(done), q=found.q[-1].copy(), p=found.p[-1].copy(), t0=found.t[-1],
-                   dt=binding.number(rest), steps=1, every=1, inputs=None, stored_steps=None)
+    if ending(events, trajectory.events, run.dt) is not None:
+        return trajectory
+    binding, whole_steps = stepper.binding, run.steps
+    last_elapsed = trajectory.elapsed[-1]
+    grid = trajectory[len(trajectory) - 1]
+    partial_run = replace(run.at_step(whole_steps), q=trajectory.q[-1].copy(),
+                          p=trajectory.p[-1].copy(), t0=trajectory.t[-1],
+                          dt=binding.number(remaining_time), steps=1, every=1, inputs=None,
+                          stored_steps=None)
     try:
-        last = observed(stepper, part, events, None)
+        last_trajectory = observed(stepper, partial_run, events, None)
     except StepFailed as error:
-        raise StepFailed(step=done + 1, t=error.t, reason=error.reason, trajectory=found,
+        raise StepFailed(step=whole_steps + 1, t=error.t, reason=error.reason,
+                         trajectory=trajectory,
                          increment=error.increment, dt=error.dt, detail=error.detail,
                          cure=error.cure) from None
     except Stopped as error:
-        error.trajectory = found
+        error.trajectory = trajectory
         raise
-    if ending(events, last.events, run.dt) is None:
+    if ending(events, last_trajectory.events, run.dt) is None:
         end = as_real("t_end", t_end, binding.number)
-        times = (np.array([end], found.t.dtype),
-                 np.array([begun + part.dt], found.elapsed.dtype))
+        times = (np.array([end], trajectory.t.dtype),
+                 np.array([last_elapsed + partial_run.dt], trajectory.elapsed.dtype))
     else:
-        times = last.t[-1:], begun + last.elapsed[-1:]
-    stored = run.stored_steps is not None or done % run.every == 0
-    rows = len(found) - (not stored)
-    work = found.work[-1] + last.work[-1:]
+        times = last_trajectory.t[-1:], last_elapsed + last_trajectory.elapsed[-1:]
+    stored = run.stored_steps is not None or whole_steps % run.every == 0
+    row_count = len(trajectory) - (not stored)
+    work = trajectory.work[-1] + last_trajectory.work[-1:]
     report = replace(
-        found.report, q=tuple(map(float, last.q[-1].tolist())),
-        p=tuple(map(float, last.p[-1].tolist())), work=float(work[0]),
-        constraint_max=max(found.report.constraint_max, last.report.constraint_max),
-        momentum_constraint_max=max(found.report.momentum_constraint_max,
-                                    last.report.momentum_constraint_max))
-    joined = with_row(stepper, found, rows, times, Rows(
-        last.q[-1:], last.p[-1:], flat_multipliers(last)[-1:], last.iterations[-1:], work))
-    crossings = {name: _together(stepper, run, before, last.events[name], begun)
-                 for name, before in found.events.items()}
+        trajectory.report, q=tuple(map(float, last_trajectory.q[-1].tolist())),
+        p=tuple(map(float, last_trajectory.p[-1].tolist())), work=float(work[0]),
+        constraint_max=max(trajectory.report.constraint_max, last_trajectory.report.constraint_max),
+        momentum_constraint_max=max(trajectory.report.momentum_constraint_max,
+                                    last_trajectory.report.momentum_constraint_max))
+    joined = with_row(stepper, trajectory, row_count, times, Rows(
+        last_trajectory.q[-1:], last_trajectory.p[-1:], flat_multipliers(last_trajectory)[-1:],
+        last_trajectory.iterations[-1:], work))
+    crossings = {name: _joined(stepper, run, before, last_trajectory.events[name], last_elapsed)
+                 for name, before in trajectory.events.items()}
     return changed(joined, report=report, events=crossings, _grid=grid)
 
 
-def _together(
-    stepper: Stepper, run: RunArguments, before: Crossings, last: Crossings, begun: Any
+def _joined(
+    stepper: Stepper, run: RunArguments, earlier: Crossings, last: Crossings, last_elapsed: Any
 ) -> Crossings:
     """Return the crossings of a run and of its last part of a step.
 
-    What happens at the end of the last whole step is in both of them.
+    A crossing at the end of the last whole step is in both of them.
     """
-    once = np.array(last.elapsed != 0 * begun, bool) | (
-        not (len(before) and before.elapsed[-1] == begun))
+    only_in_last = np.array(last.elapsed != 0 * last_elapsed, bool) | (
+        not (len(earlier) and earlier.elapsed[-1] == last_elapsed))
     return Crossings(
-        np.concatenate([before.t, last.t[once]]), np.concatenate([before.q, last.q[once]]),
-        np.concatenate([before.p, last.p[once]]),
-        np.concatenate([before.steps, last.steps[once] + run.steps]),
-        np.concatenate([before.rising, last.rising[once]]),
-        np.concatenate([before.elapsed, last.elapsed[once] + begun]))
+        np.concatenate([earlier.t, last.t[only_in_last]]),
+        np.concatenate([earlier.q, last.q[only_in_last]]),
+        np.concatenate([earlier.p, last.p[only_in_last]]),
+        np.concatenate([earlier.steps, last.steps[only_in_last] + run.steps]),
+        np.concatenate([earlier.rising, last.rising[only_in_last]]),
+        np.concatenate([earlier.elapsed, last.elapsed[only_in_last] + last_elapsed]))

@@ -1,12 +1,4 @@
-"""Zeros of many functions at once, each in its bracket: Chandrupatla's method, by columns.
-
-T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a nonlinear
-function without using derivatives, Adv. Eng. Software 28 (1997) 145-149. It takes inverse quadratic
-interpolation where that is safe, else halves the bracket: no more than some fifty evaluations, and
-six or so where the function is smooth.
-
-Where events happen: short real steps from the states before, many of them side by side.
-"""
+"""Location of events: their roots, by short real steps from the states before, side by side."""
 
 from __future__ import annotations
 
@@ -22,95 +14,15 @@ from ..integration.dense_output import epsilon_of_times, partial_steps
 from ..integration.run_arguments import EnsembleArguments
 from ..results.crossings import Crossings
 from .detection import Brackets, EventDetector, Levels
+from .zeros import cubic_zero, zeros
 
 if TYPE_CHECKING:
     from ..integration.lanes import EnsembleStates
     from ..steppers.stepper import Stepper
 
-__all__ = ["crossings_of", "detectors_for", "ending", "zeros"]
+__all__ = ["crossings_of", "detectors_for", "ending"]
 
 Array = NDArray[Any]
-
-#: Evaluations, where a value jumps or is noise: as many halvings tell any two numbers apart.
-_MOST = 240
-
-
-def zeros(
-    evaluate: Callable[[Array, Array], Array], f0: Array, f1: Array, tolerance: Array,
-    start: Array | None = None,
-) -> None:
-    """Find a zero of each function in [0, 1], where it has the values f0 and f1 of two signs.
-
-    ``evaluate(x, which)`` returns the values of the functions numbered ``which`` at x, and keeps
-    what it needs of them. The search begins at ``start``, by default the secant's zero. It ends
-    where the last bracket of a function is at most twice its tolerance wide, or one of its values
-    is 0; and, at a simple zero, where the secant through the last two places has its own within
-    half of the tolerance: the secant before, a hundred times as long, had the same slope.
-    """
-    which = np.arange(len(f0))
-    x1, x2 = 0 * tolerance, 0 * tolerance + 1
-    y1, y2 = f0.copy(), f1.copy()
-    least = tolerance.copy()
-    share = _within(y1 / (y1 - y2) if start is None else x1 + start, least)
-    move, slope = x2, f1 - f0
-    for _ in range(_MOST):
-        if not len(which):
-            break
-        x = x1 + share * (x2 - x1)
-        y = evaluate(x, which)
-        last, before = move, slope
-        move = x - x1
-        slope = (y - y1) / move
-        found = ((abs(y) <= least / 2 * abs(slope)) & (100 * abs(move) <= abs(last))
-                 & (10 * abs(slope - before) <= abs(before)))
-        same = (y > 0) == (y1 > 0)
-        x3, y3 = np.where(same, x1, x2), np.where(same, y1, y2)
-        x2, y2 = np.where(same, x2, x1), np.where(same, y2, y1)
-        x1, y1 = x, y
-        width = abs(x2 - x1)
-        open_ = (width > 2 * least) & (y1 != 0) & (y2 != 0) & ~found
-        which, x1, x2, x3, y1, y2, y3, least, width, move, slope = (part[open_] for part in (
-            which, x1, x2, x3, y1, y2, y3, least, width, move, slope))
-        share = _within(_share(x1, x2, x3, y1, y2, y3), least / width)
-
-
-def _cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
-    """Return a zero in (0, 1) of the cubic through f(−2), f(−1), f(0), f(1), else the secant's.
-
-    ``past`` has f(−1) and f(−2), NaN where they are unknown.
-    """
-    before, d, after = past[:, 0], f0.astype(float), f1.astype(float)
-    x = secant = d / (d - after)
-    with np.errstate(all="ignore"):  # what is no zero is left out
-        a = (after - past[:, 1]) / 6 - (d - before) / 2
-        b = (after + before) / 2 - d
-        c = after - d - a - b
-        for _ in range(3):  # Newton's method
-            x = x - (((a * x + b) * x + c) * x + d) / ((3 * a * x + 2 * b) * x + c)
-        inside: Array = np.where((x > 0) & (x < 1), x, secant)
-    return inside
-
-
-def _share(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) -> Array:
-    """Return how far to go from x1 to x2: by the quadratic through three points, or half."""
-    flat = (y3 == y2) | (y3 == y1) | (x3 == x2)
-    y3 = np.where(flat, y2 - (y1 - y2), y3)  # any number that divides: half is taken there
-    x3 = np.where(flat, x2 - (x1 - x2), x3)
-    xi, phi = (x1 - x2) / (x3 - x2), (y1 - y2) / (y3 - y2)
-    safe = (phi * phi < xi) & ((1 - phi) * (1 - phi) < 1 - xi) & ~flat
-    share = (y1 / (y2 - y1) * (y3 / (y2 - y3))
-             + (x3 - x1) / (x2 - x1) * (y1 / (y3 - y1)) * (y2 / (y3 - y2)))
-    half: Array = np.where(safe, share, 0 * share + 0.5)
-    return half
-
-
-def _within(share: Array, least: Array) -> Array:
-    """Return a share of a bracket that comes no nearer to its ends than is worth it."""
-    least = np.where(least < 0.5, least, 0 * least + 0.5)
-    share = np.where(share > least, share, least)
-    inside: Array = np.where(share < 1 - least, share, 1 - least)
-    return inside
-
 
 #: Steps that are solved for side by side.
 _AT_ONCE = 2**15
@@ -128,17 +40,20 @@ def crossings_of(
     if runs.inputs is not None:  # they are held throughout, as parameters are
         each = [runs[i] for i in range(len(runs))]
         runs = replace(EnsembleArguments.of(each, stepper.binding.number_type), inputs=runs.inputs)
-    seen = [(i, own) for i, own in enumerate(brackets) if own is not None]
-    parts: list[_Roots] = []
-    if seen:
-        every = Brackets.together([own for _, own in seen])
-        owner = np.repeat([i for i, _ in seen], [len(own) for _, own in seen])
-        for i in range(0, len(every), _AT_ONCE):
-            part = np.arange(i, min(i + _AT_ONCE, len(every)))
-            work = _Work(stepper, levels, runs, every.of(part), owner[part], fill)
-            parts += [_single(work), *([_twofold(work)] if work.brackets.turning.any() else ()),
-                      *([_beside_level(work)] if work.brackets.on_level.any() else ())]
-    return _by_run(stepper, levels, parts, runs)
+    runs_with_brackets = [(i, run_brackets) for i, run_brackets in enumerate(brackets)
+                          if run_brackets is not None]
+    roots: list[_Roots] = []
+    if runs_with_brackets:
+        all_brackets = Brackets.together([run_brackets for _, run_brackets in runs_with_brackets])
+        owner = np.repeat([i for i, _ in runs_with_brackets],
+                          [len(run_brackets) for _, run_brackets in runs_with_brackets])
+        for i in range(0, len(all_brackets), _AT_ONCE):
+            indices = np.arange(i, min(i + _AT_ONCE, len(all_brackets)))
+            work = _Work(stepper, levels, runs, all_brackets.of(indices), owner[indices], fill)
+            roots += [_simple_roots(work),
+                      *([_double_roots(work)] if work.brackets.turning.any() else ()),
+                      *([_level_roots(work)] if work.brackets.on_level.any() else ())]
+    return _by_run(stepper, levels, roots, runs)
 
 
 def detectors_for(
@@ -147,18 +62,19 @@ def detectors_for(
     """Return the event detector of each run; none without events."""
     if levels is None:
         return []
-    binding, found = stepper.binding, list[EventDetector]()
+    binding, detectors = stepper.binding, list[EventDetector]()
     for run in map(runs.__getitem__, range(len(runs))):
         parameters = binding.parameters(run.parameters, run.t0)
-        found.append(EventDetector(levels, parameters, run.t0, run.dt))
-    return found
+        detectors.append(EventDetector(levels, parameters, run.t0, run.dt))
+    return detectors
 
 
-def ending(events: tuple[Event, ...], found: dict[str, Crossings], dt: Any) -> str | None:
+def ending(events: tuple[Event, ...], crossings: dict[str, Crossings], dt: Any) -> str | None:
     """Return the name of the terminal event that happens first; None if none does."""
-    ends = [one.name for one in events if one.terminal and len(found[one.name])]
+    ends = [event.name for event in events if event.terminal and len(crossings[event.name])]
     ahead = 1 if dt > 0 else -1
-    return min(ends, key=lambda name: (found[name].steps[0], ahead * found[name].elapsed[0]),
+    return min(ends,
+               key=lambda name: (crossings[name].steps[0], ahead * crossings[name].elapsed[0]),
                default=None)
 
 
@@ -173,21 +89,21 @@ class _Work:
     owner: Array
     fill: Callable[[EnsembleStates], None]
 
-    def t(self, which: Array) -> Array:
+    def t(self, indices: Array) -> Array:
         """Return the times at the start of brackets."""
-        runs, owner = self.runs, self.owner[which]
-        times: Array = runs.t0[owner] + self.brackets.step[which] * runs.dt[owner]
+        runs, owner = self.runs, self.owner[indices]
+        times: Array = runs.t0[owner] + self.brackets.step[indices] * runs.dt[owner]
         return times
 
-    def tolerance(self, which: Array) -> Array:
-        """Return what share of a step a time since the start cannot tell apart."""
-        runs, owner = self.runs, self.owner[which]
-        size = np.maximum(abs(self.brackets.step[which] * runs.dt[owner]), abs(runs.dt[owner]))
+    def tolerance(self, indices: Array) -> Array:
+        """Return the resolution of times since the start, as a share of a step."""
+        runs, owner = self.runs, self.owner[indices]
+        size = np.maximum(abs(self.brackets.step[indices] * runs.dt[owner]), abs(runs.dt[owner]))
         share: Array = epsilon_of_times(self.stepper) * size / abs(runs.dt[owner])
         return share
 
     def states(
-        self, share: Array, which: Array, end: tuple[Array, Array] | None = None
+        self, share: Array, indices: Array, end: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array, Array, Array]:
         """Return times, states and the events' values after shares of a step in brackets.
 
@@ -195,27 +111,27 @@ class _Work:
 
         The shares count from the start of the step, or from its ``end``, whose states are given.
         """
-        owner, start = self.owner[which], self.brackets
-        q, p = (start.q[which], start.p[which]) if end is None else end
-        t, since = self.t(which), 0 * share
+        owner, start = self.owner[indices], self.brackets
+        q, p = (start.q[indices], start.p[indices]) if end is None else end
+        t, since = self.t(indices), 0 * share
         dt = share * self.runs.dt[owner]
         columns = {name: column[owner] for name, column in self.runs.parameters.items()}
-        held, step = self.runs.inputs, start.step[which]
+        inputs_of_runs, step = self.runs.inputs, start.step[indices]
         if end is not None:
             since = since + self.runs.dt[owner]
             t, step = t + since, step + (share > 0)
-        inputs = None if held is None else held.taken(owner, step)
+        inputs = None if inputs_of_runs is None else inputs_of_runs.taken(owner, step)
         q, p = partial_steps(self.stepper, q, p, t, dt, columns, self.fill, inputs)
-        return since + dt, q, p, self._values(which, t + dt, q, p)
+        return since + dt, q, p, self._values(indices, t + dt, q, p)
 
-    def slopes(self, which: Array, ahead: int, end: tuple[Array, Array] | None = None) -> Array:
+    def slopes(self, indices: Array, ahead: int, end: tuple[Array, Array] | None = None) -> Array:
         """Return value over share just behind (−1: before) a state on the level; 0 where it rests.
 
         Of shares from 2⁻⁵ to 2⁻⁸⁰ the least three are taken over which the value falls as a power
         does, of the first order to the third: rounding does not.
         """
-        none = 0 * self.tolerance(which)
-        y = np.column_stack([self.states(none + ahead * share, which, end)[3]
+        no_time = 0 * self.tolerance(indices)
+        y = np.column_stack([self.states(no_time + ahead * share, indices, end)[3]
                              for share in _SHARES]).astype(float)
         with np.errstate(all="ignore"):
             ratio = y[:, :-1] / y[:, 1:]
@@ -226,18 +142,19 @@ class _Work:
                                  y[np.arange(len(y)), last] / _SHARES[last], 0)
         return slopes
 
-    def _values(self, which: Array, t: Array, q: Array, p: Array) -> Array:
+    def _values(self, indices: Array, t: Array, q: Array, p: Array) -> Array:
         """Return the value of each bracket's own event."""
-        values, owner = np.empty_like(t), self.owner[which]
+        event_values, owner = np.empty_like(t), self.owner[indices]
         order = np.argsort(owner, kind="stable")
         alike = all((column == column[0]).all() for column in self.runs.parameters.values())
         starts: Any = [] if alike else np.flatnonzero(np.diff(owner[order])) + 1
-        for of in np.split(order, starts) if len(order) else ():
-            run = self.runs[int(owner[of[0]])]
+        for group in np.split(order, starts) if len(order) else ():
+            run = self.runs[int(owner[group[0]])]
             parameters = self.stepper.binding.parameters(run.parameters, run.t0)
-            rows = self.levels.values(parameters, t[of], q[of], p[of])
-            values[of] = rows[np.arange(len(of)), self.brackets.event[which[of]]]
-        return values
+            all_values = self.levels.values(parameters, t[group], q[group], p[group])
+            event_values[group] = all_values[np.arange(len(group)),
+                                             self.brackets.event[indices[group]]]
+        return event_values
 
 
 @dataclass(frozen=True)
@@ -256,133 +173,137 @@ class _Roots:
     rising: Array
 
 
-class _Best:
-    """The state with the least value so far, of each root that is sought in a part of a step."""
+class _BestStates:
+    """The state with the least |value| so far for each root, sought in a part of a step."""
 
     def __init__(
-        self, work: _Work, which: Array, low: Array, high: Array, known: Array | None = None
+        self, work: _Work, indices: Array, low: Array, high: Array, known_zeros: Array | None = None
     ) -> None:
-        """``known`` has two columns: whether 0 and 1 are zeros, which are divided out."""
-        self._work, self.which, self._low, self._width = work, which, low, high - low
-        self._known = np.zeros((len(which), 2), bool) if known is None else known
+        """``known_zeros`` has two columns: whether 0 and 1 are zeros, which are divided out."""
+        self._work, self.indices, self._low, self._width = work, indices, low, high - low
+        self._known = np.zeros((len(indices), 2), bool) if known_zeros is None else known_zeros
         binding = work.stepper.binding
-        self.since = 0 * work.t(which)
-        self.q, self.p = (binding.new(len(which), binding.n) for _ in range(2))
+        self.since = 0 * work.t(indices)
+        self.q, self.p = (binding.new(len(indices), binding.n) for _ in range(2))
         self._size = self.since - 1  # none yet
 
     def __call__(self, x: Array, roots: Array) -> Array:
         """Return the values at x from 0 to 1 within those parts."""
         share = self._low[roots] + x * self._width[roots]
-        since, q, p, values = self._work.states(share, self.which[roots])
+        since, q, p, event_values = self._work.states(share, self.indices[roots])
         at_start, at_end = self._known[roots].T
-        values = values / np.where(at_start, share, 1) / np.where(at_end, 1 - share, 1)
-        better = (self._size[roots] < 0) | (abs(values) < self._size[roots])
-        at = roots[better]
-        self.since[at], self.q[at], self.p[at] = since[better], q[better], p[better]
-        self._size[at] = abs(values[better])
-        return values
+        event_values = event_values / np.where(at_start, share, 1) / np.where(at_end, 1 - share, 1)
+        better = (self._size[roots] < 0) | (abs(event_values) < self._size[roots])
+        improved = roots[better]
+        self.since[improved] = since[better]
+        self.q[improved], self.p[improved] = q[better], p[better]
+        self._size[improved] = abs(event_values[better])
+        return event_values
 
     def roots(self, rising: Array) -> _Roots:
-        """Return them."""
-        work, which = self._work, self.which
-        owner = work.owner[which]
-        place = (self.since / work.runs.dt[owner]).astype(float)
-        return _Roots(owner, work.brackets.event[which], work.brackets.step[which], place,
+        """Return the roots: the best states."""
+        work, indices = self._work, self.indices
+        owner = work.owner[indices]
+        fraction = (self.since / work.runs.dt[owner]).astype(float)
+        return _Roots(owner, work.brackets.event[indices], work.brackets.step[indices], fraction,
                       self.since, self.q, self.p, rising)
 
 
-def _single(work: _Work) -> _Roots:
+def _simple_roots(work: _Work) -> _Roots:
     """Return the roots of steps between whose ends a value changes its sign."""
     brackets = work.brackets
-    which = np.flatnonzero(~brackets.turning & ~brackets.on_level)
-    best = _Best(work, which, *_whole(work, which))
-    before, after = brackets.before[which], brackets.after[which]
-    zeros(best, before, after, work.tolerance(which),
-          _cubic_zero(brackets.past[which], before, after))
+    indices = np.flatnonzero(~brackets.turning & ~brackets.on_level)
+    best = _BestStates(work, indices, *_zero_and_one(work, indices))
+    before, after = brackets.before[indices], brackets.after[indices]
+    zeros(best, before, after, work.tolerance(indices),
+          cubic_zero(brackets.past[indices], before, after))
     return best.roots(before < 0)
 
 
-def _beside_level(work: _Work) -> _Roots:
+def _level_roots(work: _Work) -> _Roots:
     """Return the roots of steps that begin or end on the level, or begin within rounding of it.
 
     The level at the start of a step is no root of it: the step before ends there, or the run begins
     there. At its end it is one if the value comes from one side and does not go back to it.
     """
     brackets = work.brackets
-    which = np.flatnonzero(brackets.on_level)
-    first, last = _whole(work, which)
-    behind, before = (values[which].astype(float) for values in (brackets.before, brackets.after))
-    known = np.column_stack([behind, before]) == 0
-    starts, ends = map(np.flatnonzero, known.T)
-    behind[starts] = work.slopes(which[starts], 1)
-    since, q, p, _ = work.states(last[ends], which[ends])
-    before[ends] = comes = work.slopes(which[ends], -1, (q, p))
-    goes = work.slopes(which[ends], 1, (q, p))
-    inside = np.flatnonzero(behind * before < 0)
-    best = _Best(work, which[inside], first[inside], last[inside], known[inside])
-    zeros(best, behind[inside], before[inside], work.tolerance(which[inside]))
-    through = np.flatnonzero((comes != 0) & (comes * goes <= 0))
-    own = which[ends[through]]
-    at_end = _Roots(work.owner[own], brackets.event[own], brackets.step[own], np.ones(len(own)),
-                    since[through], q[through], p[through], comes[through] < 0)
-    roots = _together([best.roots(behind[inside] < 0), at_end])
-    return _chosen(roots, _wanted(work, roots))
+    indices = np.flatnonzero(brackets.on_level)
+    first, last = _zero_and_one(work, indices)
+    start_slope, end_slope = (ends_of_step[indices].astype(float)
+                              for ends_of_step in (brackets.before, brackets.after))
+    on_level = np.column_stack([start_slope, end_slope]) == 0
+    starts, ends = map(np.flatnonzero, on_level.T)
+    start_slope[starts] = work.slopes(indices[starts], 1)
+    since, q, p, _ = work.states(last[ends], indices[ends])
+    end_slope[ends] = slope_before = work.slopes(indices[ends], -1, (q, p))
+    slope_after = work.slopes(indices[ends], 1, (q, p))
+    inside = np.flatnonzero(start_slope * end_slope < 0)
+    best = _BestStates(work, indices[inside], first[inside], last[inside], on_level[inside])
+    zeros(best, start_slope[inside], end_slope[inside], work.tolerance(indices[inside]))
+    through = np.flatnonzero((slope_before != 0) & (slope_before * slope_after <= 0))
+    indices_through = indices[ends[through]]
+    at_end = _Roots(work.owner[indices_through], brackets.event[indices_through],
+                    brackets.step[indices_through], np.ones(len(indices_through)),
+                    since[through], q[through], p[through], slope_before[through] < 0)
+    roots = _joined([best.roots(start_slope[inside] < 0), at_end])
+    return _selected(roots, _has_direction(work, roots))
 
 
-def _twofold(work: _Work) -> _Roots:
+def _double_roots(work: _Work) -> _Roots:
     """Return the roots of steps within which a value goes through its level and back."""
     turning = np.flatnonzero(work.brackets.turning)
-    which, place, value = _turned(work, turning)
-    first, last = _whole(work, which)
-    twice = np.concatenate([which, which])
-    low, high = np.concatenate([first, place]), np.concatenate([place, last])
-    best = _Best(work, twice, low, high)
-    before, after = work.brackets.before[which], work.brackets.after[which]
+    indices, sign_change, value = _sign_changes(work, turning)
+    first, last = _zero_and_one(work, indices)
+    twice = np.concatenate([indices, indices])
+    low, high = np.concatenate([first, sign_change]), np.concatenate([sign_change, last])
+    best = _BestStates(work, twice, low, high)
+    before, after = work.brackets.before[indices], work.brackets.after[indices]
     zeros(best, np.concatenate([before, value]), np.concatenate([value, after]),
           work.tolerance(twice) / (high - low))
     rising = np.concatenate([before, value]) < 0
     roots = best.roots(rising)
-    return _chosen(roots, _wanted(work, roots))
+    return _selected(roots, _has_direction(work, roots))
 
 
-def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
-    """Return the steps within which a value does change its sign, a place where it has, its value.
+def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
+    """Return (steps, x, values): steps with two sign changes, and a point x of other sign in each.
 
-    Places are counted from the end of the step with the lower value: a value that falls there, and
-    turns, is lower than it up to twice as far as it turns. They come nearer to that end, by the
-    parabola through the last three, until one is lower; then parabolas lead to the lowest place,
-    between two that are higher. A step is left where the value is four times as high as it could
-    still fall, on the scale of how it moves within the step, or times cannot be told apart.
+    x counts from the end of the step with the lower value: a value that falls there and turns is
+    lower than this end up to twice the distance of its minimum. Points approach this end by the
+    parabola through the last three until one is lower; then parabolas lead to the minimum between
+    two higher points. A step is abandoned if the value is four times as high as it could still
+    fall, on the scale of its changes within the step, or if times are not resolved.
     """
     brackets = work.brackets
     # the value is that many times above its level: it falls towards it, whatever its sign
-    side: Array = np.where(brackets.before[which] > 0, 1, -1)
-    start, end = side * brackets.before[which], side * brackets.after[which]
-    turned: Array = end < start
-    x0, x2 = _whole(work, which)
-    y0, y2 = _where(turned, (end, start), (start, end))
+    side: Array = np.where(brackets.before[indices] > 0, 1, -1)
+    start, end = side * brackets.before[indices], side * brackets.after[indices]
+    reversed_: Array = end < start
+    x0, x2 = _zero_and_one(work, indices)
+    y0, y2 = _where(reversed_, (end, start), (start, end))
     x1: Array = (x0 + x2) / 2
 
     def value(x: Array) -> Array:
-        values: Array = side * work.states(np.where(turned, 1 - x, x), which)[3]
-        return values
+        distance: Array = side * work.states(np.where(reversed_, 1 - x, x), indices)[3]
+        return distance
 
-    y1, least = value(x1), work.tolerance(which)
+    y1, tolerance = value(x1), work.tolerance(indices)
     moves: Array = abs(y1 - y0) + abs(y2 - y1)
-    found: list[tuple[Array, Array, Array]] = []
+    sign_changes: list[tuple[Array, Array, Array]] = []
     for look in range(_LOOKS):
         through = y1 < 0
-        found.append((which[through], np.where(turned, 1 - x1, x1)[through],
-                      (side * y1)[through]))
+        sign_changes.append((indices[through], np.where(reversed_, 1 - x1, x1)[through],
+                             (side * y1)[through]))
         inside: Array = y1 < y0
         left_of: Array = x1 - x0 > x2 - x1  # where the wider of the two parts is
         wide: Array = np.where(inside & ~left_of, x2 - x1, x1 - x0)
-        left = ~through & (4 * moves * wide * wide >= np.where(inside, y1, y0)) & (wide > least)
-        inside, left_of = inside[left], left_of[left]
-        which, side, turned, moves, least, wide, x0, x1, x2, y0, y1, y2 = (
-            part[left] for part in (which, side, turned, moves, least, wide, x0, x1, x2, y0, y1,
-                                    y2))
-        if not len(which):
+        reach = 4 * moves * wide * wide
+        open_ = ~through & (reach >= np.where(inside, y1, y0)) & (wide > tolerance)
+        inside, left_of = inside[open_], left_of[open_]
+        indices, side, reversed_, moves, tolerance, wide, x0, x1, x2, y0, y1, y2 = (
+            column[open_] for column in (indices, side, reversed_, moves, tolerance, wide, x0, x1,
+                                         x2, y0, y1, y2))
+        if not len(indices):
             break
         bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
         bends = bend > 0
@@ -398,54 +319,54 @@ def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
         x0, y0 = _where(inside & (lower != left_of), _where(lower, (x1, y1), (x, y)), (x0, y0))
         x2, y2 = _where(lower == left_of, _where(lower, (x1, y1), (x, y)), (x2, y2))
         x1, y1 = _where(lower, (x, y), (x1, y1))
-    steps, places, values = (np.concatenate(column) for column in zip(*found, strict=True))
-    return steps, places, values
+    steps, places, distance = (np.concatenate(column) for column in zip(*sign_changes, strict=True))
+    return steps, places, distance
 
 
 def _where(condition: Array, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
     return np.where(condition, a[0], b[0]), np.where(condition, a[1], b[1])
 
 
-def _whole(work: _Work, which: Array) -> tuple[Array, Array]:
+def _zero_and_one(work: _Work, indices: Array) -> tuple[Array, Array]:
     """Return 0 and 1 for each bracket, in the type of times."""
-    none = 0 * work.tolerance(which)
-    return none, none + 1
+    zero = 0 * work.tolerance(indices)
+    return zero, zero + 1
 
 
-def _wanted(work: _Work, roots: _Roots) -> Array:
-    """Return whether roots have their events' directions, and are not the start of their run.
+def _has_direction(work: _Work, roots: _Roots) -> Array:
+    """Return whether roots have the directions of their events, and are not the start of the run.
 
-    A run from the state of an event starts within the rounding of times of its level: of that of
-    t0, which the event had, as far as it is little of a step.
+    A run that starts from an event is at its level within the rounding of times, that of t0 if it
+    is a small share of a step: this root belongs to the run before.
     """
-    wanted = np.array([one.direction for one in work.levels.events])[roots.event]
+    directions = np.array([event.direction for event in work.levels.events])[roots.event]
     runs, owner = work.runs, roots.owner
     step = abs(runs.dt[owner])
     rounding = np.minimum(4 * epsilon_of_times(work.stepper) * np.maximum(
         abs(runs.t0[owner]), step), 2.0**-20 * step)
     starts = (roots.step == 0) & (abs(roots.since) <= rounding)
-    right: Array = ((wanted == 0) | ((wanted > 0) == roots.rising)) & ~starts
-    return right
+    accepted: Array = ((directions == 0) | ((directions > 0) == roots.rising)) & ~starts
+    return accepted
 
 
-def _together(parts: list[_Roots]) -> _Roots:
-    return _Roots(*(np.concatenate([getattr(part, name) for part in parts])
+def _joined(groups: list[_Roots]) -> _Roots:
+    return _Roots(*(np.concatenate([getattr(group, name) for group in groups])
                     for name in _Roots.__dataclass_fields__))
 
 
-def _chosen(roots: _Roots, chosen: Array) -> _Roots:
-    return _Roots(*(getattr(roots, name)[chosen] for name in _Roots.__dataclass_fields__))
+def _selected(roots: _Roots, mask: Array) -> _Roots:
+    return _Roots(*(getattr(roots, name)[mask] for name in _Roots.__dataclass_fields__))
 
 
 def _by_run(
     stepper: Stepper, levels: Levels, parts: list[_Roots], runs: EnsembleArguments
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run by the events' names, along the run."""
-    roots = _together(parts) if parts else _none(stepper)
+    roots = _joined(parts) if parts else _none(stepper)
     found: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
     for number, event in enumerate(levels.events):
-        own = _chosen(roots, roots.event == number)
-        own = _chosen(own, np.lexsort((own.place, own.step, own.owner)))
+        own = _selected(roots, roots.event == number)
+        own = _selected(own, np.lexsort((own.place, own.step, own.owner)))
         elapsed = own.step * runs.dt[own.owner] + own.since
         t = runs.t0[own.owner] + elapsed
         ends = np.searchsorted(own.owner, np.arange(len(runs) + 1))

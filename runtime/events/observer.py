@@ -1,9 +1,9 @@
-"""The events of one run: detected while it is advanced, solved for now and then, or at its end.
+"""The events of one run: detected while it is advanced, located now and then, or at its end.
 
-A terminal event ends the run at the step within which it happens. What changes its sign in a piece
-of the run, or may touch its level there, is solved for before the next piece; the run then goes
-back to the beginning of this piece, or of the one before if the event is in the last step of that,
-and from there to the step before the event.
+A terminal event ends the run at the step within which it happens. Terminal events whose value
+changes its sign in a piece of the run, or may touch its level there, are located before the next
+piece; the run then returns to the beginning of this piece, or of the one before if the event is in
+the last step of that, and is advanced to the step before the event.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ __all__ = ["Observer", "TerminalEvent", "observed", "with_row"]
 
 Array = NDArray[Any]
 
-#: Steps that are seen to have events, of which no more shall wait.
+#: Largest number of bracketed steps that wait for their location.
 _MOST = 2**14
 
 
@@ -102,9 +102,9 @@ def with_row(
 
 @dataclass(frozen=True)
 class TerminalEvent:
-    """Where an event ends a run: its place among the events, the state there, the row to it.
+    """The end of a run by an event: the event's index, its crossing, the row of the partial step.
 
-    The work of the row is that of its part of a step.
+    The work of the row is the work of the partial step.
     """
 
     event: int
@@ -113,16 +113,16 @@ class TerminalEvent:
 
 
 class Observer:
-    """Detection and location of the events of a run that somebody else stores.
+    """Detection and location of the events of a run, which its caller stores.
 
-    What it finds, and where that ends the run, does not depend on how the run is cut into pieces,
-    nor on when events are solved for.
+    The crossings, and the end of the run by a terminal event, do not depend on the pieces in which
+    the run is advanced, nor on when brackets are located.
 
     Attributes
     ----------
     events : tuple of Event
     end : TerminalEvent or None
-        Where an event ends the run.
+        The event that ends the run.
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event, ...]) -> None:
@@ -145,12 +145,12 @@ class Observer:
 
     @property
     def full(self) -> bool:
-        """Whether what is seen should be solved for before the run goes on."""
+        """Whether the brackets should be located before the run continues."""
         return self._detector.noted >= _MOST
 
     @property
     def memory(self) -> Memory:
-        """What looking goes on from."""
+        """The detector's memory, from which detection resumes."""
         return self._detector.memory
 
     def go_on(self, state: RunState, memory: Memory) -> None:
@@ -174,60 +174,63 @@ class Observer:
         return status if self.end is None else 0
 
     def close(self, state: RunState, ahead: tuple[Array, Array] | None = None) -> None:
-        """Look into the last step, though no step follows, and go back where that ends the run.
+        """Detect events in the last step without a next one; go back if one ends the run.
 
-        ``ahead`` is the state one step on, of a run that a terminal event may end: what has
-        happened is then known for good, and the run need not go back behind this place.
+        ``ahead`` is the state after the next step, for runs that a terminal event may end: the
+        detection in the last step is then final, and the run need not return before it.
         """
         if self.end is None:
             self._detector.close(ahead)
             self._look_for_end(state)
 
     def settle(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
-        """Return what has happened since the last time, up to the end of the run."""
-        found = self._solved(self._detector.brackets, stop) | self._ends
+        """Return the crossings since the last call, up to the end of the run."""
+        crossings = self._solved(self._detector.brackets, stop) | self._ends
         self._detector.forget()
         self._ends = {}
         if self.end is None:
-            return found
-        return {name: one.until(self.end.at, self._run.dt) for name, one in found.items()}
+            return crossings
+        return {name: event_crossings.until(self.end.at, self._run.dt)
+                for name, event_crossings in crossings.items()}
 
     def _solved(self, brackets: Any, stop: Callable[[], bool]) -> dict[str, Crossings]:
-        (found,) = crossings_of(self._stepper, self._levels, self._runs, [brackets],
-                                lambda computed: fill_ensemble(computed, threads_of(None), stop))
-        return found
+        (crossings,) = crossings_of(self._stepper, self._levels, self._runs, [brackets],
+                                    lambda computed: fill_ensemble(computed, threads_of(None),
+                                                                   stop))
+        return crossings
 
     def _look_for_end(self, state: RunState) -> None:
-        """Solve for terminal events, and take the state back to the step before the first."""
+        """Locate terminal events, and return the state to the step before the first one."""
         brackets = self._detector.take_terminal_brackets()
         if brackets is None:
             return
-        found = self._solved(brackets, lambda: False)
-        name = ending(self.events, found, self._run.dt)
+        crossings = self._solved(brackets, lambda: False)
+        name = ending(self.events, crossings, self._run.dt)
         if name is None:
             return
-        self._ends = {one.name: found[one.name] for one in self.events if one.terminal}
-        at, binding = found[name].first, self._binding
-        steps = int(at.steps[0])
-        begun = next(one for one in reversed(self._begun) if one.steps <= steps)
-        left = steps - begun.steps
+        self._ends = {event.name: crossings[event.name] for event in self.events if event.terminal}
+        crossing, binding = crossings[name].first, self._binding
+        steps = int(crossing.steps[0])
+        begun = next(start for start in reversed(self._begun) if start.steps <= steps)
+        remaining_steps = steps - begun.steps
         state.assign(binding, begun)
-        if left:
-            binding.integrate(self._run.constants(binding), left, left + 1, state,
-                              Rows.allocate(binding, 0))
-        self.end = TerminalEvent([one.name for one in self.events].index(name), at,
-                                 self._row_to(state, at))
+        if remaining_steps:
+            binding.integrate(self._run.constants(binding), remaining_steps, remaining_steps + 1,
+                              state, Rows.allocate(binding, 0))
+        self.end = TerminalEvent([event.name for event in self.events].index(name), crossing,
+                                 self._row_to(state, crossing))
 
     def _row_to(self, state: RunState, event: Crossings) -> Rows:
-        """Return the one row that leads from the state before an event to the event."""
+        """Return the row of the partial step from the state before an event to the event."""
         stepper, run, binding = self._stepper, self._run, self._binding
         t0 = binding.times(run.t0, run.dt, event.steps)
-        part = event.elapsed - binding.times(0 * run.t0, run.dt, event.steps)
+        partial_step = event.elapsed - binding.times(0 * run.t0, run.dt, event.steps)
         parameters = {name: np.array([value], binding.number_type)
                       for name, value in run.at_step(int(event.steps[0])).parameters.items()}
 
         def fill(computed: EnsembleStates) -> None:
             fill_ensemble(computed, 1, lambda: False)
 
-        rows = run_together(stepper, state.q[None], state.p[None], t0, part, parameters, fill, 1)
-        return replace(rows.rows[:, 1], q=event.q, p=event.p)
+        states_of_step = run_together(stepper, state.q[None], state.p[None], t0, partial_step,
+                                      parameters, fill, 1)
+        return replace(states_of_step.rows[:, 1], q=event.q, p=event.p)

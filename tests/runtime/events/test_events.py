@@ -19,7 +19,7 @@ from event_runs import pendulum, period, start
 from gyrospark.commands import gyrospark
 from gyrospark.core.event import event_of_text
 from gyrospark.runtime.events import location
-from gyrospark.runtime.events.location import zeros
+from gyrospark.runtime.events.zeros import zeros
 
 EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
 
