@@ -266,12 +266,12 @@ def _double_roots(work: _Work) -> _Roots:
 
 
 def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
-    """Return (steps, x, values): steps with two sign changes, and a point x of other sign in each.
+    """Return (steps, x, values): steps with two sign changes, and a point of other sign in each.
 
-    x counts from the end of the step with the lower value: a value that falls there and turns is
-    lower than this end up to twice the distance of its minimum. Points approach this end by the
-    parabola through the last three until one is lower; then parabolas lead to the minimum between
-    two higher points. A step is abandoned if the value is four times as high as it could still
+    The search counts x from the end of the step with the lower value: a value that falls there and
+    turns is lower than this end up to twice the distance of its minimum. Points approach this end
+    by the parabola through the last three until one is lower; then parabolas lead to the minimum
+    between two higher points. A step is abandoned if the value is four times as high as it could still
     fall, on the scale of its changes within the step, or if times are not resolved.
     """
     brackets = work.brackets
