@@ -86,14 +86,14 @@ def checkpoint_size(binding: Binding, events: int = 0) -> int:
 
 
 def pack(binding: Binding, state: CheckpointState) -> Array:
-    """Return a state as bytes, the same for the same state: a digest, then the parts."""
+    """Return a state as bytes, equal for equal states: a digest, then the content."""
     run = state.run
     binding.clear_padding(run.record, run.work)
-    numbers = np.array([state.most, state.status], dtype="<i8")
-    parts = [numbers, as_bytes(run.q), as_bytes(run.p), binding.image(run.record),
-             binding.image(run.work), *_packed(binding, state.event_progress)]
-    body = np.concatenate([np.ascontiguousarray(part).view(np.uint8).reshape(-1)
-                           for part in parts])
+    counters = np.array([state.most, state.status], dtype="<i8")
+    arrays = [counters, as_bytes(run.q), as_bytes(run.p), binding.image(run.record),
+              binding.image(run.work), *_packed(binding, state.event_progress)]
+    body = np.concatenate([np.ascontiguousarray(array).view(np.uint8).reshape(-1)
+                           for array in arrays])
     digest = np.frombuffer(hashlib.sha256(body.data).digest(), dtype=np.uint8)
     return np.concatenate([digest, body])
 
@@ -102,10 +102,10 @@ def _packed(binding: Binding, event_progress: EventProgress | None) -> list[Arra
     """Return event progress in arrays of constant length, for any number of rows."""
     if event_progress is None:
         return []
-    memory, rows = event_progress.memory, binding.new(2, TAIL, binding.n)
-    rows[0, : len(memory.q)], rows[1, : len(memory.p)] = memory.q, memory.p
+    memory, states = event_progress.memory, binding.new(2, TAIL, binding.n)
+    states[0, : len(memory.q)], states[1, : len(memory.p)] = memory.q, memory.p
     return [np.array([len(memory.q), *event_progress.counts, *memory.closed], dtype="<i8"),
-            as_bytes(rows)]
+            as_bytes(states)]
 
 
 def unpack(binding: Binding, data: Array, events: int = 0) -> CheckpointState | None:
@@ -121,31 +121,32 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> CheckpointState | 
         return None
     if hashlib.sha256(body.data).digest() != digest.tobytes():
         raise ValueError("the checkpoint is damaged")
-    at = 0
+    position = 0
 
     def take(size: int) -> Array:
         """Return a copy of the next bytes: a run changes its state in place."""
-        nonlocal at
-        at += size
-        return body[at - size : at].copy()
+        nonlocal position
+        position += size
+        return body[position - size : position].copy()
 
     def numbers(*shape: int) -> Array:
         empty = as_bytes(binding.new(*shape))
         return from_bytes(take(empty.nbytes).reshape(empty.shape), binding.dtype)
 
-    most, status = (int(x) for x in take(16).view("<i8"))
+    iterations, status = (int(x) for x in take(16).view("<i8"))
     run = RunState.at_start(binding, numbers(binding.n), numbers(binding.n))
     for struct in (run.record, run.work):
         image = binding.image(struct)
         image[:] = take(image.size)
-    if not (0 <= most < 2**31 and (-events <= status <= 0 or status in REASONS)
+    if not (0 <= iterations < 2**31 and (-events <= status <= 0 or status in REASONS)
             and binding.function("is_valid")(run.record, run.work)):
         raise ValueError(_UNSOUND)
     if not events:
-        return CheckpointState(run, most, status)
-    rows, *known = (int(x) for x in take(8 * (1 + 2 * events)).view("<i8"))
-    if not (0 <= rows <= TAIL and min(known) >= 0 and max(known[events:]) <= 1):
+        return CheckpointState(run, iterations, status)
+    state_count, *counters = (int(x) for x in take(8 * (1 + 2 * events)).view("<i8"))
+    if not (0 <= state_count <= TAIL and min(counters) >= 0 and max(counters[events:]) <= 1):
         raise ValueError(_UNSOUND)
-    tail = numbers(2, TAIL, binding.n)[:, :rows]
-    memory = Memory(tail[0], tail[1], np.array(known[events:], bool))
-    return CheckpointState(run, most, status, EventProgress(np.array(known[:events]), memory))
+    tail = numbers(2, TAIL, binding.n)[:, :state_count]
+    memory = Memory(tail[0], tail[1], np.array(counters[events:], bool))
+    return CheckpointState(run, iterations, status,
+                           EventProgress(np.array(counters[:events]), memory))

@@ -58,10 +58,10 @@ class Batch:
 
 
 class Writer:
-    """One thread that writes batches in their order; at most one waits.
+    """A thread that writes batches in their order; at most one waits.
 
-    Use it as a context: at its end everything handed over is on the disk. What goes wrong in the
-    thread is raised at the next ``put``, and at the end.
+    As a context manager: at its end all batches are on the disk. An error in the thread is raised
+    by the next ``put``, and at the end.
     """
 
     def __init__(self, path: Path, group: zarr.Group, fields: list[StoredField], binding: Binding,
@@ -72,9 +72,9 @@ class Writer:
         self._binding, self._run, self._block = binding, run, block
         about = attributes_of(group)
         self._manifest = Manifest.from_json(about["manifest"])
-        self._happened = EventStore(group, self._manifest, list(about.get("events", {})))
+        self._event_store = EventStore(group, self._manifest, list(about.get("events", {})))
         # After a killed process the copies of their metadata in the root may be outdated.
-        self._changed = self._happened.names
+        self._changed = self._event_store.names
         self._parameters = binding.parameters(run.parameters, run.t0)
         self._queue: queue.Queue[Batch | None] = queue.Queue(maxsize=1)
         #: Rows of whole blocks that are written, to be filled again.
@@ -121,37 +121,38 @@ class Writer:
     def _commit(self, batch: Batch) -> None:
         """Write rows, then checkpoint, then attributes: these never claim more than is stored."""
         states = self._chunks(batch) if batch.count else []
-        self._changed |= self._happened.grow({name: batch.counts[name] + len(crossings)
-                                              for name, crossings in batch.found.items()})
-        write_chunks(states + self._happened.chunks(batch.counts, batch.found))
+        self._changed |= self._event_store.grow({name: batch.counts[name] + len(crossings)
+                                                 for name, crossings in batch.found.items()})
+        write_chunks(states + self._event_store.chunks(batch.counts, batch.found))
         write_chunks([Chunk(self._arrays[CHECKPOINT], (0,), batch.checkpoint)])
         consolidate(self._path, self._changed, batch.attributes)  # in one go, and in one file
         self._changed = set()
 
     def _chunks(self, batch: Batch) -> list[Chunk]:
         """Return the batch as the chunks of all arrays."""
-        number = batch.first // self._block
-        values = stored_arrays(self._binding, self._manifest, self._run, self._parameters,
+        block_index = batch.first // self._block
+        arrays = stored_arrays(self._binding, self._manifest, self._run, self._parameters,
                                batch)
-        values |= {wide_name(one.name): as_bytes(values[one.name])
-                   for one in self._fields if one.wide}
-        return [Chunk(self._arrays[name], (number, *(0 for _ in rows.shape[1:])), rows)
-                for name, rows in values.items() if name in self._arrays]
+        arrays |= {wide_name(stored_field.name): as_bytes(arrays[stored_field.name])
+                   for stored_field in self._fields if stored_field.wide}
+        return [Chunk(self._arrays[name], (block_index, *(0 for _ in array.shape[1:])), array)
+                for name, array in arrays.items() if name in self._arrays]
 
 
 def stored_arrays(
     binding: Binding, manifest: Manifest, run: RunArguments, parameters: Any, batch: Batch
 ) -> dict[str, Array]:
     """Return every array of a batch by the field's name."""
-    kept = slice(0, batch.count)
-    rows, numbers = batch.rows, np.arange(batch.first, batch.first + batch.count)
-    t = binding.times(run.t0, run.dt, np.minimum(numbers * run.every, run.steps))
+    filled = slice(0, batch.count)
+    batch_rows, row_numbers = batch.rows, np.arange(batch.first, batch.first + batch.count)
+    t = binding.times(run.t0, run.dt, np.minimum(row_numbers * run.every, run.steps))
     if batch.end is not None:
         t[-1:] = batch.end
-    states = States(binding, manifest, parameters, t, rows.q[kept], rows.p[kept],
-                    rows.multipliers[kept], rows.iterations[kept], rows.work[kept])
-    found: dict[str, Array] = {}
-    for one in OUTPUTS:
-        if parts(one, manifest):
-            found |= pieces(one, manifest, value_of(one, states))
-    return found
+    states = States(binding, manifest, parameters, t, batch_rows.q[filled], batch_rows.p[filled],
+                    batch_rows.multipliers[filled], batch_rows.iterations[filled],
+                    batch_rows.work[filled])
+    arrays: dict[str, Array] = {}
+    for output in OUTPUTS:
+        if parts(output, manifest):
+            arrays |= pieces(output, manifest, value_of(output, states))
+    return arrays

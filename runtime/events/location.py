@@ -271,8 +271,8 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
     The search counts x from the end of the step with the lower value: a value that falls there and
     turns is lower than this end up to twice the distance of its minimum. Points approach this end
     by the parabola through the last three until one is lower; then parabolas lead to the minimum
-    between two higher points. A step is abandoned if the value is four times as high as it could still
-    fall, on the scale of its changes within the step, or if times are not resolved.
+    between two higher points. A step is abandoned if the value is four times as high as it could
+    still fall, on the scale of its changes within the step, or if times are not resolved.
     """
     brackets = work.brackets
     # the value is that many times above its level: it falls towards it, whatever its sign
