@@ -16,21 +16,21 @@ from ..runtime.steppers.stepper import Stepper
 from .study import Study
 from .tiles import Cells
 
-__all__ = ["CellEnds", "count_of", "first_of", "watched"]
+__all__ = ["CellEnds", "count_of", "first_of", "run_with_events"]
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
 class CellEnds:
-    """How cells end, their samples with the start, and what was found of their events."""
+    """The ends of cells, their samples with the start, and the results of their events."""
 
     q: Array
     p: Array
     reports: Array
     status: Array
     samples: tuple[Array, ...]
-    found: dict[str, Array]
+    event_results: dict[str, Array]
 
 
 def first_of(event: str) -> str:
@@ -43,49 +43,53 @@ def count_of(event: str) -> str:
     return f"event_{event}_count"
 
 
-def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Array) -> CellEnds:
-    """Integrate some cells that have the scheme and the steps in common, and find their events.
+def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
+                    group: Array) -> CellEnds:
+    """Integrate cells of equal scheme and number of steps, and locate their events.
 
-    Bits are those of cells at which nobody looks. It runs on the caller's thread.
+    Event detection does not change the bits of the states. It runs on the caller's thread.
     """
     every = study.every or steps
     runs = _runs(study, stepper, steps, every, cells, group)
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
-    computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
-    _fill(computed)
+    ensemble_states = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
+    _fill(ensemble_states)
     crossings = crossings_of(stepper, levels, runs,
-                             [one.final_brackets() for one in computed.detectors], _fill)
-    binding, rows = computed.binding, steps // every + 1
-    found: dict[str, Array] = {}
+                             [detector.final_brackets() for detector in ensemble_states.detectors],
+                             _fill)
+    binding, row_count = ensemble_states.binding, steps // every + 1
+    event_results: dict[str, Array] = {}
     for event in study.events:
-        own = [one[event.name] for one in crossings]
-        found[first_of(event.name)] = np.array([float(one.t[0]) if len(one) else np.nan
-                                                for one in own])
-        found[count_of(event.name)] = np.array([len(one) for one in own], dtype=float)
-    reports = np.concatenate([np.frombuffer(binding.ffi.buffer(one), dtype=binding.report_type)
-                              for one in computed.reports])
-    samples = computed.rows.q[:, :rows], computed.rows.p[:, :rows]
-    return CellEnds(computed.q, computed.p, reports, computed.status, samples, found)
+        of_event = [run_crossings[event.name] for run_crossings in crossings]
+        event_results[first_of(event.name)] = np.array(
+            [float(cell.t[0]) if len(cell) else np.nan for cell in of_event])
+        event_results[count_of(event.name)] = np.array([len(cell) for cell in of_event],
+                                                       dtype=float)
+    reports = np.concatenate([np.frombuffer(binding.ffi.buffer(record), dtype=binding.report_type)
+                              for record in ensemble_states.reports])
+    samples = ensemble_states.rows.q[:, :row_count], ensemble_states.rows.p[:, :row_count]
+    return CellEnds(ensemble_states.q, ensemble_states.p, reports, ensemble_states.status, samples,
+                    event_results)
 
 
-def _fill(computed: EnsembleStates) -> None:
-    computed.fill(range(len(computed.reports)), lambda: False)
+def _fill(ensemble_states: EnsembleStates) -> None:
+    ensemble_states.fill(range(len(ensemble_states.reports)), lambda: False)
 
 
 def _runs(
     study: Study, stepper: Stepper, steps: int, every: int, cells: Cells, group: Array
 ) -> EnsembleArguments:
-    """Return the cells as runs, with numbers as a single run has them."""
+    """Return the cells as runs, in the number type of single runs."""
     binding = stepper.binding
 
     def column(values: Any) -> Array:
-        made: Array = np.array(values).astype(binding.number_type)
-        return made
+        typed: Array = np.array(values).astype(binding.number_type)
+        return typed
 
-    q, p = (values[group].astype(binding.dtype) for values in (cells.q, cells.p))
+    q, p = (array[group].astype(binding.dtype) for array in (cells.q, cells.p))
     dt, t0 = column(cells.dt[group]), column(np.full(len(group), study.t0))
-    parameters = {name: column(values[group]) for name, values in cells.parameters.items()}
+    parameters = {name: column(array[group]) for name, array in cells.parameters.items()}
     first = RunArguments(q[0], p[0], dt[0], steps, every,
-                {name: values[0] for name, values in parameters.items()}, study.solver,
+                {name: array[0] for name, array in parameters.items()}, study.solver,
                 study.tolerance, study.max_iterations, t0[0])
     return EnsembleArguments(first, q, p, dt, t0, parameters)

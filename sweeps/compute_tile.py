@@ -14,7 +14,7 @@ from ..core.interrupts import Interrupts
 from ..runtime.integration.consistency import defects_of_starts
 from ..runtime.steppers.stepper import Stepper
 from ..storage.array_layout import QUANTITY, StoredField
-from .cell_events import CellEnds, watched
+from .cell_events import CellEnds, run_with_events
 from .results import BAD_START, STATUS, Sink
 from .study import Study
 from .tiles import Cells, Tile, cells_of
@@ -58,13 +58,13 @@ def _run(
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
     structs = _structs(study, stepper, cells, group)
     with np.errstate(all="ignore"):
-        ends = (watched(study, stepper, steps, cells, group) if study.events else
+        ends = (run_with_events(study, stepper, steps, cells, group) if study.events else
                 _run_without_events(study, stepper, steps, structs, dt, q0, p0))
         q, p, reports, status = ends.q, ends.p, ends.reports, ends.status
         off_constraints = ~_consistent(study, stepper, cells, group, structs, q0, p0, dt)
         status[off_constraints], reports["steps"][off_constraints] = BAD_START, 0
         results = _report_results(reports) | {"q": q, "p": p, STATUS: status}
-        results |= _quantities(study, stepper, structs, reports, dt, q, p) | ends.found
+        results |= _quantities(study, stepper, structs, reports, dt, q, p) | ends.event_results
     if study.every is not None:
         results["q_samples"], results["p_samples"] = ends.samples
     failed = status != 0
