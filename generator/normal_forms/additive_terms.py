@@ -1,8 +1,8 @@
 """Additive terms of H and F: sums of expressions in as few coordinates as possible.
 
-An addend is an expression with its terms. Addends are derived from the terms of H alone, and
-compared with those of the given expression, expanded no further than necessary. In each coupled
-region, either all derived or all given addends are selected.
+An addend is an expression with its terms. ``derived`` addends are computed from the expanded terms
+of H alone; ``given`` addends are the summands of the given expression, expanded no further than
+necessary. For each set of coupled terms, the cheaper of the two is selected.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ Addend = tuple[sp.Expr, Terms]
 
 
 class Support:
-    """Coordinates and momenta of terms, by their indices, and how H couples them."""
+    """Indices of the coordinates and momenta in a term, and the coupling of coordinates in H."""
 
     def __init__(self, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], H: Terms) -> None:
-        self.place = {x: i for symbols in (q, p) for i, x in enumerate(symbols)}
+        self.index_of = {x: i for symbols in (q, p) for i, x in enumerate(symbols)}
         self.p = frozenset(p)
-        self._known: dict[Monomial, tuple[frozenset[int], frozenset[int]]] = {}
+        self._supports: dict[Monomial, tuple[frozenset[int], frozenset[int]]] = {}
         self.coupling = CoordinateCoupling(len(q), map(self, H))
 
     def __call__(self, m: Monomial) -> tuple[frozenset[int], frozenset[int]]:
-        """Return the indices of the momenta in a term, and of its coordinates and momenta."""
-        if m not in self._known:
+        """Return the indices of the momenta in a term, and the indices of its q and p."""
+        if m not in self._supports:
             symbols = symbols_in([m])
-            self._known[m] = (frozenset(self.place[x] for x in symbols & self.p),
-                              frozenset(self.place[x] for x in symbols if x in self.place))
-        return self._known[m]
+            self._supports[m] = (frozenset(self.index_of[x] for x in symbols & self.p),
+                                 frozenset(self.index_of[x] for x in symbols if x in self.index_of))
+        return self._supports[m]
 
     def blocks(self, m: Monomial) -> frozenset[int]:
         """Return the blocks of a term."""
@@ -63,7 +63,7 @@ class Support:
 
     def classes_of(self, e: sp.Expr) -> frozenset[int]:
         """Return the classes of an expression."""
-        return self.coupling.classes(self.place[x] for x in e.free_symbols if x in self.place)
+        return self.coupling.classes(self.index_of[x] for x in e.free_symbols if x in self.index_of)
 
     def kinetic_block(self, m: Monomial) -> int:
         """Return the kinetic block of a term with momenta."""
@@ -85,15 +85,15 @@ def split(
     forms: CanonicalForms, e: sp.Expr, is_irreducible: Callable[[Terms], bool]
 ) -> Iterator[Addend]:
     """Yield the addends of an expression, expanded no further than necessary."""
-    for part in sp.Add.make_args(e):
-        terms = forms.terms(part)
-        sums = [a for a in part.args if a.is_Add] if part.is_Mul else []
+    for addend in sp.Add.make_args(e):
+        terms = forms.terms(addend)
+        sums = [a for a in addend.args if a.is_Add] if addend.is_Mul else []
         if is_irreducible(terms):
-            yield forms.normal_form(part), terms
+            yield forms.normal_form(addend), terms
         elif sums:
-            others = [a for a in part.args if a is not sums[0]]
+            other_factors = [a for a in addend.args if a is not sums[0]]
             for a in sums[0].args:
-                yield from split(forms, sp.Mul(*others, a), is_irreducible)
+                yield from split(forms, sp.Mul(*other_factors, a), is_irreducible)
         else:
             yield from ((term(m, a), {m: a}) for m, a in terms.items())
 
@@ -105,7 +105,7 @@ class HamiltonianTerms:
         self, forms: CanonicalForms, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], H: sp.Expr
     ) -> None:
         self.forms = forms
-        self.given = H
+        self.H = H
         self.terms = total_of(*map(forms.terms, sp.Add.make_args(H)))
         self.support = Support(q, p, self.terms)
 
@@ -113,146 +113,160 @@ class HamiltonianTerms:
         """Return H as the sum of its addends."""
         constant = {m: a for m, a in self.terms.items() if is_constant(m)}
         moving = {m: a for m, a in self.terms.items() if m not in constant}
-        chosen = [addend for terms, found, given in self._regions(moving)
-                  for addend in self._chosen(terms, found, given)]
-        for _, terms in chosen:
+        addends = [addend for terms, derived, given in self._regions(moving)
+                   for addend in self._select(terms, derived, given)]
+        for _, terms in addends:
             for m in filter(is_constant, terms):
                 add_to(constant, m, -terms[m])
-        return sp.Add(*(e for e, _ in chosen), self.forms.short(constant))
+        return sp.Add(*(e for e, _ in addends), self.forms.short(constant))
 
-    # ------------------------------------------------------------ found or written
+    # ------------------------------------------------------------ derived or given addends
 
     def _regions(self, moving: Terms) -> Iterator[tuple[Terms, list[Addend], list[Addend]]]:
-        """Yield coupled terms, with their derived and their given addends."""
-        addends = [self._found(), list(split(self.forms, self.given, self._is_irreducible))]
-        nodes = self._nodes(moving)
-        touched = [[frozenset(nodes(m) for m in terms if not is_constant(m))
+        """Yield coupled terms, with their derived and their given addends.
+
+        An addend, derived or given, that contains terms of two regions joins them.
+        """
+        given = list(split(self.forms, self.H, self._is_irreducible))
+        addends = [self._derived_addends(), given]
+        node_of = self._nodes(moving)
+        touched = [[frozenset(node_of(m) for m in terms if not is_constant(m))
                     for _, terms in side] for side in addends]
-        regions = connected(place for side in touched for place in side)
+        regions = connected(nodes for side in touched for nodes in side)
         region_of = {node: i for i, region in enumerate(regions) for node in region}
         terms: list[Terms] = [{} for _ in regions]
         for m, a in moving.items():
-            terms[region_of[nodes(m)]][m] = a
+            terms[region_of[node_of(m)]][m] = a
         sides: list[tuple[list[Addend], list[Addend]]] = [([], []) for _ in regions]
-        for side, (own, places) in enumerate(zip(addends, touched, strict=True)):
-            for addend, place in zip(own, places, strict=True):
-                if place:
-                    sides[region_of[min(place)]][side].append(addend)
-        for inside, (found, given) in zip(terms, sides, strict=True):
-            yield inside, found, given
+        for side, (side_addends, node_sets) in enumerate(zip(addends, touched, strict=True)):
+            for addend, nodes in zip(side_addends, node_sets, strict=True):
+                if nodes:
+                    sides[region_of[min(nodes)]][side].append(addend)
+        for region_terms, (derived, given) in zip(terms, sides, strict=True):
+            yield region_terms, derived, given
 
     def _nodes(self, moving: Terms) -> Callable[[Monomial], int]:
         """Return a function term → number; coupled terms have the same number."""
         n = len(self.support.p)
-        potential = connected(self.support.blocks(m) for m in moving if not self.support(m)[0])
-        part_of = {a: n + min(part) for part in potential for a in part}
+        groups = connected(self.support.blocks(m) for m in moving if not self.support(m)[0])
+        group_of = {a: n + min(group) for group in groups for a in group}
 
         def node(m: Monomial) -> int:
             if self.support(m)[0]:
                 return self.support.kinetic_block(m)
             a = min(self.support.blocks(m), default=n)
-            return part_of.get(a, n + a)
+            return group_of.get(a, n + a)
 
         return node
 
-    def _chosen(self, terms: Terms, found: list[Addend], given: list[Addend]) -> list[Addend]:
+    def _select(self, terms: Terms, derived: list[Addend], given: list[Addend]) -> list[Addend]:
         """Return the derived addends, or the given ones if they are equal and cost clearly less."""
-        made = total_of(*(part for _, part in given))
-        same = {m: a for m, a in made.items() if not is_constant(m)} == terms
-        return given if same and costs_less([total(given)], [total(found)]) else found
+        given_terms = total_of(*(addend_terms for _, addend_terms in given))
+        is_equal = {m: a for m, a in given_terms.items() if not is_constant(m)} == terms
+        return given if is_equal and costs_less([total(given)], [total(derived)]) else derived
 
     def _is_irreducible(self, terms: Terms) -> bool:
-        """Whether terms are of one kinetic block at most, and all coupled."""
+        """Whether the terms belong to at most one kinetic block and are all coupled."""
         kinetic_blocks = {self.support.kinetic_block(m) for m in terms if self.support(m)[0]}
         places = frozenset[int]().union(*(self.support(m)[1] for m in terms))
         return len(kinetic_blocks) <= 1 and self.support.coupling.are_coupled(places)
 
-    # ------------------------------------------------------------ found from terms alone
+    # ------------------------------------------------------------ addends derived from the terms
 
-    def _found(self) -> list[Addend]:
-        """Return the addends of H, except a constant."""
-        squares, left = self.forms.powers(self.terms, self.support.p)
+    def _derived_addends(self) -> list[Addend]:
+        """Return the addends of H: kinetic energies a (p + A)², other kinetic terms, potentials.
+
+        The constant of H is omitted, except the shares that complete squares of a potential.
+        """
+        squares, remainder = self.forms.powers(self.terms, self.support.p)
         addends = [self._with_terms(sp.Mul(term(*outer), power)) for outer, power in squares]
         kinetic: dict[int, Terms] = defaultdict(dict)
         potential: Terms = {}
         constant: Terms = {}
-        for m, a in left.items():
-            part = kinetic[self.support.kinetic_block(m)] if self.support(m)[0] else (
+        for m, a in remainder.items():
+            kind = kinetic[self.support.kinetic_block(m)] if self.support(m)[0] else (
                 constant if is_constant(m) else potential)
-            part[m] = a
-        addends += [(self.forms.short(part), part) for part in kinetic.values()]
-        for part in self._potentials(potential):
-            found, constant = self._potential(part, constant)
-            addends += found
+            kind[m] = a
+        addends += [(self.forms.short(kind), kind) for kind in kinetic.values()]
+        for kind in self._potentials(potential):
+            potential_addends, constant = self._potential(kind, constant)
+            addends += potential_addends
         return addends
 
     def _potentials(self, terms: Terms) -> Iterator[Terms]:
-        """Yield terms with coupled coordinates, and those of time alone."""
+        """Yield the terms of each set of coupled coordinates, then the terms in time alone."""
         blocks = {m: self.support.blocks(m) for m in terms}
-        together = connected(blocks.values())
-        part_of = {a: i for i, part in enumerate(together) for a in part}
-        parts: list[Terms] = [{} for _ in range(len(together) + 1)]
+        groups = connected(blocks.values())
+        group_of = {a: i for i, group in enumerate(groups) for a in group}
+        potentials: list[Terms] = [{} for _ in range(len(groups) + 1)]
         for m, a in terms.items():
-            parts[part_of[min(blocks[m])] if blocks[m] else -1][m] = a
-        yield from filter(None, parts)
+            potentials[group_of[min(blocks[m])] if blocks[m] else -1][m] = a
+        yield from filter(None, potentials)
 
     def _potential(self, terms: Terms, constant: Terms) -> tuple[list[Addend], Terms]:
-        """Return the addends of a potential, and the rest of the constant.
+        """Return the addends of a potential, and the part of ``constant`` not used by them.
 
         Powers of differences are sought in all terms, other forms in terms of equal support. A
         polynomial is also tried without powers, which is selected if it costs clearly less.
         """
-        powers, left = self.forms.powers(total_of(terms, constant))
-        together: dict[tuple[Monomial, Number, frozenset[int]], list[sp.Expr]] = defaultdict(list)
-        for (still, a), power in powers:
-            together[still, a, self.support.classes_of(power)].append(power)
-        addends = [self._with_terms(sp.Mul(term(still, a), sp.Add(*own)))
-                   for (still, a, _), own in together.items()]
-        found = self._bundles(addends, left)
+        powers, remainder = self.forms.powers(total_of(terms, constant))
+        # k (r_1² + r_2²) in place of k r_1² + k r_2²: equal factors of equal classes of coordinates
+        by_factor: dict[tuple[Monomial, Number, frozenset[int]], list[sp.Expr]] = defaultdict(list)
+        for (constants, a), power in powers:
+            by_factor[constants, a, self.support.classes_of(power)].append(power)
+        addends = [self._with_terms(sp.Mul(term(constants, a), sp.Add(*sums)))
+                   for (constants, a, _), sums in by_factor.items()]
+        with_powers = self._bundles(addends, remainder)
         if powers and all(base.is_Symbol for m in terms for base, _ in m):
-            plain = self._bundles([], total_of(terms, constant))
-            if costs_less([total(plain[0])], [total(found[0])]):
-                return plain
-        return found
+            without_powers = self._bundles([], total_of(terms, constant))
+            if costs_less([total(without_powers[0])], [total(with_powers[0])]):
+                return without_powers
+        return with_powers
 
-    def _bundles(self, addends: list[Addend], left: Terms) -> tuple[list[Addend], Terms]:
-        """Return the addends, with those of all other terms, and the rest of the constant."""
+    def _bundles(self, addends: list[Addend], terms: Terms) -> tuple[list[Addend], Terms]:
+        """Return ``addends`` and the addends of ``terms``, and the unused part of the constant."""
         bundles: dict[Hashable, Terms] = defaultdict(dict)
-        constant = {m: a for m, a in left.items() if is_constant(m)}
-        for m, a in left.items():
+        constant = {m: a for m, a in terms.items() if is_constant(m)}
+        for m, a in terms.items():
             if m not in constant:
                 bundles[self.support.classes(m)][m] = a
         for bundle in bundles.values():
-            for part in self._split_linear(bundle):
-                addend, constant = self._bundle(part, constant)
+            for subset in self._split_linear(bundle):
+                addend, constant = self._bundle(subset, constant)
                 addends.append(addend)
         return addends, constant
 
     def _split_linear(self, terms: Terms) -> list[Terms]:
-        """Return linear terms by blocks, as weights are, and the rest.
+        """Return the linear terms (weights m g z) of each block, and all other terms.
 
-        Linear terms stay with other terms of their block, unless these are the square of a sum.
+        Linear terms stay with the nonlinear terms of their block, unless these are the square of a
+        sum, which is shorter alone.
         """
         blocks = {m: self.support.blocks(m) for m in terms}
-        bent = {m: a for m, a in terms.items() if not self._is_linear(m)}
-        is_square = bool(bent) and not square_root(without_common(bent)[2])[1]
-        kept = frozenset[int]().union(*(blocks[m] for m in bent if not is_square))
+        nonlinear = {m: a for m, a in terms.items() if not self._is_linear(m)}
+        is_square = bool(nonlinear) and not square_root(without_common(nonlinear)[2])[1]
+        nonlinear_blocks = frozenset[int]().union(*(blocks[m] for m in nonlinear if not is_square))
         parts: dict[frozenset[int], Terms] = defaultdict(dict)
         for m, a in terms.items():
-            parts[frozenset() if m in bent or blocks[m] & kept else blocks[m]][m] = a
+            stays = m in nonlinear or blocks[m] & nonlinear_blocks
+            parts[frozenset() if stays else blocks[m]][m] = a
         return list(parts.values())
 
     def _is_linear(self, m: Monomial) -> bool:
         return [(x.is_Symbol, n) for x, n in self.forms.compact.split(m)[0]] == [(True, 1)]
 
     def _bundle(self, terms: Terms, constant: Terms) -> tuple[Addend, Terms]:
-        """Return the addend of terms of the same coordinates, completed to a square if possible."""
-        outer, value, inner = without_common(terms)
-        root, left = square_root(inner)
-        needed = {merged(outer, m)[0]: -a * value for m, a in left.items()}
-        if root and all(0 < quotient(a, constant.get(m, -a)) <= 1 for m, a in needed.items()):
-            e = sp.Mul(term(outer, value), self.forms.short(root) ** 2)
-            return (e, total_of(terms, needed)), total_of(constant, scaled(needed, -1))
+        """Return the addend of ``terms``, completed to a square if possible, and the new constant.
+
+        c r² = c (terms/c + completion): the constant of H may lend no more than it has, so that no
+        term is added.
+        """
+        outer, factor, inner = without_common(terms)
+        root, remainder = square_root(inner)
+        completion = {merged(outer, m)[0]: -a * factor for m, a in remainder.items()}
+        if root and all(0 < quotient(a, constant.get(m, -a)) <= 1 for m, a in completion.items()):
+            e = sp.Mul(term(outer, factor), self.forms.short(root) ** 2)
+            return (e, total_of(terms, completion)), total_of(constant, scaled(completion, -1))
         return (self.forms.short(terms), terms), constant
 
     def _with_terms(self, e: sp.Expr) -> Addend:
@@ -262,40 +276,38 @@ class HamiltonianTerms:
 class ForceTerms:
     """The additive terms of the rows of F, by classes of coordinates."""
 
-    def __init__(
-        self, forms: CanonicalForms, support: Support, given: Sequence[sp.Expr]
-    ) -> None:
+    def __init__(self, forms: CanonicalForms, support: Support, F: Sequence[sp.Expr]) -> None:
         self.forms = forms
         self.support = support
-        self.given = given
+        self.F = F
 
     def rows(self) -> list[sp.Expr]:
-        """Return each row as the sum of its addends.
+        """Return each row of F as the sum of its addends.
 
-        One choice serves all rows, as they have subexpressions in common.
+        Derived or given addends are selected for all rows together, as rows share subexpressions.
         """
-        found: dict[Hashable, dict[int, Terms]] = defaultdict(lambda: defaultdict(dict))
+        derived: dict[Hashable, dict[int, Terms]] = defaultdict(lambda: defaultdict(dict))
         given: dict[Hashable, dict[int, list[Addend]]] = defaultdict(lambda: defaultdict(list))
-        for row, e in enumerate(self.given):
+        for row, e in enumerate(self.F):
             for m, a in total_of(*map(self.forms.terms, sp.Add.make_args(e))).items():
-                found[self.support.classes(m)][row][m] = a
+                derived[self.support.classes(m)][row][m] = a
             for addend in split(self.forms, e, self._is_irreducible):
                 if addend[1]:
                     given[self.support.classes(next(iter(addend[1])))][row].append(addend)
-        made: list[list[sp.Expr]] = [[] for _ in self.given]
-        for key, parts in found.items():
-            for row, e in zip(parts, self._chosen(parts, given[key]), strict=True):
-                made[row].append(e)
-        return [sp.Add(*addends) for addends in made]
+        addends: list[list[sp.Expr]] = [[] for _ in self.F]
+        for key, row_terms in derived.items():
+            for row, e in zip(row_terms, self._select(row_terms, given[key]), strict=True):
+                addends[row].append(e)
+        return [sp.Add(*row_addends) for row_addends in addends]
 
-    def _chosen(
-        self, parts: dict[int, Terms], given: dict[int, list[Addend]]
+    def _select(
+        self, row_terms: dict[int, Terms], given: dict[int, list[Addend]]
     ) -> Iterable[sp.Expr]:
-        short = [self.forms.short(part) for part in parts.values()]
-        kept = [total(given[row]) for row in parts]
-        same = all(total_of(*(terms for _, terms in given[row])) == part
-                   for row, part in parts.items())
-        return kept if same and costs_less(kept, short) else short
+        derived_rows = list(map(self.forms.short, row_terms.values()))
+        given_rows = [total(given[row]) for row in row_terms]
+        is_equal = all(total_of(*(addend_terms for _, addend_terms in given[row])) == terms
+                       for row, terms in row_terms.items())
+        return given_rows if is_equal and costs_less(given_rows, derived_rows) else derived_rows
 
     def _is_irreducible(self, terms: Terms) -> bool:
         return len(set(map(self.support.classes, terms))) <= 1

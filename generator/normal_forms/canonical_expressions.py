@@ -16,6 +16,7 @@ from .expansion import NormalForm, TooLongError, rebuilt
 from .products_of_sums import Power, split_off_powers
 from .shortest_sum import Compact, cost
 from .terms import (
+    Monomial,
     Terms,
     expression_of,
     fraction,
@@ -29,11 +30,11 @@ from .terms import (
 
 __all__ = ["CanonicalForms", "costs_less"]
 
-#: The given form is selected if it costs less than this part of the derived one.
+#: The given form is selected if it costs less than this fraction of the derived one.
 _CLEARLY_LESS = 0.7
-#: Limits of products of terms: at least, for each expanded subexpression, for each term whose short
-#: form is sought. Bodies and springs need a third of them.
-_LEAST, _FOR_A_PART, _FOR_A_TERM = 2000, 25, 200
+#: Limits of the number of products of terms: the minimum, and the increments for each subexpression
+#: that is expanded and for each term of a sum that is shortened. Bodies and springs need a third.
+_MIN_PRODUCTS, _PER_SUBEXPRESSION, _PER_TERM = 2000, 25, 200
 
 
 class CanonicalForms:
@@ -42,26 +43,32 @@ class CanonicalForms:
     def __init__(self) -> None:
         self._form = NormalForm(self.expression)
         self.compact = Compact(self._form)
-        self._known: dict[sp.Expr, sp.Expr] = {}
+        self._canonical: dict[sp.Expr, sp.Expr] = {}
         self._terms: dict[sp.Expr, Terms] = {}
 
     def expression(self, e: sp.Expr) -> sp.Expr:
-        """Return the canonical form of an expression that is not split further."""
+        """Return the canonical form of an expression as a whole, not split into addends.
+
+        Symbols are renamed by their order before, so that equal forms of different bodies hit the
+        cache.
+        """
         if e.is_Symbol or e.is_Rational:
             return e
-        own = local_names(e.free_symbols)
-        e = e.xreplace(own)
-        if e not in self._known:
-            written = self.normal_form(e)
-            found = self._shortest(self.terms(e))
-            self._known[e] = written if costs_less([written], [found]) else found
-        return self._known[e].xreplace({x: s for s, x in own.items()})
+        renaming = local_names(e.free_symbols)
+        e = e.xreplace(renaming)
+        if e not in self._canonical:
+            given_form = self.normal_form(e)
+            derived_form = self._shortest(self.terms(e))
+            is_cheaper = costs_less([given_form], [derived_form])
+            self._canonical[e] = given_form if is_cheaper else derived_form
+        return self._canonical[e].xreplace({x: s for s, x in renaming.items()})
 
     def terms(self, e: sp.Expr) -> Terms:
-        """Return the terms of an expression: itself where expansion takes too long."""
+        """Return the terms of an expression; if its expansion takes too long, e as one term."""
         if e not in self._terms:
             try:
-                with self._form.allowed(_LEAST + _FOR_A_PART * sum(1 for _ in parts_of([e]))):
+                subexpressions = sum(1 for _ in parts_of([e]))
+                with self._form.allowed(_MIN_PRODUCTS + _PER_SUBEXPRESSION * subexpressions):
                     self._terms[e] = self._form(e)
             except TooLongError:
                 self._terms[e] = {frozenset([(self.normal_form(e), 1)]): 1}
@@ -69,31 +76,35 @@ class CanonicalForms:
 
     def short(self, terms: Terms) -> sp.Expr:
         """Return terms in their shortest form."""
-        own = local_names(symbols_in(terms))
-        renamed = {frozenset((base.xreplace(own), n if isinstance(n, int) else n.xreplace(own))
-                             for base, n in m): a for m, a in terms.items()}
-        return self._shortest(renamed).xreplace({x: s for s, x in own.items()})
+        renaming = local_names(symbols_in(terms))
+
+        def renamed(m: Monomial) -> Monomial:
+            return frozenset((base.xreplace(renaming),
+                              n if isinstance(n, int) else n.xreplace(renaming)) for base, n in m)
+
+        local_terms = {renamed(m): a for m, a in terms.items()}
+        return self._shortest(local_terms).xreplace({x: s for s, x in renaming.items()})
 
     def powers(
         self, terms: Terms, momenta: frozenset[sp.Symbol] | None = None
     ) -> tuple[list[Power], Terms]:
-        """Return powers of sums, of momenta if these are given, and the remaining terms."""
+        """Return powers of sums and the remaining terms; see ``split_off_powers``."""
         try:
-            with self._form.allowed(_LEAST + _FOR_A_TERM * len(terms)):
+            with self._form.allowed(_MIN_PRODUCTS + _PER_TERM * len(terms)):
                 return split_off_powers(terms, self.compact, momenta)
         except TooLongError:
             return [], terms
 
     def _shortest(self, terms: Terms) -> sp.Expr:
         try:
-            with self._form.allowed(_LEAST + _FOR_A_TERM * len(terms)):
-                found = self.compact(terms)
+            with self._form.allowed(_MIN_PRODUCTS + _PER_TERM * len(terms)):
+                shortest = self.compact(terms)
         except TooLongError:
-            found = expression_of(terms)
-        powers = [x for x in found.atoms(sp.Pow, sp.exp) if not x.exp.is_Rational]
-        return found.xreplace({x: x.as_base_exp()[0] ** self.expression(x.exp) for x in powers})
+            shortest = expression_of(terms)
+        powers = [x for x in shortest.atoms(sp.Pow, sp.exp) if not x.exp.is_Rational]
+        return shortest.xreplace({x: x.as_base_exp()[0] ** self.expression(x.exp) for x in powers})
 
-    # ------------------------------------------------------------ what was written
+    # ------------------------------------------------------------ the given form
 
     def normal_form(self, e: sp.Expr) -> sp.Expr:
         """Return an expression as given, with its subexpressions in canonical form."""
@@ -112,17 +123,17 @@ class CanonicalForms:
         base, exponent = self.expression(base), self.expression(exponent)
         if not (base.is_Add and exponent.is_Integer):
             return base**exponent
-        value, inner = primitive(base)
-        value, n = quotient(Fraction(value) ** int(exponent), 1), int(exponent)
-        if n > 0 and value.numerator % 2**n == 0 and all(map(is_bilinear, inner.args)):
-            value, inner = quotient(value, 2**n), 2 * inner
+        factor, coprime_sum = primitive(base)
+        factor, n = quotient(Fraction(factor) ** int(exponent), 1), int(exponent)
+        if n > 0 and factor.numerator % 2**n == 0 and all(map(is_bilinear, coprime_sum.args)):
+            factor, coprime_sum = quotient(factor, 2**n), 2 * coprime_sum
         # evaluated, a number would go into the sum
-        return sp.Mul(rational(value), inner**exponent, evaluate=False)
+        return sp.Mul(rational(factor), coprime_sum**exponent, evaluate=False)
 
 
-def costs_less(written: Sequence[sp.Expr], found: Sequence[sp.Expr]) -> bool:
+def costs_less(given: Sequence[sp.Expr], derived: Sequence[sp.Expr]) -> bool:
     """Whether the given expressions cost clearly less than the derived ones."""
-    return cost(written) < _CLEARLY_LESS * cost(found)
+    return cost(given) < _CLEARLY_LESS * cost(derived)
 
 
 def is_bilinear(e: sp.Expr) -> bool:
@@ -132,10 +143,10 @@ def is_bilinear(e: sp.Expr) -> bool:
 
 
 def local_names(symbols: Iterable[sp.Symbol]) -> dict[sp.Symbol, sp.Symbol]:
-    """Return placeholders numbered from 0, in the same order: equal forms get equal names."""
-    found = {}
+    """Return placeholders numbered from 0 for symbols, in order: equal forms get equal names."""
+    renaming = {}
     counts = {True: 0, False: 0}
     for x in sorted(symbols, key=lambda x: x.name):
-        found[x] = placeholder(counts[varies(x)], varies(x), frozenset(x.assumptions0.items()))
+        renaming[x] = placeholder(counts[varies(x)], varies(x), frozenset(x.assumptions0.items()))
         counts[varies(x)] += 1
-    return found
+    return renaming

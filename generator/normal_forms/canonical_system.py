@@ -37,44 +37,47 @@ def canonical(system: System) -> System:
 
     Symbols are ordered by their indices in q, p and the parameters, not by their names.
     """
-    moving = (*system.q, *system.p, *filter(None, (system.time,)))
-    placeholders = {x: placeholder(at, side is moving, frozenset(x.assumptions0.items()))
-                    for side in (moving, system.parameters) for at, x in enumerate(side)}
-    names = {x: own for own, x in placeholders.items()}
+    variables = (*system.q, *system.p, *filter(None, (system.time,)))
+    placeholders = {x: placeholder(index, side is variables, frozenset(x.assumptions0.items()))
+                    for side in (variables, system.parameters) for index, x in enumerate(side)}
+    symbol_of = {p_x: x for x, p_x in placeholders.items()}
     forms = CanonicalForms()
 
-    def named(found: sp.Expr, written: sp.Expr) -> sp.Expr:
-        return with_floats(found, written).xreplace(names)
+    def with_symbols(e: sp.Expr, given_expression: sp.Expr) -> sp.Expr:
+        return with_floats(e, given_expression).xreplace(symbol_of)
 
-    def by_itself(e: sp.Expr) -> sp.Expr:
-        return named(forms.expression(e.xreplace(placeholders)), e)
+    def canonical_expression(e: sp.Expr) -> sp.Expr:
+        return with_symbols(forms.expression(e.xreplace(placeholders)), e)
 
     v = system.velocities
-    rows = tuple(sp.Add(by_itself(rest), *(by_itself(e) * x for e, x in zip(row, v, strict=True)))
-                 for row, rest in zip(system.A, system.a, strict=True))
-    g = tuple(map(by_itself, system.constraints))
-    if isinstance(system, LagrangianSystem):  # what is written is short: T of sums of velocities
-        return replace(system, constraints=g, velocity_constraints=rows)
+    velocity_constraints = tuple(  # A v + a
+        sp.Add(canonical_expression(affine),
+               *(canonical_expression(e) * x for e, x in zip(row, v, strict=True)))
+        for row, affine in zip(system.A, system.a, strict=True))
+    g = tuple(map(canonical_expression, system.constraints))
+    # T stays as given: expanded, it would lose its short sums of velocities
+    if isinstance(system, LagrangianSystem):
+        return replace(system, constraints=g, velocity_constraints=velocity_constraints)
     q, p = ([placeholders[x] for x in side] for side in (system.q, system.p))
     H = HamiltonianTerms(forms, q, p, system.H.xreplace(placeholders))
     F = ForceTerms(forms, H.support, [e.xreplace(placeholders) for e in system.forces])
     return replace(
         system,
-        H=named(H.sum(), system.H),
+        H=with_symbols(H.sum(), system.H),
         constraints=g,
-        velocity_constraints=rows,
-        forces=tuple(named(e, old) for e, old in zip(F.rows(), system.forces, strict=True)),
-        quantities={name: by_itself(e) for name, e in system.quantities.items()},
+        velocity_constraints=velocity_constraints,
+        forces=tuple(with_symbols(e, old) for e, old in zip(F.rows(), system.forces, strict=True)),
+        quantities={name: canonical_expression(e) for name, e in system.quantities.items()},
     )
 
 
-def with_floats(found: sp.Expr, written: sp.Expr) -> sp.Expr:
-    """Return decimals in place of long fractions where decimals were given.
+def with_floats(e: sp.Expr, given_expression: sp.Expr) -> sp.Expr:
+    """Return e with decimals in place of long fractions, if the given expression has decimals.
 
     Decimals are exact fractions until then: 0.5 and 1/2 are one number, and a sum of decimals is
     the same in any order.
     """
-    bits = max((x._prec for x in written.atoms(sp.Float)), default=0)
-    return found if not bits else found.xreplace({
-        x: sp.Float(x, precision=bits) for x in found.atoms(sp.Rational)
+    bits = max((x._prec for x in given_expression.atoms(sp.Float)), default=0)
+    return e if not bits else e.xreplace({
+        x: sp.Float(x, precision=bits) for x in e.atoms(sp.Rational)
         if max(abs(x.p), x.q) > _LONGEST})

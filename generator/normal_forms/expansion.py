@@ -63,11 +63,11 @@ class NormalForm:
     def __init__(self, canonical: Callable[[sp.Expr], sp.Expr]) -> None:
         self.canonical = canonical
         self.allowance = 0
-        self._known: dict[sp.Expr, Terms] = {}
+        self._expanded: dict[sp.Expr, Terms] = {}
 
     @contextmanager
     def allowed(self, products: int) -> Iterator[None]:
-        """Set the allowance for a while; the previous one is restored afterwards."""
+        """Set the allowance inside a ``with`` block; the previous one is restored afterwards."""
         before, self.allowance = self.allowance, products
         try:
             yield
@@ -75,7 +75,7 @@ class NormalForm:
             self.allowance = before
 
     def spend(self, products: int) -> None:
-        """Take from the allowance."""
+        """Subtract from the allowance; raises ``TooLongError`` if it is exhausted."""
         self.allowance -= products
         if self.allowance < 0:
             raise TooLongError
@@ -83,7 +83,7 @@ class NormalForm:
     def __call__(self, e: sp.Expr) -> Terms:
         """Return the terms of an expression, divided by the sums in their denominators."""
         terms = self.terms(e)
-        while True:  # what was divided by one sum may be divided by another again
+        while True:  # a quotient by one sum may be divisible by another
             sums = {base for m in terms for base, n in m if is_below(base, n)}
             before = terms
             for base in sorted(sums, key=base_key):
@@ -93,9 +93,9 @@ class NormalForm:
 
     def terms(self, e: sp.Expr) -> Terms:
         """Return the terms without division."""
-        if e not in self._known:
-            self._known[e] = self._terms(e)
-        return self._known[e]
+        if e not in self._expanded:
+            self._expanded[e] = self._terms(e)
+        return self._expanded[e]
 
     def _terms(self, e: sp.Expr) -> Terms:
         if e.is_Rational or (e.is_Float and e.is_finite):
@@ -108,46 +108,46 @@ class NormalForm:
             return self.product(map(self.terms, e.args))
         if e.is_Pow or isinstance(e, sp.exp):
             return self._power(*e.as_base_exp())
-        made = rebuilt(e, self.canonical)
-        if made.func == e.func:
-            return {frozenset([(made, 1)]): 1}
-        return self.terms(made)  # sin(−x) has become −sin(x)
+        canonical = rebuilt(e, self.canonical)
+        if canonical.func == e.func:
+            return {frozenset([(canonical, 1)]): 1}
+        return self.terms(canonical)  # sin(−x) has become −sin(x)
 
     # ------------------------------------------------------------ products
 
     def product(self, factors: Iterable[Terms]) -> Terms:
         """Return the product."""
-        made = constant(1)
+        product = constant(1)
         for factor in sorted(factors, key=len):
-            made = self._times(made, factor)
-        return made
+            product = self._times(product, factor)
+        return product
 
     def power(self, base: Terms, n: int) -> Terms:
         """Return a whole power."""
         self.spend(math.comb(len(base) + n - 1, n) if n <= self.allowance else n)
-        made = constant(1)
+        power = constant(1)
         for bit in f"{n:b}":
-            made = self._times(made, made)
+            power = self._times(power, power)
             if bit == "1":
-                made = self._times(made, base)
-        return made
+                power = self._times(power, base)
+        return power
 
     def _times(self, a: Terms, b: Terms) -> Terms:
         self.spend(len(a) * len(b))
-        made: Terms = {}
-        longer: list[Terms] = []
-        for left, x in a.items():
-            for right, y in b.items():
-                found, value, sums = merged(left, right)
-                value = quotient(x * y * value, 1) if value != 1 else x * y
-                if sums:  # √u √u has become u
-                    powers = (self.power(self.terms(base), n) for base, n in sums)
-                    longer.append(self.product([{found: value}, *powers]))
+        product: Terms = {}
+        expanded_products: list[Terms] = []
+        for m_a, x in a.items():
+            for m_b, y in b.items():
+                monomial, coefficient, sum_powers = merged(m_a, m_b)
+                coefficient = quotient(x * y * coefficient, 1) if coefficient != 1 else x * y
+                if sum_powers:  # √u √u = u, which is expanded again
+                    powers = (self.power(self.terms(base), n) for base, n in sum_powers)
+                    expanded_products.append(self.product([{monomial: coefficient}, *powers]))
                 else:
-                    add_to(made, found, value)
-        return total_of(made, *longer) if longer else made
+                    add_to(product, monomial, coefficient)
+        return total_of(product, *expanded_products) if expanded_products else product
 
-    # ------------------------------------------------------------ bars, roots, other powers
+    # ------------------------------------------------------------ denominators, roots, other powers
 
     def _power(self, base: sp.Expr, exponent: sp.Expr) -> Terms:
         if exponent.is_Float and exponent.is_finite:
@@ -160,87 +160,94 @@ class NormalForm:
             base = self.canonical(base)
         if base.is_Add and exponent.is_Rational:
             return self._sum_power(base, exponent)
-        value = base**exponent  # SymPy takes out of it what may be taken out
-        if (value.is_Pow or isinstance(value, sp.exp)) and value.as_base_exp() == (base, exponent):
+        power = base**exponent  # SymPy takes out factors, as (4 x)^½ = 2 √x
+        if (power.is_Pow or isinstance(power, sp.exp)) and power.as_base_exp() == (base, exponent):
             return power_of_atom(base, exponent)
         return self.product(
             self._power(*factor.as_base_exp()) if factor.is_Pow else self.terms(factor)
-            for factor in sp.Mul.make_args(value))
+            for factor in sp.Mul.make_args(power))
 
     def _sum_power(self, base: sp.Expr, exponent: sp.Rational) -> Terms:
-        """Return a power of a sum without common numbers and denominators."""
+        """Return a power of a sum, with common numbers and denominators taken out of the sum.
+
+        Roots of variable sums keep their denominators, and a factor leaves a root only if it is
+        positive.
+        """
         inner = self.terms(base)
-        may_split = exponent.is_Integer or not varies(base)
-        outer = denominators(inner, only_positive=not exponent.is_Integer) if may_split else ONE
+        clears_denominators = exponent.is_Integer or not varies(base)
+        outer = ONE
+        if clears_denominators:
+            outer = denominators(inner, only_positive=not exponent.is_Integer)
         if outer:
             cleared = self._times(inner, {inverse(outer): 1})
             factors = [self._power(b, n * exponent) for b, n in outer]
             return self.product([*factors, self._power(expression_of(cleared), exponent)])
-        value, inner_sum = primitive(base)
-        if value < 0 and not exponent.is_Integer:
-            value, inner_sum = -value, -inner_sum
-        whole = max(int(sp.floor(exponent)), 0)
-        factors = [power_of_atom(rational(value), exponent),
-                   {frozenset([(inner_sum, plain_exponent(exponent - whole))]): 1}]
-        if whole:
-            factors.append(self.power(self.terms(inner_sum), whole))
+        content, inner_sum = primitive(base)
+        if content < 0 and not exponent.is_Integer:
+            content, inner_sum = -content, -inner_sum
+        integer_part = max(int(sp.floor(exponent)), 0)
+        factors = [power_of_atom(rational(content), exponent),
+                   {frozenset([(inner_sum, plain_exponent(exponent - integer_part))]): 1}]
+        if integer_part:
+            factors.append(self.power(self.terms(inner_sum), integer_part))
         return self.product(factors)
 
     # ------------------------------------------------------------ division
 
     def _divided(self, terms: Terms, base: sp.Expr) -> Terms:
-        """Return the terms after division by a sum wherever it is a denominator.
+        """Return the terms after division by the sum b = ``base``, wherever it is a denominator.
 
-        With b = a l + r and its leading term l, l bⁿ = (bⁿ⁺¹ − r bⁿ)/a for n < 0.
+        With b = a l + r and its leading monomial l: l bⁿ = (bⁿ⁺¹ − r bⁿ)/a for n < 0.
         """
         inner = self.terms(base)
         lead = leading(inner)
         if lead is None:
             return terms
-        rest = scaled({m: b for m, b in inner.items() if m != lead}, quotient(-1, inner[lead]))
-        once: Terms = {frozenset([(base, 1)]): quotient(1, inner[lead])}
-        made = dict(terms)
-        waiting = [m for m in made if has_below(m, base) and divides(lead, m)]
+        tail = scaled({m: b for m, b in inner.items() if m != lead}, quotient(-1, inner[lead]))
+        head: Terms = {frozenset([(base, 1)]): quotient(1, inner[lead])}
+        quotient_terms = dict(terms)
+        waiting = [m for m in quotient_terms if has_below(m, base) and divides(lead, m)]
         while waiting:
             m = waiting.pop()
-            if m not in made:
+            if m not in quotient_terms:
                 continue
-            part: Terms = {merged(m, inverse(lead))[0]: made.pop(m)}
-            for found, b in total_of(self._times(part, once), self._times(part, rest)).items():
-                add_to(made, found, b)
-                if has_below(found, base) and divides(lead, found):
-                    waiting.append(found)
-        return made
+            cofactor: Terms = {merged(m, inverse(lead))[0]: quotient_terms.pop(m)}
+            expanded = total_of(self._times(cofactor, head), self._times(cofactor, tail))
+            for monomial, b in expanded.items():
+                add_to(quotient_terms, monomial, b)
+                if has_below(monomial, base) and divides(lead, monomial):
+                    waiting.append(monomial)
+        return quotient_terms
 
 
-def constant(value: Number) -> Terms:
+def constant(number: Number) -> Terms:
     """Return a number as terms."""
-    return {ONE: value} if value else {}
+    return {ONE: number} if number else {}
 
 
 def power_of_atom(base: sp.Expr, exponent: sp.Expr) -> Terms:
-    """Return a power of an atom; of a number, by its prime factors."""
+    """Return a power of an atom; a rational number is split into prime factors, √12 = 2 √3."""
     if not base.is_Rational or not exponent.is_Rational:
         return {frozenset([(base, plain_exponent(exponent))] if exponent != 0 else []): 1}
     if exponent.is_Integer:
         return constant(fraction(base**exponent))
     roots: dict[sp.Expr, Any] = {}
-    value = sp.Integer(1)
+    rational_factor = sp.Integer(1)
     for prime, n in sp.factorrat(base).items():
-        whole = math.floor(n * exponent)
-        value *= sp.Integer(prime) ** whole
-        if n * exponent != whole:
-            roots[sp.Integer(prime)] = n * exponent - whole
-    return {frozenset(roots.items()): fraction(value)}
+        integer_part = math.floor(n * exponent)
+        rational_factor *= sp.Integer(prime) ** integer_part
+        if n * exponent != integer_part:
+            roots[sp.Integer(prime)] = n * exponent - integer_part
+    return {frozenset(roots.items()): fraction(rational_factor)}
 
 
 def has_below(m: Monomial, base: sp.Expr) -> bool:
-    """Whether a monomial has a sum in the denominator."""
+    """Whether a monomial has the sum ``base`` in the denominator."""
     return any(b == base and is_below(b, n) for b, n in m)
 
 
 def denominators(terms: Terms, *, only_positive: bool) -> Monomial:
-    """Return the product of all symbols in denominators of a sum, as negative powers."""
+    """Return the common denominator of a sum: its bases with their lowest negative powers."""
     lowest: dict[sp.Expr, int] = {}
     for m in terms:
         for base, n in m:

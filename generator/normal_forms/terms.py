@@ -33,12 +33,14 @@ ONE: Monomial = frozenset()
 
 
 @lru_cache(maxsize=2**16)
-def placeholder(at: int, moving: bool, facts: frozenset[tuple[str, bool]]) -> sp.Symbol:
-    """Return the placeholder number ``at`` of the variables of a run, or of the parameters.
+def placeholder(
+    index: int, is_variable: bool, assumptions: frozenset[tuple[str, bool]]
+) -> sp.Symbol:
+    """Return placeholder ``index`` of the variables of a run, or of the parameters.
 
-    Names sort as numbers do, variables first.
+    The names sort by index, variables before parameters.
     """
-    return sp.Symbol(f"_{'x' if moving else 'y'}{at:06}", **dict(facts))
+    return sp.Symbol(f"_{'x' if is_variable else 'y'}{index:06}", **dict(assumptions))
 
 
 @lru_cache(maxsize=2**16)
@@ -51,8 +53,8 @@ def varies(e: sp.Basic) -> bool:
 
 def symbols_in(monomials: Iterable[Monomial]) -> set[sp.Symbol]:
     """Return the symbols in any base or exponent."""
-    parts = {e for m in monomials for pair in m for e in pair if not isinstance(e, int)}
-    return {x for e in parts for x in e.free_symbols}
+    expressions = {e for m in monomials for pair in m for e in pair if not isinstance(e, int)}
+    return {x for e in expressions for x in e.free_symbols}
 
 
 # ---------------------------------------------------------------- numbers
@@ -60,21 +62,21 @@ def symbols_in(monomials: Iterable[Monomial]) -> set[sp.Symbol]:
 
 def quotient(a: Number, b: Number) -> Number:
     """Return a/b, as an int where it is one."""
-    value = Fraction(a) / b
-    return int(value) if value.denominator == 1 else value
+    ratio = Fraction(a) / b
+    return int(ratio) if ratio.denominator == 1 else ratio
 
 
 def fraction(e: sp.Expr) -> Number:
-    """Return the exact value of a rational or a decimal."""
+    """Return the exact value of a rational or a decimal, sign · digits · 2^exponent."""
     if e.is_Rational:
         return quotient(int(e.p), int(e.q))
     sign, digits, exponent, _ = e._mpf_
     return quotient((-1) ** sign * int(digits) * 2 ** max(int(exponent), 0), 2 ** max(-exponent, 0))
 
 
-def rational(value: Number) -> sp.Rational:
+def rational(number: Number) -> sp.Rational:
     """Return a number as an expression."""
-    return sp.Rational(value.numerator, value.denominator)
+    return sp.Rational(number.numerator, number.denominator)
 
 
 def plain_exponent(n: Any) -> Any:
@@ -91,9 +93,10 @@ def is_rational(n: Any) -> bool:
 
 
 def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Expr, int]]]:
-    """Return the product of monomials, its number, and the whole powers of sums in it.
+    """Return the product of two monomials as (monomial, number, [(sum, exponent), …]).
 
-    √u √u is the sum u to the power 1, √2 √2 the number 2.
+    The factors that are no longer irreducible are split off: √u √u gives the sum u to the power 1,
+    √2 √2 the number 2.
     """
     if not a or not b:
         return a or b, 1, []
@@ -101,26 +104,26 @@ def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Ex
     if is_plain and bases.isdisjoint(_bases(a)[0]):
         return a | b, 1, []  # the set knows the hashes of its pairs
     powers = dict(a)
-    value: Number = 1
-    sums: list[tuple[sp.Expr, int]] = []
+    number: Number = 1
+    sum_powers: list[tuple[sp.Expr, int]] = []
     for base, n in b:
-        total = plain_exponent(powers.pop(base, 0) + n)
-        if (base.is_Add or base.is_Rational) and is_rational(total):
-            whole = math.floor(total)
+        exponent = plain_exponent(powers.pop(base, 0) + n)
+        if (base.is_Add or base.is_Rational) and is_rational(exponent):
+            integer_part = math.floor(exponent)
             if base.is_Rational:
-                value = quotient(value * Fraction(fraction(base)) ** whole, 1)
-                total = plain_exponent(total - whole)
-            elif whole > 0 and not (isinstance(n, int) and n > 0):
-                sums.append((base, whole))
-                total = plain_exponent(total - whole)
-        if total != 0:
-            powers[base] = total
-    return frozenset(powers.items()), value, sums
+                number = quotient(number * Fraction(fraction(base)) ** integer_part, 1)
+                exponent = plain_exponent(exponent - integer_part)
+            elif integer_part > 0 and not (isinstance(n, int) and n > 0):
+                sum_powers.append((base, integer_part))
+                exponent = plain_exponent(exponent - integer_part)
+        if exponent != 0:
+            powers[base] = exponent
+    return frozenset(powers.items()), number, sum_powers
 
 
 @lru_cache(maxsize=2**16)
 def _bases(m: Monomial) -> tuple[frozenset[sp.Expr], bool]:
-    """Return the bases, and whether each stays as it is in a product without powers of it."""
+    """Return the bases, and whether a product with other bases is the union of the pairs."""
     return frozenset(base for base, _ in m), all(
         (isinstance(n, int) or not (n.is_Integer or base.is_Add)) and not base.is_Rational
         for base, n in m)
@@ -132,27 +135,27 @@ def inverse(m: Monomial) -> Monomial:
 
 
 def divides(a: Monomial, b: Monomial) -> bool:
-    """Whether b is a multiple of a with powers of the bases of a that are not negative."""
+    """Whether b/a has integer exponents n ≥ 0 for all bases of a."""
     powers = dict(b)
     return all(isinstance(powers.get(base), int) and powers[base] >= n for base, n in a)
 
 
 def is_below(base: sp.Expr, n: Any) -> bool:
-    """Whether a power is of a sum in the denominator."""
+    """Whether baseⁿ is a sum in the denominator: a sum with a rational n < 0."""
     return bool(base.is_Add and is_rational(n) and n < 0)
 
 
 @lru_cache(maxsize=2**14)
 def base_key(base: sp.Expr) -> Any:
-    """Return the key of an order of bases: symbols first."""
+    """Return the sort key of a base: symbols first."""
     return not base.is_Symbol, sp.default_sort_key(base)
 
 
 @lru_cache(maxsize=2**16)
 def order(m: Monomial) -> Any:
-    """Return the key of an order of monomials: the higher power of the first base comes first.
+    """Return the sort key of a monomial: lexicographic, higher powers of the first base first.
 
-    An absent base comes after every other.
+    The last entry, (2,), sorts after all bases, so that x² y comes before x².
     """
     pairs = sorted(((base_key(base), n) for base, n in m), key=lambda pair: pair[0])
     return [(key, -n if is_rational(n) else 0) for key, n in pairs] + [((2,), 0)]
@@ -161,22 +164,22 @@ def order(m: Monomial) -> Any:
 # ---------------------------------------------------------------- sums
 
 
-def add_to(made: Terms, m: Monomial, a: Number) -> None:
+def add_to(terms: Terms, m: Monomial, a: Number) -> None:
     """Add a term in place; a term with the coefficient 0 is removed."""
-    value = made.get(m, 0) + a
-    if value:
-        made[m] = value
+    coefficient = terms.get(m, 0) + a
+    if coefficient:
+        terms[m] = coefficient
     else:
-        made.pop(m, None)
+        terms.pop(m, None)
 
 
-def total_of(*parts: Terms) -> Terms:
+def total_of(*summands: Terms) -> Terms:
     """Return the sum."""
-    made = dict(parts[0]) if parts else {}
-    for part in parts[1:]:
-        for m, a in part.items():
-            add_to(made, m, a)
-    return made
+    total = dict(summands[0]) if summands else {}
+    for summand in summands[1:]:
+        for m, a in summand.items():
+            add_to(total, m, a)
+    return total
 
 
 def scaled(terms: Terms, factor: Number) -> Terms:
@@ -185,9 +188,9 @@ def scaled(terms: Terms, factor: Number) -> Terms:
 
 
 def leading(terms: Terms) -> Monomial | None:
-    """Return the first of the monomials with whole powers above zero; None if there is none."""
-    found = [m for m in terms if m and all(isinstance(n, int) and n > 0 for _, n in m)]
-    return min(found, key=order, default=None)
+    """Return the first monomial, in ``order``, with integer exponents > 0 only, or None."""
+    monomials = [m for m in terms if m and all(isinstance(n, int) and n > 0 for _, n in m)]
+    return min(monomials, key=order, default=None)
 
 
 def term(m: Monomial, a: Number = 1) -> sp.Expr:
@@ -201,12 +204,12 @@ def expression_of(terms: Terms) -> sp.Expr:
 
 
 def primitive(e: sp.Expr) -> tuple[Number, sp.Expr]:
-    """Return a number and a sum of coprime whole coefficients, whose product is e.
+    """Return (a, s) with e = a s; s is a sum with coprime integer coefficients.
 
-    Of a sum and its negative, SymPy's order of terms chooses one.
+    SymPy's order of terms decides between s and −s, so that e and −e have the same s.
     """
     if not e.is_Add:
         return 1, e
     content, inner = e.primitive()
-    value = fraction(content)
-    return (-value, -inner) if inner.could_extract_minus_sign() else (value, inner)
+    factor = fraction(content)
+    return (-factor, -inner) if inner.could_extract_minus_sign() else (factor, inner)
