@@ -1,6 +1,6 @@
-"""Code generation: from what was derived to the header, the source and the manifest.
+"""Code generation: from a derived stepper to the header, the source and the manifest.
 
-    profiles         how much is written: for Python, for programs in C, for a controller
+    profiles         the amount of C: for Python, for programs in C, for a controller
     program          the C program as one typed description
     mass_tables      the elimination of the mass matrix of a Lagrangian
     elements         a system as sums over element templates
@@ -11,11 +11,11 @@
     plain_iteration  the fixed-point iteration of profiles control and run, on plain numbers
     splitting_flows  compositions of exact flows: tables, weights, kernels
     constant_loops   constants of a run as loops over tables
-    solver_costs     what an iteration of either solver costs, counted
+    solver_costs     operation counts of an iteration of either solver
     state_functions  functions of one state: energy, quantities, momenta of velocities
     numbers          roles, units and values of a stepper's numbers
-    manifest         what the C guarantees, for those who call it
+    manifest         the guarantees of the C, for its callers
     bytecode         templates as Python's bytecode, cached beside them
-    c_lines          lines of C that fit on a screen
+    c_lines          line breaks in generated C
     emit             the three files of a stepper
 """

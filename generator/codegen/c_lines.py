@@ -1,4 +1,4 @@
-"""Lines of C that fit on a screen: names of steppers and kernels make some of them long."""
+"""Line breaks in generated C: names of steppers and kernels make some lines too long."""
 
 from __future__ import annotations
 
@@ -12,27 +12,29 @@ _EMPTY = re.compile(r"\n{3,}")
 
 
 def fitted(text: str) -> str:
-    """Return C with no line beyond ``WIDTH`` that can be broken, nor two empty lines in a row.
+    """Return C with lines of at most ``WIDTH`` characters, without two empty lines in a row.
 
-    Lines of code are broken behind commas; a comment of one line becomes one of several. Equations
-    in the comment on top stay as they are.
+    Lines of code are broken after commas (a line without a comma stays long); a comment of one line
+    becomes one of several. Equations in the comment at the top stay as they are.
     """
     lines: list[str] = []
     for line in _EMPTY.sub("\n\n", text).split("\n"):
-        lines += [line] if len(line) <= WIDTH or line.lstrip().startswith("*") else _broken(line)
+        fits = len(line) <= WIDTH or line.lstrip().startswith("*")
+        lines += [line] if fits else _break_line(line)
     return "\n".join(lines)
 
 
-def _broken(line: str) -> list[str]:
+def _break_line(line: str) -> list[str]:
+    """Return the lines of one long line; continuation lines are indented by four more columns."""
     indent = line[: len(line) - len(line.lstrip())]
     if line.startswith("/* ") and line.endswith(" */"):
         inner = textwrap.wrap(line[3:-3], WIDTH - 3, break_long_words=False)
-        return ["/*", *(f" * {part}" for part in inner), " */"]
-    parts = []
+        return ["/*", *(f" * {text}" for text in inner), " */"]
+    lines = []
     while len(line) > WIDTH:
-        at = line.rfind(", ", 0, WIDTH) + 1
-        if at <= len(indent) + 4:
+        end = line.rfind(", ", 0, WIDTH) + 1
+        if end <= len(indent) + 4:
             break
-        parts.append(line[:at])
-        line = f"{indent}    {line[at + 1:]}"
-    return [*parts, line]
+        lines.append(line[:end])
+        line = f"{indent}    {line[end + 1:]}"
+    return [*lines, line]

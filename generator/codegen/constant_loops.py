@@ -1,4 +1,4 @@
-"""Constants of a run as loops over tables: equal formulas of many parameters are written once."""
+"""Loops over tables of constants: a formula of many constants is generated once."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 __all__ = ["ConstantLoop", "split_constants"]
 
-#: Formulas that fewer constants have are written one by one.
+#: Fewer constants with one formula are assigned one by one.
 _FEW = 64
 _PARAMETER = re.compile(r"par->(\w+)")
 
 
 @dataclass(frozen=True)
 class ConstantLoop:
-    """One formula, and for each constant that has it the place and the names of its parameters."""
+    """One formula, with the index and the parameter names of each constant that it defines."""
 
     name: str
     formula: str
@@ -23,22 +23,22 @@ class ConstantLoop:
 
 
 def split_constants(constants_c: Mapping[str, str]) -> tuple[dict[int, str], list[ConstantLoop]]:
-    """Return place → C of the constants to be written one by one, and the loops of the others.
+    """Return index → C of the constants that are assigned one by one, and the loops of the others.
 
-    Formulas are equal if they differ in the names of their parameters alone. As one assignment for
-    each of N constants, which the compiler inlines wherever a run begins, they take it O(N²) time.
+    Formulas are equal if they differ only in the names of their parameters. N single assignments
+    would take the compiler O(N²) time, as it inlines them at the start of each run function.
     """
-    rows: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
-    for place, text in enumerate(constants_c.values()):
-        rows.setdefault(_PARAMETER.sub("par->", text), []).append(
-            (place, tuple(_PARAMETER.findall(text))))
+    instances_of: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
+    for index, text in enumerate(constants_c.values()):
+        instances_of.setdefault(_PARAMETER.sub("par->", text), []).append(
+            (index, tuple(_PARAMETER.findall(text))))
     loops: list[ConstantLoop] = []
-    for formula, found in rows.items():
-        if len(found) >= _FEW:
-            name, *parts = f"constants{len(loops)}", *formula.split("par->")
-            made = parts[0] + "".join(f"parameter_at(par, {name}[i][{k}]){rest}"
-                                      for k, rest in enumerate(parts[1:], start=1))
-            loops.append(ConstantLoop(name, made, found))
-    looped = {place for loop in loops for place, _ in loop.rows}
-    return ({place: text for place, text in enumerate(constants_c.values())
-             if place not in looped}, loops)
+    for formula, instances in instances_of.items():
+        if len(instances) >= _FEW:
+            name, *pieces = f"constants{len(loops)}", *formula.split("par->")
+            loop_formula = pieces[0] + "".join(f"parameter_at(par, {name}[i][{k}]){suffix}"
+                                               for k, suffix in enumerate(pieces[1:], start=1))
+            loops.append(ConstantLoop(name, loop_formula, instances))
+    looped = {index for loop in loops for index, _ in loop.rows}
+    return ({index: text for index, text in enumerate(constants_c.values())
+             if index not in looped}, loops)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import sympy as sp
 
 from ..kernels.c_printer import CPrinter
-from ..kernels.kernel import Constants, Target, emit_kernel
+from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel
+from ..kernels.statements import Kernel
 from ..schemes.derivative_kernels import (
     derivative_kernels,
     flow_transposes,
@@ -36,70 +40,78 @@ LINEARISATION = {
 _MOST_UNKNOWNS, _MOST_COORDINATES = 48, 8
 
 
+class _Kernels(NamedTuple):
+    """The kernels of the derivatives of a step.
+
+    Attributes
+    ----------
+    derivatives : list of Kernel
+        Derivatives that a step itself does not need, by state and by constants.
+    linearisation : list of Kernel
+        All kernels that the linearisation of a step calls, for lanes.
+    duals : list of Kernel
+        Kernels that are evaluated on dual numbers.
+    """
+
+    derivatives: list[Kernel]
+    linearisation: list[Kernel]
+    duals: list[Kernel]
+
+
 def derivatives_of(
     derived: Derived, constants_c: dict[str, str], elements: Elements | None,
     iteration: LaneIteration | None,
 ) -> Derivatives:
-    """Return the derivatives of a stepper whose C has these constants."""
+    """Return the tangents and adjoints of a stepper.
+
+    Parameters
+    ----------
+    constants_c : dict
+        Name of each constant of a run → C of its value.
+    elements : Elements or None
+        The element templates, if the C of the stepper loops over them.
+    iteration : LaneIteration or None
+        The iteration on lanes, whose kernels are not emitted again.
+    """
     scheme, system, real = derived.scheme, derived.system, derived.real
     symbols = {str(s): (s, e) for e, s in derived.constants.definitions.items()}
     constants = [symbols[name] for name in constants_c]
     times = time_columns(scheme)
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
-    parts = [] if elements is None else element_derivatives(derived, elements)
-    own = [] if parts else derivative_kernels(scheme, columns)
-    if isinstance(scheme, SplittingScheme):
-        of_linearisation = flow_transposes(scheme, columns)
-        own += of_linearisation
-        on_duals = [*scheme.kernels(), *scheme.flow_kernels(work=False)]
-        of_linearisation = [*of_linearisation,
-                            *(k for k in scheme.kernels() if k.name == "space_rates")]
-        if derived.second:
-            on_duals += [*own, *(k for k in scheme.state_kernels() if k.name in LINEARISATION)]
-    else:  # element templates have kernels of their own
-        of_linearisation = on_duals = [] if parts else [
-            k for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
-            if k.name in LINEARISATION]
-    kernels = [emit_kernel(k, derived.constants, real) for k in own]
-    lanes = []
-    if (iteration is not None and not parts and not derived.second
-            and not isinstance(system, LagrangianSystem) and not real.wide
-            and scheme.size <= _MOST_UNKNOWNS and system.n <= _MOST_COORDINATES):
-        known = {k.name for k in iteration.kernels}
+    templates = [] if elements is None else element_derivatives(derived, elements)
+    step = _step_kernels(derived, columns, has_templates=bool(templates))
+    kernels = [emit_kernel(k, derived.constants, real) for k in step.derivatives]
+    lanes: list[EmittedKernel] = []
+    if iteration is not None and not templates and _fits_lanes(derived):
+        names = {k.name for k in iteration.kernels}
         lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
-                 for k in of_linearisation if f"lanes_{k.name}" not in known]
-        used = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative",
-                *({"rates_by_constants"} if system.is_time_dependent else ())}  # of one state
-        kernels = [k for k in kernels if k.name in used]
+                 for k in step.linearisation if f"lanes_{k.name}" not in names]
+        # the lanes do the rest: only these are evaluated at the end of a step, for one state
+        of_one_state = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative",
+                        *({"rates_by_constants"} if system.is_time_dependent else ())}
+        kernels = [k for k in kernels if k.name in of_one_state]
     quantities = quantity_derivatives(system)
-    if quantities is not None:
-        kernels.append(emit_kernel(quantities, Constants(system.parameters), real,
-                                   Target(real.c_type, "parameters_t", "")))
     rates = quantity_rates(system) if derived.profile == "full" else None
     switches = switch_kernel(system)
-    for kernel in (rates, switches):
-        if kernel is not None:
-            kernels.append(emit_kernel(kernel, Constants(system.parameters), real,
-                                       Target(real.c_type, "parameters_t", "")))
-    called = [*kernels, *(k["scalar"] for part in parts for k in part["own"])]
+    kernels += [emit_kernel(kernel, Constants(system.parameters), real,
+                            Target(real.c_type, "parameters_t", ""))
+                for kernel in (quantities, rates, switches) if kernel is not None]
+    called = [*kernels, *(k["scalar"] for template in templates for k in template["own"])]
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
                        | {START: f"par->{system.time}"})
-    order = {p: j for j, p in enumerate(system.parameters)}
-    slopes = [(i, order[p], d) for i, (_, e) in enumerate(constants)
-              for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__)
-              if (d := derivative(e, p)) != 0]
-    duals = dual_kernels(derived, on_duals, [d for *_, d in slopes]) if derived.second or (
+    slopes = _slopes([e for _, e in constants], system.parameters)
+    duals = dual_kernels(derived, step.duals, [d for *_, d in slopes]) if derived.second or (
         isinstance(scheme, SplittingScheme) and not lanes) else None
-    places = {name: i for i, name in enumerate(constants_c)}
+    index_of = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,
         columns=len(columns),
         times=len(times),
         chain=[(i, j, printer.number(d)) for i, j, d in slopes],
-        inputs=[places.get(str(u), -1) for u in system.inputs],
+        inputs=[index_of.get(str(u), -1) for u in system.inputs],
         functions=frozenset(printer.functions).union(
             duals.functions if duals else (), *(k.functions for k in called)),
-        parts=parts,
+        parts=templates,
         lanes=lanes,
         quantities=quantities is not None,
         quantity_rates=rates is not None,
@@ -108,3 +120,41 @@ def derivatives_of(
         switches=0 if switches is None else len(switches.outputs["w"]),
     )
 
+
+def _step_kernels(
+    derived: Derived, columns: Sequence[sp.Symbol], *, has_templates: bool
+) -> _Kernels:
+    """Return the kernels of the derivatives of a step; element templates have kernels of theirs."""
+    if has_templates:
+        return _Kernels([], [], [])
+    scheme = derived.scheme
+    derivatives = derivative_kernels(scheme, columns)
+    if not isinstance(scheme, SplittingScheme):
+        linearisation = [
+            k for k in [*common_kernels(scheme.system), *scheme.kernels(), *derivatives]
+            if k.name in LINEARISATION]
+        return _Kernels(derivatives, linearisation, linearisation)
+    transposes = flow_transposes(scheme, columns)
+    derivatives = [*derivatives, *transposes]
+    duals = [*scheme.kernels(), *scheme.flow_kernels(work=False)]
+    if derived.second:
+        duals += [*derivatives, *(k for k in scheme.state_kernels() if k.name in LINEARISATION)]
+    space_rates = [k for k in scheme.kernels() if k.name == "space_rates"]
+    return _Kernels(derivatives, [*transposes, *space_rates], duals)
+
+
+def _fits_lanes(derived: Derived) -> bool:
+    """Whether steps are linearised on lanes: small systems with an H, without dual numbers."""
+    return (not derived.second and not isinstance(derived.system, LagrangianSystem)
+            and not derived.real.wide and derived.scheme.size <= _MOST_UNKNOWNS
+            and derived.system.n <= _MOST_COORDINATES)
+
+
+def _slopes(
+    constants: Sequence[sp.Expr], parameters: Sequence[sp.Symbol]
+) -> list[tuple[int, int, sp.Expr]]:
+    """Return the nonzero (i, j, dc_i/dθ_j) of the constants c and the parameters θ."""
+    order = {p: j for j, p in enumerate(parameters)}
+    return [(i, order[p], d) for i, e in enumerate(constants)
+            for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__)
+            if (d := derivative(e, p)) != 0]

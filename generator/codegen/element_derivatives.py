@@ -1,6 +1,6 @@
-"""Kernels of element templates that derivatives of a step need beside those of the step itself.
+"""Kernels of element templates for the derivatives of a step.
 
-Each is local: derivatives by the constants of one instance, and behind them by the times of
+Each is local to one instance: derivatives by its constants, followed by derivatives by the times of
 ``time_columns``. ``derivative_elements.c.jinja`` evaluates the matrices of all instances at a
 state, gathers directions and scatters products.
 """
@@ -49,39 +49,45 @@ _PRODUCTS: dict[str, list[tuple[str, str, bool]]] = {
 
 
 def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, Any]]:
-    """Return the kernels of each template: its part of ``elements``, by their names."""
+    """Return the tables of ``elements`` with the kernels of derivatives, one dict a template.
+
+    Key ``own`` has the additional kernels, ``groups`` the matrices that are evaluated at one state.
+    """
     scheme, structure = derived.implicit, Structure(derived.scheme.system)
     emit, times = Emitter(derived.constants, derived.real), time_columns(scheme)
     kinds = ((structure.templates, elements.energies, _energy),
              (structure.constraint_templates, elements.constraints, _constraint),
              (structure.force_templates, elements.forces, _force))
-    found = []
-    for kind, (forms, parts, kernels_of) in enumerate(kinds):
-        for form, part in zip(forms, parts, strict=True):
+    templates = []
+    for kind, (forms, tables, kernels_of) in enumerate(kinds):
+        for form, table in zip(forms, tables, strict=True):
             if not (form.q or form.p) and kind == 0:
-                continue  # a constant of H
-            made = emit.all(part["name"], kernels_of(form, scheme, times))
-            known = {k["name"]: k for k in part["kernels"]}
-            whole = part | {"kind": kind, "columns": part["nk"] + len(times), "own": made}
-            known |= {k["name"]: k for k in made}
-            groups = {name: [known[k] for k in kernels[kind] if k in known]
+                continue  # a constant of H has no derivatives
+            own = emit.all(table["name"], kernels_of(form, scheme, times))
+            by_name = {k["name"]: k for k in (*table["kernels"], *own)}
+            template = table | {"kind": kind, "columns": table["nk"] + len(times), "own": own}
+            groups = {name: [by_name[k] for k in kernels[kind] if k in by_name]
                       for name, kernels in _GROUPS.items()}
-            found.append(whole | {"groups": {name: _group(whole, name, kernels)
-                                             for name, kernels in groups.items() if kernels}})
-    return found
+            templates.append(template | {
+                "groups": {name: _group(template, name, kernels)
+                           for name, kernels in groups.items() if kernels}})
+    return templates
 
 
-def _group(part: dict[str, Any], name: str, kernels: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _group(
+    template: dict[str, Any], name: str, kernels: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
     """Return the matrices of a template in a group, with their sums and directions."""
-    sums = {"force": "q" if part["kind"] == 0 else "row", "velocity": "p",
+    sums = {"force": "q" if template["kind"] == 0 else "row", "velocity": "p",
             "out": "q" if name.endswith("force") else "row"}
-    size = {"q": part["nq"], "p": part["np"], "row": part["rows"], "c": part["columns"]}
+    size = {"q": template["nq"], "p": template["np"], "row": template["rows"],
+            "c": template["columns"]}
     matrices = [{"name": output, "of": of, "by": by, "transposed": transposed,
                  "rows": size[by if transposed else sums[of]],
                  "columns": size[sums[of] if transposed else by]}
                 for kernel in kernels for output in kernel["outputs"]
                 for of, by, transposed in _PRODUCTS[output]]
-    sign = "-" if part["kind"] == 2 else "+"
+    sign = "-" if template["kind"] == 2 else "+"
     return {
         "calls": kernels,
         "matrices": matrices,
@@ -95,52 +101,55 @@ def _group(part: dict[str, Any], name: str, kernels: Sequence[dict[str, Any]]) -
 def _by(
     form: ElementTemplate, expressions: Sequence[sp.Expr], times: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
+    """Return the derivatives of expressions by the constants of an instance and by the times."""
     return by_each(expressions, [*form.constants, *times])
 
 
-def _kept(kernels: Sequence[Kernel]) -> list[Placed]:
-    """Return kernels with outputs that have rows and columns."""
-    made = []
+def _nonempty(kernels: Sequence[Kernel]) -> list[Placed]:
+    """Return kernels without empty outputs; a kernel that has no other outputs is omitted."""
+    placed = []
     for kernel in kernels:
-        outputs = {a: rows for a, rows in kernel.outputs.items() if rows and rows[0]}
+        outputs = {a: matrix for a, matrix in kernel.outputs.items() if matrix and matrix[0]}
         if outputs:
-            made.append((Kernel(kernel.name, kernel.doc, kernel.inputs, outputs), NUMBERS))
-    return made
+            placed.append((Kernel(kernel.name, kernel.doc, kernel.inputs, outputs), NUMBERS))
+    return placed
 
 
 def _energy(
     form: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
-    part = form.system
+    """Return the kernels of a term of H: dH_q/dc, dH_p/dc and, of IMS and EMS, of D_q and D_p."""
+    element = form.system
     state = Kernel("rates_by_constants", "dH_q/dc and dH_p/dc", local_inputs(form),
-                   {"H_qc": _by(form, part.H_q if form.q else [], times),
-                    "H_pc": _by(form, part.H_p if form.p else [], times)})
+                   {"H_qc": _by(form, element.H_q if form.q else [], times),
+                    "H_pc": _by(form, element.H_p if form.p else [], times)})
     if isinstance(scheme, SparkScheme):
-        return _kept([state])
+        return _nonempty([state])
     nq, np = len(form.q), len(form.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
-    D_q, D_p = mean_gradient_of(part, (qm, pm), (dq, dp), scheme.discrete)
-    at = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
-    mean = Kernel("mean_by_start", "derivatives of D_q and D_p by qm and pm", at,
+    D_q, D_p = mean_gradient_of(element, (qm, pm), (dq, dp), scheme.discrete)
+    arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
+    mean = Kernel("mean_by_start", "derivatives of D_q and D_p by qm and pm", arguments,
                   {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm),
                    "D_pq": jacobian(D_p, qm), "D_pp": jacobian(D_p, pm)})
-    by_constants = Kernel("mean_by_constants", "dD_q/dc and dD_p/dc", at,
+    by_constants = Kernel("mean_by_constants", "dD_q/dc and dD_p/dc", arguments,
                           {"D_qc": _by(form, D_q, times), "D_pc": _by(form, D_p, times)})
     hessian = [k for k in term_kernels(form, between=False, constrained=True)
                if k[0].name == "hessian"]
-    return [*_kept([state, mean, by_constants]), *hessian]
+    return [*_nonempty([state, mean, by_constants]), *hessian]
 
 
 def _constraint(
     form: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
-    nq, rows = len(form.q), len(form.expressions)
-    lam, v = vector("lambda", rows), vector("d", nq)
+    """Return the kernels of a constraint g: g, G v + g_t and G^T lambda by q and by constants."""
+    nq, m = len(form.q), len(form.expressions)
+    lam, v = vector("lambda", m), vector("d", nq)
     G = jacobian(form.expressions, form.q)
     rates = [sp.Add(*(a * x for a, x in zip(row, v, strict=True))) for row in G]
     if form.time is not None:
-        moving = jacobian(form.expressions, [form.time])
-        rates = [sp.Add(rate, row[0]) for rate, row in zip(rates, moving, strict=True)]
+        g_t = jacobian(form.expressions, [form.time])
+        rates = [sp.Add(rate, row[0]) for rate, row in zip(rates, g_t, strict=True)]
     kernels = [
         Kernel("by_constants", "dg/dc", local_inputs(form),
                {"g_c": _by(form, form.expressions, times)}),
@@ -153,16 +162,16 @@ def _constraint(
         kernels.append(Kernel("force_by_constants", "d(G^T lambda)/dc",
                               local_inputs(form, **{"lambda": lam}),
                               {"force_c": _by(form, transposed_product(G, lam), times)}))
-        return _kept(kernels)
+        return _nonempty(kernels)
     qm, dq = vector("qm", nq), vector("dq", nq)
     mean_G, _ = mean_jacobian(form, qm, dq, scheme.discrete)
     force = transposed_product(mean_G, lam)
-    at = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
-    return _kept([
+    arguments = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
+    return _nonempty([
         *kernels,
-        Kernel("mean_force_by_start", "d(G^T lambda)/dqm between two states", at,
+        Kernel("mean_force_by_start", "d(G^T lambda)/dqm between two states", arguments,
                {"K": jacobian(force, qm)}),
-        Kernel("mean_force_by_constants", "d(G^T lambda)/dc between two states", at,
+        Kernel("mean_force_by_constants", "d(G^T lambda)/dc between two states", arguments,
                {"force_c": _by(form, force, times)}),
     ])
 
@@ -170,6 +179,7 @@ def _constraint(
 def _force(
     form: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
-    at = {"q": form.q, "p": form.p, **time_input(scheme.system), "k": form.constants}
-    return _kept([Kernel("by_constants", "dF/dc", at,
-                         {"F_c": _by(form, form.expressions, times)})])
+    """Return the kernel of a force F: dF/dc."""
+    arguments = {"q": form.q, "p": form.p, **time_input(scheme.system), "k": form.constants}
+    return _nonempty([Kernel("by_constants", "dF/dc", arguments,
+                             {"F_c": _by(form, form.expressions, times)})])

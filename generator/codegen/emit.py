@@ -1,4 +1,4 @@
-"""Header, source and manifest of a stepper: what was derived becomes one description of the C.
+"""Header, source and manifest of a derived stepper.
 
     describe    Derived → Program
     emit        Program → the text of three files, by templates
@@ -44,11 +44,12 @@ from .lane_iteration import lane_iteration
 from .manifest import frame_manifest, hidden_constraints, manifest_text
 from .mass_tables import mass_tables
 from .numbers import domain_of
-from .plain_iteration import beside, plain_iteration
+from .plain_iteration import additional_kernels, plain_iteration
 from .program import (
     Derived,
     Elements,
     Features,
+    Flows,
     FrameTransformation,
     LaneIteration,
     PlainIteration,
@@ -64,11 +65,11 @@ from .state_functions import quantity_kernel, state_functions
 __all__ = ["Source", "describe", "emit"]
 
 TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
-#: Of the interface between generated files and ``engine/gyrospark/engine.h``.
+#: Version of the interface between generated files and ``engine/gyrospark/engine.h``.
 ENGINE_VERSION = 1
-#: Where a header has the hash of the model and the generator, before it is known.
+#: Placeholder in the header, replaced by the hash of the three files.
 _IDENTITY = "HASH OF THE FILES"
-#: Of the number of steps of a run, at most.
+#: Bits of the number of steps of a run, at most.
 _COUNTER_BITS = 53
 #: Coordinates of a system whose arrays of lanes take megabytes.
 _LARGE = 1000
@@ -89,8 +90,8 @@ class Source:
     def files(self, *, standalone: bool = True) -> dict[str, str]:
         """Return file name → text.
 
-        ``standalone`` puts the engine into the C. This text is what is compiled, and what keys of
-        the cache and identities of stored runs are hashes of: another engine is another stepper.
+        ``standalone`` puts the engine into the C. The compiler, the key of the cache and the
+        identity of stored runs use this text: another engine is another stepper.
         """
         source = amalgamate(self.source) if standalone else self.source
         return {
@@ -103,7 +104,7 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     """Return the C and the manifest.
 
     ``elements`` decides whether the C loops over the instances of the system's element templates;
-    by default where that saves work.
+    None: if that saves work.
     """
     program = describe(derived, elements)
     context = {field.name: getattr(program, field.name) for field in fields(program)}
@@ -122,18 +123,18 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
 
 
 def describe(derived: Derived, elements: bool | None = None) -> Program:
-    """Return the program of what was derived.
+    """Return the C program of a derived stepper.
 
     Raises
     ------
     InputError
-        For what a profile does not take; see ``plain_iteration``.
+        If the profile does not support the system or the tableau; see ``plain_iteration``.
     """
     scheme, system, constants, real = (
         derived.scheme, derived.system, derived.constants, derived.real)
     if derived.second:
         refuse_second(derived)
-    parts = _elements(derived, elements)
+    element_sums = _elements(derived, elements)
     lanes: LaneIteration | None = None
     plain: PlainIteration | None = None
     refusal = ""
@@ -141,57 +142,46 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     if flows is not None and derived.profile == "full":
         lanes = flow_lanes(derived, flows)
     elif flows is None and derived.profile == "full":
-        lanes, refusal = lane_iteration(derived, parts)
+        lanes, refusal = lane_iteration(derived, element_sums)
     elif flows is None:
         plain = plain_iteration(derived)
-    own, renamed = (plain.kernels if plain else []), dict[str, str]()
-    kernels: list[EmittedKernel] = []
-    if isinstance(scheme, SplittingScheme):
-        states = [k for k in scheme.state_kernels() if derived.profile != "control" or (
-            derived.derivatives and k.name in LINEARISATION)]
-        kernels = [*(emit_kernel(k, constants, real) for k in states),
-                   *(flows.kernels if flows else [])]
-    elif (derived.profile != "control" or derived.derivatives) and not parts:
-        kernels = [
-            emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
-                                                      *scheme.kernels()]
-            if derived.profile != "control" or k.name in LINEARISATION]
-    own, renamed = beside(kernels, own)
-    known = [*kernels, *(plain.known if plain else []),
-             *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
+    kernels = [] if element_sums else _step_kernels(derived, flows)
+    iteration_kernels, renamed = additional_kernels(kernels, plain.kernels if plain else [])
+    counted = [*kernels, *(plain.known if plain else []),
+               *(lanes.kernels if lanes else []), *(element_sums.kernels if element_sums else [])]
     frame = _frame(derived)
-    quantities, of_state = quantity_kernel(derived), state_functions(derived)
-    of_state_kernels = of_state.kernels if of_state else []
+    quantities, states = quantity_kernel(derived), state_functions(derived)
+    state_kernels = states.kernels if states else []
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters}
                        | {START: f"par->{system.time}"},
                        explicit=derived.profile == "control")
-    used = frozenset[str]().union(*(kernel.constants for kernel in known),
-                                  parts.used_constants if parts else ())
-    needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
-    constants_c = {str(s): printer(e) for e, s in needed.items()}
+    constant_names = frozenset[str]().union(*(kernel.constants for kernel in counted),
+                                            element_sums.used_constants if element_sums else ())
+    definitions = {e: s for e, s in constants.definitions.items() if str(s) in constant_names}
+    constants_c = {str(s): printer(e) for e, s in definitions.items()}
     single_constants, constant_loops = split_constants(constants_c)
-    derivatives = (derivatives_of(derived, constants_c, parts, lanes) if derived.derivatives
+    derivatives = (derivatives_of(derived, constants_c, element_sums, lanes) if derived.derivatives
                    else None)
-    more = frozenset[str]().union(derivatives.functions if derivatives else (),
-                                  *(kernel.functions for kernel in of_state_kernels))
+    other_functions = frozenset[str]().union(derivatives.functions if derivatives else (),
+                                             *(kernel.functions for kernel in state_kernels))
     if derivatives and lanes:
-        called = more.union(*(k.functions for k in derivatives.lanes))
+        called = other_functions.union(*(k.functions for k in derivatives.lanes))
         lanes = replace(lanes, functions=sorted({*lanes.functions, *(called - ON_LANES)}),
                         switches=sorted({*lanes.switches, *(called & ON_LANES)}))
     functions = printer.functions.union(
-        *(k.functions for k in known if not k.name.startswith("lanes_")),
-        quantities.functions if quantities else (), more)
+        *(k.functions for k in counted if not k.name.startswith("lanes_")),
+        quantities.functions if quantities else (), other_functions)
     tableau = scheme.tableau
     legendre = system if isinstance(system, LagrangianSystem) else None
-    place = {x: i for i, x in enumerate(system.q)}
-    hidden = hidden_constraints(derived, parts)
+    index_of = {x: i for i, x in enumerate(system.q)}
+    hidden = hidden_constraints(derived, element_sums)
     return Program(
         name=derived.name,
         version=__version__,
         engine_version=ENGINE_VERSION,
         include_check=INCLUDE_CHECK,
         profile=derived.profile,
-        features=_features(derived, parts, lanes or plain, frame, of_state),
+        features=_features(derived, element_sums, lanes or plain, frame, states),
         title=f"{derived.method} for {system.name.replace('_', ' ')}",
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
         N=system.n, M=system.m, U=scheme.size,
@@ -202,18 +192,18 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
                         for row in velocity_enclosures(tableau)]
         if tableau and system.velocity_count else [],
         order=scheme.order,
-        hamiltonian="" if parts else comment(
+        hamiltonian="" if element_sums else comment(
             legendre.texts()[0] if legendre else energy_of(system)),
         lagrangian=comment(legendre.texts()[1]) if legendre else "",
         forces=[comment(f) for f in system.forces],
-        constraints=[] if parts else [comment(g) for g in system.constraints],
+        constraints=[] if element_sums else [comment(g) for g in system.constraints],
         velocity_constraints=[comment(e) for e in system.velocity_constraints],
         hidden=", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden)) or "no constraint",
         scheme_doc=_scheme_doc(scheme),
         unknowns_doc=_unknowns_doc(scheme),
         parameters=[str(p) for p in system.parameters],
         domains=[(str(p), domain_of(p)) for p in system.parameters],
-        quaternions=[[place[x] for x in body.q] for body in system.bodies if body.q],
+        quaternions=[[index_of[x] for x in body.q] for body in system.bodies if body.q],
         time=str(system.time) if system.is_nonautonomous else "",
         inputs=[str(u) for u in system.inputs] if derived.profile == "full" else [],
         input_places=[list(constants_c).index(str(u)) for u in system.inputs
@@ -221,44 +211,65 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         quantities={name: comment(e) for name, e in system.quantities.items()},
         quantity_time=bool(system.quantities) and system.time is not None,
         quantity_kernel=quantities,
-        constants={str(s): comment(e) for e, s in needed.items()},
+        constants={str(s): comment(e) for e, s in definitions.items()},
         constants_c=constants_c,
         single_constants=single_constants,
         constant_loops=constant_loops,
         run_constants=plain.run_constants if plain else [],
-        kernels=[*kernels, *own] if derived.profile == "control" else kernels,
-        compensated=any(map(sums_products, known)),
-        cardinals=sorted(c_names_with_needs(
-            more.union(*(k.functions for k in [*known, *(derivatives.lanes if derivatives
-                                                         else [])])))),
+        kernels=[*kernels, *iteration_kernels] if derived.profile == "control" else kernels,
+        compensated=any(map(sums_products, counted)),
+        cardinals=sorted(c_names_with_needs(other_functions.union(
+            *(k.functions for k in [*counted, *(derivatives.lanes if derivatives else [])])))),
         switch_functions=SWITCHES & functions,
         costs={} if derived.profile == "control" or isinstance(scheme, SplittingScheme)
-        else solver_costs(scheme, kernels if plain else known, parts),
-        iteration_kernels=own,
+        else solver_costs(scheme, kernels if plain else counted, element_sums),
+        iteration_kernels=iteration_kernels,
         renamed=renamed,
         tableau=_tableau(scheme, real) if isinstance(scheme, SparkScheme) else None,
         mass=mass_tables(legendre) if legendre else None,
-        elements=parts,
+        elements=element_sums,
         lanes=lanes,
         plain=plain,
         no_fixed_point=refusal,
         frame=frame,
         derivatives=derivatives,
         flows=flows,
-        states=of_state,
+        states=states,
     )
 
 
-def _elements(derived: Derived, wanted: bool | None) -> Elements | None:
-    """Return the system as sums over element templates, where that is possible and wanted."""
+def _step_kernels(derived: Derived, flows: Flows | None) -> list[EmittedKernel]:
+    """Return the kernels of the step equations, or of the flows of a splitting, for one state.
+
+    Profile ``control`` has the iteration alone: it needs only the kernels of a linearisation.
+    """
+    scheme, constants, real = derived.scheme, derived.constants, derived.real
+    is_control = derived.profile == "control"
+    if isinstance(scheme, SplittingScheme):
+        of_states = [k for k in scheme.state_kernels() if not is_control or (
+            derived.derivatives and k.name in LINEARISATION)]
+        return [*(emit_kernel(k, constants, real) for k in of_states),
+                *(flows.kernels if flows else [])]
+    if is_control and not derived.derivatives:
+        return []
+    return [emit_kernel(k, constants, real)
+            for k in [*common_kernels(scheme.system), *scheme.kernels()]
+            if not is_control or k.name in LINEARISATION]
+
+
+def _elements(derived: Derived, requested: bool | None) -> Elements | None:
+    """Return the system as sums over element templates, or None if its kernels are written out.
+
+    ``requested`` is the user's choice; None selects element templates where they save work.
+    """
     system = derived.scheme.system
     if (derived.profile != "full" or derived.second or system.velocity_count
             or isinstance(system, LagrangianSystem) or isinstance(derived.scheme, SplittingScheme)):
-        return None  # M of a Lagrangian couples all of it, and so do reactions
+        return None  # the mass matrix of a Lagrangian and reactions couple all elements
     if isinstance(system, CoMovingSystem) and system.frame_velocity:
         return None
     structure = Structure(system)
-    if not (structure.is_worthwhile if wanted is None else wanted):
+    if not (structure.is_worthwhile if requested is None else requested):
         return None
     return elements_of(structure, derived)
 
@@ -311,7 +322,7 @@ def _features(
 @cache
 def _environment() -> jinja2.Environment:
     options: dict[str, Any] = {
-        "undefined": jinja2.StrictUndefined,
+        "undefined": jinja2.StrictUndefined,  # a misspelt name is an error, not an empty text
         "trim_blocks": True,
         "lstrip_blocks": True,
         "keep_trailing_newline": True,
@@ -329,44 +340,45 @@ def operations_text(operations: dict[str, int]) -> str:
 
 
 def _frame(derived: Derived) -> FrameTransformation | None:
-    """Return what transforms states back from a co-moving frame."""
+    """Return the transformation of states from the co-moving frame to the frame of the user."""
     frame, system, real = derived.frame, derived.system, derived.real
     if frame is None:
         return None
-    wide = REALS["double"] if real.name == "float" else real  # 24 bits count no 10⁹ steps
-    turning = FrameRotation(frame, system)
+    # the angle after 10⁹ steps has 30 bits before the point, and float has 24 in all
+    angle_type = REALS["double"] if real.name == "float" else real
+    rotation = FrameRotation(frame, system)
     target = Target(real.c_type, "parameters_t", "")
-    rates = [f"product_of({wide.literal(a)}, par->{frame.groups[g][0].name})"
-             if turning.axes[g] is None else
-             f"times((double_word){{ {wide.literal(a)}, 0 }}, omega{turning.axes[g]})"
-             for g, a in turning.angles]
+    rates = [f"product_of({angle_type.literal(a)}, par->{frame.groups[g][0].name})"
+             if rotation.axes[g] is None else
+             f"times((double_word){{ {angle_type.literal(a)}, 0 }}, omega{rotation.axes[g]})"
+             for g, a in rotation.angles]
     return FrameTransformation(
-        real=wide.c_type,
-        suffix=wide.suffix.lower(),
-        quarter=_quarter(wide),
+        real=angle_type.c_type,
+        suffix=angle_type.suffix.lower(),
+        quarter=_half_pi_literals(angle_type),
         groups=[{"names": [symmetry.name for symmetry in group], "axis": axis}
-                for group, axis in zip(frame.groups, turning.axes, strict=True)],
-        rotation_groups=turning.sets,
+                for group, axis in zip(frame.groups, rotation.axes, strict=True)],
+        rotation_groups=rotation.sets,
         has_inputs=bool(system.forces or system.inputs),
-        axes=turning.components,
+        axes=rotation.components,
         rates=rates,
         kernels=[emit_kernel(kernel, Constants(system.parameters), real, target)
-                 for kernel in turning.kernels()],
-        rotates_multipliers=turning.turns_multipliers,
+                 for kernel in rotation.kernels()],
+        rotates_multipliers=rotation.turns_multipliers,
         symmetries=frame_manifest(frame, system).symmetries,
     )
 
 
-def _quarter(wide: Real) -> list[str]:
-    """Return π/2 as three numbers of the type, each the rounded rest."""
+def _half_pi_literals(wide: Real) -> list[str]:
+    """Return π/2 as a sum of three numbers of the type, each the rounded remainder."""
     bits = 4 * wide.bits
     with mp.workprec(bits + 64):
-        rest = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)
-    parts = []
+        remainder = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)
+    literals = []
     for _ in range(3):
-        parts.append(wide.literal(rest))
-        rest -= round_binary(rest, wide.bits)
-    return parts
+        literals.append(wide.literal(remainder))
+        remainder -= round_binary(remainder, wide.bits)
+    return literals
 
 
 def comment(e: sp.Expr | str) -> str:
@@ -410,30 +422,30 @@ def _unknowns_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[st
 
 
 def _tableau(scheme: SparkScheme, real: Real) -> TableauText:
-    """Return every part as rows of correctly rounded literals."""
+    """Return every coefficient of a tableau as a correctly rounded literal."""
     tableau = scheme.tableau
     energy = (energy_values(tableau, constrained=scheme.system.m > 0) if scheme.exact_energy
               else {})
-    parts = tableau.map_enclosures(lambda e: real.literal(real.round(e)))
-    rows = {field: ["{ " + ", ".join(row) + " }" for row in part]
-            if isinstance(part[0], list) else [", ".join(part)]
-            for field, part in parts.items()}
+    literals = tableau.map_enclosures(lambda e: real.literal(real.round(e)))
+    lines = {field: ["{ " + ", ".join(row) + " }" for row in coefficients]
+             if isinstance(coefficients[0], list) else [", ".join(coefficients)]
+             for field, coefficients in literals.items()}
     size = {"s": tableau.s, "p": tableau.p + 1}
     shapes = {field: "".join(f"[{size[kind]}]" for kind in kinds)
               for field, kinds in FIELDS.items()}
-    return TableauText(rows, shapes, _tableau_doc(tableau), {
+    return TableauText(lines, shapes, _tableau_doc(tableau), {
         letter: [real.literal(real.round(e)) for e in values]
         for letter, values in energy.items()})
 
 
 def _tableau_doc(tableau: Tableau) -> list[str]:
-    """Return the exact coefficients, while they are short enough to read."""
+    """Return lines with the exact coefficients, for s ≤ 5 and quadratic nodes: a comment in C."""
     lines = ["Coefficients: each literal is the correctly rounded exact value."]
     if tableau.s > 5 or not all(map(is_quadratic, (*tableau.c, *tableau.c_tilde))):
         return lines
     for field in FIELDS:
-        part = getattr(tableau, field)
-        rows = part if isinstance(part[0], tuple) else (part,)
+        coefficients = getattr(tableau, field)
+        rows = coefficients if isinstance(coefficients[0], tuple) else (coefficients,)
         text = [", ".join(comment(e).replace(" ", "") for e in row) for row in rows]
         for i, row in enumerate(text):
             line = f"{field + (f'[{i}]' if len(rows) > 1 else ''):10s} = {row}"

@@ -20,7 +20,7 @@ __all__ = ["called_functions", "lane_iteration"]
 def lane_iteration(
     derived: Derived, elements: Elements | None
 ) -> tuple[LaneIteration | None, str]:
-    """Return the iteration, or None and why the tableau does not permit one."""
+    """Return the iteration and "", or None and the reason why there is none."""
     scheme, real = derived.implicit, derived.real
     tables: dict[str, list[list[Fraction]]] = {}
     even_odd: dict[str, list[list[Fraction]]] = {}
@@ -38,9 +38,10 @@ def lane_iteration(
             tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
             even_odd = {name: rows for name, rows in even_odd.items() if name in tables}
     literals, even_odd_literals = _literals(tables, real), _literals(even_odd, real)
-    history = 32 if scheme.tableau else 16  # a recurrence takes 16 steps, least squares more
+    # the recurrence of IMS and EMS uses 16 past steps, the least-squares predictor more
+    history = 32 if scheme.tableau else 16
     if elements is not None:
-        # Nothing is proved of a sum over elements but what the elements show.
+        # W of a sum over elements is factorised at each node: no constant or scalar W is detected
         kernels = [k for k in elements.kernels if k.name.startswith("lanes_")]
         structure = Structure(scheme.system)
         constants, factor = len(elements.used_constants), elements.elimination["entries"]
@@ -51,68 +52,69 @@ def lane_iteration(
             factors=bool(m), constant_schur=False, scalar_schur=False,
             separable=structure.is_separable, shared=0, affine=structure.is_quadratic,
             history=history,
-            memory=_memory(scheme, real, history, constants, factor, one=True),
-            batch_memory=_memory(scheme, real, history, constants, factor, one=False),
+            memory=_memory(scheme, real, history, constants, factor, single=True),
+            batch_memory=_memory(scheme, real, history, constants, factor, single=False),
         ), ""
     system = fast_system(scheme.system)
-    own = system.spark_kernels() if isinstance(scheme, SparkScheme) else system.mean_kernels(scheme)
+    fast_kernels = (system.spark_kernels() if isinstance(scheme, SparkScheme)
+                    else system.mean_kernels(scheme))
     folds = {symbol: f"c->{symbol.name.lstrip('_')}"
              for symbol in system.folds.definitions.values()}
-    kernels = [emit_kernel(k, derived.constants, real, Target.lanes(folds)) for k in own]
-    values = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
+    kernels = [emit_kernel(k, derived.constants, real, Target.lanes(folds)) for k in fast_kernels]
+    printer = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
     constants = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
-    constant = bool(m) and system.schur_inverse is not None
+    is_constant = bool(m) and system.schur_inverse is not None
     return LaneIteration(
         kernels=kernels,
-        folded={symbol.name.lstrip("_"): values(e)
+        folded={symbol.name.lstrip("_"): printer(e)
                 for e, symbol in system.folds.definitions.items()},
         **called_functions(kernels),
         tables=literals, even_odd_tables=even_odd_literals,
         compensated=any(sums_products(k, "lanes_") for k in kernels),
-        factors=bool(m) and (derived.is_spark or not constant),
-        constant_schur=constant,
+        factors=bool(m) and (derived.is_spark or not is_constant),
+        constant_schur=is_constant,
         scalar_schur=bool(m) and system.correction is not None,
         separable=system.is_separable,
         shared=len(system.shared),
         affine=system.is_affine,
         history=history,
-        memory=_memory(scheme, real, history, constants, m * m, one=True),
-        batch_memory=_memory(scheme, real, history, constants, m * m, one=False),
+        memory=_memory(scheme, real, history, constants, m * m, single=True),
+        batch_memory=_memory(scheme, real, history, constants, m * m, single=False),
     ), ""
 
 
 def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, Table]:
-    return {name: [[real.literal(e) for e in row] for row in rows]
-            for name, rows in tables.items()}
+    return {name: [[real.literal(e) for e in row] for row in matrix]
+            for name, matrix in tables.items()}
 
 
 def called_functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
-    """Return what kernels on lanes call: lane by lane, and on all lanes at once."""
+    """Return the functions that kernels on lanes call: one lane a call, and all lanes a call."""
     called = set[str]().union(*(k.functions for k in kernels))
     return {"functions": sorted(called - ON_LANES), "switches": sorted(called & ON_LANES)}
 
 
 def _memory(
     scheme: SparkScheme | MeanScheme, real: Real, history: int, constants: int, factor: int, *,
-    one: bool,
+    single: bool,
 ) -> int:
-    """Return bytes enough for the state of the iteration at any number of lanes; C checks it.
+    """Return an upper bound of the bytes of the iteration's state; the C checks it.
 
-    ``factor`` numbers hold the factors of W at a node. One trajectory has its stages in lanes,
-    several trajectories are in lanes themselves.
+    ``factor`` is the number of entries of the factors of W at a node. ``single``: the lanes are
+    stages of one trajectory; else they are trajectories.
     """
     n, m = scheme.system.n, scheme.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     lanes = 64 // real.bytes if not real.wide else 1
-    blocks, nodes = (-(-s // lanes), -(-p // lanes)) if one else (s, p)
+    blocks, nodes = (-(-s // lanes), -(-p // lanes)) if single else (s, p)
     x = 2 * blocks * n + nodes * m
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
-    tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
-    forced = n if one else s * n
+    tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if single else 0
+    forced = n if single else s * n
     constants += 3 + 2 * nodes if scheme.system.is_time_dependent else 0
     ring = (history + 1) * x
-    lessons = 2 * (s + (30 if s < 6 else 40)) * blocks + 2 * x + 24 if scheme.tableau else 0
+    least_squares = 2 * (s + (30 if s < 6 else 40)) * blocks + 2 * x + 24 if scheme.tableau else 0
     vectors = (forced + blocks + constants + 42
-               + 5 * n + 2 * blocks + tables + 2 * iterate + ring + lessons + 4 * m + m * m
+               + 5 * n + 2 * blocks + tables + 2 * iterate + ring + least_squares + 4 * m + m * m
                + 3 * (16 + 17 * 17) + 24)
     return vectors * lanes * real.bytes + 512

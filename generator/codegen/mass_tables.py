@@ -1,7 +1,7 @@
-"""The elimination of the mass matrix of a Lagrangian, and what derivatives of H cost.
+"""The elimination of the mass matrix of a Lagrangian, and the cost of derivatives of H.
 
-Kernels of M, b, V and L_q are expressions; the engine composes H and its derivatives of them, with
-the factors of M.
+There are kernels of M, b, V and L_q; the engine computes H and its derivatives from them and the
+factors of M.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["composed_operations", "mass_tables"]
 
 
 def mass_tables(system: LagrangianSystem) -> MassTables:
-    """Return the tables of the elimination of M, and how many entries it has."""
+    """Return the tables of the elimination of M without its zeros."""
     elimination = system.elimination
     return MassTables(
         entries=elimination.entries,
@@ -33,27 +33,31 @@ def mass_tables(system: LagrangianSystem) -> MassTables:
 def composed_operations(
     system: LagrangianSystem, kernels: Iterable[EmittedKernel]
 ) -> dict[str, dict[str, int]]:
-    """Return the operations of H's derivatives, by the names that those of other systems have."""
-    own = defaultdict(Counter[str], {k.name.removeprefix("lanes_"): Counter(k.operations)
-                                     for k in kernels})
+    """Return the operations of the derivatives of H, by the names of the kernels of other systems.
+
+    H_p takes the factors of M and one solve, H_pq n solves; (n³ operations) Newton's n × n system.
+    """
+    counts = defaultdict(Counter[str], {k.name.removeprefix("lanes_"): Counter(k.operations)
+                                        for k in kernels})
     n = system.n
     products = system.elimination.products if system.is_definite else n * n * (n + 1)
-    factor = own["mass_matrix"] + Counter(div=n, mul=products, add=products)
-    below = system.elimination.entries - n if system.is_definite else n * n
-    solve = own["rest_momentum"] + Counter(mul=2 * below + n, add=2 * below + n)
-    column = own["force_derivative"] + own["applied_force_derivative"] + solve
+    factor = counts["mass_matrix"] + Counter(div=n, mul=products, add=products)
+    off_diagonal = system.elimination.entries - n if system.is_definite else n * n
+    solve = counts["rest_momentum"] + Counter(mul=2 * off_diagonal + n, add=2 * off_diagonal + n)
+    column = counts["force_derivative"] + counts["applied_force_derivative"] + solve
     newton = Counter({name: 2 * n * count for name, count in column.items()}
                      ) + Counter(mul=n**3, add=n**3)
-    made = {"velocity": factor + solve, "force": solve + own["generalised_force"],
-            "gradient": factor + solve + own["generalised_force"], "hessian": factor + newton}
-    mean = {"mean_velocity": made["velocity"], "mean_force": made["gradient"],
-            "mean_gradient": made["gradient"], "mean_jacobian": made["hessian"]}
-    if "mean_generalised_force" in own:  # EMS: the velocities of both ends
-        both = Counter({name: 2 * count for name, count in made["velocity"].items()})
-        by_state = own["mean_generalised_force_derivative"]
-        change = own["force_derivative"] + by_state + by_state + solve
+    composed = {"velocity": factor + solve, "force": solve + counts["generalised_force"],
+                    "gradient": factor + solve + counts["generalised_force"],
+                "hessian": factor + newton}
+    mean = {"mean_velocity": composed["velocity"], "mean_force": composed["gradient"],
+            "mean_gradient": composed["gradient"], "mean_jacobian": composed["hessian"]}
+    if "mean_generalised_force" in counts:  # EMS: the velocities of both ends
+        both_velocities = Counter({name: 2 * count for name, count in composed["velocity"].items()})
+        by_state = counts["mean_generalised_force_derivative"]
+        change = counts["force_derivative"] + by_state + by_state + solve
         columns = Counter({name: n * count for name, count in change.items()})
-        mean = {"mean_velocity": both, "mean_force": both + own["mean_generalised_force"],
-                "mean_gradient": both + own["mean_generalised_force"],
-                "mean_jacobian": both + columns + Counter(mul=n**3, add=n**3)}
-    return {name: dict(count) for name, count in (made | mean).items()}
+        force = both_velocities + counts["mean_generalised_force"]
+        mean = {"mean_velocity": both_velocities, "mean_force": force, "mean_gradient": force,
+                "mean_jacobian": both_velocities + columns + Counter(mul=n**3, add=n**3)}
+    return {name: dict(count) for name, count in (composed | mean).items()}

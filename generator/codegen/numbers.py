@@ -1,4 +1,4 @@
-"""The numbers of a stepper for those who show or set them: roles, units, domains, values."""
+"""Roles, units, domains and starting values of the numbers of a stepper, for its manifest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["domain_of", "numbers_of"]
 
 
 def domain_of(parameter: sp.Symbol) -> Domain:
-    """Return what a value must be, from the assumptions of the symbol."""
+    """Return the domain of a parameter, from the assumptions of its symbol."""
     if parameter.is_positive:
         return "positive"
     return "nonzero" if parameter.is_nonzero else "real"
@@ -28,18 +28,18 @@ def domain_of(parameter: sp.Symbol) -> Domain:
 def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberManifest]:
     """Return name, role, domain, unit and starting value of each number.
 
-    Within a role, the order is that of the C. Names are C identifiers and differ.
+    Within a role, the order is the order in the C. Names are distinct C identifiers.
     """
     system, model = derived.system, derived.model
     units = units_of(system, model.units if model else {})
     start = _start(derived, model, states) if model else {}
     inputs = {*system.inputs}
-    made: list[NumberManifest] = []
+    manifest: list[NumberManifest] = []
 
-    def add(role: Any, names: Sequence[str], domain: Domain = "real", **known: Any) -> None:
-        made.extend(NumberManifest(name=name, role=role, domain=domain,
-                                   unit=known.get("unit", units.get(name)),
-                                   start=start.get(name)) for name in names)
+    def add(role: Any, names: Sequence[str], domain: Domain = "real", **override: Any) -> None:
+        manifest.extend(NumberManifest(name=name, role=role, domain=domain,
+                                       unit=override.get("unit", units.get(name)),
+                                       start=start.get(name)) for name in names)
 
     for x in system.parameters:
         add("input" if x in inputs else "parameter", [str(x)], domain_of(x))
@@ -51,7 +51,7 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
         for name, x in zip(states.velocities, states.own.rate_of, strict=True):
             add("velocity", [name], unit="rad/s" if x is None else _rate(units[str(x)]))
     add("quantity", [*system.quantities])
-    return made
+    return manifest
 
 
 def _rate(unit: str | None) -> str | None:
@@ -61,21 +61,21 @@ def _rate(unit: str | None) -> str | None:
 
 
 def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dict[str, float]:
-    """Return the values of a model's numbers by name."""
+    """Return the starting values of the numbers of a model by name."""
     system = derived.system
-    values: dict[str, Any] = {name: exact(x) for name, x in model.parameters.items()}
+    start: dict[str, Any] = {name: exact(x) for name, x in model.parameters.items()}
     for name, inertia in model.bodies.items():
-        if name not in values:
+        if name not in start:
             rule = model.rules.get(name, "m")
-            values[name] = exact(function_of("runtime.rigid_body.gamma_rules", "mean_inertia")(
+            start[name] = exact(function_of("runtime.rigid_body.gamma_rules", "mean_inertia")(
                 inertia, rule if rule in MEANS else "m"))
     if system.is_nonautonomous:
-        values[str(system.time)] = exact(0.0)
-    for names, numbers in ((model.system.q, model.q0), (model.system.p, model.p0)):
-        values |= {str(x): exact(value) for x, value in zip(names, numbers, strict=True)}
+        start[str(system.time)] = exact(0.0)
+    for symbols, numbers in ((model.system.q, model.q0), (model.system.p, model.p0)):
+        start |= {str(x): exact(number) for x, number in zip(symbols, numbers, strict=True)}
     if states and states.velocities:
-        given = {x: sp.Rational(values[str(x)]) for x in (*system.q, *system.p,
-                                                          *system.parameters)}
-        values |= {name: e.evalf(30, subs=given) for name, e in zip(
+        substitutions = {x: sp.Rational(start[str(x)]) for x in (*system.q, *system.p,
+                                                                 *system.parameters)}
+        start |= {name: e.evalf(30, subs=substitutions) for name, e in zip(
             states.velocities, states.own.velocities, strict=True)}
-    return {name: float(x) for name, x in values.items()}
+    return {name: float(x) for name, x in start.items()}

@@ -1,7 +1,7 @@
 """The fixed-point iteration of profiles ``control`` and ``run``, on plain numbers.
 
-The identities and the scaled unknowns are those of the iteration on lanes, for one trajectory at a
-time. Profile ``run`` falls back to Newton's method, on kernels of its own.
+It uses the same identities and scaled unknowns as the iteration on lanes, for one trajectory.
+Profile ``run`` also has the kernels of Newton's method, to which it falls back.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ..systems.lagrangian import LagrangianSystem
 from .profiles import ProfileName
 from .program import Derived, PlainIteration
 
-__all__ = ["beside", "plain_iteration"]
+__all__ = ["additional_kernels", "plain_iteration"]
 
-#: Differences of the past that starting values are made of.
+#: Backward differences of past steps that extrapolate the starting values.
 _ORDERS = 8
-#: Coordinates of the largest system that is written out in full.
+#: Largest number of coordinates; the kernels have no loops over elements.
 _LARGEST = 28
 
 
@@ -35,14 +35,15 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     Raises
     ------
     InputError
-        For what the profile does not take: other types, other tableaux, large systems.
+        If the profile does not support the type, the tableau, a Lagrangian, an explicit time in H
+        or g, or as many coordinates.
     """
     scheme, real, constants = derived.implicit, derived.real, derived.constants
     _refuse(scheme, real, derived.profile)
     system = FastSystem(scheme.system)
-    own = (system.spark_kernels(separate=True) if isinstance(scheme, SparkScheme)
-           else system.mean_kernels(scheme))
-    # What a run evaluates once is among its constants; H and F are not evaluated here.
+    fast_kernels = (system.spark_kernels(separate=True) if isinstance(scheme, SparkScheme)
+                    else system.mean_kernels(scheme))
+    # A constant W⁻¹ and its correction are constants of a run; H and F are not evaluated here.
     unused = {"hamiltonian", "applied_force", "schur_inverse", "correction",
               *([] if derived.is_spark else ["hidden_constraint"])}
     names = {"velocity": "first_rates", "force": "second_rates"} if system.shared else {}
@@ -50,29 +51,29 @@ def plain_iteration(derived: Derived) -> PlainIteration:
              for symbol in system.folds.definitions.values()}
     explicit = derived.profile == "control"
     target = Target("real", "constants", "", folds, explicit)
-    values = CPrinter(real, {s: f"c->{s}" for s in scheme.system.parameters}, explicit=explicit)
-    m, constant = scheme.system.m, system.schur_inverse is not None
+    printer = CPrinter(real, {s: f"c->{s}" for s in scheme.system.parameters}, explicit=explicit)
+    m, is_constant = scheme.system.m, system.schur_inverse is not None
     tables = FastTableau(scheme.tableau).tables(real) if scheme.tableau else {}
     if not m and tables:
         tables = {name: tables[name] for name in ("mu", "mu_hat")}
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     emitted = {k.name: emit_kernel(replace(k, name=names.get(k.name, k.name)), constants, real,
-                                   target) for k in own}
+                                   target) for k in fast_kernels}
     return PlainIteration(
         kernels=[kernel for name, kernel in emitted.items() if name not in unused],
         known=[*emitted.values()],
         run_constants=[
-            *((f"W_inverse[{i}][{j}]", values(e))
+            *((f"W_inverse[{i}][{j}]", printer(e))
               for i, row in enumerate(system.schur_inverse or []) for j, e in enumerate(row) if m),
-            *([("correction", values(system.correction))]
+            *([("correction", printer(system.correction))]
               if system.correction is not None else []),
         ],
-        folded={symbol.name.lstrip("_"): values(e)
+        folded={symbol.name.lstrip("_"): printer(e)
                 for e, symbol in system.folds.definitions.items()},
         tables={name: [[real.literal(e) for e in row] for row in rows]
                 for name, rows in tables.items() if not name.startswith("onward")},
-        factors=bool(m) and (derived.is_spark or not constant),
-        constant_schur=bool(m) and constant,
+        factors=bool(m) and (derived.is_spark or not is_constant),
+        constant_schur=bool(m) and is_constant,
         scalar_schur=bool(m) and system.correction is not None,
         separable=system.is_separable,
         shared=len(system.shared),
@@ -103,26 +104,27 @@ def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) 
                          f"does not permit: {refusal}; profile full, of Python, takes it.")
 
 
-def beside(
-    of_newton: Sequence[EmittedKernel], of_sweeps: Sequence[EmittedKernel]
+def additional_kernels(
+    newton: Sequence[EmittedKernel], fixed_point: Sequence[EmittedKernel]
 ) -> tuple[list[EmittedKernel], dict[str, str]]:
-    """Return the kernels of the iteration that Newton's method lacks, and new names of some.
+    """Return the fixed-point kernels that are no Newton kernels, and the new names of some.
 
-    What both call by one name is one function where it is the same, else there are two.
+    A kernel with the name and the text of a Newton kernel is omitted; one with the name but another
+    text is renamed to ``iteration_``\\ *name*.
     """
-    known = {kernel.name: kernel for kernel in of_newton}
-    own, names = [], {}
-    for kernel in of_sweeps:
-        other = known.get(kernel.name)
-        if other is None:
-            own.append(kernel)
-        elif _text(other) != _text(kernel):
-            names[kernel.name] = f"iteration_{kernel.name}"
-            own.append(replace(kernel, name=names[kernel.name]))
-    return own, names
+    newton_kernels = {kernel.name: kernel for kernel in newton}
+    additional, new_names = [], {}
+    for kernel in fixed_point:
+        newton_kernel = newton_kernels.get(kernel.name)
+        if newton_kernel is None:
+            additional.append(kernel)
+        elif _text(newton_kernel) != _text(kernel):
+            new_names[kernel.name] = f"iteration_{kernel.name}"
+            additional.append(replace(kernel, name=new_names[kernel.name]))
+    return additional, new_names
 
 
 def _text(kernel: EmittedKernel) -> str:
-    """Return what a kernel does; the iteration has a name of its own for the type."""
+    """Return the text of a kernel with ``real`` as the type, which the iteration writes."""
     return re.sub(r"\b(double|float|long double|_Float\d+)\b", "real",
                   "\n".join([kernel.returns, kernel.signature, *kernel.lines]))

@@ -1,4 +1,4 @@
-"""Profiles: how much of a stepper is written."""
+"""Profiles: amounts of C that are generated for a stepper."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Literal
 
 __all__ = ["PROFILES", "ProfileName"]
 
-#: What ``profile`` may be; the keys of ``PROFILES``, for editors and type checkers.
+#: The names of profiles, the keys of ``PROFILES``, for editors and type checkers.
 ProfileName = Literal["control", "run", "full"]
 
-#: Each with the one it is for.
+#: Each profile with its content and its user.
 PROFILES: dict[ProfileName, str] = {
     "control": "one trajectory, a bounded number of iterations a step: for a controller",
     "run": "one trajectory, steps and whole runs, with Newton's method as fallback: for C programs",

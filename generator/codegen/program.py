@@ -1,7 +1,7 @@
-"""The C program of a stepper as one typed description: what templates print, and nothing else.
+"""The C program of a stepper as one typed description: the context of the templates.
 
-``describe`` in ``emit`` makes a ``Program`` of what was derived. The same description serves
-all profiles; a part that a profile or a system does not have is None.
+``emit.describe`` turns a ``Derived`` into a ``Program``. All profiles have the same fields; a field
+that a profile or a system does not have is None.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ Table = list[list[str]]
 
 @dataclass(frozen=True)
 class Derived:
-    """What was derived of a stepper: the input of code generation.
+    """A derived stepper: the input of code generation.
 
-    ``system`` is the one the user knows, with its own parameters; the scheme works on the same
-    system with constants of the run in place of parameter-only subexpressions.
+    ``system`` is the user's system in its parameters; ``scheme.system`` is the same system with
+    constants of the run in place of the subexpressions that depend on parameters alone.
     """
 
     name: str
@@ -47,16 +47,16 @@ class Derived:
     real: Real
     profile: ProfileName = "full"
     frame: CoMovingFrame | None = None
-    #: Whether tangents and adjoints are written too.
+    #: Whether the C has tangents and adjoints.
     derivatives: bool = False
-    #: Whether the derivatives of adjoints are.
+    #: Whether the C has derivatives of adjoints.
     second: bool = False
-    #: The model with the numbers to start from, where there is one.
+    #: The model, with the starting values; None for a system without one.
     model: Model | None = None
 
     @property
     def implicit(self) -> SparkScheme | MeanScheme:
-        """The scheme, where a step solves equations."""
+        """The scheme, if a step solves equations: SPARK, IMS or EMS."""
         assert not isinstance(self.scheme, SplittingScheme)
         return self.scheme
 
@@ -68,7 +68,7 @@ class Derived:
 
 @dataclass(frozen=True)
 class Features:
-    """What decides which branches of ``engine/gyrospark`` a stepper compiles (see engine.h)."""
+    """Features that select the compiled branches of ``engine/gyrospark`` (see engine.h)."""
 
     constrained: bool
     several_constraints: bool
@@ -106,13 +106,13 @@ class Features:
 
     @property
     def defines(self) -> list[str]:
-        """The names that a generated file defines, without their prefix."""
+        """Names of the macros that the generated file defines, without their prefix."""
         return [field.name.upper() for field in fields(self) if getattr(self, field.name)]
 
 
 @dataclass(frozen=True)
 class Elements:
-    """A system as sums over element templates: tables of where each instance has its numbers.
+    """A system as sums over element templates: the indices of the numbers of each instance.
 
     A template is a dict with its name, its sizes, its tables and its kernels.
     """
@@ -121,12 +121,12 @@ class Elements:
     constraints: list[dict[str, Any]]
     forces: list[dict[str, Any]]
     used_constants: list[str]
-    #: Where G, block by block, and W keep their entries.
+    #: Indices of the entries of G, block by block, and of W.
     blocks: Any
     #: Whether each momentum belongs to some element of H.
     covers_momenta: bool
     elimination: dict[str, Any]
-    #: Where the rows of H_pp and of H_qp − F_p keep their entries.
+    #: Indices of the entries of H_pp and of H_qp − F_p, row by row.
     second: dict[str, Any]
     positions: list[int]
     band: int
@@ -138,15 +138,15 @@ class Elements:
 
     @property
     def kernels(self) -> list[EmittedKernel]:
-        """Their kernels, for numbers and for lanes."""
-        return [kernel[kind] for part in self.all for kernel in part["kernels"]
+        """The kernels of all templates, for numbers and for lanes."""
+        return [kernel[kind] for template in self.all for kernel in template["kernels"]
                 for kind in ("scalar", "lanes") if kernel[kind]]
 
     @property
     def operations(self) -> dict[str, dict[str, int]]:
         """The operations of one call of each kernel, by its C name."""
-        return {f"{part['name']}_{k['name']}": k["operations"]
-                for part in self.all for k in part["kernels"]}
+        return {f"{template['name']}_{k['name']}": k["operations"]
+                for template in self.all for k in template["kernels"]}
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class LaneIteration:
     constant_schur: bool
     scalar_schur: bool
     separable: bool
-    #: How many numbers H_p shares with H_q.
+    #: Number of subexpressions that H_p shares with H_q.
     shared: int
     #: H is quadratic in p: one solve projects the momentum.
     affine: bool
@@ -180,7 +180,7 @@ class PlainIteration:
     """The fixed-point iteration of profiles ``control`` and ``run``, on plain numbers."""
 
     kernels: list[EmittedKernel]
-    #: Kernels of which operations and constants count, printed or not.
+    #: All kernels, also those that are not printed: their operations and constants count.
     known: list[EmittedKernel]
     run_constants: list[tuple[str, str]]
     folded: dict[str, str]
@@ -191,7 +191,7 @@ class PlainIteration:
     separable: bool
     shared: int
     affine: bool
-    #: Backward differences that starting values are made of.
+    #: Number of backward differences that extrapolate the starting values.
     orders: int
     unknowns: int
     nodes: int
@@ -199,7 +199,7 @@ class PlainIteration:
 
 @dataclass(frozen=True)
 class FrameTransformation:
-    """What transforms states back from a co-moving frame; see ``engine/gyrospark/frames``."""
+    """Transformation of states from a co-moving frame; see ``engine/gyrospark/frames``."""
 
     #: The type of angles, and the suffix of its functions of <math.h>.
     real: str
@@ -207,7 +207,7 @@ class FrameTransformation:
     #: π/2 as three numbers of the type.
     quarter: list[str]
     groups: list[dict[str, Any]]
-    #: For each coordinate the first of those that rotate into each other.
+    #: For each coordinate, the first coordinate of its set; a rotation mixes the q of one set.
     rotation_groups: Sequence[int]
     has_inputs: bool
     axes: int
@@ -255,31 +255,31 @@ class CompositionText:
 
 @dataclass(frozen=True)
 class Flows:
-    """What ``engine/gyrospark/splitting`` expects of the generated file."""
+    """Tables and kernels of a splitting, as ``engine/gyrospark/splitting`` expects them."""
 
     kernels: list[EmittedKernel]
-    #: Of each body: coordinates of its quaternion, and its axis rotation or -1.
+    #: For each body: indices of its quaternion in q, and index of its axis rotation or -1.
     bodies: list[list[int]]
     body_axis: list[int]
-    #: Axis rotations: 0, 1, 2 for a coordinate axis, 3 for another; whether the rate stays, where
-    #: bodies are symmetric.
+    #: For each axis rotation: 0, 1, 2 for a coordinate axis, 3 for any other; whether its rate is
+    #: constant if the bodies are symmetric.
     axis_which: list[int]
     axis_steady: list[int]
     further_body: list[int]
     further_which: list[int]
-    #: Coordinates of points, and entries of y that kicks change.
+    #: Indices of the coordinates of points in q, and of the entries of y that kicks change.
     free: list[int]
     kicked: list[int]
     momenta: int
-    #: Rotations of space: how many, that of each body or -1; of each point that turns, its rotation
-    #: and its places in q and in y.
+    #: Rotations of space: their number; for each body, the index of its rotation or -1; for each
+    #: rotated point, the index of its rotation and its indices in q and in y.
     space_axes: int
     body_space: list[int]
     space_points: list[tuple[int, list[int], list[int]]]
     stages: int
     compositions: list[CompositionText]
     half_pi: list[str]
-    #: Members of the state of a step and of all, with their shapes, and how many numbers.
+    #: Members of the C struct that a step changes, all its members, and its number of numbers.
     state: list[tuple[str, list[int]]]
     members: list[tuple[str, list[int]]]
     numbers: int
@@ -293,9 +293,9 @@ class StateFunctions:
 
     kernels: list[EmittedKernel]
     own: StartKernels
-    #: Names of velocities, none where momenta do not follow from them.
+    #: Names of velocities; empty if they do not determine the momenta.
     velocities: list[str]
-    #: Constraints that a start is checked for.
+    #: Number of constraints that are checked at the start.
     held: int
 
 
@@ -310,44 +310,43 @@ class DualKernels:
     slopes: dict[str, str]
     #: Cardinal function → parts of its second derivative.
     cardinals: dict[str, tuple[str, str]]
-    #: Functions with two sides, or of two numbers.
+    #: Functions with switches (min, max, …) and functions of two arguments.
     others: list[str]
-    #: Functions on numbers that these call.
+    #: Functions of plain numbers that the functions of dual numbers call.
     functions: frozenset[str]
 
 
 @dataclass(frozen=True)
 class Derivatives:
-    """What ``engine/gyrospark/derivatives`` expects of the generated file."""
+    """Kernels and tables of derivatives, as ``engine/gyrospark/derivatives`` expects them."""
 
     kernels: list[EmittedKernel]
     #: Columns of the kernels: constants, at least one, and times.
     columns: int
     times: int
-    #: Nonzero derivatives of constants by parameters: places of both, and C.
+    #: Nonzero derivatives dc_i/dθ_j of constants by parameters: i, j and C.
     chain: list[tuple[int, int, str]]
-    #: The column of each input; -1 of one that nothing depends on.
+    #: The column of each input; -1 if nothing depends on the input.
     inputs: list[int]
     functions: frozenset[str]
-    #: Of a system of element templates, each template with its kernels by name.
+    #: For each element template, its table with the kernels by name.
     parts: list[dict[str, Any]]
-    #: Kernels on lanes, where as many steps are linearised at once as there are lanes.
+    #: Kernels on lanes, which linearise one step a lane.
     lanes: list[EmittedKernel]
-    #: Whether there is a kernel of the derivatives of quantities, and one of their rates.
+    #: Whether there are kernels of the derivatives of quantities, and of their rates.
     quantities: bool
     quantity_rates: bool
-    #: Kernels on dual numbers, for second derivatives, and for tangents where ``flows`` is not on
-    #: lanes.
+    #: Kernels on dual numbers: for second derivatives, and for tangents of flows without lanes.
     duals: DualKernels | None
     #: Whether there are second derivatives.
     second: bool
-    #: Switching functions of H and the forces in the kernel of them.
+    #: Number of switching functions of H and the forces.
     switches: int
 
 
 @dataclass(frozen=True)
 class Program:
-    """What the templates print. Names in C are those of the fields' values."""
+    """The context of the templates: the text, names and sizes that they print."""
 
     name: str
     version: str
@@ -382,9 +381,9 @@ class Program:
     unknowns_doc: list[str]
     # Parameters, time, inputs, quantities, and constants of a run: to read, and as C.
     parameters: list[str]
-    #: Parameters with what they must be.
+    #: Parameters with their domains.
     domains: list[tuple[str, str]]
-    #: Where q has unit quaternions.
+    #: Indices of unit quaternions in q.
     quaternions: list[list[int]]
     time: str
     inputs: list[str]
@@ -394,7 +393,7 @@ class Program:
     quantity_kernel: EmittedKernel | None
     constants: dict[str, str]
     constants_c: dict[str, str]
-    #: Of elements: the same by place, but for those that loops evaluate.
+    #: Index → C of the constants that are not evaluated by ``constant_loops``.
     single_constants: dict[int, str]
     constant_loops: list[ConstantLoop]
     run_constants: list[tuple[str, str]]
@@ -404,7 +403,7 @@ class Program:
     cardinals: list[str]
     switch_functions: frozenset[str]
     costs: dict[str, int]
-    #: Of profile run: kernels of the iteration beside Newton's, and those with another name.
+    #: Profile run: kernels of the iteration that Newton's method lacks, and name → new name.
     iteration_kernels: list[EmittedKernel]
     renamed: dict[str, str]
     # Parts that not every program has.

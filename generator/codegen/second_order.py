@@ -33,7 +33,7 @@ _SLOPES = {
     "acosh": "1/MATH(sqrt)((x - 1)*(x + 1))", "atanh": "1/((1 - x)*(1 + x))", "exp": "f",
     "log": "1/x", "sqrt": "(real)0.5/f", "floor": "0", "fabs": "x < 0 ? -1 : x > 0",
 }
-#: Cardinal functions f(z)/z: their second derivative without −2 (f(z)/z)'/z, and all of it at 0.
+#: Cardinal functions c(z) = f(z)/z: c'' + 2 c'/z = f''/z, and c''(0).
 _CARDINALS = {
     "sinc": ("-sinc(x)", "-(real)1/3"), "sinhc": ("sinhc(x)", "(real)1/3"),
     "asinhc": ("-1/((1 + x*x)*MATH(hypot)(1, x))", "-(real)1/3"),
@@ -43,7 +43,7 @@ _CARDINALS = {
 
 
 def refuse_second(derived: Derived) -> None:
-    """Refuse what has no second derivatives.
+    """Check that the stepper may have second derivatives.
 
     Raises
     ------
@@ -51,15 +51,16 @@ def refuse_second(derived: Derived) -> None:
         For systems of a Lagrangian, co-moving frames and large systems.
     """
     system = derived.system
-    why = None
+    reason = None
     if isinstance(system, LagrangianSystem):
-        why = "it is of a Lagrangian, whose mass matrix is factorised for numbers alone"
+        reason = "it is of a Lagrangian, whose mass matrix is factorised for numbers alone"
     elif derived.frame is not None:
-        why = "it moves with a frame"
+        reason = "it moves with a frame"
     elif system.n > LARGEST:
-        why = f"it has {system.n} coordinates, and systems are written out in full up to {LARGEST}"
-    if why is not None:
-        raise InputError(f"{derived.name} has no second derivatives: {why}; take differences of "
+        reason = (f"it has {system.n} coordinates, and systems are written out in full up to "
+                  f"{LARGEST}")
+    if reason is not None:
+        raise InputError(f"{derived.name} has no second derivatives: {reason}; take differences of "
                          "its gradients, which are exact.")
 
 

@@ -19,7 +19,7 @@ from .program import Elements
 
 __all__ = ["Cost", "solver_costs"]
 
-#: Additions that an operation takes as long as; any other is a call of <math.h>.
+#: Time of an operation, in additions; other names are calls of <math.h>.
 _WEIGHTS = {"add": 1.0, "mul": 1.0, "div": 6.0, "sqrt": 8.0, "product": 12.0}
 _CALL = 40.0
 
@@ -48,7 +48,7 @@ _ELEMENTS = {
 
 @dataclass(frozen=True)
 class Cost:
-    """Arithmetic, which lanes do side by side, and calls of <math.h>, which they do in turn."""
+    """Cost of arithmetic, on all lanes at once, and of calls of <math.h>, lane by lane."""
 
     arithmetic: float = 0.0
     calls: float = 0.0
@@ -57,12 +57,12 @@ class Cost:
         return Cost(self.arithmetic + other.arithmetic, self.calls + other.calls)
 
     def times(self, count: float) -> Cost:
-        """Return the cost of doing it so often."""
+        """Return the cost of ``count`` repetitions."""
         return Cost(count * self.arithmetic, count * self.calls)
 
     @property
     def total(self) -> float:
-        """The cost for one number at a time."""
+        """The cost without lanes."""
         return self.arithmetic + self.calls
 
     @classmethod
@@ -78,7 +78,7 @@ def solver_costs(
 ) -> dict[str, int]:
     """Return costs of a stage and of a constraint node in an iteration, a residual and a Jacobian.
 
-    Of an iteration, ``*_lanes`` is done for all lanes at once, ``*_calls`` once a stage or node.
+    Of an iteration, ``*_lanes`` counts once for all lanes, ``*_calls`` for each stage or node.
     """
     kind = "spark" if isinstance(scheme, SparkScheme) else "mean"
     recipe = (_DENSE if elements is None else _ELEMENTS)[kind]
@@ -88,16 +88,16 @@ def solver_costs(
         operations |= composed_operations(scheme.system, kernels)
     of_stage, of_node = _dense_cost(operations) if elements is None else _elements_cost(elements)
     costs: dict[str, int] = {}
-    for part, names in recipe.items():
+    for phase, names in recipe.items():
         stage, node = (sum(map(cost, kernels_of), Cost())
                        for cost, kernels_of in zip((of_stage, of_node), names, strict=True))
         if not scheme.system.m:
             node = Cost()
-        if part == "iteration":
+        if phase == "iteration":
             costs |= {"stage_lanes": round(stage.arithmetic), "stage_calls": round(stage.calls),
                       "node_lanes": round(node.arithmetic), "node_calls": round(node.calls)}
         else:
-            costs |= {f"{part}_stage": round(stage.total), f"{part}_node": round(node.total)}
+            costs |= {f"{phase}_stage": round(stage.total), f"{phase}_node": round(node.total)}
     return costs
 
 
@@ -109,13 +109,13 @@ def _dense_cost(operations: Mapping[str, Mapping[str, int]]) -> tuple[Any, Any]:
 
 
 def _elements_cost(elements: Elements) -> tuple[Any, Any]:
-    """Return costs of kernels by name: of the terms and forces, and of the joints."""
+    """Return two functions name → cost of a kernel: of energies and forces, and of constraints."""
 
-    def over(parts: list[dict[str, Any]]) -> Any:
+    def sum_over(templates: list[dict[str, Any]]) -> Any:
         def cost(name: str) -> Cost:
-            return sum((Cost.of(k["operations"]).times(part["count"]) for part in parts
-                        for k in part["kernels"] if k["name"] == name), Cost())
+            return sum((Cost.of(k["operations"]).times(template["count"]) for template in templates
+                        for k in template["kernels"] if k["name"] == name), Cost())
 
         return cost
 
-    return over([*elements.energies, *elements.forces]), over(elements.constraints)
+    return sum_over([*elements.energies, *elements.forces]), sum_over(elements.constraints)

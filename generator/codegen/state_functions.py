@@ -11,14 +11,14 @@ __all__ = ["quantity_kernel", "state_functions"]
 
 
 def state_functions(derived: Derived) -> StateFunctions | None:
-    """Return the functions of profile ``control``."""
+    """Return the functions of one state, which only profile ``control`` has."""
     if derived.profile != "control":
         return None
     start = StartKernels(derived.system)
-    own = start.kernels() if start.exists else []
+    start_kernels = start.kernels() if start.exists else []
     return StateFunctions(
         own=start,
-        kernels=[_emitted(kernel, derived) for kernel in [energy_kernel(derived.system), *own]],
+        kernels=[_emit(k, derived) for k in [energy_kernel(derived.system), *start_kernels]],
         velocities=start.names if start.exists else [],
         held=len(start.conditions) if start.exists else 0,
     )
@@ -30,12 +30,13 @@ def quantity_kernel(derived: Derived) -> EmittedKernel | None:
     if not system.quantities:
         return None
     time = {} if system.time is None else {"t": [system.time]}
-    return _emitted(Kernel("quantities", "What the user asked for of a state",
-                           {**time, "q": list(system.q), "p": list(system.p)},
-                           {"out": list(system.quantities.values())}), derived)
+    return _emit(Kernel("quantities", "What the user asked for of a state",
+                        {**time, "q": list(system.q), "p": list(system.p)},
+                        {"out": list(system.quantities.values())}), derived)
 
 
-def _emitted(kernel: Kernel, derived: Derived) -> EmittedKernel:
+def _emit(kernel: Kernel, derived: Derived) -> EmittedKernel:
+    """Return the C of a kernel that takes the parameters, not the constants of a run."""
     target = Target(derived.real.c_type, "parameters_t", "",
                     explicit=derived.profile == "control")
     return emit_kernel(kernel, Constants(derived.system.parameters), derived.real, target)

@@ -1,6 +1,6 @@
-"""Kernels: expressions with inputs and outputs, their common parts, C text and numbers of them.
+"""Kernels: functions of arrays, given by expressions, and their C.
 
-    statements     a kernel as statements: names, expressions, outputs
-    kernel         C of it: constants of a run, operation counts
+    statements     a kernel as statements: shared subexpressions, then outputs
+    kernel         C of a kernel: constants of a run, operation counts
     c_printer      SymPy expressions as C
 """

@@ -16,21 +16,21 @@ from ..symbolic.phases import Phase
 __all__ = ["ON_LANES", "SWITCHES", "CPrinter"]
 
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
-#: Of <math.h>, by SymPy's name.
+#: SymPy function → function of <math.h>, without suffix.
 _FUNCTIONS = {getattr(sp, name): name for name in (
     "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh",
     "atanh", "exp", "log", "floor",
 )} | {sp.Abs: "fabs"}
-#: Functions with two sides, of ``templates/switches.c.jinja``.
+#: Functions with a switch, defined in ``templates/switches.c.jinja``.
 SWITCHES = frozenset({"choose", "maximum", "minimum", "sign"})
-#: What takes all lanes at once.
+#: Functions that take all lanes at once.
 ON_LANES = SWITCHES | {"fabs"}
-#: Powers up to here are products.
+#: Powers up to this exponent are written as products.
 _LARGEST_PRODUCT = 16
 
 
 class CPrinter:
-    """Writes expressions in terms of C names and counts additions, multiplications and so on.
+    """Prints expressions as C and counts their operations.
 
     Parameters
     ----------
@@ -39,9 +39,9 @@ class CPrinter:
     names : mapping
         C text for each symbol; a symbol without an entry keeps its own name.
     prefix : str
-        Of the functions that take and return lanes, or dual numbers; empty for plain numbers.
+        Prefix of functions of lanes or dual numbers; empty for plain numbers.
     explicit : bool
-        Whether products in sums have parentheses.
+        Whether products in sums have parentheses, as MISRA C asks for.
     """
 
     def __init__(self, real: Real, names: Mapping[sp.Symbol, str], prefix: str = "", *,
@@ -51,7 +51,7 @@ class CPrinter:
         self.prefix = prefix
         self.explicit = explicit
         self.operations: Counter[str] = Counter()
-        #: Names of the functions of <math.h>, without suffix, and of our own ones called.
+        #: Names of the called functions, of <math.h> (without suffix) and of the engine.
         self.functions: set[str] = set()
 
     def __call__(self, expression: sp.Expr) -> str:
@@ -59,9 +59,9 @@ class CPrinter:
         return self._text(expression)[0]
 
     def number(self, e: sp.Expr) -> str:
-        """Return C text for an expression that must have the kernel's type though it is a number.
+        """Return C text of the kernel's type: on lanes, a number becomes ``splat(number)``.
 
-        C does not convert a number to lanes by itself.
+        C does not convert a number to lanes.
         """
         text = self(e)
         return f"splat({text})" if self.on_lanes and e.is_number else text
@@ -72,14 +72,16 @@ class CPrinter:
         return self.prefix == "lanes_"
 
     def _call(self, name: str, *arguments: sp.Expr, suffix: bool = True) -> str:
+        """Return a call and count it; functions of single lanes take the number of lanes first."""
         self.functions.add(name)
         self.operations[name] += 1
-        end = "" if self.prefix or not suffix else self.real.suffix.lower()
-        singly = self.on_lanes and name not in ON_LANES
-        texts = [*(["c->_used"] if singly else []), *map(self.number, arguments)]
-        return f"{self.prefix}{name}{end}({', '.join(texts)})"
+        type_suffix = "" if self.prefix or not suffix else self.real.suffix.lower()
+        lane_by_lane = self.on_lanes and name not in ON_LANES
+        texts = [*(["c->_used"] if lane_by_lane else []), *map(self.number, arguments)]
+        return f"{self.prefix}{name}{type_suffix}({', '.join(texts)})"
 
     def _text(self, e: sp.Expr) -> tuple[str, int]:
+        """Return C text and its precedence: _SUM, _PRODUCT or _ATOM."""
         if e.is_Symbol:
             return self.names.get(e, e.name), _ATOM
         if e.is_Rational:
@@ -109,26 +111,28 @@ class CPrinter:
 
     def _phase(self, e: Phase) -> str:
         """Return the call of a phase, whose number has twice the digits of the type."""
-        number, *others = e.args
+        number, *arguments = e.args
         exact = Fraction(str(sp.N(number, 90))) if not number.is_Rational else Fraction(
             int(number.p), int(number.q))
         high = round_binary(exact, self.real.bits)
         texts = map(self.real.literal, (high, exact - high))
         self.functions |= {"phase", "sin", "cos", "atan2", "fma"}
-        return f"phase({', '.join([*texts, *map(self.number, others)])})"
+        return f"phase({', '.join([*texts, *map(self.number, arguments)])})"
 
     def _within(self, e: sp.Expr, level: int) -> str:
+        """Return the text of e, in parentheses if its precedence is below ``level``."""
         text, precedence = self._text(e)
         return text if precedence >= level else f"({text})"
 
     def _rational(self, e: sp.Rational) -> tuple[str, int]:
-        value = Fraction(int(e.p), int(e.q))
-        denominator = value.denominator
+        """Return a literal if the denominator is a power of two (exact), else a quotient."""
+        ratio = Fraction(int(e.p), int(e.q))
+        denominator = ratio.denominator
         if denominator & (denominator - 1) == 0 and denominator <= 2**20:
-            text = self.real.literal(value)
-            return text, _PRODUCT if value < 0 else _ATOM
-        numerator, below = Fraction(value.numerator), Fraction(denominator)
-        return f"{self.real.literal(numerator)}/{self.real.literal(below)}", _PRODUCT
+            text = self.real.literal(ratio)
+            return text, _PRODUCT if ratio < 0 else _ATOM
+        numerator, divisor = Fraction(ratio.numerator), Fraction(denominator)
+        return f"{self.real.literal(numerator)}/{self.real.literal(divisor)}", _PRODUCT
 
     def _sum(self, e: sp.Add) -> str:
         self.operations["add"] += len(e.args) - 1
@@ -148,23 +152,23 @@ class CPrinter:
     def _product(self, e: sp.Mul) -> tuple[str, int]:
         if e.could_extract_minus_sign():
             return f"-{self._within(-e, _PRODUCT)}", _PRODUCT
-        above: list[sp.Expr] = []
-        below: list[sp.Expr] = []
+        numerator: list[sp.Expr] = []
+        denominator: list[sp.Expr] = []
         for a in e.args:
             if a.is_Rational and a.p == 1 and (a.q & (a.q - 1)):
-                below.append(sp.Integer(a.q))
+                denominator.append(sp.Integer(a.q))
             elif a.is_Pow and a.exp.is_Rational and a.exp < 0:
-                below.append(a.base ** (-a.exp))
+                denominator.append(a.base ** (-a.exp))
             else:
-                above.append(a)
-        if products := max(len(above) - 1, 0) + max(len(below) - 1, 0):
+                numerator.append(a)
+        if products := max(len(numerator) - 1, 0) + max(len(denominator) - 1, 0):
             self.operations["mul"] += products
-        text = "*".join(self._within(a, _PRODUCT) for a in above)
-        if not below:
+        text = "*".join(self._within(a, _PRODUCT) for a in numerator)
+        if not denominator:
             return text, _PRODUCT
         self.operations["div"] += 1
-        divisor = "*".join(self._within(a, _PRODUCT) for a in below)
-        if len(below) > 1 or not self._is_atom(below[0]):
+        divisor = "*".join(self._within(a, _PRODUCT) for a in denominator)
+        if len(denominator) > 1 or not self._is_atom(denominator[0]):
             divisor = f"({divisor})"
         return f"{text or self.real.literal(Fraction(1))}/{divisor}", _PRODUCT
 
@@ -172,11 +176,12 @@ class CPrinter:
         return bool(e.is_Symbol or (e.is_Integer and e > 0))
 
     def _power(self, base: sp.Expr, exponent: sp.Expr) -> tuple[str, int]:
+        """Return products for integers up to 16, sqrt for halves, else pow."""
         if exponent.is_Rational and exponent < 0:
             self.operations["div"] += 1
             text, precedence = self._power(base, -exponent)
-            below = text if precedence == _ATOM else f"({text})"
-            return f"{self.real.literal(Fraction(1))}/{below}", _PRODUCT
+            divisor = text if precedence == _ATOM else f"({text})"
+            return f"{self.real.literal(Fraction(1))}/{divisor}", _PRODUCT
         if exponent == 1:
             return self._text(base)
         if exponent.is_Integer and exponent <= _LARGEST_PRODUCT:
@@ -185,16 +190,16 @@ class CPrinter:
         if exponent == sp.Rational(1, 2):
             return self._call("sqrt", base), _ATOM
         if exponent.is_Rational and exponent.q == 2:
-            whole = self._within(base ** sp.Integer((exponent.p - 1) // 2), _PRODUCT)
-            if whole.startswith("-"):
-                whole = f"({whole})"
+            integer_power = self._within(base ** sp.Integer((exponent.p - 1) // 2), _PRODUCT)
+            if integer_power.startswith("-"):
+                integer_power = f"({integer_power})"
             self.operations["mul"] += 1
-            return f"{whole}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
+            return f"{integer_power}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
         return self._call("pow", base, exponent), _ATOM
 
 
 def repeated(factor: str, n: int) -> str:
-    """Return the n-th power as a product of equal halves, which the compiler computes once."""
+    """Return factorⁿ as a product of equal halves, which the compiler computes once."""
     if n <= 4:
         return "*".join([factor] * n)
     half = repeated(factor, n // 2)

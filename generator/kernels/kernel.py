@@ -19,13 +19,13 @@ from .statements import Kernel, Statements, entries
 
 __all__ = ["Constants", "EmittedKernel", "Target", "emit_kernel"]
 
-#: Operations of a kernel beside which a call is little.
+#: Number of operations beside which the cost of a call is small.
 _LONG = 40
 
 
 @dataclass(frozen=True)
 class EmittedKernel:
-    """A kernel as the template prints it."""
+    """The C of a kernel: texts that the templates print, and its operation counts."""
 
     name: str
     doc: str
@@ -41,41 +41,55 @@ class EmittedKernel:
 
     @property
     def is_long(self) -> bool:
-        """Whether it costs more to compile it twice than to call it."""
+        """Whether the kernel is better called than inlined twice."""
         return sum(self.operations.values()) > _LONG
 
 
 class Constants:
-    """Subexpressions of the parameters alone: computed once a run instead of in every kernel."""
+    """Subexpressions of the parameters alone: computed once a run instead of in every kernel.
+
+    Parameters
+    ----------
+    parameters : sequence of Symbol
+        The parameters, with the inputs.
+    others : sequence of Symbol
+        Further symbols whose names are not used for constants.
+    clock : mapping
+        Symbols that change within a step → their fields among the constants.
+    inputs : sequence of Symbol
+        Parameters that change during a run: they are no constants.
+    time : Symbol or None
+        The time of a system that depends on it.
+    """
 
     def __init__(
-        self, parameters: Sequence[sp.Symbol], others: Sequence[sp.Symbol] = (),
+        self, parameters: Sequence[sp.Symbol], coordinates: Sequence[sp.Symbol] = (),
         clock: Mapping[sp.Symbol, str] | None = None, inputs: Sequence[sp.Symbol] = (),
         time: sp.Symbol | None = None,
     ) -> None:
         self._time = time
         #: Symbols that change within a step, and their fields among the constants.
         self.clock = dict(clock or {})
-        self.taken = {str(s) for s in (*parameters, *others)}
+        self.reserved = {str(s) for s in (*parameters, *coordinates)}
         self.parameters = tuple(parameters)
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
-        # Made once: H of 100 bodies asks it for every term.
-        self._known = frozenset(parameters) - {*inputs}
-        self._timed: dict[sp.Expr, sp.Expr] = {}
+        # The symbols of constants: a set, as H of 100 bodies looks them up for every term.
+        self._constant_symbols = frozenset(parameters) - {*inputs}
+        self._with_elapsed_time: dict[sp.Expr, sp.Expr] = {}
         self._hoisted: dict[sp.Expr, sp.Expr] = {}
-        self._pieces: dict[sp.Basic, bool] = {}
+        self._is_piecewise: dict[sp.Basic, bool] = {}
         self._symbols: dict[sp.Basic, frozenset[sp.Symbol]] = {}
         self._nonzero: dict[sp.Expr, bool | None] = {}
-        self._free_names = (name for i in count() if (name := f"k{i}") not in self.taken)
+        self._free_names = (name for i in count() if (name := f"k{i}") not in self.reserved)
         self._texts: dict[sp.Symbol, str] = {}
 
     def since_start(self, e: sp.Expr) -> sp.Expr:
-        """Return e with the time since the start of a run in place of the time, hoisted."""
-        if e not in self._timed:
-            timed = e if self._time is None else since_start(
-                e, self._time, self._known, self._constant)
-            self._timed[e] = self.hoist(timed)
-        return self._timed[e]
+        """Return e in the time since the start of a run, t = t_0 + τ, with constants hoisted."""
+        if e not in self._with_elapsed_time:
+            elapsed = e if self._time is None else since_start(
+                e, self._time, self._constant_symbols, self._constant)
+            self._with_elapsed_time[e] = self.hoist(elapsed)
+        return self._with_elapsed_time[e]
 
     def _constant(self, e: sp.Expr) -> sp.Expr:
         if e not in self.definitions:
@@ -89,60 +103,61 @@ class Constants:
         return self._hoisted[e]
 
     def _hoist(self, e: sp.Expr) -> sp.Expr:
-        free = self._free_symbols(e)
-        if not free or e.is_Symbol:
+        """Replace constant subexpressions: whole ones, and the constant part of sums, products."""
+        symbols = self._free_symbols(e)
+        if not symbols or e.is_Symbol:
             return e
-        if free <= self._known:
-            number, rest = e.as_coeff_Mul()
-            return number * self._symbol(rest)
-        if not e.is_Add and self._has_pieces(e):
-            return e  # as it is written, its pieces are seen to meet
+        if symbols <= self._constant_symbols:
+            number, other_args = e.as_coeff_Mul()
+            return number * self._symbol(other_args)
+        if not e.is_Add and self._has_piecewise(e):
+            return e  # with constants hoisted, continuity at the switches could not be proved
         if e.is_Mul or e.is_Add:
-            own = [a for a in e.args if self._is_own(a)]
-            rest = [self.hoist(a) for a in e.args if not self._is_own(a)]
-            return e.func(self.hoist(e.func(*own)), *rest) if own else e.func(*rest)
-        if e.is_Pow and self._is_own(e.base):
+            constants = [a for a in e.args if self._is_constant(a)]
+            others = [self.hoist(a) for a in e.args if not self._is_constant(a)]
+            return e.func(self.hoist(e.func(*constants)), *others) if constants else e.func(*others)
+        if e.is_Pow and self._is_constant(e.base):
             return sp.exp(self.hoist(e.exp * sp.log(e.base)))  # a logarithm a run, not a call
         return e.func(*(self.hoist(a) for a in e.args))
 
-    def _has_pieces(self, e: sp.Basic) -> bool:
-        if e not in self._pieces:
-            self._pieces[e] = isinstance(e, (Where, sp.sign)) or any(
-                map(self._has_pieces, e.args))
-        return self._pieces[e]
+    def _has_piecewise(self, e: sp.Basic) -> bool:
+        if e not in self._is_piecewise:
+            self._is_piecewise[e] = isinstance(e, (Where, sp.sign)) or any(
+                map(self._has_piecewise, e.args))
+        return self._is_piecewise[e]
 
-    def _is_own(self, e: sp.Expr) -> bool:
-        free = self._free_symbols(e)
-        return bool(free) and free <= self._known
+    def _is_constant(self, e: sp.Expr) -> bool:
+        symbols = self._free_symbols(e)
+        return bool(symbols) and symbols <= self._constant_symbols
 
     def _free_symbols(self, e: sp.Basic) -> frozenset[sp.Symbol]:
-        """Return the free symbols of e, found once for each part of an expression."""
+        """Return the free symbols of e, cached for all subexpressions."""
         if e not in self._symbols:
-            for part in parts_of([e]):
-                if part not in self._symbols:
-                    self._symbols[part] = frozenset(part.free_symbols)
+            for subexpression in parts_of([e]):
+                if subexpression not in self._symbols:
+                    self._symbols[subexpression] = frozenset(subexpression.free_symbols)
         return self._symbols[e]
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:
-        e = expand_shared(e)  # constants are printed as they are, without temporaries
+        e = expand_shared(e)  # constants are printed as one expression, without temporaries
         if e not in self.definitions:
-            facts = {"nonzero": True} if self._is_nonzero(e) else {}
-            self.definitions[e] = sp.Symbol(next(self._free_names), real=True, **facts)
+            assumptions = {"nonzero": True} if self._is_nonzero(e) else {}
+            self.definitions[e] = sp.Symbol(next(self._free_names), real=True, **assumptions)
         return self.definitions[e]
 
     def _is_nonzero(self, e: sp.Expr) -> bool | None:
-        """Return ``e.is_nonzero``, asked once of expressions that differ in names alone."""
-        places = {s: sp.Symbol(f"_{i}", **s.assumptions0)
-                  for i, s in enumerate(sorted(e.free_symbols, key=name_of))}
-        form = e.xreplace(places)
-        if form not in self._nonzero:
-            self._nonzero[form] = e.is_nonzero
-        return self._nonzero[form]
+        """Return ``e.is_nonzero``, cached for all expressions that differ only in names."""
+        renaming = {s: sp.Symbol(f"_{i}", **s.assumptions0)
+                    for i, s in enumerate(sorted(e.free_symbols, key=name_of))}
+        renamed = e.xreplace(renaming)
+        if renamed not in self._nonzero:
+            self._nonzero[renamed] = e.is_nonzero
+        return self._nonzero[renamed]
 
     def expand_shared(self, e: sp.Expr) -> sp.Expr:
         """Return e in terms of the parameters again."""
-        whole = e.xreplace({symbol: definition for definition, symbol in self.definitions.items()})
-        return whole if self._time is None else without_start(whole)
+        expanded = e.xreplace({s: definition for definition, s in self.definitions.items()})
+        return expanded if self._time is None else without_start(expanded)
 
     def names(self) -> dict[sp.Symbol, str]:
         """Return the C text of each constant inside a kernel."""
@@ -153,12 +168,12 @@ class Constants:
 
 @dataclass(frozen=True)
 class Target:
-    """What a kernel computes with: one number, lanes of numbers, or a dual number."""
+    """The number type of a kernel: one number, lanes of numbers, or a dual number."""
 
     value: str
     constants: str
     prefix: str
-    #: Further symbols with their C text.
+    #: C text of additional symbols.
     names: Mapping[sp.Symbol, str] = field(default_factory=dict)
     #: Whether products in sums have parentheses, as MISRA C asks for.
     explicit: bool = False
@@ -189,17 +204,18 @@ def emit_kernel(
         names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
     if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in entries(kernel)))):
         return _emit_compensated(kernel, entries(kernel), constants, real, names, target)
-    made = kernel.statements
-    names |= {t: t.name.lstrip("_") for t, _ in made.shared}
+    statements = kernel.statements
+    names |= {t: t.name.lstrip("_") for t, _ in statements.shared}
     printer = CPrinter(real, names, target.prefix, explicit=target.explicit)
     lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};")
-             for t, e in made.shared]
-    lines += map(wrap, _assignments(made, printer))
-    used = symbols_of(e for _, e in (*made.shared, *made.outputs))
+             for t, e in statements.shared]
+    lines += map(wrap, _assignments(statements, printer))
+    used = symbols_of(e for _, e in (*statements.shared, *statements.outputs))
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
-    singly = printer.on_lanes and printer.functions - ON_LANES  # are told how many lanes to do
-    if not own_constants and not used & {*target.names, *constants.clock} and not singly:
+    # functions of single lanes take the number of lanes from the constants
+    lane_by_lane = printer.on_lanes and printer.functions - ON_LANES
+    if not own_constants and not used & {*target.names, *constants.clock} and not lane_by_lane:
         unused.insert(0, "c")
     return EmittedKernel(
         target.prefix + kernel.name,
@@ -207,7 +223,7 @@ def emit_kernel(
         "void" if all(isinstance(v, list) for v in kernel.outputs.values()) else target.value,
         _signature(kernel, target),
         lines,
-        len(made.shared),
+        len(statements.shared),
         dict(sorted(printer.operations.items())),
         unused,
         frozenset(map(str, own_constants)),
@@ -216,20 +232,20 @@ def emit_kernel(
 
 
 def _is_exact_polynomial(e: sp.Expr) -> bool:
-    """Whether e is a sum of products with coefficients that every binary format holds exactly."""
+    """Whether e is a polynomial with coefficients that are exact in every binary format."""
     return is_small(e) and all(
         (base.is_Symbol or base == 1) and power.is_Integer and power > 0
         for term in sp.Add.make_args(sp.expand(e))
         for base, power in term.as_coeff_Mul()[1].as_powers_dict().items()
     ) and all(
-        number.is_Rational and abs(number.p) < 2**20 and number.q & (number.q - 1) == 0
-        for number in (term.as_coeff_Mul()[0] for term in sp.Add.make_args(sp.expand(e)))
+        a.is_Rational and abs(a.p) < 2**20 and a.q & (a.q - 1) == 0
+        for a in (term.as_coeff_Mul()[0] for term in sp.Add.make_args(sp.expand(e)))
     )
 
 
 def _emit_compensated(
     kernel: Kernel,
-    targets: list[tuple[str, sp.Expr]],
+    outputs: list[tuple[str, sp.Expr]],
     constants: Constants,
     real: Real,
     names: dict[sp.Symbol, str],
@@ -239,17 +255,17 @@ def _emit_compensated(
     printer = CPrinter(real, names, target.prefix)
     zero = "splat(0)" if target.prefix else "0"
     lines = [f"{target.value} sum[2];"]
-    for entry, e in targets:
+    for entry, e in outputs:
         lines += [f"sum[0] = {zero};", f"sum[1] = {zero};"]
         for term in sp.Add.make_args(sp.expand(e)):
-            number, rest = term.as_coeff_Mul()
-            factors = [] if number == 1 and rest != 1 else [printer.number(number)]
-            for base, power in rest.as_powers_dict().items():
+            coefficient, monomial = term.as_coeff_Mul()
+            factors = [] if coefficient == 1 and monomial != 1 else [printer.number(coefficient)]
+            for base, power in monomial.as_powers_dict().items():
                 factors += [] if base == 1 else [printer(base)] * int(power)
             lines.append(f"{{ const {target.value} factors[] = {{ {', '.join(factors)} }}; "
                          f"{target.prefix}add_product(sum, {len(factors)}, factors); }}")
         lines.append(f"{entry} = sum[0] + sum[1];")
-    symbols = symbols_of(e for _, e in targets)
+    symbols = symbols_of(e for _, e in outputs)
     used = symbols & set(constants.definitions.values())
     unused = [a for a, s in kernel.inputs.items() if not symbols & set(s)]
     return EmittedKernel(
@@ -262,46 +278,47 @@ def _emit_compensated(
 
 
 def sums_products(kernel: EmittedKernel, prefix: str = "") -> bool:
-    """Whether a kernel of numbers calls ``add_product``; one of lanes does with their prefix."""
+    """Whether a kernel calls ``add_product``; ``prefix`` is the prefix of its number type."""
     return any(f" {prefix}add_product(" in line for line in kernel.lines)
 
 
 def wrap(statement: str, width: int = 96) -> str:
     """Break a long statement before + and - signs; continuation lines are indented."""
-    lines, rest, begin = [], statement, 0
-    while len(rest) > width:
-        at = max(rest.rfind(" + ", begin, width), rest.rfind(" - ", begin, width))
-        if at <= 0:
+    lines, remainder, search_from = [], statement, 0
+    while len(remainder) > width:
+        break_at = max(remainder.rfind(sign, search_from, width) for sign in (" + ", " - "))
+        if break_at <= 0:
             break
-        lines.append(rest[:at])
-        rest = "    " + rest[at + 1 :]
-        begin = 5  # not at the sign that this line begins with
-    return "\n    ".join([*lines, rest])
+        lines.append(remainder[:break_at])
+        remainder = "    " + remainder[break_at + 1 :]
+        search_from = 5  # after the sign at the beginning of a continuation line
+    return "\n    ".join([*lines, remainder])
 
 
-def _assignments(made: Statements, printer: CPrinter) -> Iterator[str]:
-    """Yield one assignment an entry; an entry equal to an earlier one copies it."""
-    seen: dict[sp.Expr, str] = {}
-    for target, e in made.outputs:
+def _assignments(statements: Statements, printer: CPrinter) -> Iterator[str]:
+    """Yield one assignment for each entry; an entry equal to an earlier one is copied."""
+    targets: dict[sp.Expr, str] = {}
+    for target, e in statements.outputs:
         if not target:
             yield f"return {printer.number(e)};"
         elif e.is_number:
             yield f"{target} = {printer.number(e)};"
-        elif e in seen and not e.is_Atom:
-            yield f"{target} = {seen[e]};"
+        elif e in targets and not e.is_Atom:
+            yield f"{target} = {targets[e]};"
         else:
-            seen[e] = target
+            targets[e] = target
             yield f"{target} = {printer(e)};"
 
 
 def _signature(kernel: Kernel, target: Target) -> str:
-    parts = [f"const {target.constants} *c"]
-    parts += [f"const {target.value} {a}[{len(s)}]" for a, s in kernel.inputs.items()]
-    for array, value in kernel.outputs.items():
-        if isinstance(value, list):
-            shape = f"[{len(value)}]" + (f"[{len(value[0])}]" if isinstance(value[0], list) else "")
-            parts.append(f"{target.value} {array}{shape}")
-    return ", ".join(parts)
+    arguments = [f"const {target.constants} *c"]
+    arguments += [f"const {target.value} {a}[{len(s)}]" for a, s in kernel.inputs.items()]
+    for array, output in kernel.outputs.items():
+        if isinstance(output, list):
+            columns = f"[{len(output[0])}]" if isinstance(output[0], list) else ""
+            shape = f"[{len(output)}]{columns}"
+            arguments.append(f"{target.value} {array}{shape}")
+    return ", ".join(arguments)
 
 
 def total_operations(kernels: Sequence[EmittedKernel]) -> dict[str, int]:

@@ -1,7 +1,6 @@
-"""A kernel as statements: what it shares is computed once, under a name, in any language.
+"""A kernel as statements: temporaries for shared subexpressions, then the outputs.
 
-Neutral data: names, expressions, places of the outputs. ``kernel`` prints C of it,
-a test evaluates it in NumPy.
+Statements are independent of a language: ``kernel`` prints C, tests evaluate them in NumPy.
 """
 
 from __future__ import annotations
@@ -18,18 +17,18 @@ from ..symbolic.shared_subexpressions import Shared, name_of, parts_of, symbols_
 
 __all__ = ["Kernel", "Statements", "entries", "statements_of"]
 
-#: Nodes of expressions written out as trees, up to which SymPy orders their arguments.
+#: Number of nodes of the expression trees up to which SymPy sorts arguments.
 _LARGEST_TREE = 100_000
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """A C function to be: arrays of symbols in, arrays of expressions out.
+    """A function of arrays: symbols in, expressions out.
 
     Attributes
     ----------
     name, doc : str
-        Of the C function; ``doc`` is its comment, an equation.
+        Name and comment, an equation, of the C function.
     inputs : mapping
         Name of each input array → its symbols.
     outputs : mapping
@@ -41,27 +40,27 @@ class Kernel:
     doc: str
     inputs: Mapping[str, Sequence[sp.Symbol]]
     outputs: Mapping[str, Any]
-    #: Add up the terms of polynomials in twice the working precision: for sums that nearly cancel.
+    #: Whether polynomials are summed in twice the working precision, as their terms nearly cancel.
     compensated: bool = False
-    #: Look for factors that several sums or products have in common: that takes as many squared.
+    #: Whether common factors of sums and products are extracted, in quadratic time.
     factors: bool = True
 
     @cached_property
     def statements(self) -> Statements:
-        """The kernel in statements: the same for numbers and lanes."""
+        """The statements, the same for numbers, lanes and dual numbers."""
         return statements_of(self)
 
 
 @dataclass(frozen=True)
 class Statements:
-    """What a kernel does, in order.
+    """The assignments of a kernel, in order.
 
     Attributes
     ----------
     shared : list of (Symbol, Expr)
-        Subexpressions with names of their own, each behind those it is made of.
+        Temporaries and their definitions, which use earlier temporaries only.
     outputs : list of (str, Expr)
-        Place of each output entry, and its expression in inputs, constants and shared names.
+        C text of each output entry, and its expression in inputs, constants and temporaries.
     """
 
     shared: list[tuple[sp.Symbol, sp.Expr]]
@@ -70,164 +69,174 @@ class Statements:
 
 def statements_of(kernel: Kernel) -> Statements:
     """Return the statements of a kernel."""
-    places = entries(kernel)
+    targets = entries(kernel)
     if not kernel.factors:
-        shared, reduced = _by_parts([e for _, e in places])
-        return Statements(shared,
-                          [(place, e) for (place, _), e in zip(places, reduced, strict=True)])
-    definitions, outputs = _unfolded([e for _, e in places])
+        shared, reduced = _name_recurring([e for _, e in targets])
+        return Statements(shared, _paired(targets, reduced))
+    definitions, outputs = _replace_shared([e for _, e in targets])
     expressions = [*definitions.values(), *outputs]
-    # SymPy compares whole trees to bring arguments into order: in deep ones that takes for ever.
+    # SymPy compares whole trees to sort arguments, which takes too long in deep ones.
     order = "canonical" if tree_size(expressions) <= _LARGEST_TREE else "none"
     fresh = sp.numbered_symbols("_t", real=True)
     shared, reduced = sp.cse(expressions, symbols=fresh, order=order)
-    named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
+    shared_definitions, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
     if definitions:
-        shared = _in_order(shared, dict(zip(definitions, named, strict=True)))
-        shared, reduced = _needed(shared, reduced)
+        shared = _sort_definitions(shared, dict(zip(definitions, shared_definitions, strict=True)))
+        shared, reduced = _drop_unused(shared, reduced)
     shared, reduced = _name_bases(shared, reduced)
-    return Statements(shared, [(place, e) for (place, _), e in zip(places, reduced, strict=True)])
+    return Statements(shared, _paired(targets, reduced))
 
 
-def _by_parts(
+def _paired(
+    targets: list[tuple[str, sp.Expr]], reduced: list[sp.Expr]
+) -> list[tuple[str, sp.Expr]]:
+    return [(target, e) for (target, _), e in zip(targets, reduced, strict=True)]
+
+
+def _name_recurring(
     expressions: list[sp.Expr],
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
-    """Name each part that recurs, is ``Shared`` or the base of a power; go through parts once."""
-    parts = list(parts_of(expressions))
-    uses = Counter(a for e in parts for a in e.args)
+    """Name each subexpression that recurs, is ``Shared`` or the base of a power.
+
+    Linear time: each subexpression is visited once, and common factors are not sought.
+    """
+    subexpressions = list(parts_of(expressions))
+    uses = Counter(a for e in subexpressions for a in e.args)
     uses.update(expressions)
-    uses.update(a for e in parts for a in e.args[:1] if isinstance(e, Shared) or _multiplies(e))
-    fresh = sp.numbered_symbols("_t", real=True)
+    uses.update(a for e in subexpressions for a in e.args[:1]
+                if isinstance(e, Shared) or _multiplies(e))
+    new_symbols = sp.numbered_symbols("_t", real=True)
     names: dict[sp.Basic, sp.Symbol] = {}
-    known: dict[sp.Basic, sp.Basic] = {}
-    for e in parts:
-        arguments = [known[a] for a in e.args]
+    replacement: dict[sp.Basic, sp.Basic] = {}
+    for e in subexpressions:
+        arguments = [replacement[a] for a in e.args]
         if isinstance(e, Shared):
-            known[e] = arguments[0]
+            replacement[e] = arguments[0]
             continue
-        same = all(a is b for a, b in zip(arguments, e.args, strict=True))
-        made = e if same else e.func(*arguments)
-        if uses[e] > 1 and not made.is_Atom and not (-made).is_Symbol:
-            if made not in names:
-                names[made] = next(fresh)
-            made = names[made]
-        known[e] = made
-    return _needed([(symbol, e) for e, symbol in names.items()], [known[e] for e in expressions])
+        is_unchanged = all(a is b for a, b in zip(arguments, e.args, strict=True))
+        rebuilt = e if is_unchanged else e.func(*arguments)
+        if uses[e] > 1 and not rebuilt.is_Atom and not (-rebuilt).is_Symbol:
+            if rebuilt not in names:
+                names[rebuilt] = next(new_symbols)
+            rebuilt = names[rebuilt]
+        replacement[e] = rebuilt
+    return _drop_unused([(symbol, e) for e, symbol in names.items()],
+                        [replacement[e] for e in expressions])
 
 
 def _multiplies(e: sp.Basic) -> bool:
-    """Whether C writes e as its base several times."""
+    """Whether the C of e is a product in which its base occurs several times."""
     return bool(e.is_Pow and (2 * e.exp).is_Integer and abs(e.exp) > 1)
 
 
 def entries(kernel: Kernel) -> list[tuple[str, sp.Expr]]:
-    """Return each output entry with its place, "v[1][2]", or "" of what the function returns."""
+    """Return the C text and the expression of each output entry: "v[1][2]", or "" if returned."""
     return list(_entries(kernel.outputs))
 
 
 def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
-    for array, value in outputs.items():
-        if not isinstance(value, list):
-            yield "", value
+    for array, output in outputs.items():
+        if not isinstance(output, list):
+            yield "", output
             continue
-        for i, row in enumerate(value):
+        for i, row in enumerate(output):
             if isinstance(row, list):
                 yield from ((f"{array}[{i}][{j}]", entry) for j, entry in enumerate(row))
             else:
                 yield f"{array}[{i}]", row
 
 
-def _unfolded(
+def _replace_shared(
     expressions: list[sp.Expr],
 ) -> tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]:
-    """Return symbols for the parts in ``Shared`` with their definitions, and the rest in them."""
-    fresh = sp.numbered_symbols("_s", real=True)
-    known: dict[sp.Basic, sp.Basic] = {}
-    symbols: dict[sp.Basic, sp.Symbol] = {}  # by definition: some parts become the same
+    """Return the definitions of new symbols for ``Shared`` parts, and expressions in them."""
+    new_symbols = sp.numbered_symbols("_s", real=True)
+    replacement: dict[sp.Basic, sp.Basic] = {}
+    symbols: dict[sp.Basic, sp.Symbol] = {}  # by definition: different parts may become equal
     for e in parts_of(expressions):
-        arguments = [known[a] for a in e.args]
-        same = all(a is b for a, b in zip(arguments, e.args, strict=True))
+        arguments = [replacement[a] for a in e.args]
+        is_unchanged = all(a is b for a, b in zip(arguments, e.args, strict=True))
         if not isinstance(e, Shared):
-            known[e] = e if same else e.func(*arguments)
+            replacement[e] = e if is_unchanged else e.func(*arguments)
         elif arguments[0].is_Atom:
-            known[e] = arguments[0]
+            replacement[e] = arguments[0]
         else:
             if arguments[0] not in symbols:
-                symbols[arguments[0]] = next(fresh)
-            known[e] = symbols[arguments[0]]
-    return {s: e for e, s in symbols.items()}, [known[e] for e in expressions]
+                symbols[arguments[0]] = next(new_symbols)
+            replacement[e] = symbols[arguments[0]]
+    return {s: e for e, s in symbols.items()}, [replacement[e] for e in expressions]
 
 
-def _in_order(
+def _sort_definitions(
     shared: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
 ) -> list[tuple[sp.Symbol, sp.Expr]]:
-    """Return shared subexpressions and definitions, each behind those it is made of."""
-    known, done = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
+    """Return temporaries and definitions in an order in which each uses earlier ones only."""
+    definition_of, ordered = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
 
     def visit(symbol: sp.Symbol) -> None:
-        if symbol not in done and symbol in known:
-            for other in sorted(known[symbol].free_symbols, key=name_of):
-                visit(other)
-            done[symbol] = known[symbol]
+        if symbol not in ordered and symbol in definition_of:
+            for used in sorted(definition_of[symbol].free_symbols, key=name_of):
+                visit(used)
+            ordered[symbol] = definition_of[symbol]
 
-    for symbol in known:
+    for symbol in definition_of:
         visit(symbol)
-    return list(done.items())
+    return list(ordered.items())
 
 
-def _needed(
+def _drop_unused(
     shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
-    """Leave out second names of what has one, and what cancelled where it was used."""
-    first: dict[sp.Symbol, sp.Expr] = {}
-    kept: list[tuple[sp.Symbol, sp.Expr]] = []
-    for symbol, given in shared:
-        e = given.xreplace(first)
+    """Drop temporaries that are aliases of other symbols, or that no output uses."""
+    alias_of: dict[sp.Symbol, sp.Expr] = {}
+    remaining: list[tuple[sp.Symbol, sp.Expr]] = []
+    for symbol, definition in shared:
+        e = definition.xreplace(alias_of)
         if e.is_Symbol:
-            first[symbol] = e
+            alias_of[symbol] = e
         else:
-            kept.append((symbol, e))
-    reduced = [e.xreplace(first) for e in reduced]
+            remaining.append((symbol, e))
+    reduced = [e.xreplace(alias_of) for e in reduced]
     used = symbols_of(reduced)
-    for symbol, e in reversed(kept):
+    for symbol, e in reversed(remaining):
         if symbol in used:
             used |= e.free_symbols
-    return [(symbol, e) for symbol, e in kept if symbol in used], reduced
+    return [(symbol, e) for symbol, e in remaining if symbol in used], reduced
 
 
 def _name_bases(
     shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
-    """Give every base of an integer power a name of its own: C writes x² as x*x.
+    """Define a temporary for every base of an integer power, as the C of x² is x*x.
 
-    Where x^¼ or x^¾ occurs, all half powers become powers of √x: pow costs ten square roots.
+    If x^¼ or x^¾ occurs, all half powers become powers of √x: pow costs ten square roots.
     """
-    fresh = sp.numbered_symbols("_u", real=True)
-    named: list[tuple[sp.Symbol, sp.Expr]] = []
-    known: dict[sp.Expr, sp.Symbol] = {}
-    fourth_roots = {part.base for e in (*(e for _, e in shared), *reduced)
-                    for part in parts_of([e]) if part.is_Pow and _has_denominator(part, 4)}
+    new_symbols = sp.numbered_symbols("_u", real=True)
+    definitions: list[tuple[sp.Symbol, sp.Expr]] = []
+    name_of_base: dict[sp.Expr, sp.Symbol] = {}
+    fourth_roots = {power.base for e in (*(e for _, e in shared), *reduced)
+                    for power in parts_of([e]) if power.is_Pow and _has_denominator(power, 4)}
 
     def symbol_of(e: sp.Expr) -> sp.Symbol:
-        if e not in known:
-            known[e] = next(fresh)
-            named.append((known[e], e))
-        return known[e]
+        if e not in name_of_base:
+            name_of_base[e] = next(new_symbols)
+            definitions.append((name_of_base[e], e))
+        return name_of_base[e]
 
-    def name(e: sp.Expr) -> sp.Expr:
+    def rename(e: sp.Expr) -> sp.Expr:
         if e.is_Atom:
             return e
         by_root = e.is_Pow and e.base in fourth_roots and (
             _has_denominator(e, 2) or _has_denominator(e, 4))
-        e = e.func(*(name(a) for a in e.args))
+        e = e.func(*(rename(a) for a in e.args))
         if by_root:
             return symbol_of(sp.sqrt(e.base)) ** (2 * e.exp)
         return symbol_of(e.base) ** e.exp if _multiplies(e) and not e.base.is_Atom else e
 
     for symbol, e in shared:
-        value = name(e)
-        named.append((symbol, value))
-    return named, [name(e) for e in reduced]
+        renamed = rename(e)
+        definitions.append((symbol, renamed))
+    return definitions, [rename(e) for e in reduced]
 
 
 def _has_denominator(e: sp.Pow, q: int) -> bool:

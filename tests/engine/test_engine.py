@@ -161,7 +161,7 @@ double length_rest(double x, double y, double z);
 
 @pytest.fixture(scope="module")
 def linear(tmp_path_factory):
-    quarters = ",".join(emit._quarter(REALS["double"]))
+    quarters = ",".join(emit._half_pi_literals(REALS["double"]))
     return compiled(tmp_path_factory.mktemp("linear"), "linear_algebra.c", LINEAR_ALGEBRA,
                     f"-DQUARTER={quarters}")
 
