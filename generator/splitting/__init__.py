@@ -1,6 +1,6 @@
 """Splitting of H into parts whose flows are known in closed form.
 
-    find      the search for a splitting of a system
+    find      derivation of the splitting of a system from its H
     parts     the parts: rotations, translations, kicks, and their flows
     kicks     torques of potentials and forces in space axes
     quotient  normal forms modulo |q|² = 1

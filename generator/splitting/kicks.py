@@ -1,4 +1,4 @@
-"""Kicks: what a potential or a force adds to angular momenta at fixed q, and its derivatives.
+"""Kicks: rates of the angular momenta due to a potential or a force at fixed q.
 
 With Λ(q) p = 2 l, the angular momentum in space axes,
 
@@ -20,13 +20,13 @@ from ..symbolic.shared_subexpressions import Shared, parts_of, tree_size
 from ..systems.jacobians import shortest
 from .quotient import Quotient, unit_quaternions
 
-#: Terms of a sum that is factored.
-_MOST_TERMS = 100
+#: Largest number of terms of a sum that is factored.
+_MAX_TERMS = 100
 
-__all__ = ["Vector", "moved", "shortened", "space_matrix", "space_torque"]
+__all__ = ["Vector", "derivatives_along", "shortened", "space_matrix", "space_torque"]
 
-#: Nodes of expressions for which a shorter form is sought.
-_LONGEST = 3000
+#: Largest number of nodes of expressions that are shortened.
+_MAX_NODES = 3000
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 
@@ -43,7 +43,7 @@ def space_torque(q: Sequence[sp.Expr], force: Sequence[sp.Expr]) -> Vector:
     return x[0], y[0], z[0]
 
 
-def moved(
+def derivatives_along(
     expressions: Sequence[sp.Expr], quaternions: Mapping[tuple[sp.Symbol, ...], Vector],
     points: Mapping[sp.Symbol, sp.Expr],
 ) -> list[sp.Expr]:
@@ -58,25 +58,25 @@ def moved(
 def shortened(
     expressions: Sequence[sp.Expr], quaternions: Sequence[Sequence[sp.Symbol]]
 ) -> list[sp.Expr]:
-    """Return expressions as they are or in a shorter form that is equal on |q| = 1.
+    """Return the expressions, or a form with fewer operations that is equal on |q| = 1.
 
-    Long ones, and those with temporaries, roots and functions, stay as they are.
+    Long expressions, and expressions that are no polynomials in q, are returned unchanged.
     """
     symbols = {x for q in quaternions for x in q}
-    if (tree_size(expressions) > _LONGEST or not all(map(is_small, expressions))
+    if (tree_size(expressions) > _MAX_NODES or not all(map(is_small, expressions))
             or not all(e.is_polynomial(*symbols) and not e.has(Shared) for e in expressions)):
         return list(expressions)
     quotient = Quotient(unit_quaternions(quaternions))
     try:
-        found = [_factored(quotient.expression(e)) for e in expressions]
+        shorter = [_factored(quotient.expression(e)) for e in expressions]
     except TooLongError:
         return list(expressions)
-    return min((list(expressions), found), key=lambda row: _operations(row, symbols))
+    return min((list(expressions), shorter), key=lambda row: _operations(row, symbols))
 
 
 def _factored(e: sp.Expr) -> sp.Expr:
-    """Return a sum in its shortest form; a long one as it is, for factoring would take seconds."""
-    return shortest(e) if len(sp.Add.make_args(e)) <= _MOST_TERMS else e
+    """Return a sum in its shortest form; a long sum unchanged: factoring would take seconds."""
+    return shortest(e) if len(sp.Add.make_args(e)) <= _MAX_TERMS else e
 
 
 def _operations(expressions: Sequence[sp.Expr], symbols: set[sp.Symbol]) -> int:

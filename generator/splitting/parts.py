@@ -41,7 +41,7 @@ from ..multibody.rigid_body import rotation_matrix
 from ..symbolic.derivatives import derivative
 from ..symbolic.shared_subexpressions import Shared, share
 from ..systems.system import System
-from .kicks import Vector, moved, shortened, space_torque
+from .kicks import Vector, derivatives_along, shortened, space_torque
 
 __all__ = ["AxisRotation", "BodyFlow", "Kick", "KickInstance", "KickTemplate", "SpaceRotation",
            "Splitting", "Translation"]
@@ -77,19 +77,19 @@ class BodyFlow:
     Attributes
     ----------
     name : str
-        Of the body.
+        Name of the body.
     q : tuple of 4 int
         Indices of its quaternion in ``system.q``, scalar first.
     l : tuple of 3 Symbol
-        Names of its angular momentum in space axes, in expressions of kicks.
+        Its angular momentum in space axes, in expressions of kicks.
     a : Expr
-        Of ½ a |m|², in 1/(kg m²).
+        The coefficient a of ½ a |m|², in 1/(kg m²).
     axes : tuple of AxisRotation
         At most one: with ½ a |m|² it is one exact flow, for the two commute.
     further : tuple of AxisRotation
-        Rotations that do not commute with ``axes``: those of an asymmetric body, and of a gyrostat
-        whose wheel is not on the axis of symmetry. In a symmetric composition they are run in this
-        order before the exact flow and in reverse order after it, half the time each.
+        Rotations that do not commute with ``axes``, of an asymmetric body or of a gyrostat whose
+        wheel is not on the axis of symmetry. In a symmetric composition their flows over half the
+        time are applied in this order before the exact flow and in reverse order after it.
     drag : Expr
         k of dl/dt = −k l, in 1/s; 0 without drag.
     symmetric_if : tuple of Expr
@@ -158,7 +158,7 @@ class SpaceRotation:
 
 @dataclass(frozen=True)
 class Kick:
-    """What a potential or forces add to the momenta per unit of time, at fixed q and r.
+    """Rates of the momenta due to a potential or to forces, at fixed q and r.
 
     Expressions in ``system.q``, parameters, time and inputs; if the splitting has
     ``other_forces``, also in ``BodyFlow.l`` and in ``system.p`` of points. Parts that recur may be
@@ -250,18 +250,18 @@ def _shortened(torques: Sequence[Vector], forces: Sequence[sp.Expr],
 
 def _slope(
     kick: Kick, quaternions: Sequence[tuple[sp.Symbol, ...]], points: Sequence[sp.Symbol],
-    turning: Sequence[Sequence[sp.Expr]], moving: Sequence[sp.Expr],
+    angular_velocities: Sequence[Sequence[sp.Expr]], velocities: Sequence[sp.Expr],
 ) -> Kick:
     """Return −2 times the derivative of a kick along angular velocities and velocities."""
-    rates = {q: (W[0], W[1], W[2]) for q, W in zip(quaternions, turning, strict=True)}
-    speeds = dict(zip(points, moving, strict=True))
-    torques = [[-2 * e for e in moved(N, rates, speeds)] for N in kick.torques]
-    forces = [-2 * e for e in moved(kick.forces, rates, speeds)]
+    rates = {q: (W[0], W[1], W[2]) for q, W in zip(quaternions, angular_velocities, strict=True)}
+    speeds = dict(zip(points, velocities, strict=True))
+    torques = [[-2 * e for e in derivatives_along(N, rates, speeds)] for N in kick.torques]
+    forces = [-2 * e for e in derivatives_along(kick.forces, rates, speeds)]
     return _shortened([(x, y, z) for x, y, z in torques], forces, quaternions)
 
 
 def _angular_velocity(body: BodyFlow, q: Sequence[sp.Symbol], N: Vector) -> list[sp.Expr]:
-    """Return W = R S Rᵀ N = a N + Σ d (c·N) c with c = R e; a temporary if a c·N is not 0."""
+    """Return W = R S Rᵀ N = a N + Σ d (c·N) c with c = R e; a temporary unless all c·N are 0."""
     W, R = body.a * sp.Matrix(N), rotation_matrix(q)
     for axis in (*body.axes, *body.further):
         c = R * sp.Matrix(axis.axis)
@@ -361,7 +361,7 @@ class Splitting:
                         terms.append(e.xreplace(names))
                 for i, e in zip(instance.coordinates, template.kick.forces, strict=True):
                     forces[i].append(e.xreplace(names))
-        sums = [[sp.Add(*terms) for terms in rows] for rows in torques]
+        sums = [[sp.Add(*terms) for terms in body_torques] for body_torques in torques]
         return Kick(tuple((x, y, z) for x, y, z in sums),
                     tuple(sp.Add(*forces[i]) for i in self.points))
 
@@ -369,15 +369,15 @@ class Splitting:
     def gradient(self) -> Kick:
         """N_G of each body and −G_r of each point: −2 times the derivative of ``kick`` along W.
 
-        W = R S Rᵀ N and the velocity M⁻¹ F belong to the kick itself. For forces that have no
-        potential it is the field of −[F, [T, F]], which G is the potential of where F = V.
+        W = R S Rᵀ N and the velocity M⁻¹ F are computed from the kick itself. It is the field of
+        −[F, [T, F]] for any forces F; if F is the force of a potential V, G is its potential.
         """
-        turning = [_angular_velocity(body, q, N) for body, q, N in zip(
+        angular_velocities = [_angular_velocity(body, q, N) for body, q, N in zip(
             self.bodies, self.quaternions, self.kick.torques, strict=True)]
         force = dict(zip(self.points, self.kick.forces, strict=True))
         M = self.translation.inverse_mass if self.translation else {}
-        moving = dict.fromkeys(self.points, _ZERO)
+        velocities = dict.fromkeys(self.points, _ZERO)
         for (i, j), e in M.items():
-            moving[i] += e * share(force[j])
+            velocities[i] += e * share(force[j])
         return _slope(self.kick, self.quaternions, [self.system.q[i] for i in self.points],
-                      turning, list(moving.values()))
+                      angular_velocities, list(velocities.values()))

@@ -1,9 +1,9 @@
 """Normal forms of polynomials modulo x² = e, for symbols x of which no e contains any.
 
 The leading monomials x² are powers of different symbols, so that the relations are a Gröbner basis
-of their ideal and every polynomial has one normal form: it is in the ideal just if the form is 0.
-Functions, roots and denominators are symbols to this algebra, with their arguments in normal form;
-an expression with them whose form is 0 is in the ideal, too.
+of their ideal: a polynomial is in the ideal if and only if its normal form is 0. Functions, roots
+and denominators are treated as symbols, with their arguments in normal form; an expression with
+them is in the ideal if its normal form is 0.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from ..normal_forms.terms import Terms, add_to, expression_of
 
 __all__ = ["Quotient", "unit_quaternions"]
 
-#: Products of terms until an expression counts as too long.
-_MOST = 200_000
+#: Largest number of products of terms; a longer expression raises ``TooLongError``.
+_MAX_PRODUCTS = 200_000
 
 
 def unit_quaternions(quaternions: Sequence[Sequence[sp.Symbol]]) -> dict[sp.Symbol, sp.Expr]:
@@ -37,7 +37,7 @@ class Quotient:
 
     def __init__(self, squares: Mapping[sp.Symbol, sp.Expr]) -> None:
         self._form = NormalForm(self._argument)
-        with self._form.allowed(_MOST):
+        with self._form.allowed(_MAX_PRODUCTS):
             self._squares = {x: self._form.terms(e) for x, e in squares.items()}
 
     def terms(self, e: sp.Expr) -> Terms:
@@ -48,7 +48,7 @@ class Quotient:
         TooLongError
             If it takes too many products.
         """
-        with self._form.allowed(_MOST):
+        with self._form.allowed(_MAX_PRODUCTS):
             return self._reduced(self._form(e))
 
     def expression(self, e: sp.Expr) -> sp.Expr:
@@ -56,7 +56,7 @@ class Quotient:
         return expression_of(self.terms(e))
 
     def vanishes(self, e: sp.Expr) -> bool:
-        """Whether an expression is proved to be in the ideal; not where that takes too long."""
+        """Whether an expression is proved to be in the ideal; False if that takes too long."""
         try:
             return e == 0 or not self.terms(e)
         except TooLongError:
@@ -67,17 +67,18 @@ class Quotient:
         return e if e.is_Symbol or e.is_Rational else expression_of(self._reduced(self._form(e)))
 
     def _reduced(self, terms: Terms) -> Terms:
-        made: Terms = {}
-        waiting = list(terms.items())
-        while waiting:
-            m, a = waiting.pop()
-            high = next(((x, n) for x, n in m if x in self._squares
-                         and isinstance(n, int) and n > 1), None)
-            if high is None:
-                add_to(made, m, a)
+        """Return the terms with xⁿ, n > 1, replaced by x^(n mod 2) e^(n div 2)."""
+        reduced: Terms = {}
+        stack = list(terms.items())
+        while stack:
+            m, a = stack.pop()
+            square = next(((x, n) for x, n in m if x in self._squares
+                           and isinstance(n, int) and n > 1), None)
+            if square is None:
+                add_to(reduced, m, a)
                 continue
-            x, n = high
-            rest = (m - {high}) | ({(x, 1)} if n % 2 else set())
+            x, n = square
+            cofactor = (m - {square}) | ({(x, 1)} if n % 2 else set())
             power = self._form.power(self._squares[x], n // 2)
-            waiting += self._form._times({rest: a}, power).items()
-        return made
+            stack += self._form._times({cofactor: a}, power).items()
+        return reduced

@@ -1,6 +1,6 @@
-"""Symmetries: vector fields that leave H, g and forces alone, along which a frame may move.
+"""Symmetries: vector fields that leave H, g = 0 and forces invariant; co-moving frames.
 
-    linear_fields        fields A q + a that are likely symmetries, with names for people
+    linear_fields        fields A q + a that are likely symmetries, with readable names
     rotations            fields whose flow is known in closed form
     symmetry_conditions  conditions of a symmetry, in exact arithmetic
     frame_symmetries     symmetries along which a frame may move

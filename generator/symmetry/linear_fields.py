@@ -1,8 +1,8 @@
-"""Linear vector fields X(q) = A q + a that are likely symmetries, with names for people.
+"""Linear vector fields X(q) = A q + a that are likely symmetries, with readable names.
 
-Coordinates are taken in blocks as they stand: four that a constraint holds at unit length are a
-quaternion, between quaternions threes are points in space and twos points in the plane. A block
-that is no such thing costs nothing: its fields are then no symmetries.
+The coordinates are divided into blocks, in their order: four coordinates of unit length by a
+constraint are a quaternion; the others are points, three coordinates in space or two in the plane.
+A wrong division is harmless: its fields are tested, and are no symmetries.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ Array = NDArray[np.float64]
 _AXES = ("e1", "e2", "e3")
 
 
-#: Entries of A and a by row and column, a as column n; those that are left out are 0.
+#: Nonzero entries of A and a by row and column; a is column n.
 Weights = Mapping[tuple[int, int], Fraction]
 
 
 @dataclass(frozen=True, eq=False)
 class LinearField:
-    """X(q) = A q + a on n coordinates, its entries exact."""
+    """The vector field X(q) = A q + a on n coordinates, with exact entries."""
 
     name: str
     n: int
@@ -46,16 +46,16 @@ class LinearField:
         """Return a linear combination of fields."""
         weights: dict[tuple[int, int], Fraction] = {}
         for factor, field in zip(factors, fields, strict=True):
-            for place, x in field.weights.items() if factor else ():
-                weights[place] = weights.get(place, Fraction(0)) + factor * x
-        return cls(name, n, {place: x for place, x in weights.items() if x})
+            for entry, x in field.weights.items() if factor else ():
+                weights[entry] = weights.get(entry, Fraction(0)) + factor * x
+        return cls(name, n, {entry: x for entry, x in weights.items() if x})
 
     @cached_property
     def matrix(self) -> Array:
         """(A, a), shape (n, n + 1)."""
         entries = np.zeros((self.n, self.n + 1))
-        for place, x in self.weights.items():
-            entries[place] = float(x)
+        for index, x in self.weights.items():
+            entries[index] = float(x)
         return entries
 
     @property
@@ -69,11 +69,11 @@ class LinearField:
         return self.matrix[:, self.n]
 
     def momentum(self, q: Sequence[sp.Expr], p: Sequence[sp.Expr]) -> sp.Expr:
-        """Return J = pᵀ(A q + a), its numbers exact."""
-        reach = [*q, sp.Integer(1)]
+        """Return the momentum J = pᵀ(A q + a), with exact numbers."""
+        q_and_one = [*q, sp.Integer(1)]
         rows: dict[int, list[sp.Expr]] = {}
         for (i, j), x in sorted(self.weights.items()):
-            rows.setdefault(i, []).append(sp.Rational(x.numerator, x.denominator) * reach[j])
+            rows.setdefault(i, []).append(sp.Rational(x.numerator, x.denominator) * q_and_one[j])
         return sp.Add(*(p[i] * sp.Add(*terms) for i, terms in rows.items()))
 
 
@@ -87,61 +87,62 @@ class _Blocks:
 
 
 def known_fields(system: System) -> list[LinearField]:
-    """Return the candidates, the most natural ones first."""
+    """Return the candidates: momenta p_i, then rigid motions of all blocks and of each block."""
     n = system.n
     fields = [_shift(n, [[i]], 0, f"momentum {p}") for i, p in enumerate(system.p)]
-    for blocks in _readings(system):
+    for blocks in _block_layouts(system):
         fields += _motions(n, blocks)
         names = [", ".join(str(system.q[i]) for i in block) for block in blocks.quaternions]
         for block, name in zip(blocks.quaternions, names, strict=True):
-            where = "the body's axis" if len(names) == 1 else f"the axis of body ({name}),"
-            fields += [_spin(n, block, k, f"angular momentum about {where} {k + 1}")
+            axis = "the body's axis" if len(names) == 1 else f"the axis of body ({name}),"
+            fields += [_spin(n, block, k, f"angular momentum about {axis} {k + 1}")
                        for k in range(3)]
         for block in blocks.points:
-            alone = _Blocks([], [block], blocks.size)
+            single_block = _Blocks([], [block], blocks.size)
             name = ", ".join(str(system.q[i]) for i in block)
-            fields += [LinearField(f"{f.name} of ({name})", n, f.weights) for f in _motions(n,
-                                                                                            alone)]
+            fields += [LinearField(f"{f.name} of ({name})", n, f.weights)
+                       for f in _motions(n, single_block)]
         for block, name in zip(blocks.quaternions, names, strict=True):
-            alone = _Blocks([block], [], blocks.size)
+            single_block = _Blocks([block], [], blocks.size)
             fields += [LinearField(f"{f.name} of body ({name})", n, f.weights)
-                       for f in _motions(n, alone) if f.A.any()]
+                       for f in _motions(n, single_block) if f.A.any()]
     return fields
 
 
 def motions_of_space(system: System) -> list[LinearField]:
-    """Return the rotations about e1, e2, e3 and the translations of everything together."""
-    return [f for blocks in _readings(system)[:1] for f in _motions(system.n, blocks)]
+    """Return the rotations about e1, e2, e3 and the translations of the whole system."""
+    return [f for blocks in _block_layouts(system)[:1] for f in _motions(system.n, blocks)]
 
 
-def _readings(system: System) -> list[_Blocks]:
-    """Return the ways to read the coordinates as blocks: in space, in the plane, or both."""
+def _block_layouts(system: System) -> list[_Blocks]:
+    """Return the divisions of the coordinates into blocks: in space, in the plane, or both."""
     quaternions = list(_unit_quaternions(system))
-    taken = {i for block in quaternions for i in block}
-    free = [i for i in range(system.n) if i not in taken]
+    quaternion_indices = {i for block in quaternions for i in block}
+    free = [i for i in range(system.n) if i not in quaternion_indices]
+    # runs of consecutive indices between quaternions
     breaks = [0, *(k for k in range(1, len(free)) if free[k] != free[k - 1] + 1), len(free)]
     runs = [free[a:b] for a, b in pairwise(breaks)] if free else []
-    found = []
+    layouts = []
     for size in (3, 2):
         if quaternions and size == 2:
             continue
         if all(len(run) % size == 0 for run in runs):
             points = [run[i : i + size] for run in runs for i in range(0, len(run), size)]
-            found.append(_Blocks(quaternions, points, size))
-    return found
+            layouts.append(_Blocks(quaternions, points, size))
+    return layouts
 
 
 def _unit_quaternions(system: System) -> Iterator[list[int]]:
-    """Yield the places of four coordinates whose squares add up to a constant by a constraint."""
-    place = {symbol: i for i, symbol in enumerate(system.q)}
+    """Yield the indices of four coordinates with constant Σ x² by a constraint."""
+    index_of = {symbol: i for i, symbol in enumerate(system.q)}
     for g in system.constraints:
-        symbols = sorted(g.free_symbols & place.keys(), key=place.__getitem__)
+        symbols = sorted(g.free_symbols & index_of.keys(), key=index_of.__getitem__)
         if len(symbols) != 4 or not g.is_polynomial(*symbols):
             continue
-        rest = sp.expand(g / sp.Poly(g, *symbols).LC() - sum(x**2 for x in symbols))
-        places = [place[x] for x in symbols]
-        if not rest.has(*symbols) and places == list(range(places[0], places[0] + 4)):
-            yield places
+        remainder = sp.expand(g / sp.Poly(g, *symbols).LC() - sum(x**2 for x in symbols))
+        indices = [index_of[x] for x in symbols]
+        if not remainder.has(*symbols) and indices == list(range(indices[0], indices[0] + 4)):
+            yield indices
 
 
 def _motions(n: int, blocks: _Blocks) -> list[LinearField]:

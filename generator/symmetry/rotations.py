@@ -4,7 +4,7 @@ Where A³ = −a² A on a block of coordinates,
 
     e^{θA} = 1 + sin(aθ) A/a + (1 − cos(aθ)) A²/a²,
 
-so that one sine and one cosine turn all blocks of one a: a = 1 of points, a = ½ of quaternions.
+so that one sine and one cosine rotate all blocks of one a: a = 1 of points, a = ½ of quaternions.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Rotation:
 
     @property
     def dual(self) -> Rotation:
-        """−Aᵀ, by which momenta turn where coordinates turn by A."""
+        """−Aᵀ, the rotation of the momenta if A is the rotation of the coordinates."""
         return Rotation({a: {(j, i): -e for (i, j), e in A.items()}
                          for a, A in self.blocks.items()})
 
@@ -48,34 +48,34 @@ def turned(
 ) -> list[sp.Expr]:
     """Return e^{θA} x with A = Σ n_i A_i, from cos(aθ) and sin(aθ) of each a.
 
-    ``axis`` is n: the number 1 of one rotation, or a unit vector where these are about e1, e2, e3.
+    ``axis`` is n: [1] for one rotation, or a unit vector for the rotations about e1, e2, e3.
     """
-    found = list(x)
+    rotated = list(x)
     for a in sorted({a for rotation in rotations for a in rotation.blocks}):
-        parts = [(n, {place: e / a for place, e in rotation.blocks.get(a, {}).items()})
-                 for n, rotation in zip(axis, rotations, strict=True)]
-        once = _image(parts, x)
-        twice = _image(parts, once)
-        for i, e in enumerate(once):
-            if e == 0 and twice[i] == 0:
+        generators = [(n, {entry: e / a for entry, e in rotation.blocks.get(a, {}).items()})
+                      for n, rotation in zip(axis, rotations, strict=True)]
+        Ax = _image(generators, x)
+        AAx = _image(generators, Ax)
+        for i, e in enumerate(Ax):
+            if e == 0 and AAx[i] == 0:
                 continue
-            plain = _on_unit_axis(twice[i] + x[i], axis) == 0
-            along = cosines[a] * x[i] if plain else x[i] + (1 - cosines[a]) * twice[i]
-            found[i] = along + sines[a] * e
-    return found
+            is_perpendicular = _on_unit_axis(AAx[i] + x[i], axis) == 0
+            even_part = cosines[a] * x[i] if is_perpendicular else x[i] + (1 - cosines[a]) * AAx[i]
+            rotated[i] = even_part + sines[a] * e
+    return rotated
 
 
 def rotation_of(A: Entries) -> Rotation | None:
-    """Return a matrix as a rotation; None if it is none, or of a rate that binary cannot hold."""
+    """Return a matrix as a rotation; None if it is none, or if a rate a is no dyadic number."""
     blocks: dict[Fraction, dict[tuple[int, int], Fraction]] = {}
-    places = {place: x for place, x in A.items() if x}
-    for part in connected([frozenset(place) for place in places]):
-        block = {(i, j): x for (i, j), x in places.items() if i in part}
+    nonzero = {entry: x for entry, x in A.items() if x}
+    for indices in connected([frozenset(entry) for entry in nonzero]):
+        block = {(i, j): x for (i, j), x in nonzero.items() if i in indices}
         cube = _product(block, _product(block, block))
-        place, x = next(iter(block.items()))
-        square = -cube.get(place, Fraction(0)) / x
+        entry, x = next(iter(block.items()))
+        square = -cube.get(entry, Fraction(0)) / x
         a = _root(square)
-        if a is None or cube != {place: -square * x for place, x in block.items()}:
+        if a is None or cube != {entry: -square * x for entry, x in block.items()}:
             return None
         blocks.setdefault(a, {}).update(block)
     return Rotation(blocks) if blocks else None
@@ -87,7 +87,7 @@ def commute(A: Entries, B: Entries) -> bool:
 
 
 def _root(square: Fraction) -> Fraction | None:
-    """Return a > 0 with that square if it is a dyadic number."""
+    """Return a = √square if a > 0 is a dyadic number, which is exact in binary; else None."""
     if square <= 0:
         return None
     root = sp.sqrt(_rational(square))
@@ -100,11 +100,11 @@ def _product(A: Entries, B: Entries) -> dict[tuple[int, int], Fraction]:
     rows: dict[int, list[tuple[int, Fraction]]] = {}
     for (j, k), x in B.items():
         rows.setdefault(j, []).append((k, x))
-    found: dict[tuple[int, int], Fraction] = {}
+    product: dict[tuple[int, int], Fraction] = {}
     for (i, j), x in A.items():
         for k, y in rows.get(j, ()):
-            found[i, k] = found.get((i, k), Fraction(0)) + x * y
-    return {place: x for place, x in found.items() if x}
+            product[i, k] = product.get((i, k), Fraction(0)) + x * y
+    return {entry: x for entry, x in product.items() if x}
 
 
 def _image(parts: Sequence[tuple[sp.Expr, Entries]], x: Sequence[sp.Expr]) -> list[sp.Expr]:
@@ -117,7 +117,7 @@ def _image(parts: Sequence[tuple[sp.Expr, Entries]], x: Sequence[sp.Expr]) -> li
 
 
 def _on_unit_axis(e: sp.Expr, axis: Sequence[sp.Expr]) -> sp.Expr:
-    """Return an expression multiplied out where n·n = 1."""
+    """Return an expression expanded modulo n·n = 1."""
     long = sp.expand(e)
     if len(axis) == 1:
         return long
