@@ -1,15 +1,15 @@
 """Bounded algebra on expressions, on top of SymPy, with proofs where possible.
 
-    bounded_algebra        expansion and factoring, given up where they take too long
-    derivatives            derivatives without SymPy's detours
-    shared_subexpressions  expressions as graphs: a shared part is visited once
-    switching_functions    functions with two sides: |u|, max, where
+    bounded_algebra        bounds of the size of an expansion or a factorisation
+    derivatives            derivatives by SymPy's rules, in fewer operations
+    shared_subexpressions  expressions as directed acyclic graphs
+    switching_functions    functions with switches: |u|, max, min, if
     piecewise              an expression with conditions as a piecewise function of one variable
     cardinal_functions     f(z)/z, which divided differences contain
-    phases                 a late time as a start and the time since, which keeps its digits
-    numeric_evaluation     expressions as numbers, by NumPy or mpmath
+    phases                 t = t0 + τ: no digits are lost at a late time
+    numeric_evaluation     values of expressions, by NumPy or mpmath
     rounding_errors        a running error analysis of an expression
-    identities             whether two expressions are the same function: proved, or sampled
-    finite_fields          whether an expression vanishes, decided modulo primes
-    null_spaces            null spaces over the rational numbers, exactly
+    identities             equality of two expressions: proved, or sampled at random points
+    finite_fields          test for zero, in exact arithmetic modulo primes
+    null_spaces            exact null spaces over the rational numbers
 """

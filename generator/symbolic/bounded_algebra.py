@@ -1,7 +1,7 @@
-"""Multiplying out and factoring, given up where they would take longer than they are worth.
+"""Bounds of the size of an expanded or factored expression.
 
-Both only make formulas shorter. What a user writes may have few characters and billions of terms:
-((x + y + 1)**9 + z)**9.
+Expansion and factoring only make formulas shorter; they are skipped if they would take long. Few
+characters can have billions of terms: ((x + y + 1)**9 + z)**9.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import sympy as sp
 
 __all__ = ["can_be_factored", "expanded", "is_small"]
 
-#: Most symbols of the expanded expression.
-MOST = 20_000
-#: Terms of the numerator, were everything brought to one denominator.
-MOST_OVER_COMMON = 1000
+#: Largest number of symbols of an expanded expression.
+MAX_SYMBOLS = 20_000
+#: Largest number of terms of the numerator over a common denominator.
+MAX_NUMERATOR_TERMS = 1000
 
 
 def expanded(e: sp.Expr) -> sp.Expr:
-    """Return the expression multiplied out; as it is where that is too long."""
+    """Return the expanded expression; a long one unchanged."""
     return sp.expand(e) if is_small(e) else e
 
 
 def is_small(e: sp.Expr) -> bool:
-    """Whether an expression is short enough to be multiplied out."""
+    """Whether an expression is short enough to be expanded."""
     terms, length = _size(e)
-    return terms * length <= MOST
+    return terms * length <= MAX_SYMBOLS
 
 
 def can_be_factored(e: sp.Expr) -> bool:
@@ -38,30 +38,30 @@ def can_be_factored(e: sp.Expr) -> bool:
         return False
     denominators = {power.base for power in e.atoms(sp.Pow) if power.exp.is_negative}
     common = math.prod(_size(d)[0] for d in denominators)
-    return common * _size(e)[0] <= MOST_OVER_COMMON
+    return common * _size(e)[0] <= MAX_NUMERATOR_TERMS
 
 
 @lru_cache(maxsize=2**14)
 def _size(e: sp.Expr) -> tuple[int, int]:
-    """Bound how many terms there would be, and how many symbols the longest of them would have.
+    """Return bounds of the number of terms of the expansion, and of the symbols of a term.
 
-    What stands under a power bar −1, in a root or a function is multiplied out inside one symbol.
-    Numbers beyond ``MOST`` mean no more than that: they are cut off.
+    Denominators, radicands and arguments are expanded, too, and are parts of one term. Both numbers
+    are truncated to ``MAX_SYMBOLS + 1``.
     """
     if e.is_Atom:
         return 1, 1
-    parts = [_size(argument) for argument in e.args]
+    sizes = [_size(argument) for argument in e.args]
     if e.is_Add:
-        return _cut(sum(t for t, _ in parts)), max(length for _, length in parts)
+        return _cut(sum(t for t, _ in sizes)), max(length for _, length in sizes)
     if e.is_Mul:
-        return _cut(math.prod(t for t, _ in parts)), _cut(sum(length for _, length in parts))
+        return _cut(math.prod(t for t, _ in sizes)), _cut(sum(length for _, length in sizes))
     if e.is_Pow and e.exp.is_Rational:
-        terms, length = parts[0]
+        terms, length = sizes[0]
         n = math.ceil(abs(e.exp))
-        power = _cut(math.comb(terms + n - 1, n)) if n <= 200 else MOST + 1, _cut(length * n)
+        power = _cut(math.comb(terms + n - 1, n)) if n <= 200 else MAX_SYMBOLS + 1, _cut(length * n)
         return power if e.exp.is_Integer and e.exp > 0 else (1, _cut(power[0] * power[1]))
-    return 1, _cut(sum(t * length for t, length in parts))
+    return 1, _cut(sum(t * length for t, length in sizes))
 
 
-def _cut(number: int) -> int:
-    return min(number, MOST + 1)
+def _cut(count: int) -> int:
+    return min(count, MAX_SYMBOLS + 1)

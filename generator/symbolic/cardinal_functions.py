@@ -1,10 +1,10 @@
-"""Cardinal functions f(z)/z: even, 1 at z = 0, what a divided difference leaves of a function.
+"""Cardinal functions f(z)/z: even, 1 at z = 0, factors of divided differences.
 
     sinc = sin(z)/z   sinhc = sinh(z)/z   asinhc = asinh(z)/z   atanc = atan(z)/z
     atanhc = atanh(z)/z
 
 Discrete gradients contain them, Newton's matrix their derivatives. As expressions they are opaque:
-SymPy evaluates them at 0, knows that they are even, and differentiates them once into a function
+SymPy knows their value at 0 and their parity, and differentiates them once into a function
 ``…_slope``. The C of both is in ``templates/cardinal.c.jinja``.
 """
 
@@ -71,13 +71,16 @@ class _Slope(Numeric):
 
 
 def _slope(derivative: Any, third: int) -> Any:
-    """Return (f′(z) − f(z)/z)/z in mpmath; ``third`` is f‴(0), the derivative at 0 is f‴(0) z/3."""
+    """Return (f′(z) − f(z)/z)/z in mpmath.
+
+    ``third`` is f‴(0): for z → 0 the derivative is f‴(0) z/3.
+    """
 
     def value(function: type[_Cardinal], z: Any) -> Any:
         if abs(z) < mp.ldexp(1, -mp.mp.prec):
             return third * z / 3
-        lost = max(0, -2 * mp.frexp(z)[1])
-        with mp.workprec(mp.mp.prec + lost + 16):
+        cancelled_bits = max(0, -2 * mp.frexp(z)[1])
+        with mp.workprec(mp.mp.prec + cancelled_bits + 16):
             return (derivative(z) - function.value(z)) / z
 
     return value
@@ -94,23 +97,23 @@ def _make_slope(function: type[_Cardinal], derivative: Any, third: int) -> type[
     })
 
 
-def _make(name: str, function: Any, derivative: Any, third: int) -> type[_Cardinal]:
-    """Return f(z)/z with its slope, from f and f′ in mpmath and f‴(0)."""
-    made: type[_Cardinal] = type(name, (_Cardinal,), {
+def _cardinal(name: str, function: Any, derivative: Any, third: int) -> type[_Cardinal]:
+    """Return the class of f(z)/z and its derivative, from f and f′ in mpmath and f‴(0)."""
+    cardinal: type[_Cardinal] = type(name, (_Cardinal,), {
         "__doc__": f"{name[:-1].lower()}(z)/z.",
         "__module__": __name__,
         "c_name": name.lower(),
         "value": staticmethod(lambda z: function(z) / z if z else mp.mpf(1)),
     })
-    made.slope = _make_slope(made, derivative, third)
-    return made
+    cardinal.slope = _make_slope(cardinal, derivative, third)
+    return cardinal
 
 
-Sinc = _make("Sinc", mp.sin, mp.cos, -1)
-Sinhc = _make("Sinhc", mp.sinh, mp.cosh, 1)
-Asinhc = _make("Asinhc", mp.asinh, lambda z: 1 / mp.sqrt(1 + z * z), -1)
-Atanc = _make("Atanc", mp.atan, lambda z: 1 / (1 + z * z), -2)
-Atanhc = _make("Atanhc", mp.atanh, lambda z: 1 / (1 - z * z), 2)
+Sinc = _cardinal("Sinc", mp.sin, mp.cos, -1)
+Sinhc = _cardinal("Sinhc", mp.sinh, mp.cosh, 1)
+Asinhc = _cardinal("Asinhc", mp.asinh, lambda z: 1 / mp.sqrt(1 + z * z), -1)
+Atanc = _cardinal("Atanc", mp.atan, lambda z: 1 / (1 + z * z), -2)
+Atanhc = _cardinal("Atanhc", mp.atanh, lambda z: 1 / (1 - z * z), 2)
 
 #: Functions that the C of a slope calls besides the cardinal function itself.
 _NEEDS = {"asinhc_slope": ("asinhc", "sinhc_slope"), "atanc_slope": ("atanc", "sinc_slope"),
@@ -120,6 +123,6 @@ _NAMES = {f.c_name for function in (Sinc, Sinhc, Asinhc, Atanc, Atanhc)
 
 
 def c_names_with_needs(functions: frozenset[str]) -> frozenset[str]:
-    """Return the names in C of the cardinal functions among these, and of all that they call."""
+    """Return the C names of the cardinal functions among ``functions`` and of those they call."""
     used = functions & _NAMES
     return used.union(*(_NEEDS.get(name, ()) for name in used))

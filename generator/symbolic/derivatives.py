@@ -1,9 +1,9 @@
-"""Derivatives of sums, products, powers and functions by SymPy's own rules, without its detours.
+"""Derivatives of sums, products, powers and functions by SymPy's rules, in fewer operations.
 
-The outcome is SymPy's, term by term. It differentiates every factor of a product zero times to
-form each term, and evaluates the logarithm of every base to multiply it with zero. Of functions
-with two sides (``switching_functions``) it is the derivative of the side: that of a step is 0, and
-there is no Dirac's delta.
+The result is SymPy's, term by term. SymPy differentiates every factor of a product zero times for
+each term, and evaluates the logarithm of every base to multiply it by zero. A function with a
+switch (``switching_functions``) has the derivative of its active branch: a step has the derivative
+0, not Dirac's delta.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
     if e.is_Pow and e.exp.is_number:
         inner = derivative(e.base, x)
         rate = e * (inner * e.exp / e.base)
-        if 0 < e.exp < 1 and has_sides(e.base):  # √max(x, 0) does not move where x < 0
+        if 0 < e.exp < 1 and has_sides(e.base):  # (√max(x, 0))' = 0 for x < 0, not 0/0
             return Where(sp.Integer(0), sp.Abs(inner), rate, sp.Integer(0))
         return rate
     if e.is_Pow:
@@ -55,33 +55,37 @@ def _product_terms(factors: tuple[sp.Expr, ...], x: sp.Symbol) -> list[sp.Expr]:
 
 
 def along(
-    expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol], way: Sequence[sp.Symbol]
+    expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol], direction: Sequence[sp.Symbol]
 ) -> list[sp.Expr]:
-    """Return the derivatives along a direction, forward: what is shared has one derivative."""
+    """Return the directional derivatives Σ_k d_k ∂e/∂x_k, in forward mode.
+
+    Each shared subexpression is differentiated once.
+    """
     step = sp.Symbol("_step", real=True)
-    moved = substitute(expressions, {x: x + step * d for x, d in zip(symbols, way, strict=True)})
-    return substitute([derivative(e, step) for e in moved], {step: sp.Integer(0)})
+    displaced = substitute(expressions, {x: x + step * d
+                                         for x, d in zip(symbols, direction, strict=True)})
+    return substitute([derivative(e, step) for e in displaced], {step: sp.Integer(0)})
 
 
 @lru_cache(maxsize=16)
 def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
     """Return the derivatives by each symbol, in reverse mode: shared parts are visited once.
 
-    They are together a few times as long as e, however many symbols there are.
+    Their total length is a small multiple of the length of e, for any number of symbols.
     """
-    shared = [part for part in parts_of([e]) if isinstance(part, Shared)]
-    names = {part: sp.Symbol(f"_r{i}", real=True) for i, part in enumerate(shared)}
-    *bodies, whole = substitute([*(part.args[0] for part in shared), e], names)
+    shared = [node for node in parts_of([e]) if isinstance(node, Shared)]
+    names = {node: sp.Symbol(f"_r{i}", real=True) for i, node in enumerate(shared)}
+    *bodies, root = substitute([*(node.args[0] for node in shared), e], names)
     terms: dict[sp.Symbol, list[sp.Expr]] = {}
 
-    def pass_on(weight: sp.Expr, body: sp.Expr) -> None:
+    def add_products(adjoint: sp.Expr, body: sp.Expr) -> None:
         for term in sp.Add.make_args(body):
             for x in sorted(term.free_symbols, key=name_of):
-                terms.setdefault(x, []).append(weight * derivative(term, x))
+                terms.setdefault(x, []).append(adjoint * derivative(term, x))
 
-    pass_on(sp.Integer(1), whole)
-    for part, body in zip(reversed(shared), reversed(bodies), strict=True):
-        if names[part] in terms:
-            pass_on(share(sp.Add(*terms[names[part]])), body)
-    back = {symbol: part for part, symbol in names.items()}
-    return substitute([sp.Add(*terms.get(x, ())) for x in symbols], back)
+    add_products(sp.Integer(1), root)
+    for node, body in zip(reversed(shared), reversed(bodies), strict=True):
+        if names[node] in terms:
+            add_products(share(sp.Add(*terms[names[node]])), body)
+    node_of = {symbol: node for node, symbol in names.items()}
+    return substitute([sp.Add(*terms.get(x, ())) for x in symbols], node_of)

@@ -1,15 +1,15 @@
-"""Expressions in finite fields: whether they vanish is decided without any rounding.
+"""Values of expressions in finite fields: a test for zero without rounding errors.
 
 Every double is a fraction, and a fraction is a number modulo a prime. A rational function that
-vanishes for all values of its symbols vanishes modulo every prime; one that does not vanish is
-nonzero at a random point but for a chance of degree/prime. What is no rational function is made
-one, with all that its definition knows of it:
+vanishes identically vanishes modulo every prime (without a zero denominator); any other one is
+nonzero at a random point with a probability of 1 − degree/prime or more (Schwartz and Zippel).
+Other functions are replaced by rational ones:
 
-- roots: an s with s² = u, at points where u has one,
-- sin, cos, tan, exp, sinh, cosh, tanh of Σ n_k u_k: Π z_k^(n_k) with a random z_k for each
-  different u_k, so that theorems of addition hold,
-- any other function: a random number for each different argument. What holds for any numbers in
-  its place holds for the function; what holds of that function alone is not seen.
+- a root √u by an s with s² = u, at points where u has one,
+- sin, cos, tan, exp, sinh, cosh, tanh of Σ n_k u_k by rational functions of Π z_k^(n_k) with a
+  random z_k for each different u_k, so that the addition theorems hold,
+- any other function by a random number for each different argument. An identity that holds for
+  any such numbers holds for the function; identities of the function itself are not detected.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ Residue = NDArray[np.int64]
 #: Functions that are rational in exp(x) or exp(ix): numerator and denominator in z and 1/z.
 _CIRCULAR = {sp.sin, sp.cos, sp.tan}
 _HYPERBOLIC = {sp.exp, sp.sinh, sp.cosh, sp.tanh}
-#: Batches of points that are drawn for one whose roots all exist, before roots count as unknown.
+#: Batches of random points, until roots are replaced by random numbers.
 _BATCHES = 40
 
 
 def primes() -> Iterator[int]:
     """Yield primes below 2³¹, the largest first, that have √−1 and √2: p ≡ 9 (mod 16).
 
-    A few hundred: an expression that none of them is suitable for is not to be had.
+    There are a few hundred of them, and most expressions have values modulo nearly all.
     """
     p = 2**31
     for _ in range(4000):
@@ -53,13 +53,13 @@ def primes() -> Iterator[int]:
 
 @cache
 def _eighth_root(prime: int) -> int:
-    """Return a number whose powers are the eight roots of 1: its second power is √−1."""
+    """Return a primitive eighth root of 1; its square is √−1."""
     candidates = (pow(n, (prime - 1) // 8, prime) for n in count(2))
     return next(c for c in candidates if pow(c, 4, prime) == prime - 1)
 
 
 class UnsuitablePrimeError(ArithmeticError):
-    """Modulo this prime a number such as √2 does not exist; another will do."""
+    """A number such as √2 does not exist modulo this prime; try the next one."""
 
 
 class Residues:
@@ -70,15 +70,15 @@ class Residues:
     prime : int
         One of ``primes``.
     symbols : iterable of Symbol
-        What gets a random value at each point.
+        Symbols that get a random value at each point.
     expressions : sequence of Expr
-        All that will be asked for: which roots and angles there are.
+        The expressions that are evaluated.
     size : int
         Number of points.
     constants : dict
-        Values of numbers such as sin(0.3), which are the same at all points of a prime.
+        Residues of numbers such as sin(0.3), the same at all points of a prime; entries are added.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Raises
     ------
@@ -94,86 +94,94 @@ class Residues:
         self._rng = np.random.default_rng([seed, prime])
         self._units = _angular_units(expressions)
         self._symbols = list(symbols)
-        self.values = self._usable_values(list(expressions))
+        self.values = self._values_at_usable_points(list(expressions))
 
     def __getitem__(self, e: sp.Expr) -> Residue:
         """Return the values of a symbol or of one of the expressions, shape (points,)."""
         return self.values[e]
 
-    def _usable_values(self, expressions: list[sp.Expr]) -> dict[sp.Basic, Residue]:
-        """Draw points until there are enough with all roots and no division by zero."""
-        wanted, parts = [*self._symbols, *expressions], list(parts_of(expressions))
+    def _values_at_usable_points(self, expressions: list[sp.Expr]) -> dict[sp.Basic, Residue]:
+        """Draw points until ``size`` of them have all roots and no division by zero.
+
+        If too few have all roots, roots are replaced by random numbers.
+        """
+        outputs, subexpressions = [*self._symbols, *expressions], list(parts_of(expressions))
         for self._with_roots in (True, False):
-            found: list[list[Residue]] = []
+            batches: list[list[Residue]] = []
             for _ in range(_BATCHES):
-                found.append(self._batch(wanted, parts))
-                if sum(len(columns[0]) for columns in found) >= self.size:
-                    columns = [np.concatenate(c)[: self.size] for c in zip(*found, strict=True)]
-                    return dict(zip(wanted, columns, strict=True))
+                batches.append(self._batch(outputs, subexpressions))
+                if sum(len(columns[0]) for columns in batches) >= self.size:
+                    columns = [np.concatenate(c)[: self.size] for c in zip(*batches, strict=True)]
+                    return dict(zip(outputs, columns, strict=True))
         raise UnsuitablePrimeError(f"no point modulo {self.prime} has all the values")
 
-    def _batch(self, wanted: Sequence[sp.Basic], parts: Sequence[sp.Basic]) -> list[Residue]:
-        """Return the values at as many random points as are usable."""
-        self._drawn: dict[Any, Residue] = {}
+    def _batch(
+        self, outputs: Sequence[sp.Basic], subexpressions: Sequence[sp.Basic]
+    ) -> list[Residue]:
+        """Return the values of ``outputs`` at the usable ones of ``size`` random points."""
+        self._random_values: dict[Any, Residue] = {}
         self._usable = np.ones(self.size, dtype=bool)
-        known: dict[sp.Basic, Residue] = {s: self._draw() for s in self._symbols}
-        for part in parts:
-            if part not in known:
-                known[part] = self._value(part, known)
-        return [known[e][self._usable] for e in wanted]
+        values: dict[sp.Basic, Residue] = {s: self._draw() for s in self._symbols}
+        for e in subexpressions:
+            if e not in values:
+                values[e] = self._value(e, values)
+        return [values[e][self._usable] for e in outputs]
 
     # ------------------------------------------------------------ one expression
 
-    def _value(self, e: sp.Basic, known: Mapping[sp.Basic, Residue]) -> Residue:
+    def _value(self, e: sp.Basic, values: Mapping[sp.Basic, Residue]) -> Residue:
         p = self.prime
         if e.is_Rational or e.is_Float:
             return self._number(sp.Rational(e))
         if isinstance(e, Shared):
-            return known[e.args[0]]
+            return values[e.args[0]]
         if e.is_Add:
-            return reduce(lambda a, b: (a + b) % p, (known[a] for a in e.args))
+            return reduce(lambda a, b: (a + b) % p, (values[a] for a in e.args))
         if e.is_Mul:
-            return reduce(lambda a, b: a * b % p, (known[a] for a in e.args))
+            return reduce(lambda a, b: a * b % p, (values[a] for a in e.args))
         if e.func in _CIRCULAR or e.func in _HYPERBOLIC:
             return self._exponential(e)
         if e.is_Pow and (e.exp.is_Rational or e.exp.is_Float):
-            return self._power_of(e.base, sp.Rational(e.exp), known[e.base])
+            return self._power_of(e.base, sp.Rational(e.exp), values[e.base])
         return self._unknown(e)
 
     def _number(self, x: sp.Rational) -> Residue:
-        value = int(x.p) * pow(int(x.q), -1, self.prime) % self.prime
-        return np.full(self.size, value)
+        residue = int(x.p) * pow(int(x.q), -1, self.prime) % self.prime
+        return np.full(self.size, residue)
 
     def _draw(self) -> Residue:
         """Return random numbers other than 0."""
         return self._rng.integers(1, self.prime, self.size)
 
     def _unknown(self, e: Any) -> Residue:
-        """Return random numbers for what nothing is known of, one where nothing in it varies."""
-        if e not in self._drawn:
+        """Return random numbers for an expression without rules; one number for a constant."""
+        if e not in self._random_values:
             if getattr(e, "free_symbols", None):
-                self._drawn[e] = self._draw()
+                self._random_values[e] = self._draw()
             else:
                 draw = int(self._rng.integers(1, self.prime))
-                self._drawn[e] = np.full(self.size, self._constants.setdefault(e, draw))
-        return self._drawn[e]
+                self._random_values[e] = np.full(self.size, self._constants.setdefault(e, draw))
+        return self._random_values[e]
 
     # ------------------------------------------------------------ powers and roots
 
     def _power(self, x: Residue, n: int) -> Residue:
-        """Return xⁿ; where x = 0 and n < 0 the point is dropped."""
+        """Return xⁿ; points with x = 0 and n < 0 are marked unusable."""
         if n < 0:
             self._usable &= x != 0
             n %= self.prime - 1
-        result = np.ones_like(x)
+        power = np.ones_like(x)
         while n:
             if n & 1:
-                result = result * x % self.prime
+                power = power * x % self.prime
             x, n = x * x % self.prime, n >> 1
-        return result
+        return power
 
     def _power_of(self, e: sp.Expr, exponent: sp.Rational, base: Residue) -> Residue:
-        """Return base^(p/q): square roots, and odd ones where every number has just one."""
+        """Return base^(p/q), by square roots and by one root of odd order.
+
+        A root of odd order r is unique, x^(1/r mod p − 1), if r and p − 1 are coprime.
+        """
         q = int(exponent.q)
         twos = (q & -q).bit_length() - 1
         odd = q >> twos
@@ -190,23 +198,22 @@ class Residues:
         return self._power(root, int(exponent.p))
 
     def _square_root(self, x: Residue) -> Residue:
-        """Return a root of x; points where there is none are dropped.
+        """Return a square root of x; points without one are marked unusable.
 
-        By Tonelli's and Shanks's method: x^((m+1)/2) with p − 1 = 8 m is one but for an eighth root
-        of 1.
+        Tonelli-Shanks: with p − 1 = 8 m and m odd, x^((m+1)/2) times an eighth root of 1.
         """
         p = self.prime
-        root = near = self._power(x, ((p - 1) // 8 + 1) // 2)
+        root = candidate = self._power(x, ((p - 1) // 8 + 1) // 2)
         for _ in range(3):
-            near = near * _eighth_root(p) % p
-            root = np.where(near * near % p == x, near, root)
+            candidate = candidate * _eighth_root(p) % p
+            root = np.where(candidate * candidate % p == x, candidate, root)
         self._usable &= root * root % p == x
         return root
 
     # ------------------------------------------------------------ exponentials
 
     def _exponential(self, e: sp.Function) -> Residue:
-        """Return sin, exp, … of Σ n_k u_k by Π z_k^(n_k)."""
+        """Return sin, exp, … of Σ n_k u_k as rational functions of z = Π z_k^(n_k)."""
         p, circular = self.prime, e.func in _CIRCULAR
         z = np.ones(self.size, dtype=np.int64)
         for unit, n in _terms(e.args[0]):
@@ -222,18 +229,18 @@ class Residues:
 
 
 def _terms(argument: sp.Expr) -> list[tuple[Any, sp.Rational]]:
-    """Return the argument as multiples of different terms."""
-    found = []
+    """Return pairs (u_k, n_k) with argument = Σ n_k u_k, where n_k is rational."""
+    terms = []
     for term in sp.Add.make_args(sp.expand(argument)):
-        factor, rest = term.as_coeff_Mul()
+        factor, unit = term.as_coeff_Mul()
         if factor.is_Float:
             factor = sp.Rational(factor)
-        found.append((rest, factor) if factor.is_Rational else (term, sp.Integer(1)))
-    return found
+        terms.append((unit, factor) if factor.is_Rational else (term, sp.Integer(1)))
+    return terms
 
 
 def _angular_units(expressions: Sequence[sp.Expr]) -> dict[Any, int]:
-    """Return by what each term of an argument is divided so that all its multiples are whole."""
+    """Return u → d: all multiples n of u in arguments are integer multiples of 1/d."""
     units: dict[Any, int] = {}
     for e in parts_of(expressions):
         if e.func in _CIRCULAR or e.func in _HYPERBOLIC:
@@ -248,38 +255,38 @@ _PRIMES, _POINTS = 3, 20
 
 
 def exactly(e: sp.Expr) -> sp.Expr:
-    """Return the expression with every floating-point number as the fraction that it is."""
+    """Return the expression with every floating-point number as an exact fraction."""
     return e.xreplace({x: sp.Rational(x) for x in e.atoms(sp.Float)})
 
 
 def identically_zero(sums: Sequence[Sequence[sp.Expr]]) -> str:
-    """Return how it is known that sums, given by their terms, vanish identically.
+    """Return the method by which sums of terms are shown to vanish identically; "" if they do not.
 
-    "expanded" where multiplying out leaves nothing: a proof. "exact arithmetic at random points"
-    where that is too long or does not decide it, empty where a sum is not seen to vanish.
+    "expanded": all expansions are 0, a proof. "exact arithmetic at random points": expansion is
+    too long, or does not decide.
     """
     exact = [[exactly(e) for e in terms] for terms in sums]
-    whole = [sp.Add(*terms, evaluate=False) for terms in exact]
-    rest = [e for e in whole if e != 0]
-    if rest and not vanish(rest):
+    totals = [sp.Add(*terms, evaluate=False) for terms in exact]
+    nonzero = [e for e in totals if e != 0]
+    if nonzero and not vanish(nonzero):
         return ""
-    proved = all(map(is_small, whole)) and all(
+    proved = all(map(is_small, totals)) and all(
         sp.expand(sp.Add(*map(sp.expand, terms))) == 0 for terms in exact)
     return "expanded" if proved else "exact arithmetic at random points"
 
 
 def vanish(expressions: Sequence[sp.Expr]) -> bool:
-    """Whether all vanish at random points modulo three suitable primes."""
+    """Whether all expressions vanish at random points modulo three suitable primes."""
     symbols = sorted(set().union(*(e.free_symbols for e in expressions)), key=str)
-    found = 0
+    prime_count = 0
     for prime in primes():
         try:
-            at = Residues(prime, symbols, expressions, _POINTS, {}, 0)
+            residues = Residues(prime, symbols, expressions, _POINTS, {}, 0)
         except UnsuitablePrimeError:
             continue
-        if any(at[e].any() for e in expressions):
+        if any(residues[e].any() for e in expressions):
             return False
-        found += 1
-        if found == _PRIMES:
+        prime_count += 1
+        if prime_count == _PRIMES:
             return True
     return False

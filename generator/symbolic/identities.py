@@ -1,9 +1,9 @@
-"""Whether two expressions are the same function: proved by algebra, or seen at random points.
+"""Equality of two expressions as functions: proved by algebra, or seen at random points.
 
-Polynomials are compared term by term. For other functions there is no such normal form; they are
-evaluated with 60 digits at random points of their domain. Analytic functions that agree there
-to 30 digits are the same but for a chance that no computer will ever meet; it is called "seen"
-all the same, not "proved". A difference at one point refutes.
+Polynomials are compared term by term. Other functions have no such normal form; they are evaluated
+with 60 digits at random points of their domain. Analytic functions that agree there to 30 digits
+are equal with overwhelming probability; the result is then "seen", not "proved". A difference at
+one point refutes.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ __all__ = ["IdentityCheck", "compare", "evaluate"]
 _DIGITS = 60
 _POINTS = 8
 _TRIES = 400
-#: Rational functions with more operations than this are not brought over one denominator.
+#: Rational functions with more operations are not brought to a common denominator.
 _MOST_OPERATIONS = 3000
 
 
 @dataclass(frozen=True)
 class IdentityCheck:
-    """Result of a comparison; ``residual`` is text, "0" where the two sides agree."""
+    """Result of a comparison; ``residual`` is the largest difference as text, "0" if equal."""
 
     holds: bool
     how: str
@@ -45,7 +45,7 @@ def compare(
 ) -> IdentityCheck:
     """Compare two lists of expressions, entry by entry.
 
-    Random points have values about a tenth for the symbols in ``small``. Without ``thorough``,
+    The symbols in ``small`` have values of about 0.1 at the random points. Without ``thorough``,
     only polynomials are compared by algebra.
     """
     pairs = [(a, b) for a, b in zip(left, right, strict=True) if a != b]
@@ -78,17 +78,17 @@ def _is_equal(a: sp.Expr, b: sp.Expr, thorough: bool) -> bool:
 def _points(
     pairs: Sequence[tuple[sp.Expr, sp.Expr]], small: set[sp.Symbol]
 ) -> Iterator[dict[sp.Basic, Any]]:
-    """Yield values of every subexpression at random points where all of them are real."""
+    """Yield the values of all subexpressions at up to 8 random points where these are real."""
     expressions = [e for pair in pairs for e in pair]
     symbols = sorted(symbols_of(expressions), key=str)
-    draw, found = random.Random(1), 0
+    generator, count = random.Random(1), 0
     for attempt in range(_TRIES):
         size = (1, Fraction(1, 4), 4)[attempt % 3]
         lowest = -1 if attempt % 2 else Fraction(1, 4)
         point = {}
         for s in symbols:
             low = Fraction(1, 4) if s.is_positive else lowest
-            point[s] = (low + (1 - low) * Fraction(draw.getrandbits(40), 2**40)) * size
+            point[s] = (low + (1 - low) * Fraction(generator.getrandbits(40), 2**40)) * size
             if s in small:
                 point[s] /= 10
         try:
@@ -96,13 +96,13 @@ def _points(
         except (ValueError, ArithmeticError):
             continue
         yield values
-        found += 1
-        if found == _POINTS:
+        count += 1
+        if count == _POINTS:
             return
 
 
 def _difference(a: sp.Expr, b: sp.Expr, values: Mapping[sp.Basic, Any]) -> Any:
-    """Return |a − b| relative to the larger, or to 1."""
+    """Return |a − b| / max(1, |a|, |b|)."""
     return abs(values[a] - values[b]) / max(1, abs(values[a]), abs(values[b]))
 
 
@@ -111,8 +111,8 @@ def evaluate(
 ) -> dict[sp.Basic, Any]:
     """Return the value of every subexpression at a point, as mpmath numbers.
 
-    Raises ``ValueError`` or ``ArithmeticError`` where one of them is not a finite real number; on
-    the sides of a ``Where`` it may be none, which is NaN, if it is not taken.
+    Raises ``ValueError`` or ``ArithmeticError`` if a value is not a finite real number; in the
+    branches of a ``Where`` it becomes NaN, which is allowed in the branch that is not selected.
     """
     sides = set(parts_of(s for e in parts_of(expressions) if isinstance(e, Where)
                          for s in e.args[2:]))
@@ -133,7 +133,7 @@ def evaluate(
 
 
 def _value_if_any(e: sp.Basic, arguments: list[Any]) -> Any:
-    """Return the value of e; NaN where it has none, or is infinite or complex."""
+    """Return the value of e; NaN if it is undefined, infinite or complex."""
     if not all(map(mp.isfinite, arguments[:2] if isinstance(e, Where) else arguments)):
         return mp.nan
     try:

@@ -1,7 +1,7 @@
-"""Expressions as numbers: a walk over the tree, with NumPy or mpmath doing the arithmetic.
+"""Values of expressions, by recursion over the expression in NumPy or mpmath.
 
-No text is made and none is evaluated. Values may be arrays: one walk then serves many points, and
-complex ones differentiate, f'(x) = Im f(x + iε)/ε, to round-off without any formula for f'.
+No code is generated. Values may be arrays, for many points at once, and complex: the complex step
+f'(x) = Im f(x + iε)/ε has no cancellation.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["Evaluator", "as_rational"]
 
 Array = NDArray[Any]
 
-#: SymPy's functions of one argument whose NumPy and mpmath names are these.
+#: SymPy function of one argument → its name in NumPy and in mpmath, one word if they are equal.
 _FUNCTIONS = {
     sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.exp: "exp", sp.log: "log",
     sp.sinh: "sinh", sp.cosh: "cosh", sp.tanh: "tanh",
@@ -39,18 +39,18 @@ class Evaluator:
     """Values of expressions at given values of their symbols; every subtree is computed once."""
 
     def __init__(self, values: Mapping[sp.Symbol, Any], *, mp: Any = None) -> None:
-        self._known: dict[sp.Basic, Any] = dict(values)
+        self._values: dict[sp.Basic, Any] = dict(values)
         self._mp = mp
 
     def __call__(self, e: sp.Expr) -> Any:
-        """Return the value of an expression: a number, or an array as the values are."""
-        if e not in self._known:
-            self._known[e] = self._compute(e)
-        return self._known[e]
+        """Return the value of an expression, with the shape of the values of the symbols."""
+        if e not in self._values:
+            self._values[e] = self._compute(e)
+        return self._values[e]
 
     def define(self, symbol: sp.Symbol, value: Any) -> None:
-        """Give one more symbol a value."""
-        self._known[symbol] = value
+        """Define the value of one more symbol."""
+        self._values[symbol] = value
 
     def _compute(self, e: sp.Expr) -> Any:
         if e.is_number and not e.free_symbols:
@@ -91,7 +91,7 @@ class Evaluator:
         return base ** self(exponent)
 
     def _switch(self, e: Switch) -> Any:
-        """Return one of the sides; mpmath, which has no NaN of logarithms, never sees the other."""
+        """Return the selected branch; mpmath does not evaluate the other one, which may raise."""
         a, b = map(self, e.args[:2])
         below, above = (e.args[i] for i in e.branches)
         if self._mp is not None:
@@ -99,7 +99,7 @@ class Evaluator:
         return np.where(np.real(a) < np.real(b), self(below), self(above))[()]
 
     def _angle(self, y: Any, x: Any) -> Any:
-        """Return atan2(y, x); of complex numbers, analytically continued from their real parts."""
+        """Return atan2(y, x), for complex numbers continued analytically from the real parts."""
         functions = np if self._mp is None else self._mp
         start = (np.arctan2 if self._mp is None else self._mp.atan2)(np.real(y), np.real(x))
         if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
@@ -108,7 +108,7 @@ class Evaluator:
         return start + self._function("arctan atan")((y * c - x * s) / (x * c + y * s))
 
     def _of_sign(self, function: type[sp.Function], u: Any) -> Any:
-        """Return |u|, sign u or floor u; of complex u by its real part, so that |u| is analytic."""
+        """Return |u|, sign u or floor u; of complex u by the sign of Re u, so |u| is analytic."""
         if function is sp.floor:
             return np.floor(np.real(u)) if self._mp is None else self._mp.floor(u.real)
         sign = np.sign(np.real(u)) if self._mp is None else self._mp.sign(u.real)
@@ -116,21 +116,20 @@ class Evaluator:
 
     def _function(self, names: str) -> Callable[[Any], Any]:
         numpy_name, mp_name = names.split()[0], names.split()[-1]
-        found: Callable[[Any], Any] = (
+        function: Callable[[Any], Any] = (
             getattr(np, numpy_name) if self._mp is None else getattr(self._mp, mp_name))
-        return found
+        return function
 
 
 def evaluate(expressions: Sequence[sp.Expr], values: Mapping[sp.Symbol, Any]) -> Array:
-    """Return the values, one row an expression, broadcast over the values' shapes.
+    """Return the values, shape (number of expressions, *broadcast shape of ``values``).
 
-    What is beyond 1e308, or divides by zero, is infinite or NaN, for one point as for many:
-    Python's own floats would raise instead.
+    Overflow and division by zero give infinity or NaN, where Python's floats would raise.
     """
-    walk = Evaluator({symbol: np.asarray(v)[()] for symbol, v in values.items()})
+    evaluator = Evaluator({symbol: np.asarray(v)[()] for symbol, v in values.items()})
     shape = np.broadcast_shapes(*(np.shape(v) for v in values.values()))
     with np.errstate(all="ignore"):
-        rows = [np.broadcast_to(walk(e), shape) for e in expressions]
+        rows = [np.broadcast_to(evaluator(e), shape) for e in expressions]
     return np.array(rows) if rows else np.zeros((0, *shape))
 
 
@@ -142,8 +141,8 @@ def mp_context(digits: int) -> Any:
 
 
 def as_rational(value: Any) -> sp.Rational:
-    """Return a finite real number of any type as it is, in SymPy's numbers."""
-    number = exact(value)
-    if not isinstance(number, Fraction):
+    """Return a finite real number of any type as an exact SymPy rational."""
+    fraction = exact(value)
+    if not isinstance(fraction, Fraction):
         raise TypeError(f"{value!r} is no finite real number")
-    return sp.Rational(number.numerator, number.denominator)
+    return sp.Rational(fraction.numerator, fraction.denominator)

@@ -1,8 +1,8 @@
-"""The time t as t0 + τ: what loses the digits of a late time is written in τ, since the start.
+"""The time as t = t0 + τ, where τ is the time since the start: no digits are lost at a late time.
 
-A sum a t + b with a and b of the parameters alone becomes a τ + φ, with φ = a t0 + b a constant of
-the run: for the argument of a sine, a cosine or a tangent reduced to [−π, π] in twice the working
-precision, by ``phase`` in C; elsewhere, as in t − T, a plain sum of which t0 − T is exact.
+A sum a t + b, where a and b depend on parameters alone, becomes a τ + φ with a constant of the run
+φ = a t0 + b. In the argument of a sine, a cosine or a tangent, φ is reduced to [−π, π] in twice the
+working precision, by ``phase`` in C; elsewhere, as in t − T, it is a plain sum.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _PERIODIC = (sp.sin, sp.cos, sp.tan)
 
 
 class Phase(Numeric):
-    """c s t0 + b less a multiple of 2π: a number c, and s, t0 and b."""
+    """c s t0 + b modulo 2π, with a number c and expressions s, t0 and b."""
 
     nargs: Any = 4
     c_name = "phase"
@@ -31,58 +31,69 @@ class Phase(Numeric):
     @staticmethod
     def value(*arguments: Any) -> Any:
         """Return the value at mpmath numbers, to working precision."""
-        number, s, start, b = arguments
-        angle = number * s * start + b
+        factor, s, start, b = arguments
+        angle = factor * s * start + b
         return mp.atan2(mp.sin(angle), mp.cos(angle))
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
         """Return the derivative."""
-        number, s, start, _ = self.args
-        slopes: list[sp.Expr] = [s * start, number * start, number * s, sp.Integer(1)]
+        factor, s, start, _ = self.args
+        slopes: list[sp.Expr] = [s * start, factor * start, factor * s, sp.Integer(1)]
         return slopes[argindex - 1]
 
 
 def without_start(e: sp.Expr) -> sp.Expr:
-    """Return an expression as it is for t0 = 0, where the time since the start is the time."""
-    plain: sp.Expr = e.replace(Phase, lambda *arguments: arguments[-1])
-    return plain.xreplace({START: sp.Integer(0)})
+    """Return an expression for t0 = 0, so that the time since the start is the time."""
+    with_shift: sp.Expr = e.replace(Phase, lambda *arguments: arguments[-1])
+    return with_shift.xreplace({START: sp.Integer(0)})
 
 
 def since_start(
-    e: sp.Expr, time: sp.Symbol, known: frozenset[sp.Symbol],
+    e: sp.Expr, time: sp.Symbol, constants: frozenset[sp.Symbol],
     constant: Callable[[sp.Expr], sp.Expr],
 ) -> sp.Expr:
-    """Return e with t0 + τ in place of the time, which is now τ, in constants of the run."""
-    made: dict[sp.Basic, sp.Basic] = {}
+    """Return e(t0 + τ), with τ under the symbol of the time, and constants of the run.
 
-    def is_known(x: sp.Basic) -> bool:
-        return bool(x.free_symbols <= known)
+    Parameters
+    ----------
+    e : Expr
+    time : Symbol
+        The time t in e, and τ in the result.
+    constants : set of Symbol
+        Symbols that are constant during a run.
+    constant : callable
+        Returns the symbol of a constant expression.
+    """
+    replacement: dict[sp.Basic, sp.Basic] = {}
+
+    def is_constant(x: sp.Basic) -> bool:
+        return bool(x.free_symbols <= constants)
 
     def linear(x: sp.Expr, *, periodic: bool) -> sp.Expr | None:
-        """Return a sum whose time has coefficients of the parameters alone; None for others."""
-        slopes, shifts, others = [], [], []
+        """Return a sum a t + b + … as a τ + φ + …; None if no term is linear in the time."""
+        slopes, shifts, other_terms = [], [], []
         for term in sp.Add.make_args(x):
-            rate, rest = term.as_independent(time, as_Add=False)
-            if rest == time and is_known(rate):
+            rate, time_factor = term.as_independent(time, as_Add=False)
+            if time_factor == time and is_constant(rate):
                 slopes.append(rate)
-            elif is_known(term):
+            elif is_constant(term):
                 shifts.append(term)
             else:
-                others.append(term)
+                other_terms.append(term)
         if not slopes:
             return None
         slope, shift = sp.Add(*slopes), sp.Add(*shifts)
         if periodic:
-            numbers, symbols = slope.as_independent(*known, as_Add=False)
-            shift = constant(Phase(numbers, symbols, START, shift))
+            factor, symbols = slope.as_independent(*constants, as_Add=False)
+            shift = constant(Phase(factor, symbols, START, shift))
         else:
             shift = constant(slope * START + shift)
-        return sp.Add(slope * time, shift, *map(walk, others))
+        return sp.Add(slope * time, shift, *map(walk, other_terms))
 
     def walk(x: Any) -> Any:
-        if x not in made:
-            made[x] = _walk(x)
-        return made[x]
+        if x not in replacement:
+            replacement[x] = _walk(x)
+        return replacement[x]
 
     def _walk(x: Any) -> Any:
         if time not in x.free_symbols:
@@ -91,10 +102,10 @@ def since_start(
             argument = linear(x.args[0], periodic=True)
             return x.func(walk(x.args[0]) if argument is None else argument)
         if x == time or x.is_Add or x.is_Mul:
-            found = linear(x, periodic=False)
-            if found is not None:
-                return found
+            result = linear(x, periodic=False)
+            if result is not None:
+                return result
         return x.func(*map(walk, x.args))
 
-    found: sp.Expr = walk(e)
-    return found
+    result: sp.Expr = walk(e)
+    return result

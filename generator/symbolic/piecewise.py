@@ -3,10 +3,9 @@
     if(x < -a, k*(x + a)**2/2, if(x < a, 0, k*(x - a)**2/2))
 
 has the variable x, the limits −a and a, and three pieces. The variable is a symbol, a linear
-combination of symbols, a sum of squares or its root, or a common subexpression.
-Which of two limits is the lower one is said by their difference, if its sign is known, or by the
-places where the conditions stand: the one with −a is asked beyond that with a, so a > −a, or it
-would never matter.
+combination of symbols, a sum of squares or its root, or a common subexpression. The order of two
+limits follows from the sign of their difference, if it is known, or from the nesting of the
+conditions: x < a is tested where x < −a does not hold, which is pointless unless −a < a.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ __all__ = ["NotPiecewiseError", "PiecewiseForm", "piecewise_form_of", "selects_s
 
 
 class NotPiecewiseError(Exception):
-    """An expression is no continuous piecewise function of one variable; the reason."""
+    """An expression is no continuous piecewise function of one variable; has the reason."""
 
 
 @dataclass(frozen=True)
@@ -36,18 +35,18 @@ class PiecewiseForm:
     Attributes
     ----------
     variable : Expr
-        s, what the limits are compared with.
+        The variable s that is compared with the limits.
     symbol : Symbol
-        Its symbol in the other attributes.
+        The symbol of s in the other attributes.
     whole : Expr
-        The expression itself.
+        The expression in s.
     limits : list of Expr
-        b_1, …, b_n, ascending, without the variable.
+        b_1, …, b_n, ascending, independent of s.
     parts : list of Expr
-        n + 1 expressions without conditions: what holds below b_1, between b_1 and b_2, …
+        n + 1 expressions without conditions, for s < b_1, b_1 < s < b_2, …
     assumed : list of tuple of 2 Expr
-        Neighbouring limits (low, high) of which the places of the conditions alone say that
-        low ≤ high.
+        Neighbouring limits (low, high) for which low ≤ high follows from the nesting of the
+        conditions alone.
     """
 
     variable: sp.Expr
@@ -59,14 +58,14 @@ class PiecewiseForm:
 
 
 def selects_side(e: sp.Basic, symbols: set[sp.Symbol]) -> bool:
-    """Whether e itself is a condition, a sign or a floor that the assumptions on symbols decide."""
+    """Whether e itself is a condition, a sign or a floor with an argument in the symbols."""
     if isinstance(e, Where):
         return not symbols.isdisjoint(e.args[0].free_symbols | e.args[1].free_symbols)
     return isinstance(e, (sp.sign, sp.floor)) and not e.free_symbols.isdisjoint(symbols)
 
 
 def _has_sides(e: sp.Expr, symbols: set[sp.Symbol]) -> bool:
-    return any(selects_side(part, symbols) for part in parts_of([e]))
+    return any(selects_side(node, symbols) for node in parts_of([e]))
 
 
 def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
@@ -75,33 +74,35 @@ def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
     Parameters
     ----------
     e : Expr
-        With conditions or signs in it.
+        An expression with conditions or signs.
     symbols : set of Symbol
-        What can change; all other symbols are parameters.
+        The variables; all other symbols are parameters.
 
     Raises
     ------
-    ScatteredError
-        If its conditions compare more than one variable with limits, or pieces do not meet.
+    NotPiecewiseError
+        If the conditions compare more than one variable with limits, if the order of the limits is
+        not known, or if two pieces differ at their limit.
     """
     first = next(_comparisons([e], symbols), None)
     if first is None:
         raise NotPiecewiseError("it has a floor, which jumps")
     variable, _, _ = _split(first, symbols)
-    others = sorted(map(str, (e.free_symbols - variable.free_symbols) & symbols))
-    if others:
-        raise NotPiecewiseError(f"it depends on {', '.join(others)} besides {_short(variable)}, "
-                                "which its conditions compare")
+    other_symbols = sorted(map(str, (e.free_symbols - variable.free_symbols) & symbols))
+    if other_symbols:
+        raise NotPiecewiseError(f"it depends on {', '.join(other_symbols)} besides "
+                                f"{_short(variable)}, which its conditions compare")
     symbol, whole = _in_one_symbol(e, variable, symbols)
     limits = _sorted_limits(whole, symbol)
     parts = [_between(whole, symbol, limits, i) for i in range(len(limits) + 1)]
     for limit, (below, above) in zip(limits, pairwise(parts), strict=True):
-        at = [part.xreplace({symbol: limit}) for part in (below, above)]
-        if any(value.has(sp.nan, sp.zoo, sp.oo, -sp.oo) for value in at):
+        limit_values = [piece.xreplace({symbol: limit}) for piece in (below, above)]
+        if any(limit_value.has(sp.nan, sp.zoo, sp.oo, -sp.oo) for limit_value in limit_values):
             raise NotPiecewiseError(f"it has no value where {_short(variable)} = {_short(limit)}")
-        if not compare(at[:1], at[1:]).holds:
-            raise NotPiecewiseError(f"it jumps from {_short(at[0])} to {_short(at[1])} where "
-                                    f"{_short(variable)} = {_short(limit)}")
+        if not compare(limit_values[:1], limit_values[1:]).holds:
+            raise NotPiecewiseError(
+                f"it jumps from {_short(limit_values[0])} to {_short(limit_values[1])} where "
+                f"{_short(variable)} = {_short(limit)}")
     assumed = [pair for pair in pairwise(limits) if not _is_below(*pair, set())]
     return PiecewiseForm(variable, symbol, whole, limits, parts, assumed)
 
@@ -111,62 +112,67 @@ def _short(e: sp.Expr) -> str:
 
 
 def _comparisons(expressions: Iterable[sp.Expr], symbols: set[sp.Symbol]) -> Iterator[sp.Expr]:
-    """Yield the w of every condition and sign that has no other one inside."""
-    for part in parts_of(expressions):
-        told = sides(part) if selects_side(part, symbols) else None  # None of a floor
-        if told is not None and not _has_sides(told[0], symbols):
-            yield told[0]
+    """Yield the argument w of every condition w < 0 and sign w that contains no other one."""
+    for node in parts_of(expressions):
+        switch = sides(node) if selects_side(node, symbols) else None  # None of a floor
+        if switch is not None and not _has_sides(switch[0], symbols):
+            yield switch[0]
 
 
 def _split(w: sp.Expr, symbols: set[sp.Symbol]) -> tuple[sp.Expr, sp.Expr, bool]:
-    """Return s, b and whether w rises with s, for w = c (s − b) with a c of known sign."""
+    """Return (s, b, c > 0) for w = c (s − b), where the sign of c is known."""
     terms = sp.Add.make_args(sp.expand(w))
-    moving = [t for t in terms if not t.free_symbols.isdisjoint(symbols)]
-    factor, variable = moving[0].as_independent(*symbols, as_Add=False)
-    if len(moving) > 1:
-        variable = sp.expand(sp.Add(*moving) / factor)
+    variable_terms = [t for t in terms if not t.free_symbols.isdisjoint(symbols)]
+    factor, variable = variable_terms[0].as_independent(*symbols, as_Add=False)
+    if len(variable_terms) > 1:
+        variable = sp.expand(sp.Add(*variable_terms) / factor)
     if not (factor.is_positive or factor.is_negative):
         raise NotPiecewiseError(f"the sign of {_short(factor)} is not known: declare it positive")
-    rest = sp.Add(*(t for t in terms if t not in moving))
-    return variable, -rest / factor, bool(factor.is_positive)
+    constant = sp.Add(*(t for t in terms if t not in variable_terms))
+    return variable, -constant / factor, bool(factor.is_positive)
 
 
 def _in_one_symbol(
     e: sp.Expr, variable: sp.Expr, symbols: set[sp.Symbol]
 ) -> tuple[sp.Symbol, sp.Expr]:
-    """Return a symbol for the variable, and e with it in place of all that can change."""
+    """Return a symbol s for the variable, and e as an expression of s and parameters."""
     root = variable.is_Pow and variable.exp == sp.Rational(1, 2)
     symbol = sp.Symbol("_s", real=True, **({"nonnegative": True} if root else {}))
     for replacements in _solutions(variable, symbol, symbols, root):
-        found = {_without(e.xreplace(replacement), symbols) for replacement in replacements}
-        if len(found) == 1 and found.isdisjoint({None}):
-            return symbol, found.pop()
+        forms = {_without(e.xreplace(replacement), symbols) for replacement in replacements}
+        if len(forms) == 1 and forms.isdisjoint({None}):
+            return symbol, forms.pop()
     raise NotPiecewiseError(f"its pieces are no functions of {_short(variable)}, which its "
                             "conditions compare")
 
 
 def _without(e: sp.Expr, symbols: set[sp.Symbol]) -> sp.Expr | None:
-    """Return e if it does not depend on the symbols, or its expansion; None if both do."""
+    """Return e or its expansion, the first that is independent of the symbols, or None."""
     return next((form for form in (e, sp.expand(e)) if form.free_symbols.isdisjoint(symbols)), None)
 
 
 def _solutions(
     variable: sp.Expr, symbol: sp.Symbol, symbols: set[sp.Symbol], root: bool
 ) -> Iterator[list[dict[sp.Expr, sp.Expr]]]:
-    """Yield all that must replace something at once so that the variable becomes the symbol."""
+    """Yield lists of substitutions that turn the variable into the symbol s.
+
+    A list has two substitutions, x = ±√…, if the variable is even in x: both must agree.
+    """
     yield [{variable: symbol}]
-    square, value = (variable.base, symbol**2) if root else (variable, symbol)
+    square, target = (variable.base, symbol**2) if root else (variable, symbol)
     for x in sorted(variable.free_symbols & symbols, key=str):
         for power in (1, 2):
             unknown = sp.Dummy("unknown", real=True)
-            body = square.xreplace({x**power: unknown})
-            slope = sp.diff(body, unknown)
-            if x not in body.free_symbols and slope.free_symbols.isdisjoint({*symbols, unknown}):
-                found = (value - sp.expand(body - slope * unknown)) / slope
-                yield [{x: found}] if power == 1 else [{x: sp.sqrt(found)}, {x: -sp.sqrt(found)}]
+            rewritten = square.xreplace({x**power: unknown})
+            slope = sp.diff(rewritten, unknown)
+            is_linear = slope.free_symbols.isdisjoint({*symbols, unknown})
+            if x not in rewritten.free_symbols and is_linear:
+                solution = (target - sp.expand(rewritten - slope * unknown)) / slope
+                roots = [solution] if power == 1 else [sp.sqrt(solution), -sp.sqrt(solution)]
+                yield [{x: root_x} for root_x in roots]
 
 
-# ---------------------------------------------------------------- limits in order
+# ---------------------------------------------------------------- order of the limits
 
 
 def _sorted_limits(whole: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
@@ -177,17 +183,17 @@ def _sorted_limits(whole: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
             raise NotPiecewiseError(f"its conditions compare {_short(w)} with 0, which is not "
                                     "linear in the variable")
         limits.setdefault(sp.expand(limit))
-    before = _ordered_by_position(whole, symbol)
-    left, order = list(limits), []
-    while left:
-        lowest = [a for a in left
-                  if all(a == b or _is_below(a, b, before) for b in left)]
+    before = _order_by_position(whole, symbol)
+    unsorted, ordered = list(limits), []
+    while unsorted:
+        lowest = [a for a in unsorted
+                  if all(a == b or _is_below(a, b, before) for b in unsorted)]
         if len(lowest) != 1:
             raise NotPiecewiseError("the order of its limits "
-                                    f"{' and '.join(map(_short, left[:2]))} is not known")
-        order += lowest
-        left.remove(lowest[0])
-    return order
+                                    f"{' and '.join(map(_short, unsorted[:2]))} is not known")
+        ordered += lowest
+        unsorted.remove(lowest[0])
+    return ordered
 
 
 def _is_below(a: sp.Expr, b: sp.Expr, before: set[tuple[sp.Expr, sp.Expr]]) -> bool:
@@ -197,25 +203,28 @@ def _is_below(a: sp.Expr, b: sp.Expr, before: set[tuple[sp.Expr, sp.Expr]]) -> b
     return (a, b) in before
 
 
-def _ordered_by_position(whole: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.Expr]]:
-    """Return pairs (a, b), a below b: b is asked for above a, or the variable lies between."""
-    found: set[tuple[sp.Expr, sp.Expr]] = set()
-    for part in parts_of([whole]):
-        if not isinstance(part, Where):
+def _order_by_position(whole: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.Expr]]:
+    """Return pairs of limits (a, b) with a ≤ b by the nesting of the conditions.
+
+    b is tested where the variable is above a, or a condition holds between a and b.
+    """
+    pairs: set[tuple[sp.Expr, sp.Expr]] = set()
+    for node in parts_of([whole]):
+        if not isinstance(node, Where):
             continue
-        a, b, below, above = part.args
-        between = [f for f in sp.Mul.make_args(b) if isinstance(f, Where)] if a == 0 else []
-        if between:
-            lower = [limit for f in between for limit, up in _limit(f, symbol) if up]
-            upper = [limit for f in between for limit, up in _limit(f, symbol) if not up]
-            found |= {(low, high) for low in lower for high in upper}
+        a, b, below, above = node.args
+        steps = [f for f in sp.Mul.make_args(b) if isinstance(f, Where)] if a == 0 else []
+        if steps:
+            lower = [limit for f in steps for limit, rises in _step_limit(f, symbol) if rises]
+            upper = [limit for f in steps for limit, rises in _step_limit(f, symbol) if not rises]
+            pairs |= {(low, high) for low in lower for high in upper}
             continue
-        for limit, up in _limit(Where(a, b, 0, 1), symbol):
-            if not up:
+        for limit, rises in _step_limit(Where(a, b, 0, 1), symbol):
+            if not rises:
                 below, above = above, below
-            found |= {(other, limit) for other in _limits_in(below, symbol)}
-            found |= {(limit, other) for other in _limits_in(above, symbol)}
-    return found
+            pairs |= {(inner_limit, limit) for inner_limit in _limits_in(below, symbol)}
+            pairs |= {(limit, inner_limit) for inner_limit in _limits_in(above, symbol)}
+    return pairs
 
 
 def _limits_in(e: sp.Expr, symbol: sp.Symbol) -> Iterator[sp.Expr]:
@@ -223,30 +232,30 @@ def _limits_in(e: sp.Expr, symbol: sp.Symbol) -> Iterator[sp.Expr]:
         yield sp.expand(_split(w, {symbol})[1])
 
 
-def _limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, bool]]:
-    """Yield the limit of a step from 0 to 1 or back, and whether it goes up with the variable."""
-    told = sides(step) if selects_side(step, {symbol}) else None
-    if told is None or _has_sides(told[0], {symbol}):
+def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, bool]]:
+    """Yield the limit of a step function, and whether it rises from 0 to 1 with the variable."""
+    switch = sides(step) if selects_side(step, {symbol}) else None
+    if switch is None or _has_sides(switch[0], {symbol}):
         return
-    _, limit, rises = _split(told[0], {symbol})
-    yield sp.expand(limit), rises == (told[1] == 0)
+    _, limit, rises = _split(switch[0], {symbol})
+    yield sp.expand(limit), rises == (switch[1] == 0)
 
 
-# ---------------------------------------------------------------- what holds in between
+# ---------------------------------------------------------------- pieces between the limits
 
 
 def _between(whole: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -> sp.Expr:
     """Return the expression between limits i − 1 and i, both excluded."""
-    known: dict[sp.Basic, sp.Basic] = {}
-    for part in parts_of([whole]):
-        arguments = [known[a] for a in part.args]
-        made = part.func(*arguments) if arguments else part
-        told = sides(made) if selects_side(made, {symbol}) else None
-        if told is not None:
-            _, limit, rises = _split(told[0], {symbol})
-            made = told[1 + (rises == (limits.index(sp.expand(limit)) < i))]
-        known[part] = made
-    found: sp.Expr = known[whole]
-    if _has_sides(found, {symbol}):
+    replacement: dict[sp.Basic, sp.Basic] = {}
+    for node in parts_of([whole]):
+        arguments = [replacement[a] for a in node.args]
+        rebuilt = node.func(*arguments) if arguments else node
+        switch = sides(rebuilt) if selects_side(rebuilt, {symbol}) else None
+        if switch is not None:
+            _, limit, rises = _split(switch[0], {symbol})
+            rebuilt = switch[1 + (rises == (limits.index(sp.expand(limit)) < i))]
+        replacement[node] = rebuilt
+    piece: sp.Expr = replacement[whole]
+    if _has_sides(piece, {symbol}):
         raise NotPiecewiseError("it has a condition or a floor that its pieces do not tell")
-    return found
+    return piece

@@ -1,8 +1,8 @@
-"""Expressions as graphs: what they share is visited once.
+"""Expressions as directed acyclic graphs: a common subexpression is visited once.
 
-Derived expressions repeat their parts, nested ones exponentially often when expanded as trees.
-A part in ``Shared`` is opaque to SymPy, which would search it for signs and factors again and
-again wherever it occurs; in C it is a temporary.
+Derived expressions repeat their subexpressions; as a tree, nested ones grow exponentially. A
+subexpression in ``Shared`` is opaque to SymPy, which would search it for signs and factors wherever
+it occurs; in C it is a temporary.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["Shared", "expand_shared", "name_of", "parts_of", "share", "share_rep
            "substitute", "symbols_of", "text_of", "tree_size"]
 
 
-#: SymPy prints a symbol by the way of a printer.
+#: The name of a symbol; ``str`` is slow, as it calls a printer.
 name_of = attrgetter("name")
 
 
@@ -34,21 +34,21 @@ class Shared(sp.Function):  # type: ignore[misc]
 
     nargs = 1
     is_extended_real = True
-    #: Of each argument one part: what is equal is the same, and need not be compared.
-    _made: ClassVar[WeakValueDictionary[sp.Basic, Shared]] = WeakValueDictionary()
+    #: Argument → its only instance: equal parts are identical, and are compared by identity.
+    _instances: ClassVar[WeakValueDictionary[sp.Basic, Shared]] = WeakValueDictionary()
 
     def __new__(cls, argument: sp.Expr, **options: Any) -> Any:
-        """Return the part of an argument, the one that there is."""
-        found = cls._made.get(argument)
-        if found is None:
-            found = super().__new__(cls, argument, **options)
-            if isinstance(found, cls):
-                cls._made[argument] = found
-        return found
+        """Return the instance of an argument."""
+        shared = cls._instances.get(argument)
+        if shared is None:
+            shared = super().__new__(cls, argument, **options)
+            if isinstance(shared, cls):
+                cls._instances[argument] = shared
+        return shared
 
     @classmethod
     def eval(cls, argument: sp.Expr) -> sp.Expr | None:
-        """Return a number as it is."""
+        """Return a number unchanged."""
         return argument if argument.is_Number else None
 
     @property
@@ -67,13 +67,16 @@ class Shared(sp.Function):  # type: ignore[misc]
 
 
 def share(e: sp.Expr) -> sp.Expr:
-    """Return e as a shared part, but for its numerical factor."""
-    number, rest = e.as_coeff_Mul()
-    return e if rest.is_Atom or isinstance(rest, Shared) else number * Shared(rest)
+    """Return e as number · Shared(factor); atoms stay as they are."""
+    coefficient, factor = e.as_coeff_Mul()
+    return e if factor.is_Atom or isinstance(factor, Shared) else coefficient * Shared(factor)
 
 
 def share_repeated(expressions: Sequence[sp.Expr], size: int = 8) -> list[sp.Expr]:
-    """Return the expressions with every part of more than ``size`` nodes shared that recurs."""
+    """Return the expressions with ``Shared`` around subexpressions that recur.
+
+    Only subexpressions of more than ``size`` nodes are shared.
+    """
     parts = list(parts_of(expressions))
     sizes: dict[sp.Basic, int] = {}
     uses: dict[sp.Basic, int] = {}
@@ -81,43 +84,43 @@ def share_repeated(expressions: Sequence[sp.Expr], size: int = 8) -> list[sp.Exp
         sizes[e] = 1 + sum(sizes[a] for a in e.args)
         for a in e.args:
             uses[a] = uses.get(a, 0) + 1
-    known: dict[sp.Basic, sp.Basic] = {}
+    replacement: dict[sp.Basic, sp.Basic] = {}
     for e in parts:
-        made = e.func(*(known[a] for a in e.args)) if e.args else e
+        rebuilt = e.func(*(replacement[a] for a in e.args)) if e.args else e
         recurs = uses.get(e, 0) > 1 and sizes[e] > size and isinstance(e, sp.Expr)
-        known[e] = share(made) if recurs else made
-    return [known[e] for e in expressions]
+        replacement[e] = share(rebuilt) if recurs else rebuilt
+    return [replacement[e] for e in expressions]
 
 
 def expand_shared(e: sp.Expr) -> sp.Expr:
     """Return e without ``Shared``."""
-    known: dict[sp.Basic, sp.Basic] = {}
-    for part in parts_of([e]):
-        arguments = [known[a] for a in part.args]
-        same = all(a is b for a, b in zip(arguments, part.args, strict=True))
-        if isinstance(part, Shared):
-            known[part] = arguments[0]
+    replacement: dict[sp.Basic, sp.Basic] = {}
+    for node in parts_of([e]):
+        arguments = [replacement[a] for a in node.args]
+        is_unchanged = all(a is b for a, b in zip(arguments, node.args, strict=True))
+        if isinstance(node, Shared):
+            replacement[node] = arguments[0]
         else:
-            known[part] = part if same else part.func(*arguments)
-    return known[e]
+            replacement[node] = node if is_unchanged else node.func(*arguments)
+    return replacement[e]
 
 
 def parts_of(expressions: Iterable[sp.Basic]) -> Iterator[sp.Basic]:
-    """Yield every different subexpression once, arguments before what is made of them."""
-    seen: set[sp.Basic] = set()
+    """Yield every different subexpression once, arguments before the expressions of them."""
+    visited: set[sp.Basic] = set()
     stack = [(e, False) for e in expressions]
     while stack:
         e, complete = stack.pop()
         if complete:
             yield e
-        elif e not in seen:
-            seen.add(e)
+        elif e not in visited:
+            visited.add(e)
             stack.append((e, True))
             stack += [(argument, False) for argument in e.args]
 
 
 def tree_size(expressions: Sequence[sp.Basic]) -> int:
-    """Return how many nodes the expressions would have if nothing were shared."""
+    """Return the number of nodes of the expressions as trees, with repeated subexpressions."""
     sizes: dict[sp.Basic, int] = {}
     for e in parts_of(expressions):
         sizes[e] = 1 + sum(sizes[a] for a in e.args)
@@ -132,11 +135,11 @@ def symbols_of(expressions: Iterable[sp.Basic]) -> set[sp.Symbol]:
 def substitute(
     expressions: Sequence[sp.Expr], mapping: Mapping[sp.Expr, sp.Expr]
 ) -> list[sp.Expr]:
-    """Return the expressions with parts replaced, all at once."""
-    known: dict[sp.Basic, sp.Basic] = dict(mapping)
+    """Return the expressions with subexpressions replaced simultaneously."""
+    replacement: dict[sp.Basic, sp.Basic] = dict(mapping)
     for e in parts_of(expressions):
-        if e not in known:
-            arguments = [known[a] for a in e.args]
-            same = all(a is b for a, b in zip(arguments, e.args, strict=True))
-            known[e] = e if same else e.func(*arguments)
-    return [known[e] for e in expressions]
+        if e not in replacement:
+            arguments = [replacement[a] for a in e.args]
+            is_unchanged = all(a is b for a, b in zip(arguments, e.args, strict=True))
+            replacement[e] = e if is_unchanged else e.func(*arguments)
+    return [replacement[e] for e in expressions]

@@ -1,13 +1,13 @@
 """Switching functions: x where a < b and y elsewhere, max, min, |u| and sign u.
 
-SymPy's Piecewise, Max, Min and Heaviside are converted to these when a system is made
-(``as_switches``), and so are min(...) and if(...) of a model file. They are opaque to SymPy,
-which would search conditions for what they imply, compare the arguments of a Max whenever it is
-made anew, and put Dirac's delta into derivatives.
+The constructor of a system converts SymPy's Piecewise, Max, Min and Heaviside to these functions
+(``as_switches``), and the parser of model files min(...) and if(...). They are opaque to SymPy,
+which would simplify conditions, compare the arguments of a Max whenever it is rebuilt, and put
+Dirac's delta into derivatives.
 
-A switch w is the argument whose sign selects the side: a − b, or u. Derivatives are those of the
-side where w is, at w = 0 that of one side or the mean of both; steps have none. Both sides are
-computed, and one of them is taken: what the other one is there, finite or not, does not matter.
+A switch w is the expression whose sign selects the side (branch): a − b, or u. The derivative is
+the derivative of the selected side, at w = 0 of one side or the mean of both; a step has the
+derivative 0. In C both sides are evaluated and one is selected; the other may be infinite or NaN.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = ["COMPARISONS", "Chooser", "Max", "Min", "Switch", "Where", "as_switch
            "depends_by_steps", "every", "has_sides", "heaviside", "largest", "on_side", "remainder",
            "sides", "smallest", "some", "switches_of"]
 
-#: A condition: returns the expression that has the first value where it holds, else the second.
+#: A condition as a function (x, y) → the expression that is x where it holds and y elsewhere.
 Chooser = Callable[[sp.Expr, sp.Expr], sp.Expr]
 
 ZERO, HALF, ONE = sp.Integer(0), sp.Rational(1, 2), sp.Integer(1)
@@ -38,11 +38,11 @@ ZERO, HALF, ONE = sp.Integer(0), sp.Rational(1, 2), sp.Integer(1)
 class Switch(Numeric):
     """A function whose side depends on its first two arguments, a < b or not."""
 
-    #: Which arguments it is below, where a < b, and above.
+    #: Indices of the arguments that are its value for a < b and for a ≥ b.
     branches: tuple[int, int]
 
     def pick(self, below: sp.Expr, above: sp.Expr) -> sp.Expr:
-        """Return the switch with other values below and above."""
+        """Return the switch with other values for a < b and a ≥ b."""
         raise NotImplementedError
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
@@ -53,7 +53,7 @@ class Switch(Numeric):
 
 
 class Where(Switch):
-    """x where a < b, y where not; no number where a or b is none."""
+    """x where a < b, y elsewhere; NaN if a or b is NaN."""
 
     nargs = 4
     branches = (2, 3)
@@ -61,7 +61,7 @@ class Where(Switch):
 
     @classmethod
     def eval(cls, a: sp.Expr, b: sp.Expr, x: sp.Expr, y: sp.Expr) -> sp.Expr | None:
-        """Return x or y where it is known which."""
+        """Return x or y if the condition is decided."""
         if x == y or a == b:
             return y
         if a.is_number and b.is_number:
@@ -69,7 +69,7 @@ class Where(Switch):
         return None
 
     def pick(self, below: sp.Expr, above: sp.Expr) -> sp.Expr:
-        """Return ``below`` where a < b, ``above`` where not."""
+        """Return ``below`` where a < b, ``above`` elsewhere."""
         return Where(*self.args[:2], below, above)
 
     @staticmethod
@@ -83,7 +83,7 @@ class Where(Switch):
 
 
 def _condition_text(e: Where, printer: Any, *, holds: bool = True) -> str:
-    """Return where x holds, or where y does: a < b, or what ``every`` made a product of."""
+    """Return the text of the condition, or of its negation: a < b, or a product by ``every``."""
     a, b = e.args[:2]
     steps = sp.Mul.make_args(b)
     if a != 0 or not all(isinstance(s, Where) and set(s.args[2:]) == {ZERO, ONE} for s in steps):
@@ -98,7 +98,7 @@ class _Extreme(Switch):
 
     @classmethod
     def eval(cls, a: sp.Expr, b: sp.Expr) -> sp.Expr | None:
-        """Return a or b where it is known which; arguments have SymPy's order."""
+        """Return a or b if the order is decided; arguments are sorted by SymPy's order."""
         if a == b:
             return a
         if a.is_number and b.is_number:
@@ -144,11 +144,11 @@ class Min(_Extreme):
         return all(a.is_extended_nonnegative for a in self.args) or None
 
 
-# ---------------------------------------------------------------- what an expression switches on
+# ---------------------------------------------------------------- switches of an expression
 
 
 def sides(e: sp.Basic) -> tuple[sp.Expr, sp.Expr, sp.Expr] | None:
-    """Return w and the values of e where w < 0 and where w > 0; None where e is no switch."""
+    """Return (w, e for w < 0, e for w > 0); None if e is no switch."""
     if isinstance(e, Switch):
         below, above = (e.args[i] for i in e.branches)
         return e.args[0] - e.args[1], below, above
@@ -161,49 +161,51 @@ def sides(e: sp.Basic) -> tuple[sp.Expr, sp.Expr, sp.Expr] | None:
 
 @lru_cache(maxsize=2**14)
 def has_sides(e: sp.Expr) -> bool:
-    """Whether there is a switch in e."""
-    return any(isinstance(part, (Switch, sp.Abs, sp.sign)) for part in parts_of([e]))
+    """Whether e contains a switch."""
+    return any(isinstance(node, (Switch, sp.Abs, sp.sign)) for node in parts_of([e]))
 
 
 def switches_of(expressions: Iterable[sp.Expr]) -> list[sp.Expr]:
     """Return every switch w, and the argument of every floor, of the expressions.
 
-    One that is made of other steps, as that of a condition of two comparisons, is left out.
+    A switch that depends on other steps only, as of a condition of two comparisons, is omitted.
     """
-    found: dict[sp.Expr, None] = {}
-    for part in parts_of(expressions):
-        told = sides(part)
-        w = told[0] if told is not None else part.args[0] if isinstance(part, sp.floor) else None
-        if w is not None and -w not in found and on_side(w, lambda _: ZERO).free_symbols:
-            found.setdefault(w)
-    return sorted(found, key=str)
+    switches: dict[sp.Expr, None] = {}
+    for node in parts_of(expressions):
+        switch = sides(node)
+        floor_argument = node.args[0] if isinstance(node, sp.floor) else None
+        w = switch[0] if switch is not None else floor_argument
+        if w is not None and -w not in switches and on_side(w, lambda _: ZERO).free_symbols:
+            switches.setdefault(w)
+    return sorted(switches, key=str)
 
 
 def on_side(e: sp.Expr, side: Callable[[sp.Expr], sp.Expr | None]) -> sp.Expr:
-    """Return e with its sides weighed: ``side`` says for each w how much that of w > 0 counts.
+    """Return e with each switch replaced by (1 − s) (side w < 0) + s (side w > 0), s = side(w).
 
-    0 or 1 takes a side; None leaves the switch as it is. For a floor it says its value.
+    s = 0 or 1 selects a side; None leaves the switch unchanged. For a floor, side(argument) is its
+    value.
     """
-    known: dict[sp.Basic, sp.Basic] = {}
-    for part in parts_of([e]):
-        arguments = [known[a] for a in part.args]
-        made = part.func(*arguments) if arguments else part
-        told, new = sides(part), sides(made)
-        if told is not None and new is not None and (weight := side(told[0])) is not None:
-            made = weight * new[2] + (1 - weight) * new[1]
-        elif isinstance(part, sp.floor) and (value := side(part.args[0])) is not None:
-            made = value
-        known[part] = made
-    return known[e]
+    replacement: dict[sp.Basic, sp.Basic] = {}
+    for node in parts_of([e]):
+        arguments = [replacement[a] for a in node.args]
+        rebuilt = node.func(*arguments) if arguments else node
+        old, new = sides(node), sides(rebuilt)
+        if old is not None and new is not None and (weight := side(old[0])) is not None:
+            rebuilt = weight * new[2] + (1 - weight) * new[1]
+        elif isinstance(node, sp.floor) and (floor_value := side(node.args[0])) is not None:
+            rebuilt = floor_value
+        replacement[node] = rebuilt
+    return replacement[e]
 
 
 def depends_by_steps(expressions: Iterable[sp.Expr], symbols: Iterable[sp.Symbol]) -> bool:
-    """Whether the expressions switch where any of the symbols changes.
+    """Whether a switch of the expressions depends on any of the symbols.
 
-    A derivative by it that vanishes does not mean, then, that they do not depend on it.
+    Then the expressions may depend on a symbol although the derivative by it is 0.
     """
-    wanted = set(symbols)
-    return any(not w.free_symbols.isdisjoint(wanted) for w in switches_of(expressions))
+    symbol_set = set(symbols)
+    return any(not w.free_symbols.isdisjoint(symbol_set) for w in switches_of(expressions))
 
 
 # ---------------------------------------------------------------- conditions
@@ -225,23 +227,23 @@ def equal(a: sp.Expr, b: sp.Expr) -> Chooser:
 
 
 def negation(condition: Chooser) -> Chooser:
-    """Return the condition that holds where this one does not."""
+    """Return the negation of a condition."""
     return lambda yes, no: condition(no, yes)
 
 
 def every(conditions: Sequence[Chooser]) -> Chooser:
-    """Return the condition that all of these hold: the product of 1 and 0 for each is above 0."""
+    """Return the conjunction of conditions: the product of their values 1 or 0 is above 0."""
     if len(conditions) == 1:
         return conditions[0]
     return lambda yes, no: Where(ZERO, sp.Mul(*(c(ONE, ZERO) for c in conditions)), yes, no)
 
 
 def some(conditions: Sequence[Chooser]) -> Chooser:
-    """Return the condition that any of these holds."""
+    """Return the disjunction of conditions."""
     return negation(every([negation(c) for c in conditions]))
 
 
-#: As signs.
+#: Sign of a comparison → function of its two sides.
 COMPARISONS: Mapping[str, Callable[[sp.Expr, sp.Expr], Chooser]] = MappingProxyType({
     "<": less,
     "<=": lambda a, b: at_least(b, a),
@@ -251,7 +253,7 @@ COMPARISONS: Mapping[str, Callable[[sp.Expr, sp.Expr], Chooser]] = MappingProxyT
     "!=": lambda a, b: negation(equal(a, b)),
 })
 
-# ---------------------------------------------------------------- functions made of switches
+# ---------------------------------------------------------------- functions defined by switches
 
 
 def largest(*arguments: sp.Expr) -> sp.Expr:
@@ -274,7 +276,7 @@ def remainder(a: sp.Expr, b: sp.Expr) -> sp.Expr:
     return a - b * sp.floor(a / b)
 
 
-# ---------------------------------------------------------------- what SymPy says otherwise
+# ---------------------------------------------------------------- conversion from SymPy
 
 _RELATIONS = {
     sp.StrictLessThan: COMPARISONS["<"], sp.LessThan: COMPARISONS["<="],
@@ -286,15 +288,15 @@ _JUNCTIONS: dict[type[sp.Basic], Callable[[Sequence[Chooser]], Chooser]] = {
 }
 
 
-#: SymPy's function → the same made of others.
-_WRITTEN: dict[type[sp.Basic], Callable[..., sp.Expr]] = {
+#: SymPy function → its definition by other functions.
+_DEFINITIONS: dict[type[sp.Basic], Callable[..., sp.Expr]] = {
     sp.Max: largest,
     sp.Min: smallest,
     sp.Heaviside: heaviside,
     sp.Mod: remainder,
     sp.ceiling: lambda u: -sp.floor(-u),
     sp.frac: lambda u: u - sp.floor(u),
-    # SymPy's for |e^z| of a symbol that is not declared real; all our numbers are
+    # SymPy returns these for |e^z| if z is not declared real; here all symbols are real
     sp.re: lambda u: u,
     sp.im: lambda _: ZERO,
     sp.conjugate: lambda u: u,
@@ -308,43 +310,43 @@ def as_switches(e: sp.Expr) -> sp.Expr:
     Raises
     ------
     InputError
-        For conditions other than comparisons, And, Or and Not, and for a Piecewise that leaves
-        open what holds where none of its conditions does.
+        For conditions other than comparisons, And, Or and Not, and for a Piecewise without a value
+        where none of its conditions holds.
     """
-    if not any(isinstance(part, (sp.Piecewise, *_WRITTEN)) for part in parts_of([e])):
+    if not any(isinstance(node, (sp.Piecewise, *_DEFINITIONS)) for node in parts_of([e])):
         return e
-    known: dict[sp.Basic, Any] = {}
-    for part in parts_of([e]):
-        arguments = [known[a] for a in part.args]
-        if isinstance(part, BooleanAtom):
-            known[part] = less(ZERO, ONE) if part else less(ONE, ZERO)
-        elif part.func in _RELATIONS:
-            known[part] = _RELATIONS[part.func](*arguments)
-        elif part.func in _JUNCTIONS:
-            known[part] = _JUNCTIONS[part.func](arguments)
-        elif isinstance(part, Boolean) and not isinstance(part, sp.Expr):
-            raise _not_understood(part)
-        elif isinstance(part, ExprCondPair):
-            known[part] = arguments
-        elif isinstance(part, sp.Piecewise):
-            known[part] = _piecewise(part, arguments)
-        elif part.func in _WRITTEN:
-            known[part] = _WRITTEN[part.func](*arguments)
+    replacement: dict[sp.Basic, Any] = {}
+    for node in parts_of([e]):
+        arguments = [replacement[a] for a in node.args]
+        if isinstance(node, BooleanAtom):
+            replacement[node] = less(ZERO, ONE) if node else less(ONE, ZERO)
+        elif node.func in _RELATIONS:
+            replacement[node] = _RELATIONS[node.func](*arguments)
+        elif node.func in _JUNCTIONS:
+            replacement[node] = _JUNCTIONS[node.func](arguments)
+        elif isinstance(node, Boolean) and not isinstance(node, sp.Expr):
+            raise _not_understood(node)
+        elif isinstance(node, ExprCondPair):
+            replacement[node] = arguments
+        elif isinstance(node, sp.Piecewise):
+            replacement[node] = _piecewise(node, arguments)
+        elif node.func in _DEFINITIONS:
+            replacement[node] = _DEFINITIONS[node.func](*arguments)
         else:
-            known[part] = part.func(*arguments) if arguments else part
-    return known[e]
+            replacement[node] = node.func(*arguments) if arguments else node
+    return replacement[e]
 
 
 def _piecewise(e: sp.Piecewise, pieces: Sequence[tuple[sp.Expr, Chooser]]) -> sp.Expr:
     if not _is_complete([condition for _, condition in e.args]):
         raise InputError(f"{e} has no value where none of its conditions holds; end it with "
                          "(value, True).")
-    value = pieces[-1][0]
+    result = pieces[-1][0]
     for pair, (expression, condition) in reversed(list(zip(e.args, pieces, strict=True))[:-1]):
         if isinstance(condition, sp.Basic):
             raise _not_understood(pair.cond)
-        value = condition(expression, value)
-    return value
+        result = condition(expression, result)
+    return result
 
 
 def _not_understood(condition: sp.Basic) -> InputError:
