@@ -33,7 +33,7 @@ def lane_iteration(
         tableau = FastTableau(scheme.tableau)
         if tableau.refusal is not None:
             return None, tableau.refusal
-        tables, even_odd = tableau.tables(real), tableau.halves(real)
+        tables, even_odd = tableau.tables(real), tableau.even_odd_tables(real)
         if not m:
             tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
             even_odd = {name: rows for name, rows in even_odd.items() if name in tables}

@@ -31,11 +31,11 @@ class DiscreteDifference:
     slope : dict of int to Expr
         i → D_i u, with u₁ − u₀ = Σ_i D_i u Δx_i; entries that vanish identically are absent.
     steps : sequence of Symbol
-        Δx.
+        The differences Δx_i.
     known_change : Expr, optional
-        u₁ − u₀ where it has a shorter form than the sum over i.
+        u₁ − u₀, if it has a shorter form than the sum over i.
     known_ends : tuple of 2 Expr, optional
-        u₀ and u₁ where they are known better than ū ∓ ½ Δu: max(x, 0) is 0, not nearly.
+        u₀ and u₁, if they are more exact than ū ∓ ½ Δu: max(x, 0) is 0, not nearly 0.
     """
 
     mean: sp.Expr
@@ -64,60 +64,60 @@ class DiscreteDifference:
         return self.mean - self.half, self.mean + self.half
 
     def with_ends(self, start: sp.Expr, end: sp.Expr) -> DiscreteDifference:
-        """Return the same, its ends known."""
+        """Return the difference with the given ends u₀ and u₁."""
         return replace(self, known_ends=(share(start), share(end)))
 
     def become(self, mean: sp.Expr, factor: sp.Expr) -> DiscreteDifference:
-        """Return the difference of an f(u) with that mean and f(u₁) − f(u₀) = factor·(u₁ − u₀)."""
+        """Return the difference of f(u), given its mean and f(u₁) − f(u₀) = factor·(u₁ − u₀)."""
         return DiscreteDifference(mean, {i: factor * d for i, d in self.slope.items()}, self.steps)
 
     def shared(self) -> DiscreteDifference:
-        """Return u with mean and change as shared parts: a function uses them more than once."""
+        """Return u with its mean and its change as shared subexpressions."""
         return DiscreteDifference(share(self.mean), self.slope, self.steps, share(self.change),
                                   self.known_ends)
 
     def apply(self, mean: sp.Expr, factor: sp.Expr) -> DiscreteDifference:
-        """Return the result of ``become`` in shared parts, which are computed once."""
+        """Return the result of ``become`` with shared subexpressions, computed once."""
         factor = share(factor)
-        made = self.become(share(mean), factor)
-        return DiscreteDifference(made.mean, made.slope, self.steps, share(factor * self.change))
+        difference = self.become(share(mean), factor)
+        return replace(difference, known_change=share(factor * self.change))
 
-    def plus(self, *others: DiscreteDifference) -> DiscreteDifference:
-        """Return the difference of the sum of all: in one go, as SymPy sorts every sum it makes."""
+    def plus(self, *summands: DiscreteDifference) -> DiscreteDifference:
+        """Return the difference of a sum; all terms at once, as SymPy sorts every sum it builds."""
         terms: dict[int, list[sp.Expr]] = {}
-        for part in (self, *others):
-            for i, d in part.slope.items():
+        for term in (self, *summands):
+            for i, d in term.slope.items():
                 terms.setdefault(i, []).append(d)
-        total = DiscreteDifference(sp.Add(self.mean, *(other.mean for other in others)),
+        total = DiscreteDifference(sp.Add(self.mean, *(term.mean for term in summands)),
                                    {i: sp.Add(*slopes) for i, slopes in terms.items()}, self.steps)
-        if not any(part.known_ends for part in (self, *others)):
+        if not any(term.known_ends for term in (self, *summands)):
             return total
         return total.with_ends(*(sp.Add(*ends) for ends in zip(
-            *(part.ends for part in (self, *others)), strict=True)))
+            *(term.ends for term in (self, *summands)), strict=True)))
 
-    def __add__(self, other: DiscreteDifference) -> DiscreteDifference:
-        return self.plus(other)
+    def __add__(self, v: DiscreteDifference) -> DiscreteDifference:
+        return self.plus(v)
 
-    def __mul__(self, other: DiscreteDifference) -> DiscreteDifference:
+    def __mul__(self, v: DiscreteDifference) -> DiscreteDifference:
         """Return the difference of uv: Δ(uv) = ū Δv + v̄ Δu, mean ū v̄ + ¼ Δu Δv."""
-        total = other.become(sp.Integer(0), self.mean) + self.become(sp.Integer(0), other.mean)
-        mean = self.mean * other.mean
-        if self.slope and other.slope:
-            mean += self.change * other.change / 4
+        total = v.become(sp.Integer(0), self.mean) + self.become(sp.Integer(0), v.mean)
+        mean = self.mean * v.mean
+        if self.slope and v.slope:
+            mean += self.change * v.change / 4
         product = DiscreteDifference(mean, total.slope, self.steps)
-        if not (self.known_ends or other.known_ends):
+        if not (self.known_ends or v.known_ends):
             return product
-        return product.with_ends(*(a * b for a, b in zip(self.ends, other.ends, strict=True)))
+        return product.with_ends(*(a * b for a, b in zip(self.ends, v.ends, strict=True)))
 
 
-#: Powers up to here are written as a sum of products, those above by halving the exponent.
+#: Up to this n, (u₁ⁿ − u₀ⁿ)/(u₁ − u₀) is a sum of products; above, n is halved.
 _LARGEST_SUM = 6
 
 # ---------------------------------------------------------------- powers
 
 
 def power(u: DiscreteDifference, exponent: sp.Expr) -> DiscreteDifference:
-    """Return the difference of u^c, where c does not change."""
+    """Return the difference of u^c with a constant c."""
     if exponent.is_Integer:
         return _integer_power(u, int(exponent))
     if (2 * exponent).is_Integer:
@@ -126,7 +126,8 @@ def power(u: DiscreteDifference, exponent: sp.Expr) -> DiscreteDifference:
 
 
 def _integer_power(u: DiscreteDifference, n: int) -> DiscreteDifference:
-    if n < 0:  # 1/u first: the ends of uⁿ are further apart, mean and change of it say less of both
+    # 1/u first: the ends of uⁿ are further apart, and lose more digits in mean ∓ ½ change
+    if n < 0:
         return _integer_power(_reciprocal(u), -n)
     if n == 1:
         return u
@@ -144,7 +145,7 @@ def _quotient(u: DiscreteDifference, n: int) -> sp.Expr:
         return sp.Integer(1)
     if n <= _LARGEST_SUM:
         return sp.Add(*(u1**k * u0 ** (n - 1 - k) for k in range(n)))
-    if n % 2:  # half the sum of the two ways to split one factor off
+    if n % 2:  # the mean of u₁ⁿ⁻¹ + u₀ q and u₀ⁿ⁻¹ + u₁ q with q = (u₁ⁿ⁻¹ − u₀ⁿ⁻¹)/(u₁ − u₀)
         return (u1 ** (n - 1) + u0 ** (n - 1)) / 2 + u.mean * _quotient(u, n - 1)
     return _quotient(u, n // 2) * (u1 ** (n // 2) + u0 ** (n // 2))
 
@@ -160,14 +161,14 @@ def _root(u: DiscreteDifference) -> DiscreteDifference:
     total = u1 + u0
     if u.known_ends is None:
         return u.apply(total / 2, 1 / total)
-    # both may be 0 for a while, as those of max(x, 0)
+    # both ends may be 0, as of max(x, 0)
     total = share(total)
     quotient = Where(sp.Integer(0), total, 1 / total, sp.Integer(0))
     return u.apply(total / 2, quotient).with_ends(u0, u1)
 
 
 def _geometric(u: DiscreteDifference) -> tuple[sp.Expr, sp.Expr]:
-    """Return g = √u₁ √u₀ and Δu/(2g), the sinh of ½ Δ log u; no number if u₀ or u₁ is negative."""
+    """Return g = √u₁ √u₀ and Δu/(2g) = sinh(½ Δ log u); NaN if u₀ or u₁ is negative."""
     u0, u1 = u.ends
     g = share(sp.sqrt(u1) * sp.sqrt(u0))
     return g, share(u.half / g)
@@ -179,7 +180,7 @@ def _real_power(u: DiscreteDifference, c: sp.Expr) -> DiscreteDifference:
     growth = share(c * z * Asinhc(z))  # ½ Δ(c log u)
     mean = g**c * sp.cosh(growth)
     quotient = c * g ** (c - 1) * Sinhc(growth) * Asinhc(z)
-    if u.known_ends is not None:  # one of them may be 0, or both
+    if u.known_ends is not None:  # one end may be 0, or both
         zero, total = sp.Integer(0), share(sp.Add(*u.ends))
         mean = Where(zero, g, mean, _mean_of(lambda x: x**c, u))
         quotient = Where(zero, g, quotient, Where(zero, total, 2 * mean / total, zero))
@@ -193,8 +194,8 @@ def exponential(u: DiscreteDifference, base: sp.Expr = sp.E) -> DiscreteDifferen
     """Return the difference of base^u."""
     u, rate = u.shared(), sp.log(base)
     half = rate * u.half
-    value = base**u.mean
-    return u.apply(value * sp.cosh(half), rate * value * Sinhc(half))
+    mean_power = base**u.mean
+    return u.apply(mean_power * sp.cosh(half), rate * mean_power * Sinhc(half))
 
 
 def logarithm(u: DiscreteDifference) -> DiscreteDifference:
@@ -227,7 +228,7 @@ def _mean_of(function: Callable[[sp.Expr], sp.Expr], u: DiscreteDifference) -> s
 
 
 def _arc(u: DiscreteDifference, root: Callable[[sp.Expr], sp.Expr], cardinal: type) -> sp.Expr:
-    """Return the quotient of 2 at(Δu/(r₁ + r₀)), r the co-function: u = sin θ, r = cos θ, …"""
+    """Return 2 cardinal(Δu/(r₁ + r₀))/(r₁ + r₀) with r = root(u): u = sin θ has r = cos θ."""
     u0, u1 = u.ends
     total = share(root(u1) + root(u0))
     return 2 * cardinal(u.change / total) / total
@@ -312,7 +313,7 @@ HALF = sp.Rational(1, 2)
 
 
 def _tilt(u: DiscreteDifference) -> sp.Expr:
-    """Return ū/max(|ū|, |h|): ±1 where both ends are on one side, 0 where all is zero."""
+    """Return the tilt ū/max(|ū|, |h|): ±1 if both ends are on one side of 0, 0 if both are 0."""
     h, side = sp.Abs(u.half), sp.sign(u.mean)
     return share(Where(sp.Abs(u.mean), h, u.mean / h, side) if h != 0 else side)
 
@@ -320,85 +321,86 @@ def _tilt(u: DiscreteDifference) -> sp.Expr:
 def absolute(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of |u|, whose mean is max(|ū|, |h|)."""
     u = u.shared()
-    made = u.apply(Max(sp.Abs(u.mean), sp.Abs(u.half)), _tilt(u))
-    return made.with_ends(*map(sp.Abs, u.ends))
+    difference = u.apply(Max(sp.Abs(u.mean), sp.Abs(u.half)), _tilt(u))
+    return difference.with_ends(*map(sp.Abs, u.ends))
 
 
 def extreme(
     function: type[Max | Min], u: DiscreteDifference, v: DiscreteDifference
 ) -> DiscreteDifference:
-    """Return the difference of max(u, v) or min(u, v): of u and v by their shares in it."""
+    """Return the difference of max(u, v) or min(u, v): ½(1 ± τ) Δu + ½(1 ∓ τ) Δv."""
     u, v = u.shared(), v.shared()
     w = (u + v.become(-v.mean, sp.Integer(-1))).shared()
     tilt = _tilt(w) if function is Max else -_tilt(w)
-    mine, others = share((1 + tilt) / 2), share((1 - tilt) / 2)
+    u_share, v_share = share((1 + tilt) / 2), share((1 - tilt) / 2)
     h = sp.Abs(w.half) if function is Max else -sp.Abs(w.half)
     mean = Where(sp.Abs(w.mean), sp.Abs(w.half), (u.mean + v.mean + h) / 2,
                  function(u.mean, v.mean))
-    slope = {i: _weighted(mine, u.slope.get(i, sp.Integer(0)))
-             + _weighted(others, v.slope.get(i, sp.Integer(0)))
+    slope = {i: _weighted(u_share, u.slope.get(i, sp.Integer(0)))
+             + _weighted(v_share, v.slope.get(i, sp.Integer(0)))
              for i in sorted(u.slope.keys() | v.slope.keys())}
-    change = _weighted(mine, u.change) + _weighted(others, v.change)
-    made = DiscreteDifference(share(mean), slope, u.steps, share(change))
-    return made.with_ends(*(function(*ends) for ends in zip(u.ends, v.ends, strict=True)))
+    change = _weighted(u_share, u.change) + _weighted(v_share, v.change)
+    difference = DiscreteDifference(share(mean), slope, u.steps, share(change))
+    return difference.with_ends(*(function(*ends) for ends in zip(u.ends, v.ends, strict=True)))
 
 
 def _weighted(weight: sp.Expr, e: sp.Expr) -> sp.Expr:
-    """Return their product: 0 for the weight 0, also where e is no number."""
+    """Return weight · e; 0 for the weight 0, even if e is infinite or NaN."""
     return weight * e if _is_finite(e) else Where(sp.Integer(0), weight, weight * e, sp.Integer(0))
 
 
 def _is_finite(e: sp.Expr) -> bool:
-    """Whether e has a value for any values of its symbols."""
+    """Whether e is finite for all values of its symbols."""
     return all(
-        part.is_Atom or part.is_Add or part.is_Mul
-        or (part.is_Pow and part.exp.is_Integer and part.exp > 0)
-        or isinstance(part, (Shared, Switch, sp.Abs, sp.sign))
-        for part in parts_of([e]))
+        node.is_Atom or node.is_Add or node.is_Mul
+        or (node.is_Pow and node.exp.is_Integer and node.exp > 0)
+        or isinstance(node, (Shared, Switch, sp.Abs, sp.sign))
+        for node in parts_of([e]))
 
 
 def chosen(
     a: DiscreteDifference, b: DiscreteDifference, x: DiscreteDifference, y: DiscreteDifference
 ) -> DiscreteDifference:
-    """Return the difference of x where a < b and y elsewhere, where a and b do not change."""
+    """Return the difference of x where a < b and y elsewhere, for constant a and b."""
     def pick(yes: sp.Expr, no: sp.Expr) -> sp.Expr:
         return Where(a.mean, b.mean, yes, no)
 
     zero = sp.Integer(0)
-    made = DiscreteDifference(pick(x.mean, y.mean),
-                              {i: pick(x.slope.get(i, zero), y.slope.get(i, zero))
-                                             for i in sorted(x.slope.keys() | y.slope.keys())},
-                      x.steps, pick(x.change, y.change))
-    return made.with_ends(*(pick(*ends) for ends in zip(x.ends, y.ends, strict=True)))
+    slope = {i: pick(x.slope.get(i, zero), y.slope.get(i, zero))
+             for i in sorted(x.slope.keys() | y.slope.keys())}
+    difference = DiscreteDifference(pick(x.mean, y.mean), slope, x.steps, pick(x.change, y.change))
+    return difference.with_ends(*(pick(*ends) for ends in zip(x.ends, y.ends, strict=True)))
 
 
 def piecewise(
     pieces: PiecewiseForm, s: DiscreteDifference, differentiate: Differentiate
 ) -> DiscreteDifference:
-    """Return the difference of f(s) = Σ_i f_i(c_i) + constant, c_i being s held between its limits.
+    """Return the difference of f(s) = Σ_i f_i(c_i) + constant, where c_i is s clamped to piece i.
 
-    Where s stays between two limits all c_i but one are constant.
+    If both ends of s are in one piece, all c_i but one are constant.
     """
     s = s.shared()
     step = (s.change,)
     variable = DiscreteDifference(s.mean, {0: sp.Integer(1)}, step)
     factor = sp.Integer(0)
-    for part, (low, high) in zip(pieces.parts, pairwise([None, *pieces.limits, None]), strict=True):
-        if pieces.symbol not in part.free_symbols:
+    limits = pairwise([None, *pieces.limits, None])
+    for piece, (low, high) in zip(pieces.parts, limits, strict=True):
+        if pieces.symbol not in piece.free_symbols:
             continue
-        held = variable
+        clamped = variable
         if high is not None:
-            held = extreme(Min, held, DiscreteDifference(high, {}, step))
+            clamped = extreme(Min, clamped, DiscreteDifference(high, {}, step))
         if low is not None:
-            held = extreme(Max, held, DiscreteDifference(low, {}, step))
-        slope = differentiate(part, {pieces.symbol: held}, step).slope[0]
-        inside = held.slope[0]  # the part of the way that s goes between the limits
-        factor += slope if _is_finite(slope) else Where(sp.Integer(0), inside, slope,
+            clamped = extreme(Max, clamped, DiscreteDifference(low, {}, step))
+        slope = differentiate(piece, {pieces.symbol: clamped}, step).slope[0]
+        fraction = clamped.slope[0]  # Δc_i/Δs, the fraction of the step within the piece
+        factor += slope if _is_finite(slope) else Where(sp.Integer(0), fraction, slope,
                                                         sp.Integer(0))
-    for low, high in pieces.assumed:  # else f jumps: no number rather than a wrong one
+    # NaN if low > high: the pieces would not be continuous there, and the result wrong
+    for low, high in pieces.assumed:
         factor = Where(high, low, sp.sqrt(high - low), factor)
-    at = [pieces.whole.xreplace({pieces.symbol: end}) for end in s.ends]
-    return s.apply((at[0] + at[1]) / 2, factor).with_ends(*at)
+    end_values = [pieces.whole.xreplace({pieces.symbol: end}) for end in s.ends]
+    return s.apply((end_values[0] + end_values[1]) / 2, factor).with_ends(*end_values)
 
 
 #: Functions of one argument with a rule.

@@ -29,35 +29,34 @@ With h = Δu/2, the cardinal functions sinc(z) = sin(z)/z, sinhc, asinhc, atanc,
     cosh       Δ(cosh u) = sinh(ū) sinhc(h) Δu,             mean = cosh(ū) cosh(h)
     tanh       Δ(tanh u) = sinhc(Δu)/(cosh u₁ cosh u₀) Δu
 
-Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2 unless stated otherwise. From half the
-angle between the ends, tan(½ Δθ) = sin(Δθ)/(1 + cos(Δθ)), which no branch of the arc tangent
-disturbs:
+Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2 unless stated otherwise. They use half the
+angle between the ends, tan(½ Δθ) = sin(Δθ)/(1 + cos(Δθ)), which has no branch cut within a step:
 
     asin, acos Δ = ±2 atanc(Δu/r)/r Δu,   r = √(1 − u₁²) + √(1 − u₀²)
     atan2(v,u) Δ = 2 atanc(k/r)/r k,      k = ū Δv − v̄ Δu, r = |ρ₁w₀ + ρ₀w₁|²/(2ρ₀ρ₁) with
                                           w = (u, v) and ρ = |w|;  mean = atan2(v₀, u₀) + Δ/2
     atan       as atan2(u, 1)
     acosh      Δ = 2 atanhc(Δu/r)/r Δu,   r = √(u₁² − 1) + √(u₀² − 1)
-    asinh      Δ = asinhc(h/r)/r Δu,      r = cosh(mean); by atanh it has no digits from −u to u
+    asinh      Δ = asinhc(h/r)/r Δu,      r = cosh(mean); a form with atanh cancels from −u to u
     atanh      Δ = asinhc(Δu/r)/r Δu,     r = √(1 − u₁²) √(1 − u₀²)
 
-Functions with two sides have these of where the ends lie, with h = Δu/2 and the tilt
-τ(u) = ū/max(|ū|, |h|), which is ±1 where both ends lie on one side of 0 and ū/|h| else:
+Functions with a switch depend on the sides of the ends, with h = Δu/2 and the tilt
+τ(u) = ū/max(|ū|, |h|), which is ±1 if both ends are on one side of 0 and ū/|h| otherwise:
 
     |u|        Δ|u|      = τ(u) Δu,                         mean = max(|ū|, |h|)
     max        Δmax(u,v) = ½(1 + τ) Δu + ½(1 − τ) Δv,       τ = τ(u − v); min with −τ
     pieces     Δf(s)     = Σ_i Δf_i(c_i),                   c_i = min(max(s, b_(i−1)), b_i)
 
-where f is f_i from b_(i−1) to b_i and continuous (``piecewise``). A quotient is not formed where
-its denominator is 0: a side is taken, and no digit is lost where both ends lie on it.
+where f is f_i from b_(i−1) to b_i and continuous (``piecewise``). Where a denominator is 0, the
+branch without a quotient is selected; no digit is lost if both ends are on one side.
 
-Where u has no square root or logarithm at an end, the value is no number, as H itself is none.
-Powers whose exponent is not a known multiple of ½ take positive u only; tanh takes |Δu| < 700 in
-double, for sinh overflows beyond. Means and changes that a function uses more than once are
-shared parts (``shared_subexpressions``): nested functions cost their number.
+If u has no square root or logarithm at an end, the value is NaN, as of H itself. Powers whose
+exponent is not a multiple of ½ need u > 0; tanh needs |Δu| < 700 in double, as sinh overflows
+beyond. Means and changes that a function uses more than once are shared subexpressions
+(``shared_subexpressions``), so that the cost of nested functions is proportional to their number.
 
-Shared parts of H are visited once: each has a mean and a change, Du goes backward
-from the whole through them, as a gradient does.
+Shared subexpressions of H are visited once: each has a mean and a change, and D is propagated
+backward from H through them, as in reverse-mode differentiation.
 """
 
 from __future__ import annotations
@@ -101,7 +100,7 @@ def discrete_gradient(
     expression : Expr
         Built from the symbols and parameters with +, ×, /, powers and the functions above.
     symbols, means, differences : sequences of Symbol
-        x, and the names to use for x̄ and Δx.
+        x, and the symbols of x̄ and Δx.
 
     Raises
     ------
@@ -113,107 +112,111 @@ def discrete_gradient(
         symbol: DiscreteDifference(mean, {i: sp.Integer(1)}, steps)
         for i, (symbol, mean) in enumerate(zip(symbols, means, strict=True))
     }
-    parts = [part for part in parts_of([expression]) if isinstance(part, Shared)]
-    names = {part: sp.Symbol(f"_part{i}", real=True) for i, part in enumerate(parts)}
-    *bodies, whole = substitute([*(part.args[0] for part in parts), expression], names)
-    found = []
+    nodes = [node for node in parts_of([expression]) if isinstance(node, Shared)]
+    names = {node: sp.Symbol(f"_part{i}", real=True) for i, node in enumerate(nodes)}
+    *bodies, root = substitute([*(node.args[0] for node in nodes), expression], names)
+    shared = []
     for symbol, body in zip(names.values(), bodies, strict=True):
-        part = differentiate(body, leaves, steps)
-        change = share(part.change)
-        leaves[symbol] = DiscreteDifference(share(part.mean), {len(steps): sp.Integer(1)}, steps,
-                                            change,
-                                            part.known_ends)
-        found.append(part)
+        difference = differentiate(body, leaves, steps)
+        change = share(difference.change)
+        # a shared subexpression is one more variable, with the step ``change``
+        leaves[symbol] = DiscreteDifference(share(difference.mean), {len(steps): sp.Integer(1)},
+                                            steps, change, difference.known_ends)
+        shared.append(difference)
         steps.append(change)
-    return _backward(differentiate(whole, leaves, steps), found, len(symbols))
+    return _propagate_backward(differentiate(root, leaves, steps), shared, len(symbols))
 
 
-def _backward(
-    whole: DiscreteDifference, parts: Sequence[DiscreteDifference], count: int
+def _propagate_backward(
+    root: DiscreteDifference, shared: Sequence[DiscreteDifference], count: int
 ) -> list[sp.Expr]:
-    """Return D of the whole by ``count`` symbols; behind these, its slopes are those by parts."""
-    terms: dict[int, list[sp.Expr]] = {i: [d] for i, d in whole.slope.items()}
-    for i, part in reversed([*enumerate(parts, count)]):
-        weight = share(sp.Add(*terms.get(i, ())))
-        for j, d in part.slope.items():
-            terms.setdefault(j, []).append(weight * d)
+    """Return D of the root by the ``count`` symbols, by the chain rule through shared nodes.
+
+    Slope i ≥ count of a difference is the slope by shared node i − count.
+    """
+    terms: dict[int, list[sp.Expr]] = {i: [d] for i, d in root.slope.items()}
+    for i, difference in reversed([*enumerate(shared, count)]):
+        adjoint = share(sp.Add(*terms.get(i, ())))
+        for j, d in difference.slope.items():
+            terms.setdefault(j, []).append(adjoint * d)
     return [sp.Add(*terms.get(i, ())) for i in range(count)]
 
 
 def differentiate(
     u: sp.Expr, leaves: Mapping[sp.Symbol, DiscreteDifference], dx: Sequence[sp.Expr]
 ) -> DiscreteDifference:
-    """Return mean and slope of u by recursion over its expression tree, each part once."""
-    return _Walk(u, leaves, dx)(u)
+    """Return mean and slope of u by recursion over its subexpressions, each visited once."""
+    return _Differences(u, leaves, dx)(u)
 
 
-class _Walk:
-    """The differences of an expression's parts."""
+class _Differences:
+    """The differences of the subexpressions of u."""
 
     def __init__(
         self, u: sp.Expr, leaves: Mapping[sp.Symbol, DiscreteDifference], dx: Sequence[sp.Expr]
     ) -> None:
-        self.known: dict[sp.Expr, DiscreteDifference] = dict(leaves)
+        self.differences: dict[sp.Expr, DiscreteDifference] = dict(leaves)
         self.symbols, self.dx = set(leaves), dx
-        self.stepping = self._with_steps(u)
+        self.conditional = self._conditional_nodes(u)
 
     def __call__(self, e: sp.Expr) -> DiscreteDifference:
         """Return the difference of e."""
-        if e not in self.known:
+        if e not in self.differences:
             if e.free_symbols.isdisjoint(self.symbols):
-                self.known[e] = DiscreteDifference(e, {}, self.dx)
-            elif e in self.stepping:
-                self.known[e] = self._of_steps(e)
+                self.differences[e] = DiscreteDifference(e, {}, self.dx)
+            elif e in self.conditional:
+                self.differences[e] = self._conditional_difference(e)
             else:
-                self.known[e] = self._combined(e)
-        return self.known[e]
+                self.differences[e] = self._combine_arguments(e)
+        return self.differences[e]
 
-    def _combined(self, e: sp.Expr) -> DiscreteDifference:
+    def _combine_arguments(self, e: sp.Expr) -> DiscreteDifference:
         _refuse_unknown(e)
         return _combine(e, list(map(self, e.args)))
 
     # ------------------------------------------------------------ conditions
 
-    def _with_steps(self, u: sp.Expr) -> set[sp.Basic]:
-        """Return all parts of u that contain a condition, sign or floor of the symbols."""
-        found: set[sp.Basic] = set()
-        for part in parts_of([u]):
-            if selects_side(part, self.symbols) or not found.isdisjoint(part.args):
-                found.add(part)
-        return found
+    def _conditional_nodes(self, u: sp.Expr) -> set[sp.Basic]:
+        """Return all subexpressions of u with a condition, sign or floor of the symbols."""
+        conditional: set[sp.Basic] = set()
+        for node in parts_of([u]):
+            if selects_side(node, self.symbols) or not conditional.isdisjoint(node.args):
+                conditional.add(node)
+        return conditional
 
-    def _of_steps(self, e: sp.Expr) -> DiscreteDifference:
-        """Return the difference of what contains a condition: of pieces, if it has any.
+    def _conditional_difference(self, e: sp.Expr) -> DiscreteDifference:
+        """Return the difference of an expression with conditions, by its pieces.
 
-        In a product or sum it is what depends on the same symbols that has them together:
-        x H(x) is continuous, and Heaviside's H(x) is not.
+        In a product or sum, the arguments of the same symbols are combined first: x H(x) is
+        continuous, Heaviside's H(x) is not.
         """
         try:
             pieces = piecewise_form_of(e, self.symbols)
         except NotPiecewiseError as reason:
-            together = self._together(e) if e.is_Add or e.is_Mul else e
-            if together == e and (selects_side(e, self.symbols) or e.is_Add or e.is_Mul):
+            joint = self._joint_argument(e) if e.is_Add or e.is_Mul else e
+            if joint == e and (selects_side(e, self.symbols) or e.is_Add or e.is_Mul):
                 raise _not_piecewise(e, reason) from None
-            if together == e:
-                return self._combined(e)
-            self.stepping.add(together)
-            rest = [a for a in e.args if a not in e.func.make_args(together)]
-            return _combine(e, [self(together), *map(self, rest)])
+            if joint == e:
+                return self._combine_arguments(e)
+            self.conditional.add(joint)
+            others = [a for a in e.args if a not in e.func.make_args(joint)]
+            return _combine(e, [self(joint), *map(self, others)])
         return piecewise(pieces, self(pieces.variable), differentiate)
 
-    def _together(self, e: sp.Expr) -> sp.Expr:
-        """Return the sum or product of those arguments that depend on no more than the first does
-        that contains a condition.
+    def _joint_argument(self, e: sp.Expr) -> sp.Expr:
+        """Return the sum or product of the arguments that depend on the symbols of ``first`` only.
+
+        ``first`` is the argument with a condition that depends on the fewest symbols.
         """
-        moving = {a: a.free_symbols & self.symbols for a in e.args}
-        first = min((a for a in e.args if a in self.stepping),
-                    key=lambda a: len(moving[a]))
-        return e.func(*(a for a in e.args if moving[a] and moving[a] <= moving[first]
-                        and (e.is_Mul or a in self.stepping)))
+        symbols_of = {a: a.free_symbols & self.symbols for a in e.args}
+        first = min((a for a in e.args if a in self.conditional),
+                    key=lambda a: len(symbols_of[a]))
+        return e.func(*(a for a in e.args if symbols_of[a] and symbols_of[a] <= symbols_of[first]
+                        and (e.is_Mul or a in self.conditional)))
 
 
 def _refuse_unknown(e: sp.Expr) -> None:
-    if e.is_Add or e.is_Mul or e.is_Pow or e.func in FUNCTIONS or e.func in _OF_MORE:
+    if e.is_Add or e.is_Mul or e.is_Pow or e.func in FUNCTIONS or e.func in _MULTIVARIATE:
         return
     raise InputError(
         f"No exact difference is known for {e.func.__name__!r} in {e}; the discrete gradient takes "
@@ -231,23 +234,23 @@ def _not_piecewise(e: sp.Expr, reason: NotPiecewiseError) -> InputError:
     )
 
 
-#: Functions of several arguments with a rule; a ``Where`` here depends on parameters.
-_OF_MORE: Mapping[type[sp.Expr], Callable[..., DiscreteDifference]] = {
+#: Functions of several arguments with a rule; the condition of a ``Where`` is constant here.
+_MULTIVARIATE: Mapping[type[sp.Expr], Callable[..., DiscreteDifference]] = {
     sp.atan2: angle, Max: partial(extreme, Max), Min: partial(extreme, Min), Where: chosen,
 }
 
 
-def _combine(e: sp.Expr, parts: list[DiscreteDifference]) -> DiscreteDifference:
-    """Return the difference of e from those of its arguments."""
+def _combine(e: sp.Expr, arguments: list[DiscreteDifference]) -> DiscreteDifference:
+    """Return the difference of e from the differences of its arguments."""
     if e.is_Add:
-        return parts[0].plus(*parts[1:])
+        return arguments[0].plus(*arguments[1:])
     if e.is_Mul:
-        return reduce(operator.mul, parts)
+        return reduce(operator.mul, arguments)
     if e.is_Pow:
-        return _power(*parts)
-    if e.func in _OF_MORE:
-        return _OF_MORE[e.func](*parts)
-    return FUNCTIONS[e.func](parts[0].shared())
+        return _power(*arguments)
+    if e.func in _MULTIVARIATE:
+        return _MULTIVARIATE[e.func](*arguments)
+    return FUNCTIONS[e.func](arguments[0].shared())
 
 
 def _power(base: DiscreteDifference, exponent: DiscreteDifference) -> DiscreteDifference:

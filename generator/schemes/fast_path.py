@@ -1,4 +1,4 @@
-"""Structure of a system for the fixed-point iteration, found by algebra (not declared).
+"""Identities of a system for the fixed-point iteration, derived by algebra.
 
 The fast path solves T1 by fixed-point iteration on scaled unknowns
 
@@ -6,17 +6,16 @@ The fast path solves T1 by fixed-point iteration on scaled unknowns
     Q_i = q + Σ μ_ij L_j,   Q̃_l = q + Σ ν_lj L_j,   P_i = p + Σ μ̂_ij L̂_j + Σ ν̃_ij Y_j
 
 with the multipliers corrected in every iteration through the Schur complement of the constraints,
-δι_j = (b̃_j/h) W_j⁻¹ Σ_l (M⁻¹)_jl g(Q̃_l), M = Ā Ã, W = G H_pp Gᵀ. It profits from identities that
-hold where g = 0; each is proved here by reduction modulo g:
+δι_j = (b̃_j/h) W_j⁻¹ Σ_l (M⁻¹)_jl g(Q̃_l), M = Ā Ã, W = G H_pp Gᵀ. It uses identities that hold
+where g = 0; each is proved here by reduction modulo g:
 
-- W is constant (1/γ for the quaternion): inverted once a run instead of once a node and step;
-- H_pp Gᵀ = c Gᵀ: the correction of k is c times that of P, no second evaluation of H_p;
-- parts of H_q that a constraint force cannot change ((∂u/∂p) Gᵀ = 0, as L(q)q = 0) are evaluated
-  once a sweep and shared by H_p and H_q.
+- W is constant (1/γ for the quaternion): it is inverted once a run, not at each node and step;
+- H_pp Gᵀ = c Gᵀ: the correction of k is c times the correction of P, without evaluating H_p again;
+- subexpressions u of H_q that a constraint force does not change, (∂u/∂p) Gᵀ = 0 (as L(q)q = 0),
+  are evaluated once an iteration and shared by H_p and H_q.
 
-Forces F(q, p, t) enter through H_q − F, which then stands for H_q in all of this.
-
-Where an identity is not proved the general form is emitted: slower, never wrong.
+With forces F(q, p, t), H_q − F replaces H_q. Without a proof of an identity the general form is
+emitted, which is slower and equally correct.
 """
 
 from __future__ import annotations
@@ -50,16 +49,16 @@ class FastSystem:
     system: System
 
     def reduced(self, e: sp.Expr) -> sp.Expr:
-        """Return the remainder of e modulo g = 0; e itself where that is not a division.
+        """Return the remainder of e modulo g, or e expanded if e or g is no polynomial in q.
 
-        Whatever the remainder is, e equals it on the constraint manifold.
+        The result equals e on the constraint manifold g = 0.
         """
-        long = expanded(e)
-        if not long.free_symbols & set(self.system.q) or not is_small(e):
-            return long
-        if not all(x.is_polynomial(*self.system.q) for x in (long, *self.system.constraints)):
-            return long
-        return sp.expand(sp.reduced(long, list(self.system.constraints), *self.system.q)[1])
+        polynomial = expanded(e)
+        if not polynomial.free_symbols & set(self.system.q) or not is_small(e):
+            return polynomial
+        if not all(x.is_polynomial(*self.system.q) for x in (polynomial, *self.system.constraints)):
+            return polynomial
+        return sp.expand(sp.reduced(polynomial, list(self.system.constraints), *self.system.q)[1])
 
     def _is_constant(self, e: sp.Expr) -> bool:
         return bool(e.free_symbols.isdisjoint(
@@ -67,7 +66,7 @@ class FastSystem:
 
     @cached_property
     def forces(self) -> list[list[sp.Expr]]:
-        """H_pp Gᵀ, n × m: how a constraint force changes the velocity."""
+        """H_pp Gᵀ, n × m: the change of the velocity by constraint forces."""
         system = self.system
         return [
             [shortest(sum((a * b for a, b in zip(row, g, strict=True)), sp.Integer(0)))
@@ -87,7 +86,7 @@ class FastSystem:
 
     @cached_property
     def schur_inverse(self) -> list[list[sp.Expr]] | None:
-        """W⁻¹ where W is proved constant on g = 0; None where it is not."""
+        """W⁻¹ if W is proved constant on g = 0, else None."""
         W = self.schur
         if self.system.m > _LARGEST_INVERSE or not all(self._is_constant(e) for r in W for e in r):
             return None
@@ -96,7 +95,7 @@ class FastSystem:
 
     @cached_property
     def correction(self) -> sp.Expr | None:
-        """The c of H_pp Gᵀ = c Gᵀ on g = 0; None where there is no such number."""
+        """The c of H_pp Gᵀ = c Gᵀ on g = 0; None if there is no such number."""
         if not self.system.m or self.schur_inverse is None:
             return None
         g = self.system.G[0]
@@ -113,25 +112,25 @@ class FastSystem:
 
     @cached_property
     def shared(self) -> list[sp.Expr]:
-        """Sums in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
+        """Sums u in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
         if self.system.m and self.correction is None:
-            return []  # H_p is evaluated again with H_q anyway
+            return []  # H_p is evaluated again with H_q
         if self.is_separable:
-            return []  # H_q − F is evaluated at other places than H_p
+            return []  # Gauss-Seidel ordering: H_q − F and H_p are evaluated at different states
         sums = {u for e in self.system.minus_p_rate for u in e.atoms(sp.Add)
                 if self.system.time not in u.free_symbols}
-        found = sorted((u for u in sums if u.has(*self.system.p) and self._is_unmoved(u)),
-                       key=sp.default_sort_key)
-        return [u for u in found if not self._is_inside(u, found)]
+        candidates = sorted((u for u in sums if u.has(*self.system.p) and self._is_unaffected(u)),
+                            key=sp.default_sort_key)
+        return [u for u in candidates if not self._is_inside(u, candidates)]
 
-    def _is_inside(self, u: sp.Expr, others: list[sp.Expr]) -> bool:
-        """Whether a sum occurs only as a part of others, as u₃ does in a u₃ − ω/2."""
-        around = {v: sp.Dummy() for v in others if v != u and v.has(u)}
-        return bool(around) and not any(
-            e.xreplace(around).has(u) for e in self.system.minus_p_rate)
+    def _is_inside(self, u: sp.Expr, sums: list[sp.Expr]) -> bool:
+        """Whether a sum occurs only inside other sums, as u₃ in a u₃ − ω/2."""
+        enclosing = {v: sp.Dummy() for v in sums if v != u and v.has(u)}
+        return bool(enclosing) and not any(
+            e.xreplace(enclosing).has(u) for e in self.system.minus_p_rate)
 
-    def _is_unmoved(self, u: sp.Expr) -> bool:
-        """Whether u, and whatever it switches on, has no derivative along the constraint forces."""
+    def _is_unaffected(self, u: sp.Expr) -> bool:
+        """Whether u, and its switches, have the derivative 0 along all constraint forces."""
         return all(
             expanded(sum((a * b for a, b in zip(by_p, g, strict=True)), sp.Integer(0))) == 0
             for by_p in jacobian([u, *switches_of([u])], self.system.p)
@@ -140,7 +139,7 @@ class FastSystem:
 
     @cached_property
     def is_affine(self) -> bool:
-        """Whether f(q, p), the constraint on the momenta, is affine in p: one solve finds p."""
+        """Whether the hidden constraint f(q, p) is affine in p: one linear solve projects p."""
         p = self.system.p
         return not depends_by_steps(self.system.hidden, p) and not any(
             e.has(*p) for row in jacobian(self.system.hidden, p) for e in row)
@@ -153,37 +152,37 @@ class FastSystem:
 
     @cached_property
     def folds(self) -> Folds:
-        """Numbers times constants, as constants of their own: 2 mgl is not computed in a loop."""
+        """Products number × constant as new constants: 2 mgl is not computed in a loop."""
         return Folds({*self.system.parameters} - {*self.system.inputs})
 
     @cached_property
     def gradients(self) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr]]:
-        """H_p, H_q − F in terms of the shared w, and w, each times its constant if it has one."""
+        """H_p, H_q − F in terms of w, and the shared w, each times its constant factor."""
         H_p, H_q = ([self.folds(e) for e in side]
                     for side in (self.system.H_p, self.system.minus_p_rate))
         w = []
         for index, u in enumerate(map(self.folds, self.shared)):
-            factor = self._only_factor(u, H_p + H_q)
+            factor = self._common_constant(u, H_p + H_q)
             symbol = sp.Symbol(f"_w{index}", real=True)
             w.append(factor * u)
             H_q = [e.xreplace({u: symbol / factor}) for e in H_q]
         return H_p, H_q, w
 
-    def _only_factor(self, u: sp.Expr, expressions: list[sp.Expr]) -> sp.Expr:
-        """Return the constant that multiplies u wherever u occurs; 1 if there is no such one."""
+    def _common_constant(self, u: sp.Expr, expressions: list[sp.Expr]) -> sp.Expr:
+        """Return the constant factor of u if it is the same wherever u occurs, else 1."""
         factors = set()
         for e in expressions:
-            inside = [m for m in e.atoms(sp.Mul) if u in m.args]
-            # Not e.count(u), which matches patterns: seconds where nothing but equality is asked.
-            if sum(part == u for part in sp.preorder_traversal(e)) != len(inside):
+            products = [m for m in e.atoms(sp.Mul) if u in m.args]
+            # e.count(u) would match patterns, which takes seconds; equality is enough
+            if sum(node == u for node in sp.preorder_traversal(e)) != len(products):
                 return sp.Integer(1)
-            factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in inside}
+            factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in products}
         return factors.pop() if len(factors) == 1 else sp.Integer(1)
 
     def spark_kernels(self, *, separate: bool = False) -> list[Kernel]:
         """Return the kernels of the fixed-point iteration of SPARK methods, on lanes.
 
-        ``separate`` keeps H_p out of the kernel of H_q, where it is asked for again.
+        ``separate``: the kernel of H_q never evaluates H_p as well.
         """
         system = self.system
         state = {"q": list(system.q), "p": list(system.p)}
@@ -227,7 +226,7 @@ class FastSystem:
                        {"G": scheme.mean_constraint})] if self.system.m else []
 
     def _multiplier_kernels(self) -> list[Kernel]:
-        """Return W, or what takes its place where that is constant."""
+        """Return the kernel of W; if W is constant, the kernels of W⁻¹ and of c."""
         if not self.system.m:
             return []
         if self.schur_inverse is None:
@@ -243,7 +242,7 @@ class FastSystem:
     def _common(self, *, projected: bool) -> list[Kernel]:
         """Return H, g and f on lanes: f in twice the working precision, its matrix reduced.
 
-        Only what is projected onto f = 0 needs the matrix.
+        The matrix is needed only if momenta are projected onto f = 0 (SPARK methods).
         """
         kernels = []
         for kernel in common_kernels(self.system):
@@ -261,46 +260,46 @@ class FastSystem:
 
 
 class Folds:
-    """Replaces number times constant by a constant of its own, wherever both stand in a product."""
+    """Replaces the product of a number and a constant by a new constant."""
 
     def __init__(self, constants: set[sp.Symbol]) -> None:
         self.constants = set(constants)
         self.definitions: dict[sp.Expr, sp.Symbol] = {}
-        self._known: dict[sp.Expr, sp.Expr] = {}
+        self._folded: dict[sp.Expr, sp.Expr] = {}
 
     def __call__(self, e: sp.Expr) -> sp.Expr:
         """Return e with its numbers folded into its constants."""
-        if e not in self._known:
-            self._known[e] = e if e.is_Atom else self._fold(e.func(*map(self, e.args)))
-        return self._known[e]
+        if e not in self._folded:
+            self._folded[e] = e if e.is_Atom else self._fold(e.func(*map(self, e.args)))
+        return self._folded[e]
 
     def _fold(self, e: sp.Expr) -> sp.Expr:
         if not e.is_Mul:
             return e
-        number, rest = e.as_coeff_Mul()
-        sign, number = (-1, -number) if number < 0 else (1, number)
-        own = [a for a in sp.Mul.make_args(rest) if a in self.constants]
-        if number == 1 or not own or not is_power_of_two(number):
+        coefficient, factors = e.as_coeff_Mul()
+        sign, coefficient = (-1, -coefficient) if coefficient < 0 else (1, coefficient)
+        constant_factors = [a for a in sp.Mul.make_args(factors) if a in self.constants]
+        if coefficient == 1 or not constant_factors or not is_power_of_two(coefficient):
             return e
-        product = number * own[0]
+        product = coefficient * constant_factors[0]
         if product not in self.definitions:
             symbol = sp.Symbol(f"_f{len(self.definitions)}", real=True, nonzero=True)
             self.definitions[product] = symbol
             self.constants.add(symbol)
-        return sp.Mul(sign, self.definitions[product], *(a for a in sp.Mul.make_args(rest)
-                                                         if a is not own[0]))
+        return sp.Mul(sign, self.definitions[product], *(a for a in sp.Mul.make_args(factors)
+                                                         if a is not constant_factors[0]))
 
 
-def is_power_of_two(number: sp.Expr) -> bool:
+def is_power_of_two(x: sp.Expr) -> bool:
     """Whether a product with the number is exact in binary."""
-    if not number.is_Rational:
+    if not x.is_Rational:
         return False
-    return all(n & (n - 1) == 0 for n in (int(number.p), int(number.q)))
+    return all(n & (n - 1) == 0 for n in (int(x.p), int(x.q)))
 
 
 @dataclass(frozen=True)
 class FastLagrangian(FastSystem):
-    """The same of a system from its Lagrangian: nothing is proved, M has factors at every stage."""
+    """A system from its Lagrangian: no identities are used, M is factorised at every stage."""
 
     system: LagrangianSystem
     schur_inverse = None
@@ -310,15 +309,15 @@ class FastLagrangian(FastSystem):
 
     @property
     def shared(self) -> list[sp.Expr]:
-        """No expressions: the factors of M are shared as numbers."""
+        """Empty: the engine shares the factors of M between H_p and H_q."""
         return []
 
     def spark_kernels(self, *, separate: bool = False) -> list[Kernel]:
-        """Return M, b, V, L_q + F and the constraints on lanes: the engine makes rates of them."""
+        """Return M, b, V, L_q + F and the constraints on lanes: the engine computes the rates."""
         return [*common_kernels(self.system), *motion_kernels(self.system)]
 
     def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
-        """Return the same between the ends, with G and g_t there."""
+        """Return M, b, V, the generalised force between the ends, and G and g_t there."""
         assert isinstance(scheme, LagrangianIMS)
         return [*common_kernels(self.system), *scheme.motion_kernels(),
                 *self._mean_constraint(scheme), *scheme.constraint_rate_kernels()]

@@ -1,8 +1,8 @@
 """Kernels of a system from its Lagrangian: L is differentiated, M(q) is factorised by the engine.
 
-Of a state (q, p) the engine makes v with M v = p − b; every kernel here is a function of q and v.
-Second derivatives of H, which only Newton asks for, are made column by column of the derivative of
-L_q along a direction: text of the length of L_q, not n times that.
+The engine solves M v = p − b for v at a state (q, p); every kernel here is a function of q and v.
+Second derivatives of H, for Newton's method, are computed column by column as derivatives of L_q
+along a direction: a kernel as long as L_q, not n times as long.
 """
 
 from __future__ import annotations
@@ -22,41 +22,41 @@ __all__ = ["motion_kernels", "newton_kernels", "state_kernels"]
 def state_kernels(system: LagrangianSystem) -> list[Kernel]:
     """Return the kernels of H and of the forces: M, b, V, F."""
     q = {"q": list(system.q)}
-    at = {**q, "v": list(system.velocities), **time_input(system)}
+    arguments = {**q, "v": list(system.velocities), **time_input(system)}
     kernels = [
         Kernel("mass_matrix", "M = d^2L/dv^2, its entries as they are eliminated", q,
                {"A": system.mass_entries}),
         Kernel("rest_momentum", "b, the momentum of v = 0", q, {"b": system.rest_momenta}),
         Kernel("potential", "V(q)", q, {"V": system.potential}),
-        *([Kernel("force_of_velocity", "F(q, v, t), which no potential has", at,
+        *([Kernel("force_of_velocity", "F(q, v, t), which no potential has", arguments,
                   {"F": list(system.forces)})] if system.forces else []),
     ]
     return [replace(k, factors=not system.is_long) for k in kernels]
 
 
 def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
-    """Return what moves p, and what drives H, at given v."""
-    at = {"q": list(system.q), "v": list(system.velocities)}
+    """Return the kernels of L_q + F and, with explicit time, of H_t = −L_t, at given v."""
+    arguments = {"q": list(system.q), "v": list(system.velocities)}
     less = " + F" if system.forces else ""
     kernels = [
-        Kernel("generalised_force", f"R = dL/dq{less} at fixed v", at | time_input(system),
+        Kernel("generalised_force", f"R = dL/dq{less} at fixed v", arguments | time_input(system),
                {"R": system.generalised_force}),
         *([Kernel("energy_rate_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L",
-                  at, {"H_t": system.H_t})] if system.is_time_dependent else []),
+                  arguments, {"H_t": system.H_t})] if system.is_time_dependent else []),
     ]
     return [replace(k, factors=not system.is_long) for k in kernels]
 
 
 def newton_kernels(system: LagrangianSystem) -> list[Kernel]:
-    """Return the derivatives of L_q, and of F where there are forces, along (dq, dv)."""
+    """Return the kernels of the derivatives of L_q and of F along (dq, dv)."""
     symbols = [*system.q, *system.velocities]
     dq, dv = vector("dq", system.n), vector("dv", system.n)
-    at = {"q": list(system.q), "v": list(system.velocities)}
-    way = {"dq": dq, "dv": dv}
-    kernels = [Kernel("force_derivative", "d(dL/dq) along (dq, dv)", at | way,
+    arguments = {"q": list(system.q), "v": list(system.velocities)}
+    direction = {"dq": dq, "dv": dv}
+    kernels = [Kernel("force_derivative", "d(dL/dq) along (dq, dv)", arguments | direction,
                       {"dR": along([-e for e in system.H_q], symbols, [*dq, *dv])})]
     if system.forces:
         kernels.append(Kernel("applied_force_derivative", "dF along (dq, dv)",
-                              at | time_input(system) | way,
+                              arguments | time_input(system) | direction,
                               {"dF": along(system.forces, symbols, [*dq, *dv])}))
     return [replace(k, factors=not system.is_long) for k in kernels]

@@ -1,4 +1,4 @@
-"""IMS and EMS of a system from its Lagrangian, whose H is exactly differenced for EMS.
+"""IMS and EMS of a system from its Lagrangian, with exact differences of H for EMS.
 
 At the ends i = 0, 1 of a step M_i v_i = p_i − b_i, and H_i = ½ v_iᵀM_i v_i + V_i. As an identity in
 v₀, v₁, M₀ and M₁, with v̄ = (v₀ + v₁)/2,
@@ -10,7 +10,7 @@ so that, with the discrete derivative D of Λ by q and t at fixed v₀ and v₁ 
     ΔH = D_pH·Δp + D_qH·Δq + D_tH Δt,   D_pH = v̄,   D_qH = −D_qΛ,   D_tH = −D_tΛ
     Λ(q, t) = ½ v₀ᵀM v₁ + bᵀv̄ − V
 
-Λ is L where v₀ = v₁: D becomes (−L_q, v, −L_t). Exchange of the ends leaves D as it is.
+For v₀ = v₁, Λ = L and D = (−L_q, v, −L_t). D is symmetric under exchange of the ends.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = ["LagrangianEMS", "LagrangianIMS", "mean_scheme"]
 
 
 def mean_scheme(system: System, *, discrete: bool) -> MeanScheme:
-    """Return IMS or EMS of a system of either kind."""
+    """Return IMS or EMS of a system from its H or from its Lagrangian."""
     if isinstance(system, LagrangianSystem):
         return (LagrangianEMS if discrete else LagrangianIMS)(system, discrete)
     return MeanScheme(system, discrete)
@@ -44,12 +44,12 @@ def mean_scheme(system: System, *, discrete: bool) -> MeanScheme:
 
 @dataclass(frozen=True)
 class LagrangianIMS(MeanScheme):
-    """IMS of a Lagrangian: L_q at the midpoint, and at the velocity there."""
+    """IMS of a Lagrangian: L_q at the midpoint and the velocity of the midpoint."""
 
     system: LagrangianSystem
 
     def kernels(self) -> list[Kernel]:
-        """Return what moves p, its derivatives, and what constraints add."""
+        """Return the kernels of L_q + F, of their derivatives, and of the constraints."""
         return [*self.motion_kernels(), *self.newton_kernels(), *self._constraint_kernels(),
                 *self.constraint_rate_kernels()]
 
@@ -58,7 +58,7 @@ class LagrangianIMS(MeanScheme):
         return motion_kernels(self.system)
 
     def newton_kernels(self) -> list[Kernel]:
-        """Return the derivatives of that along a direction."""
+        """Return the derivatives of the generalised force along a direction."""
         return newton_kernels(self.system)
 
 
@@ -78,14 +78,18 @@ class LagrangianEMS(LagrangianIMS):
 
     @cached_property
     def between(self) -> sp.Expr:
-        """Λ(q, t); of a long L, whose M is longer still, L(v̄) − L(δ) + bᵀδ − V, δ = (v₁ − v₀)/2."""
+        """Λ(q, t), the discrete Lagrangian.
+
+        For a long L, whose M is longer still, L(v̄) − L(δ) + bᵀδ − V with δ = (v₁ − v₀)/2.
+        """
         system, (v0, v1) = self.system, self.ends
         if system.is_long:
-            half = [(b - a) / 2 for a, b in zip(v0, v1, strict=True)]
-            mean, other = (substitute([system.L], dict(zip(system.velocities, v, strict=True)))[0]
-                           for v in (self.mean_velocity, half))
-            apart = (b * v for b, v in zip(system.rest_momenta, half, strict=True))
-            return sp.Add(mean, -other, *apart, -system.potential)
+            delta = [(b - a) / 2 for a, b in zip(v0, v1, strict=True)]
+            L_mean, L_delta = (
+                substitute([system.L], dict(zip(system.velocities, v, strict=True)))[0]
+                for v in (self.mean_velocity, delta))
+            b_delta = (b * v for b, v in zip(system.rest_momenta, delta, strict=True))
+            return sp.Add(L_mean, -L_delta, *b_delta, -system.potential)
         entries = zip(system.mass, system._at_rest([*system.mass.values()]), strict=True)
         bilinear = (e * (v0[i] * v1[j] + v0[j] * v1[i]) / (2 if i != j else 4)
                     for (i, j), e in entries)
@@ -94,7 +98,7 @@ class LagrangianEMS(LagrangianIMS):
 
     @cached_property
     def _slopes(self) -> list[sp.Expr]:
-        """DΛ by q and, of a system that has time, by t."""
+        """DΛ by q and, with explicit time, by t."""
         return discrete_gradient(self.between, *with_time(
             self.system.q, self.means[0], self.differences[0], self.system.clock))
 
@@ -105,7 +109,7 @@ class LagrangianEMS(LagrangianIMS):
 
     @cached_property
     def mean_generalised_force(self) -> list[sp.Expr]:
-        """D_qΛ + F(q̄, v̄, t), n entries: Δp/Δt but for the constraint forces."""
+        """D_qΛ + F(q̄, v̄, t), n entries: Δp/Δt without the constraint forces."""
         slopes = self._slopes[: self.system.n]
         if not self.system.forces:
             return slopes
@@ -136,27 +140,28 @@ class LagrangianEMS(LagrangianIMS):
         variables = with_time(system.q, self.means[0], self.differences[0], system.clock)
         momenta, energies = [], []
         for v, sign in zip(self.ends, (-1, 1), strict=True):
-            there = {x: m + sign * d / 2 for x, m, d in zip(*variables, strict=True)}
-            there |= dict(zip(system.velocities, v, strict=True))
-            *p, L = substitute([*system.L_v, system.L], there)
+            substitution = {x: m + sign * d / 2 for x, m, d in zip(*variables, strict=True)}
+            substitution |= dict(zip(system.velocities, v, strict=True))
+            *p, L = substitute([*system.L_v, system.L], substitution)
             momenta.append(p)
             energies.append(sp.Add(-L, *(a * b for a, b in zip(p, v, strict=True))))
-        gained = (v * (b - a) for v, a, b in zip(self.mean_velocity, *momenta, strict=True))
-        moved = (-d * dx for d, dx in zip(self._slopes, variables[2], strict=True))
+        momentum_terms = (v * (b - a) for v, a, b in zip(self.mean_velocity, *momenta, strict=True))
+        coordinate_terms = (-d * dx for d, dx in zip(self._slopes, variables[2], strict=True))
         small = self.differences[0] + [TIME_STEP] * system.is_time_dependent
-        return compare([energies[1] - energies[0]], [sp.Add(*gained, *moved)], small)
+        return compare([energies[1] - energies[0]], [sp.Add(*momentum_terms, *coordinate_terms)],
+                       small)
 
     # ------------------------------------------------------------ kernels
 
     def motion_kernels(self) -> list[Kernel]:
         """Return D_qΛ + F, and D_tH, at the velocities of both ends."""
-        at = self._at
+        arguments = self._arguments
         less = " + F at the means" if self.system.forces else ""
         kernels = [Kernel("mean_generalised_force", f"R = D_q(v0^T M v1/2 + b.v - V){less}",
-                          at | time_input(self.system), {"R": self.mean_generalised_force})]
+                          arguments | time_input(self.system), {"R": self.mean_generalised_force})]
         if self.system.is_time_dependent:
             kernels.append(Kernel("mean_energy_rate_of_velocities",
-                                  "D_t: mean of dH/dt between the ends", at,
+                                  "D_t: mean of dH/dt between the ends", arguments,
                                   {"D_t": self.mean_energy_rate}))
         return self._as_long(kernels)
 
@@ -164,15 +169,16 @@ class LagrangianEMS(LagrangianIMS):
         """Return d(dL/dq) of an end, and its effect on ``mean_generalised_force``."""
         n = self.system.n
         wq, wv = vector("wq", n), vector("wv", n)
-        moving = [*self.means[0], *self.differences[0], *self.ends[1]]
-        change = along(self.mean_generalised_force, moving, [*(x / 2 for x in wq), *wq, *wv])
+        variables = [*self.means[0], *self.differences[0], *self.ends[1]]
+        change = along(self.mean_generalised_force, variables, [*(x / 2 for x in wq), *wq, *wv])
         slope = [k for k in newton_kernels(self.system) if k.name == "force_derivative"]
         return [*slope, *self._as_long([
             Kernel("mean_generalised_force_derivative", "dR as q1 and v1 move along (wq, wv)",
-                   self._at | time_input(self.system) | {"wq": wq, "wv": wv}, {"dR": change})])]
+                   self._arguments | time_input(self.system) | {"wq": wq, "wv": wv},
+                   {"dR": change})])]
 
     @property
-    def _at(self) -> dict[str, list[Any]]:
+    def _arguments(self) -> dict[str, list[Any]]:
         v0, v1 = self.ends
         return {"qm": self.means[0], "dq": self.differences[0], "v0": v0, "v1": v1}
 

@@ -1,4 +1,4 @@
-"""Named schemes: one record each. Their guaranteed properties are derived elsewhere."""
+"""Named schemes: one record each. Their properties are derived in ``certificates``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["DEFAULT_SCHEME", "DEFAULT_STAGES", "MAX_STAGES", "SCHEMES", "Scheme", "SchemeName",
            "scheme_named"]
 
-#: Most stages of a family: tableaux of more are not tested.
+#: Largest number of stages of a family: tableaux with more stages are not tested.
 MAX_STAGES = 16
 
 #: Values of ``scheme``; the keys of ``SCHEMES``, for editors and type checkers.
@@ -28,25 +28,25 @@ class Scheme:
     Attributes
     ----------
     name : str
-        The paper's.
+        The name in the paper.
     title : str
         Full name.
     fewest : int
-        The fewest stages it has; 0 where it has none.
+        Smallest number of stages; 0 for a scheme without stages.
     most : int
-        Largest number of stages; optional for users if it is the fewest.
+        Largest number of stages; users may omit the number if both are equal.
     tableau : callable or None
         Number of stages → its exact tableau; None for a mean value.
     discrete : bool
-        Of a mean value: whether it is the discrete gradient, else the gradient at the midpoint.
+        Whether the mean value is the discrete gradient, else the gradient at the midpoint.
     composed : bool
-        Whether a step is a composition of exact flows, whose order has to be given.
+        Whether a step is a composition of exact flows, for which users give the order.
     velocity_constraints : bool
         Whether it has equations for velocity constraints, A(q, t) q̇ + a(q, t) = 0.
     energy : bool
         Whether A + θZ with one θ a step can conserve the energy exactly (``energy_parameter``).
     sources : dict of str to str
-        Works that it is from, by their keys in ``certificates/citations.py``, and for what.
+        Key in ``certificates/citations.py`` → the subject of the work.
     """
 
     name: SchemeName
@@ -62,12 +62,12 @@ class Scheme:
 
     @property
     def key(self) -> str:
-        """The name as file names have it: ``ims``, ``gl``, ``liiiab``."""
+        """The name in file names: ``ims``, ``gl``, ``liiiab``."""
         return self.name.lower().replace("-", "")
 
     @property
     def counted(self) -> bool:
-        """Whether it is a family, whose number of stages has to be given."""
+        """Whether it is a family, for which users give the number of stages."""
         return 0 < self.fewest < self.most
 
 
@@ -120,6 +120,6 @@ def scheme_named(name: Any) -> Scheme:
     Raises
     ------
     InputError
-        Naming the allowed ones.
+        For an unknown name; names the allowed ones.
     """
     return SCHEMES[choose("scheme", name, SCHEMES)]

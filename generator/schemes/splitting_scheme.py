@@ -1,12 +1,12 @@
-"""A step as a composition of exact flows: parts with closed flows, run one after another.
+"""A step as a composition of exact flows.
 
     T(a₀h) K(b₁h, c₁h³) T(a₁h) ⋯ K(b_s h, c_s h³) T(a_s h)
 
-T: free rotations and translations; K: kicks by V, its force gradient and forces. Where a body is
-asymmetric, its rotations R that do not commute with T take a place beside the kick,
-K(b h/2) R(b h) K(b h/2), and the composition is one of symmetric maps S of order 2. Bodies that are
-symmetric at the parameters of a run have no R; the run then takes the composition with force
-gradients. Source: docs/theory/splitting.md.
+T: free rotations and translations; K: kicks by V, its force gradient and forces. The rotations R of
+an asymmetric body that do not commute with T are in the middle of the kick,
+K(b h/2) R(b h) K(b h/2), and the composition is a composition of symmetric maps S of order 2. If
+the bodies are symmetric at the parameters of a run, R is the identity, and the run uses the
+composition with force gradients. Source: docs/theory/splitting.md.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["SplittingScheme", "splitting_scheme"]
 
 #: The time of a kick, an argument of its kernels.
 _TIME = sp.Symbol("_time", real=True)
-#: Kernels of states; the others of ``common_kernels`` are for Newton's method.
+#: Kernels of functions of a state; the other ``common_kernels`` are for Newton's method.
 _STATE_KERNELS = ("hamiltonian", "constraint", "constraint_jacobian", "hidden_constraint",
                   "hidden_matrix")
 
@@ -43,15 +43,15 @@ class SplittingScheme:
     Attributes
     ----------
     system : System
-        With constants of the run in place of subexpressions of the parameters.
+        The system in constants of the run in place of subexpressions of the parameters.
     splitting : Splitting
-        Of the system as the user knows it.
+        The splitting of the system in the user's parameters.
     symmetric : Splitting
-        The same if all bodies are symmetric: the force gradient is its.
+        The splitting for symmetric bodies, which has the force gradient.
     constants : Constants
-        Of the run.
+        The constants of the run.
     compositions : tuple of Composition
-        For any bodies; then, if there is another one, for symmetric ones.
+        The composition for any bodies; then, if it differs, the composition for symmetric bodies.
     """
 
     system: System
@@ -68,41 +68,43 @@ class SplittingScheme:
 
     @property
     def order(self) -> int:
-        """Order of a step: that of the compositions, for they are composed of exact flows."""
-        return min(one.order for one in self.compositions)
+        """Order of a step, which is the order of the composition, as its flows are exact."""
+        return min(composition.order for composition in self.compositions)
 
     @property
     def gradients(self) -> bool:
         """Whether kicks have a force gradient."""
-        return any(one.has_gradients for one in self.compositions)
+        return any(composition.has_gradients for composition in self.compositions)
 
     @property
     def work_has_order_2(self) -> bool:
-        """Whether drag works on rotations that do not commute with free motions.
+        """Whether the work of the drag has order 2.
 
-        That work is an integral over each free motion by the trapezoidal rule.
+        The work on rotations that do not commute with free motions is integrated over each free
+        motion by the trapezoidal rule.
         """
         return any(body.drag != 0 and body.further for body in self.splitting.bodies)
 
     @property
     def name(self) -> str:
         """Names of the compositions, in words."""
-        first, *rest = self.compositions
-        return f"{first.name}, {rest[0].name} for symmetric bodies" if rest else first.name
+        first, *symmetric = self.compositions
+        text = first.name
+        return f"{text}, {symmetric[0].name} for symmetric bodies" if symmetric else text
 
     @cached_property
     def axes(self) -> list[tuple[int, AxisRotation]]:
-        """Axis rotations that commute with the free rotation, with their bodies."""
+        """The axis rotations that commute with the free rotation, with the indices of bodies."""
         return [(i, axis) for i, body in enumerate(self.splitting.bodies) for axis in body.axes]
 
     @cached_property
     def further(self) -> list[tuple[int, AxisRotation]]:
-        """Axis rotations that do not, with their bodies."""
+        """The axis rotations that do not commute with it, with the indices of bodies."""
         return [(i, axis) for i, body in enumerate(self.splitting.bodies) for axis in body.further]
 
     @cached_property
     def free(self) -> tuple[int, ...]:
-        """Coordinates of points, by indices in q."""
+        """Indices in q of the coordinates of points."""
         translation = self.splitting.translation
         return () if translation is None else translation.coordinates
 
@@ -122,7 +124,7 @@ class SplittingScheme:
 
     @property
     def has_drag(self) -> bool:
-        """Whether any of them is not 0."""
+        """Whether a drag k is not 0."""
         return any(k != 0 for k in self.drag)
 
     @cached_property
@@ -139,7 +141,7 @@ class SplittingScheme:
         return [i for i, e in enumerate(changes) if e != 0]
 
     def kernels(self) -> list[Kernel]:
-        """Return kernels on numbers alone: rates and axes of rotations, once a run."""
+        """Return the kernels of the rates and axes of rotations, which are called once a run."""
         return [
             Kernel("flow_rates", "rates of rotations, and k of drags, of a run", {}, {
                 "sphere": self._hoisted([body.a for body in self.splitting.bodies]),
@@ -158,51 +160,50 @@ class SplittingScheme:
         ]
 
     def state_kernels(self) -> list[Kernel]:
-        """Return the kernels of states."""
+        """Return the kernels of H and of the constraints at a state."""
         return [k for k in common_kernels(self.system) if k.name in _STATE_KERNELS]
 
     def flow_kernels(self, *, work: bool = True) -> list[Kernel]:
-        """Return the kernels of a step, on numbers and on lanes; those of work if it is asked for.
-        """
+        """Return the kernels of a step; with ``work``, also the kernels of the forces' work."""
         system, weight = self.splitting.system, sp.Symbol("_gradient", real=True)
-        at = {"q": list(system.q), "y": self.momenta}
+        state = {"q": list(system.q), "y": self.momenta}
         time = {"t": [_TIME]}
         rate = [self.kick[i] for i in self.kicked]
         if self.gradients:
             gradient = _flat(self.symmetric.gradient)
             rate = [sp.factor_terms(e + weight * gradient[i])
                     for e, i in zip(rate, self.kicked, strict=True)]
-        made = [Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",
-                       at | time | {"gradient": [weight]},
-                       {"rate": self._hoisted(rate)})]
+        kernels = [Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",
+                          state | time | {"gradient": [weight]},
+                          {"rate": self._hoisted(rate)})]
         velocity, offset = self._point_velocity()
-        made.append(Kernel("free_velocity", "M^-1 p and the velocity at p = 0 of points",
-                           {"y": self.momenta}, {"velocity": self._hoisted(velocity),
-                                                 "offset": self._hoisted(offset)}))
+        kernels.append(Kernel("free_velocity", "M^-1 p and the velocity at p = 0 of points",
+                              {"y": self.momenta}, {"velocity": self._hoisted(velocity),
+                                                    "offset": self._hoisted(offset)}))
         if work and self.system.forces:
-            made.append(Kernel("force_power", "power of forces and of explicit time in a kick",
-                               at | time,
-                               {"power": self._hoisted([self._power()])[0]}))
+            kernels.append(Kernel("force_power", "power of forces and of explicit time in a kick",
+                                  state | time,
+                                  {"power": self._hoisted([self._power()])[0]}))
         if work and self.has_drag:
-            made.append(Kernel("drift_energy", "the part of H that free motions conserve", at,
-                               {"T": self._hoisted([self._kinetic(further=False)])[0]}))
-            made.append(Kernel("drag_power", "power of drags on the rest of T", at,
-                               {"power": self._hoisted([self._drag_power()])[0]}))
-        return made
+            kernels.append(Kernel("drift_energy", "the part of H that free motions conserve", state,
+                                  {"T": self._hoisted([self._kinetic(further=False)])[0]}))
+            kernels.append(Kernel("drag_power", "power of drags on the rest of T", state,
+                                  {"power": self._hoisted([self._drag_power()])[0]}))
+        return kernels
 
     def _point_velocity(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
         """Return M⁻¹ p and v of each coordinate of points."""
         translation, p = self.splitting.translation, self.splitting.system.p
         if translation is None:
             return [], []
-        of_momenta = dict.fromkeys(self.free, sp.S.Zero)
+        velocities = dict.fromkeys(self.free, sp.S.Zero)
         for (i, j), e in translation.inverse_mass.items():
-            of_momenta[i] += e * p[j]
-        return list(of_momenta.values()), [translation.velocity.get(i, sp.S.Zero)
+            velocities[i] += e * p[j]
+        return list(velocities.values()), [translation.velocity.get(i, sp.S.Zero)
                                            for i in self.free]
 
     def _hoisted(self, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
-        """Return expressions in constants of the run; at least one, for C has no empty arrays."""
+        """Return expressions in constants of the run; [0] if empty, as C has no empty arrays."""
         clock = self.splitting.system.time
         return [self.constants.since_start(e).xreplace({clock: _TIME})
                 for e in expressions] or [sp.S.Zero]
@@ -210,39 +211,39 @@ class SplittingScheme:
     def _kinetic(self, *, further: bool = True) -> sp.Expr:
         """T = Σ (½ a |m|² + Σ (½ d (e·m)² + c e·m)) + ½ p·M⁻¹p + v·p − ω·J, in q and y.
 
-        ``further`` says whether rotations that do not commute with free motions take part.
+        ``further``: whether T has the rotations that do not commute with free motions.
         """
         splitting, system = self.splitting, self.splitting.system
-        found: sp.Expr = sp.S.Zero
+        T: sp.Expr = sp.S.Zero
         for body in splitting.bodies:
             m = body_momentum([system.q[i] for i in body.q], body.l)
-            found += body.a * sum(x**2 for x in m) / 2
+            T += body.a * sum(x**2 for x in m) / 2
             for axis in (*body.axes, *(body.further if further else ())):
-                along = sum(e * x for e, x in zip(axis.axis, m, strict=True))
-                found += axis.d * along**2 / 2 + axis.c * along
+                e_m = sum(e * x for e, x in zip(axis.axis, m, strict=True))
+                T += axis.d * e_m**2 / 2 + axis.c * e_m
         if splitting.translation is not None:
             p = {i: system.p[i] for i in self.free}
-            found += sum(e * p[i] * p[j] for (i, j), e in
-                         splitting.translation.inverse_mass.items()) / 2
-            found += sum(v * p[i] for i, v in splitting.translation.velocity.items())
+            T += sum(e * p[i] * p[j] for (i, j), e in
+                     splitting.translation.inverse_mass.items()) / 2
+            T += sum(v * p[i] for i, v in splitting.translation.velocity.items())
         for space in splitting.space:
             omega, zero = sp.Matrix(space.omega), sp.S.Zero
-            found -= sum(omega.dot(sp.Matrix(splitting.bodies[b].l)) for b in space.bodies)
+            T -= sum(omega.dot(sp.Matrix(splitting.bodies[b].l)) for b in space.bodies)
             for point in space.points:
                 r, y = (sp.Matrix([zero if i < 0 else x[i] for i in point])
                         for x in (system.q, system.p))
-                found -= omega.dot(r.cross(y))
-        return found
+                T -= omega.dot(r.cross(y))
+        return T
 
     def _drag_power(self) -> sp.Expr:
         """−Σ k l·∂/∂l of the terms ½ d (e·m)² + c e·m of ``further`` rotations."""
-        found: sp.Expr = sp.S.Zero
+        power: sp.Expr = sp.S.Zero
         for body in self.splitting.bodies:
             m = body_momentum([self.splitting.system.q[i] for i in body.q], body.l)
             for axis in body.further:
-                along = sum(e * x for e, x in zip(axis.axis, m, strict=True))
-                found -= body.drag * (axis.d * along**2 + axis.c * along)
-        return found
+                e_m = sum(e * x for e, x in zip(axis.axis, m, strict=True))
+                power -= body.drag * (axis.d * e_m**2 + axis.c * e_m)
+        return power
 
     def _power(self) -> sp.Expr:
         """F·(∂T/∂y) + ∂V/∂t."""
@@ -256,44 +257,54 @@ class SplittingScheme:
 def body_momentum(q: Sequence[sp.Symbol], l: Sequence[sp.Symbol]) -> list[sp.Expr]:  # noqa: E741
     """Return m = R(q)ᵀ l for |q| = 1, three entries."""
     a, x = q[0], list(q[1:])
-    found = []
+    m = []
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        found.append(l[i] * (a**2 + x[i]**2 - x[j]**2 - x[k]**2)
-                     + 2 * l[j] * (x[i] * x[j] + a * x[k]) + 2 * l[k] * (x[i] * x[k] - a * x[j]))
-    return found
+        m.append(l[i] * (a**2 + x[i]**2 - x[j]**2 - x[k]**2)
+                 + 2 * l[j] * (x[i] * x[j] + a * x[k]) + 2 * l[k] * (x[i] * x[k] - a * x[j]))
+    return m
 
 
 def _flat(kick: Kick) -> list[sp.Expr]:
-    """Return a kick as changes of y."""
+    """Return a kick as one list dy/dt: torques, then forces."""
     return [*(e for torque in kick.torques for e in torque), *kick.forces]
 
 
-def _of_strang_steps(one: Composition) -> bool:
-    """Whether it is composed of symmetric steps of order 2, of however many parts."""
-    return one.name == "Strang" or one.base == "Strang"
+def _of_strang_steps(composition: Composition) -> bool:
+    """Whether it is composed of Strang steps, which are symmetric and have order 2."""
+    return composition.name == "Strang" or composition.base == "Strang"
 
 
 def _is_local(splitting: Splitting) -> bool:
-    """Whether each term of V moves one body alone, and does not depend on time.
+    """Whether each term of V depends on one body alone, and not on time.
 
-    Then the force gradient costs some operations; between two bodies it costs more than another
-    kick. The work of forces and of explicit time would need terms of its own: it is counted with
-    plain kicks.
+    Then the force gradient costs few operations; a term between two bodies costs more than another
+    kick. With forces or explicit time the gradient would need further terms in the work.
     """
     return not splitting.time_dependent and all(
-        len(one.bodies) == 1 and not one.coordinates for one in splitting.templates)
+        len(template.bodies) == 1 and not template.coordinates for template in splitting.templates)
 
 
 def splitting_scheme(
     system: System, reduced: System, constants: Constants, order: int, named: str = "",
 ) -> SplittingScheme:
-    """Return the scheme of an order, or of a composition by name.
+    """Return the scheme of an order, or of the composition ``named``.
+
+    Parameters
+    ----------
+    system : System
+        The system in the user's parameters.
+    reduced : System
+        The same in constants of the run.
+    constants : Constants
+    order : int
+    named : str
+        Name of a composition; empty for the default of the order.
 
     Raises
     ------
     InputError
-        If H has no splitting, or the order needs what the system does not have.
+        If H has no splitting, or the system does not permit the order or the composition.
     """
     splitting = split(system)
     plain = composition_named(named) if named else composition(order)
@@ -301,22 +312,22 @@ def splitting_scheme(
         raise InputError(f"order = {plain.order} is not reached where forces depend on momenta "
                          "other than by isotropic drag; choose order 2, or scheme G-L.")
     symmetric = split(system, symmetric=True)
-    fine = plain
+    symmetric_composition = plain
     if (not named and not system.forces and symmetric.has_gradient and _is_local(symmetric)):
-        fine = composition(order, gradients=True)
+        symmetric_composition = composition(order, gradients=True)
     if plain.has_gradients and system.forces:
         raise InputError(f"Composition {plain.name} has force gradients, with which the work of "
                          f"the forces of system {system.name!r} has order 2 only; give an order "
                          "instead.")
     if splitting.is_exact:
-        return SplittingScheme(reduced, splitting, splitting, constants, (fine,))
+        return SplittingScheme(reduced, splitting, splitting, constants, (symmetric_composition,))
     if named and not _of_strang_steps(plain):
         raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
                          f"system {system.name!r} has others; give an order instead, or choose a "
                          "composition of Strang steps such as KL8.")
     if not named:
-        plain = next(one for one in COMPOSITIONS.values()
-                     if one.order == order and _of_strang_steps(one))
-    if fine is plain or not symmetric.is_exact:
+        plain = next(stored for stored in COMPOSITIONS.values()
+                     if stored.order == order and _of_strang_steps(stored))
+    if symmetric_composition is plain or not symmetric.is_exact:
         return SplittingScheme(reduced, splitting, splitting, constants, (plain,))
-    return SplittingScheme(reduced, splitting, symmetric, constants, (plain, fine))
+    return SplittingScheme(reduced, splitting, symmetric, constants, (plain, symmetric_composition))

@@ -1,11 +1,11 @@
-"""Momenta of velocities and back, H, and how far a start is off the constraints.
+"""Momenta of velocities and back, H, and the constraint defects of a start.
 
     q' = B(q) u,   u = (Omega of each body, x' of each body, q' of the other coordinates)
     p = C(q) y,    C = 2 L(q)^T for a quaternion, else 1,   so that u = C^T q' and B = C/4 or 1
     u = C^T H_p(q, C y) = D y + a,   y = D^-1 (u - a)
 
-D = C^T H_pp C and a are derived, D modulo |q| = 1: for bodies it comes out as diag(1/I) or J^-1,
-whatever alpha or gamma is, and a is 0 or the motion of what is driven.
+D = C^T H_pp C and a are derived, D modulo |q| = 1: for bodies it is diag(1/I) or J^-1, for any
+alpha or gamma, and a is 0 without rheonomic joints.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..systems.system import System
 
 __all__ = ["StartKernels", "energy_kernel"]
 
-#: Rows of a block of D that is inverted in symbols.
+#: Largest number of rows of a block of D that is inverted in symbols.
 _LARGEST_BLOCK = 3
 
 
@@ -35,45 +35,45 @@ def energy_kernel(system: System) -> Kernel:
 
 
 class StartKernels:
-    """The velocities u of a system, and what leads from them to momenta and back.
+    """The velocities u of a system, and the maps between velocities and momenta.
 
     Parameters
     ----------
     system : System
-        In its own parameters.
+        The system in the user's parameters.
 
     Attributes
     ----------
     names : list of str
-        Of the velocities, in their order; no other number of the system has one of them.
+        Names of the velocities, in their order, distinct from all other names of the system.
     """
 
     def __init__(self, system: System) -> None:
         self.system = system
         self.bodies = [body for body in system.bodies if body.q]
         self._quotient = Quotient(unit_quaternions([body.q for body in self.bodies]))
-        #: Columns of C with the names of their velocities: for each coordinate its entry.
+        #: Columns of C, one for each velocity: index of a coordinate → entry.
         self._columns: list[dict[int, sp.Expr]] = []
         self.names: list[str] = []
-        #: Of each velocity the coordinate that it is the rate of; None of an angular velocity.
+        #: For each velocity, the coordinate whose rate it is; None for an angular velocity.
         self.rate_of: list[sp.Symbol | None] = []
-        place = {x: i for i, x in enumerate(system.q)}
+        index_of = {x: i for i, x in enumerate(system.q)}
         for body in system.bodies:
             for axis, row in enumerate(left_matrix(body.q).tolist() if body.q else []):
                 self._add(f"{body.name}_omega_{'xyz'[axis]}",
-                          {place[x]: 2 * e for x, e in zip(body.q, row, strict=True)})
+                          {index_of[x]: 2 * e for x, e in zip(body.q, row, strict=True)})
             for axis, x in enumerate(body.x):
-                self._add(f"{body.name}_v_{'xyz'[axis]}", {place[x]: sp.Integer(1)})
-        seen = {i for column in self._columns for i in column}
+                self._add(f"{body.name}_v_{'xyz'[axis]}", {index_of[x]: sp.Integer(1)})
+        covered = {i for column in self._columns for i in column}
         for i, x in enumerate(system.q):
-            if i not in seen:
+            if i not in covered:
                 self._add(f"{x}_dot", {i: sp.Integer(1)})
 
     def _add(self, name: str, column: dict[int, sp.Expr]) -> None:
         system = self.system
-        taken = {*map(str, (*system.parameters, *system.q, *system.p, system.time)),
-                 *system.quantities, *self.names}
-        while name in taken:
+        reserved = {*map(str, (*system.parameters, *system.q, *system.p, system.time)),
+                    *system.quantities, *self.names}
+        while name in reserved:
             name += "_"
         self.names.append(name)
         self._columns.append(column)
@@ -81,31 +81,33 @@ class StartKernels:
 
     @cached_property
     def symbols(self) -> list[sp.Symbol]:
-        """The velocities as symbols of their own."""
+        """The symbols of the velocities."""
         return [sp.Dummy(name, real=True) for name in self.names]
 
     @property
     def exists(self) -> bool:
-        """Whether H is quadratic in p and D has an inverse, in symbols, block by block."""
+        """Whether H is quadratic in p and the blocks of D are inverted in symbols."""
         return self._solution is not None
 
     @cached_property
     def _mass(self) -> tuple[sp.Matrix, list[sp.Expr]]:
         """D and a."""
         H_pp, H_p = self.system.H_pp, self.system.H_p
-        rest = {x: sp.Integer(0) for x in self.system.p}
+        at_rest = {x: sp.Integer(0) for x in self.system.p}
         D = sp.zeros(len(self._columns))
-        for i, one in enumerate(self._columns):
-            for j, other in enumerate(self._columns[: i + 1]):
+        for i, column_i in enumerate(self._columns):
+            for j, column_j in enumerate(self._columns[: i + 1]):
                 D[i, j] = D[j, i] = self._quotient.expression(sp.Add(
-                    *(a * b * H_pp[m][n] for m, a in one.items() for n, b in other.items())))
+                    *(a * b * H_pp[m][n]
+                      for m, a in column_i.items() for n, b in column_j.items())))
         a = [self._quotient.expression(sp.Add(
-            *(e * H_p[m].xreplace(rest) for m, e in column.items()))) for column in self._columns]
+            *(e * H_p[m].xreplace(at_rest) for m, e in column.items())))
+            for column in self._columns]
         return D, a
 
     @cached_property
     def _solution(self) -> sp.Matrix | None:
-        """D^-1."""
+        """D^-1, block by block; None if H is not quadratic in p or a block is too large."""
         if any(e.has(*self.system.p) for row in self.system.H_pp for e in row):
             return None
         D, _ = self._mass
@@ -114,13 +116,13 @@ class StartKernels:
                             if i == j or D[i, j] != 0])
         inverse = sp.zeros(count)
         for block in map(sorted, blocks):
-            part = D.extract(block, block)
-            if len(block) > _LARGEST_BLOCK or sp.expand(part.det()) == 0:
+            D_block = D.extract(block, block)
+            if len(block) > _LARGEST_BLOCK or sp.expand(D_block.det()) == 0:
                 return None
-            solved = part.inv()
+            block_inverse = D_block.inv()
             for i, m in enumerate(block):
                 for j, n in enumerate(block):
-                    inverse[m, n] = sp.cancel(solved[i, j])
+                    inverse[m, n] = sp.cancel(block_inverse[i, j])
         return inverse
 
     def momenta(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
@@ -128,52 +130,52 @@ class StartKernels:
         assert self._solution is not None
         _, a = self._mass
         y = self._solution * sp.Matrix([u - e for u, e in zip(velocities, a, strict=True)])
-        return self._spread(list(y), 1)
+        return self._times_columns(list(y), 1)
 
     def rates(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
         """Return q' = B u."""
-        return self._spread(velocities, sp.Rational(1, 4))
+        return self._times_columns(velocities, sp.Rational(1, 4))
 
-    def _spread(self, values: Sequence[sp.Expr], factor: sp.Expr | int) -> list[sp.Expr]:
-        """Return the product of C with a vector; columns of quaternions times a factor."""
-        made: list[sp.Expr] = [sp.Integer(0)] * self.system.n
-        for column, value in zip(self._columns, values, strict=True):
+    def _times_columns(self, vector: Sequence[sp.Expr], factor: sp.Expr | int) -> list[sp.Expr]:
+        """Return C times a vector; the columns of quaternions are multiplied by ``factor``."""
+        product: list[sp.Expr] = [sp.Integer(0)] * self.system.n
+        for column, x in zip(self._columns, vector, strict=True):
             for m, e in column.items():
-                made[m] += (factor if len(column) > 1 else 1) * e * value
-        return made
+                product[m] += (factor if len(column) > 1 else 1) * e * x
+        return product
 
     @cached_property
     def velocities(self) -> list[sp.Expr]:
-        """u = D y + a of q and p, where f(q, p) = 0."""
+        """u = D y + a as functions of q and p, if f(q, p) = 0."""
         D, a = self._mass
         p = self.system.p
         y = [sp.Add(*(e * p[m] for m, e in column.items())) / (4 if len(column) > 1 else 1)
              for column in self._columns]
-        return [sp.Add(rest, *(d * e for d, e in zip(D.row(i), y, strict=True)))
-                for i, rest in enumerate(a)]
+        return [sp.Add(offset, *(d * e for d, e in zip(D.row(i), y, strict=True)))
+                for i, offset in enumerate(a)]
 
     def kernels(self) -> list[Kernel]:
-        """Return momenta of velocities, velocities of momenta, and what constraints say of both."""
+        """Return the kernels p(q, u) and u(q, p), and of the constraint defects of a start."""
         system = self.system
         q, p, u = list(system.q), list(system.p), self.symbols
-        made = [Kernel("momenta_of", "Momenta of velocities", {"q": q, "v": u},
-                       {"p": self.momenta(u)}),
-                Kernel("velocities_of", "Velocities of momenta", {"q": q, "p": p},
-                       {"v": self.velocities})]
-        held = self.conditions
-        if held:
-            G = [system.G[i] for i in held]
+        kernels = [Kernel("momenta_of", "Momenta of velocities", {"q": q, "v": u},
+                          {"p": self.momenta(u)}),
+                   Kernel("velocities_of", "Velocities of momenta", {"q": q, "p": p},
+                          {"v": self.velocities})]
+        conditions = self.conditions
+        if conditions:
+            G = [system.G[i] for i in conditions]
             rates = self.rates(u)
-            made.append(Kernel(
+            kernels.append(Kernel(
                 "start_defects", "q', and g, g_q q' and |g_q|^2 but of unit quaternions",
                 {"q": q, "v": u},
-                {"rate": rates, "g": [system.constraints[i] for i in held],
+                {"rate": rates, "g": [system.constraints[i] for i in conditions],
                  "f": [sp.Add(*(a * b for a, b in zip(row, rates, strict=True))) for row in G],
                  "square": [sp.Add(*(a**2 for a in row)) for row in G]}))
-        return made
+        return kernels
 
     @cached_property
     def conditions(self) -> list[int]:
-        """Constraints that a normalised quaternion does not imply."""
+        """Indices of the constraints other than |q|^2 = 1 of quaternions."""
         return [i for i, g in enumerate(self.system.constraints)
                 if not self._quotient.vanishes(g)]

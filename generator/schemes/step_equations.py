@@ -13,17 +13,17 @@ IMS (53) and EMS (61): unknowns Δq, Δp, λ;
 with D the gradient at the midpoint (IMS) or the discrete gradient (EMS), Ḡ likewise of g.
 
 With forces F(q, p, t), H_q − F replaces H_q: SPARK has F(Q_i, P_i, t + c_i Δt), IMS and
-EMS take F at the midpoint, F(q̄, p̄, t + Δt/2), so that ΔH = F·Δq holds exactly for EMS.
+EMS have F at the midpoint, F(q̄, p̄, t + Δt/2), so that ΔH = F·Δq holds exactly for EMS.
 
-Where H or g depends on t, SPARK has H_q(Q_i, P_i, t + c_i Δt) and g(Q̃_l, t + c̃_l Δt), and EMS takes
-time for one more variable of the discrete gradient, from t to t + Δt:
+If H or g depends on t, SPARK has H_q(Q_i, P_i, t + c_i Δt) and g(Q̃_l, t + c̃_l Δt), and time is
+one more variable of the discrete gradient of EMS, from t to t + Δt:
 
     ΔH = D_qH·Δq + D_pH·Δp + D_tH Δt,   Δg = Ḡ Δq + ḡ_t Δt = 0,   so ΔH = F·Δq + (D_tH + λᵀḡ_t) Δt
 
 The last is the work of forces and of explicit time dependence; IMS has all of these at the
 midpoint.
 
-Either way the C loops over stages; only the kernels below are expressions.
+The C loops over the stages; the kernels below are expressions.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ __all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
 
 
 def common_kernels(system: System) -> list[Kernel]:
-    """Return the kernels that every scheme needs: H, F, g, and what projects onto them."""
+    """Return the kernels that every scheme needs: H, F, g, G, f and the matrix W of f."""
     if isinstance(system, LagrangianSystem):
         return [*state_kernels(system), *(place_kernels(system) if system.m else []),
                 *constraint_rate_kernels(system)]
@@ -112,9 +112,9 @@ class SparkScheme:
 
     system: System
     tableau: Tableau
-    #: Whether A + θZ with one θ a step takes the place of A and Â (``energy_parameter``).
+    #: Whether A + θZ with one θ a step replaces A and Â (``energy_parameter``).
     exact_energy: bool = False
-    #: x holds rates and multipliers themselves, not a state to be reached.
+    #: The unknowns are rates and multipliers, not the state at the end of the step.
     unknowns_are_state = False
 
     @property
@@ -127,12 +127,12 @@ class SparkScheme:
 
     @property
     def multipliers(self) -> int:
-        """How many multipliers a step reports for each constraint: Λ_0..Λ_p."""
+        """Number of multipliers of a step for each constraint: Λ_0..Λ_p."""
         return self.tableau.p + 1 if self.system.m else 0
 
     @property
     def reactions(self) -> int:
-        """How many multipliers a step reports for each velocity constraint: M_1..M_s."""
+        """Number of multipliers of a step for each velocity constraint: M_1..M_s."""
         return self.tableau.s if self.system.velocity_count else 0
 
     @cached_property
@@ -165,7 +165,7 @@ class SparkScheme:
                 *self._curvature(), *velocity_kernels(system)]
 
     def _curvature(self) -> list[Kernel]:
-        """Return the kernel of what constraints add to the derivatives."""
+        """Return the kernel of K = d(Gᵀλ)/dq."""
         system, lam = self.system, vector("lambda", self.system.m)
         return [Kernel("constraint_curvature", "K = d(G^T lambda)/dq",
                        {"q": list(system.q), "lambda": lam}, {"K": system.curvature(lam)})
@@ -174,7 +174,7 @@ class SparkScheme:
 
 @dataclass(frozen=True)
 class MeanScheme:
-    """IMS (53) or EMS (61): one mean value of the gradient carries the whole step."""
+    """IMS (53) or EMS (61): a step with one mean value of the gradient."""
 
     system: System
     discrete: bool  # EMS: the discrete gradient; IMS: the gradient at the midpoint
@@ -193,7 +193,7 @@ class MeanScheme:
 
     @property
     def reactions(self) -> int:
-        """None: there are no equations for velocity constraints."""
+        """0: there are no equations for velocity constraints."""
         return 0
 
     @cached_property
@@ -213,7 +213,7 @@ class MeanScheme:
 
     @cached_property
     def mean_rates(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
-        """D_qH − F(q̄, p̄, t), −Δp/Δt but for the constraint forces, and D_pH."""
+        """D_qH − F(q̄, p̄, t), which is −Δp/Δt without the constraint forces, and D_pH."""
         D_q, D_p = self.mean_gradient
         if not self.system.forces:
             return D_q, D_p
@@ -246,10 +246,9 @@ class MeanScheme:
 
     @cached_property
     def order(self) -> int:
-        """2 when the gradient is consistent and symmetric, 1 when only consistent.
+        """2 if the gradient is consistent and symmetric, 1 if only consistent, else 0.
 
-        Symmetric methods have even order, and D agrees with the exact mean of the gradient to no
-        more than O(Δ²).
+        Symmetric methods have even order; D differs from the mean of the gradient by O(Δ²).
         """
         if self.consistency(thorough=False).how == "refuted":
             return 0
@@ -263,7 +262,7 @@ class MeanScheme:
         return compare(substitute(self._D, self._no_step), gradient, thorough=thorough)
 
     def symmetry(self, *, thorough: bool = True) -> IdentityCheck:
-        """Whether exchange of the end points, which turns Δ into −Δ, leaves D as it is."""
+        """Whether D is invariant under exchange of the end points, Δ → −Δ."""
         return compare(self._D, substitute(self._D, self._backwards), self._differences,
                        thorough=thorough)
 
@@ -274,12 +273,12 @@ class MeanScheme:
 
     @property
     def _backwards(self) -> dict[sp.Symbol, sp.Expr]:
-        """Substitution that exchanges the ends."""
+        """Substitution Δ → −Δ, which exchanges the ends."""
         return {x: -x for x in self._differences}
 
     @property
     def _rates_of_time(self) -> list[sp.Expr]:
-        """H_t and g_t, of what has time."""
+        """H_t and g_t of a system with explicit time, else nothing."""
         return [self.system.H_t, *self.system.g_t] if self.system.is_time_dependent else []
 
     @property
@@ -320,22 +319,22 @@ class MeanScheme:
             return []
         lam = vector("lambda", self.system.m)
         force = transposed_product(self.mean_constraint, lam)
-        at = {"qm": self.means[0], "dq": self.differences[0]}
+        inputs = {"qm": self.means[0], "dq": self.differences[0]}
         return [
-            Kernel("mean_constraint", "G between q0 and q1", at, {"G": self.mean_constraint}),
-            Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", at | {"lambda": lam},
+            Kernel("mean_constraint", "G between q0 and q1", inputs, {"G": self.mean_constraint}),
+            Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", inputs | {"lambda": lam},
                    {"K": by_increment(force, self.means[0], self.differences[0])}),
         ]
 
     def energy_rate_kernels(self) -> list[Kernel]:
-        """Return the kernel of D_tH between the ends, where H or g depends on time."""
+        """Return the kernel of D_tH between the ends, if H or g depends on time."""
         (qm, pm), (dq, dp) = self.means, self.differences
         return [Kernel("mean_energy_rate", "D_t: mean of dH/dt between the ends",
                        {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_energy_rate})
                 ] if self.system.is_time_dependent else []
 
     def constraint_rate_kernels(self) -> list[Kernel]:
-        """Return the kernel of g_t between the ends, where H or g depends on time."""
+        """Return the kernel of g_t between the ends, if H or g depends on time."""
         return [Kernel("mean_constraint_rate", "g_t between q0 and q1",
                        {"qm": self.means[0], "dq": self.differences[0]},
                        {"g_t": self.mean_constraint_rate})
@@ -343,14 +342,14 @@ class MeanScheme:
 
 
 def energy_rate_kernels(system: System) -> list[Kernel]:
-    """Return the kernel of ∂H/∂t, where H or g depends on time."""
+    """Return the kernel of ∂H/∂t, if H or g depends on time."""
     return [Kernel("energy_rate", "H_t, the power of what drives H",
                    {"q": list(system.q), "p": list(system.p)}, {"H_t": system.H_t})
             ] if system.is_time_dependent else []
 
 
 def constraint_rate_kernels(system: System) -> list[Kernel]:
-    """Return the kernel of g_t, where H or g depends on time."""
+    """Return the kernel of g_t, if H or g depends on time."""
     return [Kernel("constraint_rate", "g_t, how fast the constraints move",
                    {"q": list(system.q)}, {"g_t": system.g_t})
             ] if system.is_time_dependent and system.m else []
@@ -361,8 +360,9 @@ def velocity_kernels(system: System) -> list[Kernel]:
     if not system.velocity_count:
         return []
     q, v, mu = list(system.q), list(system.velocities), vector("mu", system.velocity_count)
-    rows = [sp.Add(rest, *(a * b for a, b in zip(row, v, strict=True)))
-            for row, rest in zip([*system.G, *system.A], [*system.g_t, *system.a], strict=True)]
+    defects = [sp.Add(offset, *(a * b for a, b in zip(row, v, strict=True)))
+                  for row, offset in zip([*system.G, *system.A], [*system.g_t, *system.a],
+                                      strict=True)]
     force = [sp.Add(*(x * row[i] for x, row in zip(mu, system.A, strict=True)))
              for i in range(system.n)]
     return [
@@ -370,16 +370,16 @@ def velocity_kernels(system: System) -> list[Kernel]:
                {"A": system.A}),
         Kernel("reaction_curvature", "K = d(A^T mu)/dq", {"q": q, "mu": mu},
                {"K": jacobian(force, system.q)}),
-        Kernel("velocity_defect", "g_q v + g_t and A v + a", {"q": q, "v": v}, {"f": rows}),
+        Kernel("velocity_defect", "g_q v + g_t and A v + a", {"q": q, "v": v}, {"f": defects}),
         Kernel("velocity_defect_by_q", "D = d(g_q v + g_t)/dq and d(A v + a)/dq", {"q": q, "v": v},
-               {"D": jacobian(rows, system.q)}),
+               {"D": jacobian(defects, system.q)}),
     ]
 
 
 def with_work_of_time(system: System) -> System:
-    """Return the system, with zero forces if something else does work, which is then counted.
+    """Return the system with F = 0 if it has no forces, but work to be accumulated.
 
-    That are H or g that depend on time, and velocity constraints with a ≠ 0.
+    Work is done by an H or g that depends on time, and by velocity constraints with a ≠ 0.
     """
     if system.forces or not (system.is_time_dependent or any(system.a)):
         return system
@@ -394,9 +394,9 @@ def hoisted(system: System) -> tuple[System, Constants]:
                           clock, system.inputs, system.time)
     defining = {name: constants.since_start(e) for name, e in system.defining.items()}
     g = tuple(map(constants.since_start, system.constraints))
-    rows = tuple(map(constants.since_start, system.velocity_constraints))
+    velocity_constraints = tuple(map(constants.since_start, system.velocity_constraints))
     forces = tuple(map(constants.since_start, system.forces))
     symbols = tuple(constants.definitions.values())
-    made: System = replace(system, parameters=symbols, constraints=g, forces=forces,
-                           velocity_constraints=rows, quantities={}, **defining)
-    return made, constants
+    reduced: System = replace(system, parameters=symbols, constraints=g, forces=forces,
+                              velocity_constraints=velocity_constraints, quantities={}, **defining)
+    return reduced, constants

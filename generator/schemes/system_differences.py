@@ -1,6 +1,6 @@
-"""Differences of H and g between two states: means, increments, and time as one variable more.
+"""Exact differences of H and g between two states, with time as one more variable.
 
-They are exact: g(q + d) − g(q) loses no digit for small d, ΔH = D_qH·Δq + D_pH·Δp + D_tH Δt.
+g(q + d) − g(q) has no cancellation for small d, and ΔH = D_qH·Δq + D_pH·Δp + D_tH Δt.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ __all__ = ["TIME_STEP", "by_increment", "constraint_increment", "discrete_jacobi
            "discrete_slopes", "increment_of", "mean_gradient_of", "mean_slopes_of",
            "time_input", "vector", "with_time"]
 
-#: How much later the other end of a difference is, where H or g depends on time.
+#: Δt between the ends of a difference, if H or g depends on time.
 TIME_STEP = sp.Symbol("_dt", real=True)
 
 
 def vector(name: str, count: int) -> list[sp.Symbol]:
-    """Return symbols _name0, _name1, …: no symbol of a system begins with an underscore."""
+    """Return symbols _name0, _name1, …; symbols of systems have no leading underscore."""
     return [sp.Symbol(f"_{name}{i}", real=True) for i in range(count)]
 
 
@@ -49,9 +49,10 @@ def with_time(
     symbols: Sequence[Any], means: Sequence[Any], differences: Sequence[Any],
     time: sp.Symbol | None,
 ) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return the variables of a difference, and time behind them: t is its own mean."""
-    more = [[], [], []] if time is None else [[time], [time], [TIME_STEP]]
-    return ([*symbols, *more[0]], [*means, *more[1]], [*differences, *more[2]])
+    """Return symbols, means and differences, each followed by t, t̄ = t and Δt if there is time."""
+    if time is None:
+        return [*symbols], [*means], [*differences]
+    return [*symbols, time], [*means, time], [*differences, TIME_STEP]
 
 
 def discrete_jacobian(
@@ -64,7 +65,7 @@ def discrete_jacobian(
 def discrete_slopes(
     system: System, means: list[Any], differences: list[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    """Return Ḡ with ḡ_t as its last column, if the system has time."""
+    """Return Ḡ, with ḡ_t as its last column if H or g depends on time."""
     variables = with_time(system.q, means, differences, system.clock)
     return [discrete_gradient(g, *variables) for g in system.constraints]
 
@@ -87,7 +88,7 @@ def mean_slopes_of(
     differences: tuple[list[sp.Symbol], list[sp.Symbol]],
     discrete: bool,
 ) -> list[sp.Expr]:
-    """Return D_qH, D_pH and, of a system that has time, D_tH."""
+    """Return D_qH, D_pH and, if H or g depends on time, D_tH."""
     variables, all_means = [*system.q, *system.p], [*means[0], *means[1]]
     if discrete:
         return discrete_gradient(system.H, *with_time(
@@ -106,9 +107,9 @@ def by_increment(
 
 
 def time_input(system: System) -> dict[str, list[sp.Symbol]]:
-    """Return the input of what may depend on time: an autonomous system ignores it.
+    """Return the input ``t`` of a kernel: the time of forces F(q, p, t), else an unused symbol.
 
-    So does one with time in H or g, whose kernels find it among the constants.
+    A system with time in H or g has the time among its constants.
     """
     driven = system.time is not None and system.is_nonautonomous and not system.is_time_dependent
     return {"t": [system.time if driven else sp.Symbol("_time", real=True)]}

@@ -126,7 +126,7 @@ def test_halves_of_symmetric_tables_are_symplectic_and_symmetric_exactly(scheme,
     kind = REALS[real]
     tableau = gs.tableau(scheme, s)
     fast, p = FastTableau(tableau), tableau.p
-    half = fast.halves(kind)
+    half = fast.even_odd_tables(kind)
     mu, mu_hat = (whole(half[name], s, s) for name in ("mu", "mu_hat"))
     nu, nu_tilde = whole(half["nu"], p - 1, s), whole(half["nu_tilde"], s, p - 1)
     assert all(mu_hat[i][j] == 1 - mu[j][i] for i in range(s) for j in range(s))
@@ -141,13 +141,13 @@ def test_halves_of_symmetric_tables_are_symplectic_and_symmetric_exactly(scheme,
 
 def test_tables_are_halved_where_that_is_less_work_and_time_can_be_reversed():
     double = REALS["double"]
-    assert FastTableau(gs.tableau("G-L", 3)).halves(double) == {}
-    assert set(FastTableau(gs.tableau("G-L", 8)).halves(double)) == {
+    assert FastTableau(gs.tableau("G-L", 3)).even_odd_tables(double) == {}
+    assert set(FastTableau(gs.tableau("G-L", 8)).even_odd_tables(double)) == {
         "mu", "mu_hat", "nu", "nu_tilde"}
     fast = FastTableau(gs.tableau("G-L", 8))
     uneven = [[Fraction(i + 1, j + 9) for j in range(8)] for i in range(8)]
     vars(fast)["scaled"] = fast.scaled | {"mu": uneven}
-    assert fast.halves(double) == {}
+    assert fast.even_odd_tables(double) == {}
 
 
 @pytest.mark.parametrize("tableau", FAMILIES, ids=lambda t: t.name)

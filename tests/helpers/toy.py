@@ -32,7 +32,8 @@ def tables(stages: int) -> str:
     lines = [f"/* Tables of G-L, s = {stages}. */", "static const struct {",
              *(f"    real {field}{shape[field]};" for field in FIELDS), "} tableau = {",
              *(f"    .{field} = {braced(getattr(numeric, field))}," for field in FIELDS), "};"]
-    for prefix, named in (("table", fast.tables(double)), ("even_odd", fast.halves(double))):
+    for prefix, named in (("table", fast.tables(double)),
+                          ("even_odd", fast.even_odd_tables(double))):
         lines += [f"static const real {prefix}_{name}[{len(rows)}][{len(rows[0])}] = "
                   f"{braced(rows)};" for name, rows in named.items()]
     lines += [f"static const real {name}[S] = {braced(getattr(numeric, field))};"
