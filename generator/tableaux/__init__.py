@@ -1,13 +1,13 @@
-"""Tableaux: nodes and coefficients derived from their conditions, exact, and what they satisfy.
+"""Tableaux: exact nodes and coefficients, derived from conditions, and the conditions they satisfy.
 
     node_algebra       functions on a set of nodes, exactly
     nodes              roots of polynomials, exact and in certified enclosures
     families           Gauss-Lobatto, Lobatto IIIA-B and Radau-Lobatto from (A.8)-(A.16)
     tableau            a SPARK tableau: exact, rounded once
     completion         a Butcher tableau, completed to a SPARK tableau
-    tableau_file       a user's own, from JSON or Python
-    enclosures         its numbers in proved bounds
-    separation_bounds  whether a number written with radicals is zero
+    tableau_file       a user's tableau, from JSON or Python
+    enclosures         enclosures of the coefficients, proved
+    separation_bounds  a proof that a number with radicals is zero, or is not
     multipliers        M = Ā Ã, the effect of multipliers on constraints at the nodes
     velocity_rows      V, weights of constraint forces where velocity constraints hold
     stability          R(z) of a fast decay: A-stable, L-stable, numerical damping

@@ -4,11 +4,11 @@
     Ā     integrals to c̃_l of the Lagrange polynomials on c: C̄(s), ā_pj = b_j; or Ā = A
     Ã     b_i ã_ij + b̃_j ā_ji = b_i b̃_j: the symplectic partner of Ā; ã_i0 = b̃_0, ã_ip = 0
 
-The nodes c̃ are the stages where A begins with a row of zeros and ends with b, as Lobatto IIIA
-does, or where these are distinct and include 0 and 1; else p + 1 Lobatto nodes, p ≤ s. Where b is
-not interpolatory or nodes coincide, p = 1 remains, which every method has: Ā = (0, bᵀ),
-Ã = (1/2, 0), of order 2. Of all that determine the multipliers the one with the highest proved
-order is taken, and the fewest nodes for it.
+The nodes c̃ are the stages if the first row of A is 0 and the last is b, as of Lobatto IIIA, or if
+the stages are distinct and include 0 and 1; else p + 1 Lobatto nodes, p ≤ s. If b is not
+interpolatory or nodes coincide, p = 1 remains, which every method has: Ā = (0, bᵀ), Ã = (1/2, 0),
+of order 2. Of the completions that determine the multipliers, the one with the highest proved order
+is selected, and of these the one with the fewest nodes.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from .nodes import enclose_roots, exact_roots, lobatto_polynomial
 from .separation_bounds import Rounding, vanishes_to
 from .tableau import FIELDS, Tableau
 
-__all__ = ["completed", "matrix"]
+__all__ = ["complete_tableau", "matrix"]
 
 Rows = list[list[sp.Expr]]
 
-#: More Lobatto nodes are nested radicals.
+#: Largest number of Lobatto nodes without nested radicals.
 _MOST_EXACT_NODES = 5
 _x = sp.Symbol("x")
 
 
-def completed(
+def complete_tableau(
     name: str, parts: dict[str, Rows], claims: dict[str, int], rounding: Rounding | None
 ) -> Tableau:
-    """Return the SPARK tableau with given A, b and c, and perhaps Â and b̂; vectors are columns.
+    """Return the SPARK tableau of given A, b, c and, optionally, Â and b̂; vectors are columns.
 
     Raises
     ------
     TableauError
-        If b has a zero and Â is not given; if a condition that every step needs fails.
+        If b has a zero and Â is not given, or if a required condition fails.
     """
     A, b, c = parts["A"], _flat(parts["b"]), _flat(parts["c"])
     b_hat = _flat(parts.get("b_hat", parts["b"]))
@@ -60,26 +60,26 @@ def completed(
             "pair.")
     motion = {"A": A, "A_hat": parts.get("A_hat") or partner(A, b, b_hat), "b": parts["b"],
               "b_hat": [[weight] for weight in b_hat], "c": parts["c"]}
-    most: Tableau | None = None
+    best: Tableau | None = None
     for constraints in _constraint_parts(A, b, c, bool(zero), rounding):
         tableau = _tableau(name, motion | constraints, claims, rounding)
         if multiplier_inverse(tableau) is None:
             continue
-        if most is None or (tableau.order, -tableau.p) > (most.order, -most.p):
-            most = tableau
-        if most.order >= most.free_order:
+        if best is None or (tableau.order, -tableau.p) > (best.order, -best.p):
+            best = tableau
+        if best.order >= best.free_order:
             break
-    assert most is not None  # p = 1 has M = 1/2
-    broken = [line for line in check_tableau(most) if line.required and not line.holds]
+    assert best is not None  # p = 1 has M = 1/2
+    broken = [line for line in check_tableau(best) if line.required and not line.holds]
     if broken:
         lines = [f"{line.name} ({line.equation}; residual {line.residual})" for line in broken[:4]]
         raise TableauError(f"The tableau {name!r} violates {listed(lines)}; correct its numbers.")
-    return most
+    return best
 
 
 def partner(a: Rows, b_rows: Sequence[sp.Expr], b_columns: Sequence[sp.Expr]) -> Rows:
     """Return the symplectic partner a'_ij = b'_j (1 − a_ji/b_i) of a."""
-    return [[_plain(weight * (1 - row[i] / b_rows[i]))
+    return [[_simplify(weight * (1 - row[i] / b_rows[i]))
              for row, weight in zip(a, b_columns, strict=True)] for i in range(len(b_rows))]
 
 
@@ -93,7 +93,7 @@ def matrix(rows: Rows) -> Any:
 def _constraint_parts(
     A: Rows, b: list[sp.Expr], c: list[sp.Expr], has_zero: bool, rounding: Rounding | None
 ) -> Iterator[dict[str, Rows]]:
-    """Yield Ā, Ã, b̃ and c̃, in the order in which they are tried."""
+    """Yield candidates for Ā, Ã, b̃ and c̃, in the order in which they are tried."""
     def vanish(entries: Any) -> bool:
         return all(vanishes_to(entry, rounding) for entry in entries)
 
@@ -103,15 +103,15 @@ def _constraint_parts(
 
     distinct = not any(vanish([u - v]) for i, u in enumerate(c) for v in c[:i])
     interpolatory = distinct and vanish(
-        weight - given for weight, given in zip(_integrals(c, sp.Integer(1)), b, strict=True))
+        weight - weight_b for weight, weight_b in zip(_integrals(c, sp.Integer(1)), b, strict=True))
     if not has_zero:
         if vanish(A[0]) and vanish(x - y for x, y in zip(A[-1], b, strict=True)):
             yield parts(A, b, c)
         elif interpolatory and vanish([c[0], c[-1] - 1]):
             inner = [_integrals(c, node) for node in c[1:-1]]
             yield parts([[sp.Integer(0)] * len(b), *inner, b], b, c)
-        most = len(c) + 1 if rounding else min(len(c) + 1, _MOST_EXACT_NODES)
-        for count in range(most, 2, -1) if interpolatory else ():
+        largest = len(c) + 1 if rounding else min(len(c) + 1, _MOST_EXACT_NODES)
+        for count in range(largest, 2, -1) if interpolatory else ():
             nodes = _lobatto_nodes(count, rounding)
             inner = [_integrals(c, node) for node in nodes[1:-1]]
             yield parts([[sp.Integer(0)] * len(b), *inner, b],
@@ -126,8 +126,8 @@ def _tableau(
 ) -> Tableau:
     if rounding is not None:  # a digit less for each factor of 10 in the 1/b of partners
         smallest = min((abs(float(x)) for x in _flat(parts["b"]) if x), default=1.0)
-        lost = max(0, math.ceil(-math.log10(smallest)))
-        rounding = replace(rounding, digits=rounding.digits - lost, entries=sum(
+        lost_digits = max(0, math.ceil(-math.log10(smallest)))
+        rounding = replace(rounding, digits=rounding.digits - lost_digits, entries=sum(
             len(rows) * len(rows[0]) for rows in parts.values()))
     stages, constraints = (ValueNodes(_flat(parts[key]), rounding) for key in ("c", "c_tilde"))
     return Tableau(name, stages, constraints, {key: matrix(parts[key]) for key in FIELDS},
@@ -135,7 +135,7 @@ def _tableau(
 
 
 def _lobatto_nodes(count: int, rounding: Rounding | None) -> list[sp.Expr]:
-    """Return the Lobatto nodes, exactly, or beside decimals to more digits than these have."""
+    """Return the Lobatto nodes: exact, or for decimals rounded to 10 digits more than these."""
     polynomial = lobatto_polynomial(count)
     if rounding is None:
         return list(exact_roots(polynomial))
@@ -145,17 +145,17 @@ def _lobatto_nodes(count: int, rounding: Rounding | None) -> list[sp.Expr]:
 
 def _integrals(nodes: Sequence[sp.Expr], end: sp.Expr) -> list[sp.Expr]:
     """Return ∫₀^end ℓ_j(x) dx for the Lagrange polynomials ℓ_j of the nodes."""
-    found = []
+    integrals = []
     for j, node in enumerate(nodes):
-        others = [other for i, other in enumerate(nodes) if i != j]
-        lagrange = sp.prod([(_x - other) / (node - other) for other in others],
+        other_nodes = [x_i for i, x_i in enumerate(nodes) if i != j]
+        lagrange = sp.prod([(_x - x_i) / (node - x_i) for x_i in other_nodes],
                            start=sp.Integer(1))
-        found.append(_plain(sp.integrate(sp.expand(lagrange), _x).subs(_x, end)))
-    return found
+        integrals.append(_simplify(sp.integrate(sp.expand(lagrange), _x).subs(_x, end)))
+    return integrals
 
 
-def _plain(value: sp.Expr) -> sp.Expr:
-    """Return a number without sums in products, and without roots in denominators."""
+def _simplify(value: sp.Expr) -> sp.Expr:
+    """Return a number expanded, without roots in denominators."""
     return value if value.is_Rational else sp.radsimp(sp.expand(value))
 
 

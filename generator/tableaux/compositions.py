@@ -1,4 +1,4 @@
-"""Compositions of a drift and a kick: one normal form, and those that are stored.
+"""Compositions of a drift and a kick in one normal form, and the stored compositions.
 
     Ψ(h) = T(a₀h) K(b₁h, c₁h³) T(a₁h) ⋯ K(b_s h, c_s h³) T(a_s h)
 
@@ -12,9 +12,9 @@ As operators A = {·, T} and B = {·, V} this kick is exp(b_i h B + c_i h³ [B, 
 commutator is the Lie derivative of {{V, T}, V} = −G. The sequence is a palindrome, so the order in
 which operators and maps are written does not matter.
 
-The numbers are rational: decimals of 60 digits, with Σa_i = Σb_i = 1 exactly. They stand for
-algebraic numbers next to them; ``certificates.composition_proofs`` proves that those exist, and how
-near they are. ``compositions.json`` is written by ``studies.composition_search``.
+The numbers are rational: decimals of 60 digits, with Σa_i = Σb_i = 1 exactly. They approximate
+algebraic numbers; ``certificates.composition_proofs`` proves that these exist, and bounds the
+distance. ``studies.composition_search`` writes ``compositions.json``.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class Composition:
     Attributes
     ----------
     name : str
-        As in ``COMPOSITIONS``.
+        Key in ``COMPOSITIONS``.
     order : int
-        Of a step, for any T and V; even.
+        Order of a step for any T and V; even.
     drifts : tuple of Fraction, s + 1
         Times a_i of the drifts in units of h.
     kicks : tuple of Fraction, s
@@ -53,20 +53,20 @@ class Composition:
     gradients : tuple of Fraction, s
         Factors c_i of h³[V,[T,V]]; zeros without force gradients.
     weights : tuple of Fraction
-        w_i where the step is S(w₁h) S(w₂h) ⋯ of a symmetric map S; else empty.
+        w_i of a step S(w₁h) S(w₂h) ⋯ with a symmetric map S; else empty.
     base : str
         The map S, ``"Strang"`` or ``"G4"``; empty without weights.
     orders : tuple of int
-        Order in terms with one kick, with two, and so on, the last for all more: (10, 6, 4)
-        where kicks are small beside drifts; (order,) for others.
+        Order in the terms with one kick, with two, and so on, the last for all further ones:
+        (10, 6, 4) for kicks that are small beside drifts; (order,) for others.
     also : tuple of str
-        Lyndon words whose conditions hold beside those of the orders.
+        Lyndon words whose conditions hold in addition to the conditions of the orders.
     free : tuple of int
         Unknowns that the conditions leave free: their decimals are exact.
     source : str
-        Who published a composition of this form, or nearly these numbers.
+        Publication of a composition of this form, or of nearly these numbers.
     found : str
-        Where the numbers are from: a closed form, or a search with its seed.
+        Origin of the numbers: a closed form, or a search with its seed.
     """
 
     name: str
@@ -84,7 +84,7 @@ class Composition:
 
     @property
     def stages(self) -> int:
-        """The number s of kicks in a step, and of drifts when a run joins those of two steps."""
+        """The number s of kicks a step, and of drifts, as a run joins the drifts of two steps."""
         return len(self.kicks)
 
     @property
@@ -99,34 +99,37 @@ class Composition:
 
 
 def palindrome(first: Sequence[Fraction], size: int) -> tuple[Fraction, ...]:
-    """Return a palindrome of this size with the sum 1, from the first half without its last."""
-    rest = 1 - 2 * sum(first, Fraction(0))
+    """Return a palindrome with ``size`` entries and the sum 1.
+
+    ``first`` is the first half without the entry next to or at the middle, which the sum gives.
+    """
+    middle = 1 - 2 * sum(first, Fraction(0))
     if size % 2:
-        return (*first, rest, *reversed(first))
-    return (*first, rest / 2, rest / 2, *reversed(first))
+        return (*first, middle, *reversed(first))
+    return (*first, middle / 2, middle / 2, *reversed(first))
 
 
-def _stored() -> dict[str, Composition]:
-    """Return the compositions of the file; bases come before what is composed of them."""
-    found: dict[str, Composition] = {}
+def _load_compositions() -> dict[str, Composition]:
+    """Return the compositions of the file, in which a base precedes its compositions."""
+    compositions: dict[str, Composition] = {}
     for name, record in json.loads(PATH.read_text(encoding="utf-8")).items():
-        found[name] = _made(name, record, found)
-    return found
+        compositions[name] = _from_record(name, record, compositions)
+    return compositions
 
 
-def _made(name: str, record: dict[str, Any], known: dict[str, Composition]) -> Composition:
-    size, numbers = record["stages"], {
-        part: [Fraction(text) for text in record.get(part, ())]
-        for part in ("weights", "drifts", "kicks", "gradients")}
+def _from_record(name: str, record: dict[str, Any], bases: dict[str, Composition]) -> Composition:
+    size, halves = record["stages"], {
+        key: [Fraction(text) for text in record.get(key, ())]
+        for key in ("weights", "drifts", "kicks", "gradients")}
     base = record.get("base", "")
     weights: tuple[Fraction, ...] = ()
     if base:
-        weights = palindrome(numbers["weights"], size)
-        drifts, kicks, gradients = flatten(known[base], weights)
+        weights = palindrome(halves["weights"], size)
+        drifts, kicks, gradients = flatten(bases[base], weights)
     else:
-        drifts = palindrome(numbers["drifts"], size + 1)
-        kicks = palindrome(numbers["kicks"], size)
-        half = numbers["gradients"] or [Fraction(0)] * ((size + 1) // 2)
+        drifts = palindrome(halves["drifts"], size + 1)
+        kicks = palindrome(halves["kicks"], size)
+        half = halves["gradients"] or [Fraction(0)] * ((size + 1) // 2)
         gradients = (*half, *reversed(half[: size // 2]))
     return Composition(name, record["order"], drifts, kicks, gradients, weights, base,
                        tuple(record.get("orders", [record["order"]])),
@@ -135,9 +138,9 @@ def _made(name: str, record: dict[str, Any], known: dict[str, Composition]) -> C
 
 
 def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fraction, ...], ...]:
-    """Return drifts, kicks and gradients of S(w₁h) S(w₂h) ⋯, neighbouring drifts added."""
-    def join(left: list[Fraction], right: list[Fraction]) -> list[Fraction]:
-        return [*left[:-1], left[-1] + right[0], *right[1:]]
+    """Return drifts, kicks and gradients of S(w₁h) S(w₂h) ⋯, with adjacent drifts added."""
+    def join(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
+        return [*a[:-1], a[-1] + b[0], *b[1:]]
 
     drifts = reduce(join, ([w * a for a in base.drifts] for w in weights))
     return (tuple(drifts), tuple(chain.from_iterable((w * b for b in base.kicks) for w in weights)),
@@ -145,9 +148,9 @@ def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fract
 
 
 #: All stored compositions by name.
-COMPOSITIONS: dict[str, Composition] = _stored()
-#: What each order takes, without force gradients and with them. None of order 10 is known whose
-#: base has force gradients, so that order is the same in both.
+COMPOSITIONS: dict[str, Composition] = _load_compositions()
+#: Default composition of each order, without and with force gradients. At order 10 they are equal:
+#: no composition with a base with force gradients is known.
 _CHOICE = {False: {2: "Strang", 4: "BM4", 6: "KL6", 8: "KL8", 10: "SS10"},
            True: {2: "Strang", 4: "G4", 6: "G6", 8: "G8", 10: "SS10"}}
 
@@ -167,11 +170,11 @@ def composition(order: int, gradients: bool = False) -> Composition:
     InputError
         For any other order.
     """
-    found = _CHOICE[bool(gradients)].get(whole(order) or 0)
-    if found is None:
+    name = _CHOICE[bool(gradients)].get(whole(order) or 0)
+    if name is None:
         raise InputError(f"order = {shown(order)} is not the order of a composition; symmetric "
                          "ones have even orders: choose 2, 4, 6, 8 or 10.")
-    return COMPOSITIONS[found]
+    return COMPOSITIONS[name]
 
 
 def composition_named(name: str) -> Composition:
@@ -180,5 +183,6 @@ def composition_named(name: str) -> Composition:
     Raises
     ------
     InputError
+        For an unknown name; names the allowed ones.
     """
     return COMPOSITIONS[choose("composition", name, COMPOSITIONS)]

@@ -1,4 +1,4 @@
-"""Conditions of a tableau: a residual each, and a predicate derived from it.
+"""Conditions of a tableau: for each a residual, and a predicate derived from the residual.
 
     B(k)   Σ_i b_i c_i^{k−1} = 1/k                       (A.8), B̃ (A.10)
     C(k)   Σ_j a_ij c_j^{k−1} = c_i^k/k                  (A.8), Ĉ (A.9), C̃ (A.11), C̄ (A.12)
@@ -49,11 +49,10 @@ D_LABELS = {"C": "D", "C_hat": "D̂", "C_tilde": "D̃", "C_bar": "D̄"}
 class Condition:
     """One line of the report on a tableau.
 
-    ``required`` conditions make the step well defined and keep its constraints, or are what the
-    family (or the file) says of itself; the others are properties that a method may lack.
-    ``found`` is the result, ``holds`` whether it is as required or as claimed.
-    ``residual`` is "0" where it was proved zero, "0 to 16 digits" where it is as far as decimals
-    can say, else its largest entry as a number.
+    ``required`` conditions make the step well defined and satisfy its constraints, or are claims
+    of the family or the file; the others are properties that a method may lack. ``found`` is the
+    result, ``holds`` whether it is as required or as claimed. ``residual`` is "0" if proved zero,
+    "0 to 16 digits" if zero to the precision of decimals, else its largest entry as a number.
     """
 
     name: str
@@ -129,7 +128,7 @@ def _entry_is_zero(entry: sp.Expr, rounding: Rounding | None) -> bool:
 
 
 def holds_to(residual: Callable[[int], Matrix], tableau: Tableau, limit: int) -> int:
-    """Return the largest k ≤ limit with residual(1), …, residual(k) all zero."""
+    """Return the largest k ≤ limit such that residual(1), …, residual(k) are zero."""
     for k in range(1, limit + 1):
         if not is_zero(residual(k), tableau):
             return k - 1
@@ -138,42 +137,42 @@ def holds_to(residual: Callable[[int], Matrix], tableau: Tableau, limit: int) ->
 
 @cache
 def counts(tableau: Tableau) -> dict[str, int]:
-    """Return how far B, C and D hold for each part, e.g. {"B": 6, "C_hat": 3, "D_bar": 3}."""
-    t, part = tableau, tableau.basis
+    """Return the largest k of B(k), C(k) and D(k): {"B": 6, "C_hat": 3, "D_bar": 3, …}."""
+    t, basis = tableau, tableau.basis
     limit = 2 * max(t.s, t.p) + 2
-    found = {
-        "B": holds_to(lambda k: quadrature_residual(t.stages, part["b"], k), t, limit),
-        "B_hat": holds_to(lambda k: quadrature_residual(t.stages, part["b_hat"], k), t, limit),
+    largest_k = {
+        "B": holds_to(lambda k: quadrature_residual(t.stages, basis["b"], k), t, limit),
+        "B_hat": holds_to(lambda k: quadrature_residual(t.stages, basis["b_hat"], k), t, limit),
         "B_tilde": holds_to(
-            lambda k: quadrature_residual(t.constraints, part["b_tilde"], k), t, limit
+            lambda k: quadrature_residual(t.constraints, basis["b_tilde"], k), t, limit
         ),
     }
     for name, (label, b_rows, b_columns) in MATRICES.items():
         rows, columns = t.nodes_of(name)
-        a, b_row, b_column = part[name], part[b_rows], part[b_columns]
-        found[label] = holds_to(partial(stage_residual, rows, columns, a), t, limit)
-        found[label.replace("C", "D")] = holds_to(
+        a, b_row, b_column = basis[name], basis[b_rows], basis[b_columns]
+        largest_k[label] = holds_to(partial(stage_residual, rows, columns, a), t, limit)
+        largest_k[label.replace("C", "D")] = holds_to(
             partial(adjoint_residual, rows, columns, a, b_row, b_column), t, limit
         )
-    return found
+    return largest_k
 
 
 def order(tableau: Tableau, *, constrained: bool = True) -> int:
-    """Return the order that B, C and D guarantee, for each of the four coefficient matrices.
+    """Return the order that B, C and D of the four coefficient matrices guarantee.
 
-    Without constraints A and Â alone count.
+    Without constraints only A and Â count.
 
-    Butcher's theorem, order = min(B, C + D + 1, 2C + 2), carried to partitioned and constrained
-    systems by Jay (SIAM J. Numer. Anal. 45, 2007); the order of a symmetric method is even. A
-    method may have a higher order than these conditions show: they are sufficient.
-    ``observed_order`` measures it on a test problem, which is the second way to it.
+    Butcher's theorem, order = min(B, C + D + 1, 2C + 2), extended to partitioned and constrained
+    systems by Jay (SIAM J. Numer. Anal. 45, 2007); the order of a symmetric method is even. The
+    conditions are sufficient: a method may have a higher order. ``observed_order`` measures it on
+    a test problem.
     """
     bound = min(bound for bound, _ in _bounds(tableau, constrained))
     return bound + bound % 2 if is_symmetric(tableau) else bound
 
 
 def _bounds(tableau: Tableau, constrained: bool = True) -> list[tuple[int, str]]:
-    """Return every bound on the order with the conditions it comes from."""
+    """Return the bounds of the order, each with its conditions as text."""
     k = counts(tableau)
     bounds = [(2 * tableau.s, "2s")]  # in decimals B may seem to hold beyond
     bounds += [(k[label], LABELS[label]) for label in ("B", "B_hat", "B_tilde")[:2 + constrained]]
@@ -189,66 +188,67 @@ def _bounds(tableau: Tableau, constrained: bool = True) -> list[tuple[int, str]]
 
 def check_tableau(tableau: Tableau) -> list[Condition]:
     """Return every condition with its result, in the order of reports."""
-    return list(_checked(tableau))
+    return list(_check(tableau))
 
 
 @cache
-def _checked(tableau: Tableau) -> tuple[Condition, ...]:
-    found = counts(tableau)
+def _check(tableau: Tableau) -> tuple[Condition, ...]:
+    largest_k = counts(tableau)
     lines = (
         *_structure(tableau),
-        _determined(tableau),
+        _multipliers(tableau),
         *(_symplectic(tableau)),
-        *(_range(tableau, label, found) for label in LABELS),
+        *(_counted_condition(tableau, label, largest_k) for label in LABELS),
         _symmetric(tableau),
         _stability(tableau),
         _order(tableau),
     )
     if tableau.digits_given is None:
         return lines
-    size = f"0 to {tableau.digits_given} digits"  # of rounded numbers no more can be known
+    size = f"0 to {tableau.digits_given} digits"  # rounded numbers prove no more
     return tuple(replace(line, residual=size) if line.residual == "0" else line for line in lines)
 
 
 def remarks(tableau: Tableau, *, constrained: bool = True) -> list[str]:
-    """Return the properties a given tableau lacks: a short clause each.
+    """Return short clauses about a given tableau.
 
-    Required conditions that fail, properties it lacks, and what its order is limited by.
+    They name the required conditions that fail, the properties it lacks, and the conditions that
+    limit its order.
     """
-    said = []
+    clauses = []
     for line in check_tableau(tableau):
         clause = f"{line.name} ({line.equation}; {_size(line)})"
         if line.required and not line.holds:
-            said.append(f"violates {clause}")
+            clauses.append(f"violates {clause}")
         elif line.name.startswith(("symplectic", "symmetric")) and line.found != "yes":
-            said.append(f"not {clause}")
+            clauses.append(f"not {clause}")
     quadrature = counts(tableau)["B"]
     proved = tableau.order if constrained else tableau.free_order
     if proved < quadrature:
         bounds = _bounds(tableau, constrained)
-        least = min(bound for bound, _ in bounds)
-        limits = dict.fromkeys(text for bound, text in bounds if bound == least)
-        said.append(f"order {proved} is proved, although b is exact to order {quadrature}: "
-                    f"limited by {', '.join(limits)}")
-    return said
+        lowest = min(bound for bound, _ in bounds)
+        limits = dict.fromkeys(text for bound, text in bounds if bound == lowest)
+        clauses.append(f"order {proved} is proved, although b is exact to order {quadrature}: "
+                       f"limited by {', '.join(limits)}")
+    return clauses
 
 
 def _size(line: Condition) -> str:
-    """Return "residual 0.1", or the residual that is a word."""
+    """Return "residual 0.1", or the residual itself if it is a word."""
     return f"residual {line.residual}" if line.residual[:1].isdigit() else line.residual
 
 
 def _structure(tableau: Tableau) -> list[Condition]:
-    """The conditions under which T1 and T2 separate: Q̃_0 = q_k, Q̃_p = q_{k+1}, Λ_p only in T2."""
-    t, part = tableau, tableau.basis
-    a_bar, a_tilde = part["A_bar"], part["A_tilde"]
+    """Check that T1 and T2 separate: Q̃_0 = q_k, Q̃_p = q_{k+1}, and Λ_p occurs only in T2."""
+    t, basis = tableau, tableau.basis
+    a_bar, a_tilde = basis["A_bar"], basis["A_tilde"]
     first, last = t.constraints.at(0), t.constraints.at(-1)
-    c_tilde = part["c_tilde"]
+    c_tilde = basis["c_tilde"]
     lines = [
         ("ā_0j = 0", first * a_bar, None, t.stages),
-        ("ā_pj = b_j", last * a_bar - part["b"].transpose(), None, t.stages),
+        ("ā_pj = b_j", last * a_bar - basis["b"].transpose(), None, t.stages),
         ("ã_ip = 0", a_tilde * last.transpose(), t.stages, None),
-        ("c_i are the nodes", part["c"] - power(t.stages, 1), t.stages, None),
+        ("c_i are the nodes", basis["c"] - power(t.stages, 1), t.stages, None),
         ("c̃_i are the nodes", c_tilde - power(t.constraints, 1), t.constraints, None),
         ("c̃_0 = 0", first * c_tilde, None, None),
         ("c̃_p = 1", last * c_tilde - column([t.stages.domain.one], t.stages.domain), None, None),
@@ -259,8 +259,8 @@ def _structure(tableau: Tableau) -> list[Condition]:
     ]
 
 
-def _determined(tableau: Tableau) -> Condition:
-    """The multipliers of T1 are determined: M = Ā Ã is regular."""
+def _multipliers(tableau: Tableau) -> Condition:
+    """Check that the multipliers of T1 are determined: M = Ā Ã is regular."""
     size = multiplier_condition(tableau)
     regular = multiplier_inverse(tableau) is not None
     return Condition(
@@ -274,15 +274,15 @@ def _determined(tableau: Tableau) -> Condition:
 
 
 def _symplectic(tableau: Tableau) -> list[Condition]:
-    """Check that the map is symplectic; a disclaimed property is reported, not required."""
-    t, part = tableau, tableau.basis
+    """Check that the map is symplectic; it is required if claimed, and reported otherwise."""
+    t, basis = tableau, tableau.basis
     lines = [
         ("symplectic, forces", "b_i â_ij + b̂_j a_ji = b_i b̂_j",
-         symplectic_residual(t.stages, t.stages, part["A_hat"], part["A"], part["b"],
-                             part["b_hat"]), t.stages),
+         symplectic_residual(t.stages, t.stages, basis["A_hat"], basis["A"], basis["b"],
+                             basis["b_hat"]), t.stages),
         ("symplectic, constraints", "b_i ã_ij + b̃_j ā_ji = b_i b̃_j",
-         symplectic_residual(t.stages, t.constraints, part["A_tilde"], part["A_bar"], part["b"],
-                             part["b_tilde"]), t.constraints),
+         symplectic_residual(t.stages, t.constraints, basis["A_tilde"], basis["A_bar"], basis["b"],
+                             basis["b_tilde"]), t.constraints),
     ]
     claimed = t.claims.get("symplectic")
     return [
@@ -295,18 +295,19 @@ def _symplectic(tableau: Tableau) -> list[Condition]:
 def invariant_conditions(tableau: Tableau) -> list[Condition]:
     """Return conditions for conserving every quadratic invariant of (q, p), without constraints.
 
-    The pair of A and Â keeps those that are bilinear in q and p (Sanz-Serna, Abia), A alone and Â
-    alone those in q and in p (Cooper).
+    The pair (A, Â) conserves invariants that are bilinear in q and p (Sanz-Serna, Abia), A and Â
+    alone conserve quadratic invariants of q and of p (Cooper).
     """
-    t, part, s = tableau, tableau.basis, tableau.stages
+    t, basis, s = tableau, tableau.basis, tableau.stages
     lines = [
-        ("b_i = b̂_i", part["b"] - part["b_hat"], None),
+        ("b_i = b̂_i", basis["b"] - basis["b_hat"], None),
         ("b_i â_ij + b̂_j a_ji = b_i b̂_j",
-         symplectic_residual(s, s, part["A_hat"], part["A"], part["b"], part["b_hat"]), s),
+         symplectic_residual(s, s, basis["A_hat"], basis["A"], basis["b"], basis["b_hat"]), s),
         ("b_i a_ij + b_j a_ji = b_i b_j",
-         symplectic_residual(s, s, part["A"], part["A"], part["b"], part["b"]), s),
+         symplectic_residual(s, s, basis["A"], basis["A"], basis["b"], basis["b"]), s),
         ("b̂_i â_ij + b̂_j â_ji = b̂_i b̂_j",
-         symplectic_residual(s, s, part["A_hat"], part["A_hat"], part["b_hat"], part["b_hat"]), s),
+         symplectic_residual(s, s, basis["A_hat"], basis["A_hat"], basis["b_hat"],
+                             basis["b_hat"]), s),
     ]
     return [_condition(t, equation, equation, residual, s, columns, required=False)
             for equation, residual, columns in lines]
@@ -315,26 +316,26 @@ def invariant_conditions(tableau: Tableau) -> list[Condition]:
 def velocity_conditions(tableau: Tableau, V: Matrix) -> list[Condition]:
     """Return the conditions of V, the matrix of velocity constraints (``velocity_rows``).
 
-    C(p + 1) is what the order 2s takes beside those of the tableau.
+    The order 2s requires C(p + 1) of V, in addition to the conditions of the tableau.
     """
-    t, part, nodes = tableau, tableau.basis, tableau.constraints
+    t, basis, nodes = tableau, tableau.basis, tableau.constraints
     first, last = nodes.at(0), nodes.at(-1)
-    regular = part["A_bar"].rank() == t.s and is_zero(first * part["A_bar"], t)
-    found = holds_to(partial(stage_residual, nodes, nodes, V), t, t.p + 2)
-    wanted = t.p + 1
+    regular = basis["A_bar"].rank() == t.s and is_zero(first * basis["A_bar"], t)
+    k = holds_to(partial(stage_residual, nodes, nodes, V), t, t.p + 2)
+    required_k = t.p + 1
     lines = [
         _condition(t, "v_0l = 0", "v_0l = 0", first * V, None, nodes, required=True),
-        _condition(t, "v_pl = b̃_l", "v_pl = b̃_l", last * V - part["b_tilde"].transpose(), None,
+        _condition(t, "v_pl = b̃_l", "v_pl = b̃_l", last * V - basis["b_tilde"].transpose(), None,
                    nodes, required=True),
-        Condition("C of V", f"Σ v c̃^(k−1) = c̃^k/k, k ≤ {wanted}", f"holds to k = {found}",
-                  found >= wanted, "0" if found >= wanted else mp.nstr(magnitude(
-                      stage_residual(nodes, nodes, V, found + 1), nodes, None), 5), required=True),
-        # A polynomial of degree s that vanishes at 0 and at c̃_1..c̃_p is 0.
+        Condition("C of V", f"Σ v c̃^(k−1) = c̃^k/k, k ≤ {required_k}", f"holds to k = {k}",
+                  k >= required_k, "0" if k >= required_k else mp.nstr(magnitude(
+                      stage_residual(nodes, nodes, V, k + 1), nodes, None), 5), required=True),
+        # Ā is regular: a polynomial of degree s that vanishes at 0 and at c̃_1..c̃_p is 0.
         Condition("reactions", "det ā_ij ≠ 0, i = 1..p, j = 1..s",
                   "Ā is regular" if regular else "Ā is singular", regular,
                   "0" if regular else "singular", required=True),
     ]
-    mirrored = symmetry_residual(nodes, nodes, V, part["b_tilde"])
+    mirrored = symmetry_residual(nodes, nodes, V, basis["b_tilde"])
     if is_symmetric(t) and mirrored is not None:
         lines.append(_condition(t, "V symmetric", "v_(p−i,p−l) + v_il = b̃_l", mirrored, nodes,
                                 nodes, required=True))
@@ -342,68 +343,68 @@ def velocity_conditions(tableau: Tableau, V: Matrix) -> list[Condition]:
 
 
 def energy_conditions(tableau: Tableau) -> list[Condition]:
-    """Return what holds of the tableau for all θ₀ and θ₁ of exact energy (``energy_parameter``).
+    """Return the conditions for all θ₀ and θ₁ of exact energy (``energy_parameter``).
 
     Each condition is affine in (θ₀, θ₁): it holds for all if it does at (0, 0), (1, 0) and (0, 1).
     With fixed numbers the method has order 2s − 2, so that ∂(q, p)/∂θ = O(Δt^{2s−1}) after a step;
     θ = O(Δt²) changes the step by O(Δt^{2s+1}) and leaves the order 2s. M = ĀÃ is regular at θ = 0,
     and so for small θ.
     """
-    at = [tableau, *(with_energy_parameter(tableau, theta) for theta in ((1, 0), (0, 1)))]
-    lines = [{line.name: line for line in check_tableau(one)} for one in at]
-    names = [name for name in lines[0] if name.startswith(("symplectic", "symmetric", "ā", "ã"))]
-    fixed = min(one.order for one in at)
-    least = min(tableau.order, fixed + 2)
+    tableaux = [tableau, *(with_energy_parameter(tableau, theta) for theta in ((1, 0), (0, 1)))]
+    reports = [{line.name: line for line in check_tableau(t)} for t in tableaux]
+    names = [name for name in reports[0] if name.startswith(("symplectic", "symmetric", "ā", "ã"))]
+    fixed = min(t.order for t in tableaux)
+    proved = min(tableau.order, fixed + 2)
     return [
-        *(replace(lines[0][name], name=f"{name}, every θ", required=True,
-                  found="yes" if all(one[name].found == "yes" for one in lines) else "no",
-                  holds=all(one[name].found == "yes" for one in lines)) for name in names),
+        *(replace(reports[0][name], name=f"{name}, every θ", required=True,
+                  found="yes" if all(report[name].found == "yes" for report in reports) else "no",
+                  holds=all(report[name].found == "yes" for report in reports)) for name in names),
         Condition("order, fixed θ", f"2s − 2 = {2 * tableau.s - 2}", str(fixed),
                   fixed >= 2 * tableau.s - 2, "0", required=True),
-        Condition("order, θ = O(Δt²)", f"2s = {2 * tableau.s}", str(least),
-                  least == 2 * tableau.s, "0", required=True),
+        Condition("order, θ = O(Δt²)", f"2s = {2 * tableau.s}", str(proved),
+                  proved == 2 * tableau.s, "0", required=True),
     ]
 
 
-def _range(tableau: Tableau, label: str, found: dict[str, int]) -> Condition:
-    """A quadrature or stage condition: how far it holds, and the residual of the next k."""
-    t, part = tableau, tableau.basis
-    k = found[label]
+def _counted_condition(tableau: Tableau, label: str, largest_k: dict[str, int]) -> Condition:
+    """Check a quadrature or stage condition: the largest k, and the residual at k + 1."""
+    t, basis = tableau, tableau.basis
+    k = largest_k[label]
     claim = tableau.claims.get(label)
-    # What makes the method consistent: (A.9) and (A.11) may hold to 0 only (2-stage IIIB).
+    # Consistency requires k ≥ 1, except of (A.9) and (A.11): 2-stage IIIB has k = 0.
     minimum = 0 if label in ("C_hat", "C_tilde") else 1
-    wanted = minimum if claim is None else claim
+    required_k = minimum if claim is None else claim
     if label.startswith("B"):
-        weights = part[label.replace("B", "b")]
+        weights = basis[label.replace("B", "b")]
         nodes = t.constraints if label == "B_tilde" else t.stages
         size = magnitude(quadrature_residual(nodes, weights, k + 1), None, None)
-        equation = f"Σ b c^(k−1) = 1/k, k ≤ {wanted}"
+        equation = f"Σ b c^(k−1) = 1/k, k ≤ {required_k}"
     else:
         name = label.replace("C", "A")
         rows, columns = t.nodes_of(name)
-        size = magnitude(stage_residual(rows, columns, part[name], k + 1), rows, None)
-        equation = f"Σ a c^(k−1) = c^k/k, k ≤ {wanted}"
+        size = magnitude(stage_residual(rows, columns, basis[name], k + 1), rows, None)
+        equation = f"Σ a c^(k−1) = c^k/k, k ≤ {required_k}"
     return Condition(
         LABELS[label],
         equation,
         found=f"holds to k = {k}, at k = {k + 1} off by {mp.nstr(size, 3)}",
-        holds=k >= wanted,
-        residual="0" if k >= wanted else mp.nstr(size, 5),
+        holds=k >= required_k,
+        residual="0" if k >= required_k else mp.nstr(size, 5),
         required=True,
     )
 
 
 def is_symmetric(tableau: Tableau) -> bool:
-    """Whether step(−h) undoes step(h)."""
+    """Whether step(−h) is the inverse of step(h)."""
     return all(residual is not None and is_zero(residual, tableau)
                for residual, _, _ in _symmetry_residuals(tableau))
 
 
 def _symmetry_residuals(tableau: Tableau) -> Iterator[tuple[Matrix | None, Nodes, Nodes]]:
-    part = tableau.basis
+    basis = tableau.basis
     for name, (_, _, b_columns) in MATRICES.items():
         rows, columns = tableau.nodes_of(name)
-        yield symmetry_residual(rows, columns, part[name], part[b_columns]), rows, columns
+        yield symmetry_residual(rows, columns, basis[name], basis[b_columns]), rows, columns
 
 
 def _symmetric(tableau: Tableau) -> Condition:
@@ -424,26 +425,26 @@ def _symmetric(tableau: Tableau) -> Condition:
 
 
 def _stability(tableau: Tableau) -> Condition:
-    """Check L-stability, A-stability; a claimed L-stability is required, with constraints too."""
-    found, claimed = stability(tableau), bool(tableau.claims.get("L_stable"))
-    damps = found is not None and found.l_stable and found.constrained
-    told = "none: Â is not A" if found is None else str(found)
-    if found is not None and not found.constrained:
-        told += ", without constraints"
-    return Condition("stability", "R(z) = det(I − zA + z1bᵀ)/det(I − zA)", told,
-                     damps or not claimed, "0" if damps or not claimed else told, claimed)
+    """Check A- and L-stability; a claimed L-stability is required, also with constraints."""
+    R, claimed = stability(tableau), bool(tableau.claims.get("L_stable"))
+    damps = R is not None and R.l_stable and R.constrained
+    text = "none: Â is not A" if R is None else str(R)
+    if R is not None and not R.constrained:
+        text += ", without constraints"
+    return Condition("stability", "R(z) = det(I − zA + z1bᵀ)/det(I − zA)", text,
+                     damps or not claimed, "0" if damps or not claimed else text, claimed)
 
 
 def _order(tableau: Tableau) -> Condition:
-    found = tableau.order
+    proved = tableau.order
     claimed = tableau.claims.get("order")
     return Condition(
         "order",
         "min(B, C + D + 1, 2C + 2), even if symmetric"
         + ("" if claimed is None else f", = {claimed}"),
-        found=str(found),
-        holds=found >= 1 and claimed in (None, found),
-        residual="0" if claimed in (None, found) else str(found - (claimed or 0)),
+        found=str(proved),
+        holds=proved >= 1 and claimed in (None, proved),
+        residual="0" if claimed in (None, proved) else str(proved - (claimed or 0)),
         required=True,
     )
 

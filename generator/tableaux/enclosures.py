@@ -1,4 +1,4 @@
-"""A part of a tableau as numbers: enclosures in fixed point that are proved to hold it."""
+"""Enclosures of the coefficients of a tableau: proved, in fixed-point arithmetic."""
 
 from __future__ import annotations
 
@@ -16,30 +16,31 @@ __all__ = ["enclose_part", "horner", "map_entries", "widest_radius"]
 
 
 def enclose_part(rows: list[list[Any]], nodes: list[Nodes], bits: int) -> tuple[Any, ...]:
-    """Enclose the values of a part at its exact nodes, which are enclosed to 2^−bits.
+    """Return enclosures of a table of coefficients; its exact nodes are enclosed to 2^−bits.
 
-    ``rows`` is the exact matrix of the part over the algebras of its nodes: one for a vector,
-    two for a matrix.
+    ``rows`` is the exact matrix over the algebras of the nodes: one set of nodes for a vector, two
+    for a matrix.
     """
     if isinstance(nodes[0], ValueNodes):
-        given = [tuple(enclose_expression(entry, bits * 3 // 10) for entry in row) for row in rows]
-        return tuple(given) if len(nodes) == 2 else tuple(row[0] for row in given)
+        digits = bits * 3 // 10
+        enclosed = [tuple(enclose_expression(entry, digits) for entry in row) for row in rows]
+        return tuple(enclosed) if len(nodes) == 2 else tuple(row[0] for row in enclosed)
     fractions = [[Fraction(int(e.numerator), int(e.denominator)) for e in row] for row in rows]
     scale = lcm(*(e.denominator for row in fractions for e in row))
     coefficients = [[(int(e * scale) << bits, 0) for e in row] for row in fractions]
-    roots = [_fixed_roots(part, bits) for part in nodes]
+    roots = [_fixed_roots(node_set, bits) for node_set in nodes]
     unit = scale << bits
     if len(nodes) == 1:
-        values = [horner([row[0] for row in coefficients], at, bits) for at in roots[0]]
+        values = [horner([row[0] for row in coefficients], root, bits) for root in roots[0]]
         return tuple(_enclosure(value, unit) for value in values)
     # Columns first: Σ_l C_kl vˡ then vanishes exactly for the zero column (v = 1) of Ã.
-    by_column = [[horner(row, at, bits) for row in coefficients] for at in roots[1]]
-    return tuple(tuple(_enclosure(horner(column, at, bits), unit) for column in by_column)
-                 for at in roots[0])
+    by_column = [[horner(row, root, bits) for row in coefficients] for root in roots[1]]
+    return tuple(tuple(_enclosure(horner(column, root, bits), unit) for column in by_column)
+                 for root in roots[0])
 
 
 def _fixed_roots(nodes: Any, bits: int) -> list[tuple[int, int]]:
-    """Return centres and radii of the nodes as multiples of 2^−bits; roots are such multiples."""
+    """Return centres and radii of the nodes in units of 2^−bits, which are integers."""
     unit = 2**bits
     return [(int(root.centre * unit), int(root.radius * unit))
             for root in enclose_roots(nodes.polynomial, bits)]
@@ -50,7 +51,7 @@ def _enclosure(value: tuple[int, int], unit: int) -> Enclosure:
 
 
 def horner(
-    coefficients: Sequence[tuple[int, int]], at: tuple[int, int], bits: int
+    coefficients: Sequence[tuple[int, int]], x: tuple[int, int], bits: int
 ) -> tuple[int, int]:
     """Enclose Σ_k coefficients[k] atᵏ in multiples of 2^−bits: (centre, radius), 0 when exact.
 
@@ -58,8 +59,8 @@ def horner(
     """
     centre, radius = coefficients[-1]
     for c, r in reversed(coefficients[:-1]):
-        product = centre * at[0]
-        error = abs(centre) * at[1] + radius * (abs(at[0]) + at[1])
+        product = centre * x[0]
+        error = abs(centre) * x[1] + radius * (abs(x[0]) + x[1])
         inexact = int(product & (2**bits - 1) != 0)
         centre = (product >> bits) + c
         radius = (error >> bits) + (error != 0) + inexact + r
@@ -76,18 +77,18 @@ def enclose_expression(expression: sp.Expr, digits: int) -> Enclosure:
 
 
 def map_entries(parts: dict[str, Any], function: Callable[[Enclosure], Any]) -> dict[str, Any]:
-    """Return nested lists in place of the nested tuples, the function applied to each entry."""
+    """Return the tables as nested lists, with the function applied to each entry."""
     return {
         name: [
             [function(entry) for entry in row] if isinstance(row, tuple) else function(row)
-            for row in part
+            for row in table
         ]
-        for name, part in parts.items()
+        for name, table in parts.items()
     }
 
 
 def widest_radius(parts: dict[str, Any]) -> Fraction:
     """Return the largest radius of all enclosures."""
-    rows = (row if isinstance(row, tuple) else (row,) for part in parts.values() for row in part)
+    rows = (row if isinstance(row, tuple) else (row,) for table in parts.values() for row in table)
     radii: list[Fraction] = [entry.radius for row in rows for entry in row]
     return max(radii)

@@ -6,11 +6,11 @@ w = P_s(c̃) − P_{s−2}(c̃) at the constraint nodes, which is 0 at both ends
     A + θ₀ Z, Â = A              z_ij = b_j (u_i v_j − v_i u_j)
     Ā + θ₁ Z̄, Ã + θ₁ Z̃          z̄_lj = w_l b_j u_j,    z̃_il = −b̃_l w_l u_i
 
-All other parts stay. b_i z_ij + b_j z_ji = 0 and b_i z̃_il + b̃_l z̄_li = 0, and u v and u w are odd
-about ½: the tableau is symplectic and symmetric for every θ (``conditions`` proves it). Z is the
-direction of Brugnano, Iavernaro, Trigiante (arXiv 1005.1930), for systems without constraints. It
-does nothing to a motion whose forces come from constraints alone, such as a point mass on a
-surface; Z̄ does.
+All other coefficients are unchanged. b_i z_ij + b_j z_ji = 0, b_i z̃_il + b̃_l z̄_li = 0, and u v
+and u w are odd about ½: the tableau is symplectic and symmetric for every θ (``conditions`` proves
+it). Z is the direction of Brugnano, Iavernaro, Trigiante (arXiv 1005.1930), for systems without
+constraints. It has no effect if all forces are constraint forces, as of a point mass on a surface;
+Z̄ has.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ Matrix = Any
 def legendre(nodes: Nodes, k: int) -> Matrix:
     """Return P_k on the nodes, as a column of their exact algebra."""
     x = 2 * power(nodes, 1) - power(nodes, 0)  # from [0, 1] to [−1, 1]
-    before, last = power(nodes, 0), x
+    previous, current = power(nodes, 0), x
     for j in range(1, k):
-        before, last = last, (nodes.multiply(x) * last * QQ(2 * j + 1, j + 1)
-                              - before * QQ(j, j + 1))
-    return last if k else before
+        previous, current = current, (nodes.multiply(x) * current * QQ(2 * j + 1, j + 1)
+                                      - previous * QQ(j, j + 1))
+    return current if k else previous
 
 
 def energy_columns(tableau: Tableau) -> dict[str, tuple[Matrix, Nodes]]:
-    """Return u, v and w, each with the nodes that it is a function of.
+    """Return u, v and w as functions on their nodes.
 
     Raises
     ------
@@ -59,20 +59,21 @@ def energy_columns(tableau: Tableau) -> dict[str, tuple[Matrix, Nodes]]:
 def with_energy_parameter(tableau: Tableau, theta: tuple[Any, Any]) -> Tableau:
     """Return the tableau at rational numbers θ₀ and θ₁.
 
-    What the family claims of stage conditions and of the order is not kept for fixed numbers.
+    Fixed numbers lower the stage conditions and the order, so these claims are dropped.
     """
-    part = tableau.basis
+    basis = tableau.basis
     u, v, w = (values for values, _ in energy_columns(tableau).values())
-    weigh = tableau.stages.multiply(part["b"])
-    weigh_nodes = tableau.constraints.multiply(part["b_tilde"])
-    of_stages, of_nodes = (QQ.convert(number) for number in theta)
-    A = part["A"] + (u * (weigh * v).transpose() - v * (weigh * u).transpose()) * of_stages
-    moved = {"A": A, "A_hat": A,
-             "A_bar": part["A_bar"] + w * (weigh * u).transpose() * of_nodes,
-             "A_tilde": part["A_tilde"] - u * (weigh_nodes * w).transpose() * of_nodes}
-    kept = {name: value for name, value in tableau.claims.items()
-            if name in ("B", "B_hat", "B_tilde", "symmetric", "symplectic")}
-    return replace(tableau, name=f"{tableau.name}_energy", claims=kept, basis={**part, **moved})
+    weigh = tableau.stages.multiply(basis["b"])
+    weigh_nodes = tableau.constraints.multiply(basis["b_tilde"])
+    theta_0, theta_1 = (QQ.convert(x) for x in theta)
+    A = basis["A"] + (u * (weigh * v).transpose() - v * (weigh * u).transpose()) * theta_0
+    changed = {"A": A, "A_hat": A,
+               "A_bar": basis["A_bar"] + w * (weigh * u).transpose() * theta_1,
+               "A_tilde": basis["A_tilde"] - u * (weigh_nodes * w).transpose() * theta_1}
+    claims = {name: value for name, value in tableau.claims.items()
+              if name in ("B", "B_hat", "B_tilde", "symmetric", "symplectic")}
+    return replace(tableau, name=f"{tableau.name}_energy", claims=claims,
+                   basis={**basis, **changed})
 
 
 def energy_values(tableau: Tableau, *, constrained: bool) -> dict[str, tuple[Enclosure, ...]]:

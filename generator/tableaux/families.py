@@ -1,9 +1,8 @@
-"""The families, solved for from their defining conditions: the paper's two, (A.8)-(A.16), and
-Radau-Lobatto, which is Gauss-Lobatto on the nodes of Radau IIA.
+"""The families, solved from their defining conditions: Gauss-Lobatto and Lobatto IIIA-B of the
+paper, (A.8)-(A.16), and Radau-Lobatto, which is Gauss-Lobatto on the nodes of Radau IIA.
 
-Each condition is linear in the unknown coefficients. Written for functions on the nodes
-(``node_algebra``) the unknown is a rational matrix, and one exact solve gives all s² entries at
-once: the same few lines for s = 1 and s = 12.
+Each condition is linear in the unknown coefficients. For functions on the nodes (``node_algebra``)
+the unknown is a rational matrix, and one exact solve gives all s² entries, for any s.
 """
 
 from __future__ import annotations
@@ -34,20 +33,25 @@ def quadrature_weights(nodes: Nodes) -> Matrix:
 def solve_rows(rows: Nodes, columns: Nodes, count: int, ends: Matrix | None = None) -> Matrix:
     """Solve Σ_j a_ij c_j^{k−1} = c_i^k/k, k = 1..count, for the matrix a_ij.
 
-    With ``ends`` (the weight b_1 as a number) the conditions (A.13)/(A.15) join in: the first
-    column is the constant b_1, the last is 0; together they must fix every column.
+    With ``ends``, the weight b_1 as a number, also the conditions (A.13)/(A.15): the first column
+    is the constant b_1, the last is 0.
+
+    Raises
+    ------
+    TableauError
+        If the number of conditions is not the number of columns.
     """
-    left, right = [], []
+    conditions, targets = [], []
     for k in range(1, count + 1):
-        left.append(columns.trace * power(columns, k - 1))
-        right.append(power(rows, k) * QQ(1, k))
+        conditions.append(columns.trace * power(columns, k - 1))
+        targets.append(power(rows, k) * QQ(1, k))
     if ends is not None:
-        left += [columns.at(0).transpose(), columns.at(-1).transpose()]
-        right += [rows.one * ends, rows.one * QQ(0)]
-    if len(left) != columns.size:
-        raise TableauError(f"{len(left)} conditions cannot fix {columns.size} columns.")
-    system = DomainMatrix.hstack(*left)
-    return system.transpose().lu_solve(DomainMatrix.hstack(*right).transpose()).transpose()
+        conditions += [columns.at(0).transpose(), columns.at(-1).transpose()]
+        targets += [rows.one * ends, rows.one * QQ(0)]
+    if len(conditions) != columns.size:
+        raise TableauError(f"{len(conditions)} conditions cannot fix {columns.size} columns.")
+    system = DomainMatrix.hstack(*conditions)
+    return system.transpose().lu_solve(DomainMatrix.hstack(*targets).transpose()).transpose()
 
 
 def first_weight(nodes: Nodes, weights: Matrix) -> Any:
@@ -59,7 +63,7 @@ def first_weight(nodes: Nodes, weights: Matrix) -> Any:
 def gauss_lobatto(s: int) -> Tableau:
     """Return the s-stage Gauss-Lobatto SPARK tableau, p = s (A.15), (A.16).
 
-    C(s) fixes A, C̄(s) fixes Ā; Ã has ã_i0 = b̃_0, ã_is = 0 and C̃ for k = 1..s−1.
+    C(s) determines A, C̄(s) determines Ā; Ã has ã_i0 = b̃_0, ã_is = 0 and C̃(s−1).
     """
     if s < 1:
         raise TableauError(f"A Gauss-Lobatto tableau has at least 1 stage, not {s}.")
@@ -72,9 +76,9 @@ def gauss_lobatto(s: int) -> Tableau:
 def radau_lobatto(s: int) -> Tableau:
     """Return the s-stage Radau-Lobatto SPARK tableau, p = s: for stiff dampers.
 
-    As Gauss-Lobatto on the nodes of Radau IIA: c_s = 1 and ā_sj = a_sj = b_j, so that the last
-    stage is the end of the step, where g = 0, and R(∞) = 0 (``stability``). Ã and Ā remain a
-    symplectic pair; A and Â = A are none, and nothing is symmetric. C̃ holds to s − 1 only.
+    Gauss-Lobatto on the nodes of Radau IIA: c_s = 1 and ā_sj = a_sj = b_j, so that the last stage
+    is the end of the step, where g = 0, and R(∞) = 0 (``stability``). Ã and Ā are a symplectic
+    pair, A and Â = A are not; the tableau is not symmetric. C̃ holds to k = s − 1 only.
     """
     if s < 1:
         raise TableauError(f"A Radau-Lobatto tableau has at least 1 stage, not {s}.")
@@ -84,7 +88,7 @@ def radau_lobatto(s: int) -> Tableau:
 
 
 def _with_lobatto(name: str, polynomial: Any, claims: dict[str, int]) -> Tableau:
-    """Return the tableau with these stages and s + 1 Lobatto nodes for the constraints."""
+    """Return the tableau with the roots of a polynomial as stages and s + 1 Lobatto nodes."""
     s = polynomial.degree()
     stages, lobatto = PolynomialNodes(polynomial), PolynomialNodes(lobatto_polynomial(s + 1))
     b, b_tilde = quadrature_weights(stages), quadrature_weights(lobatto)
@@ -107,7 +111,7 @@ def _with_lobatto(name: str, polynomial: Any, claims: dict[str, int]) -> Tableau
 def lobatto_iiiab(s: int) -> Tableau:
     """Return the s-stage Lobatto IIIA-B tableau, p = s − 1 (A.13), (A.14).
 
-    C(s) fixes A (Lobatto IIIA); Â has â_i1 = b_1, â_is = 0 and Ĉ(s−2) (Lobatto IIIB); Ā = A
+    C(s) determines A (Lobatto IIIA); Â has â_i1 = b_1, â_is = 0 and Ĉ(s−2) (Lobatto IIIB); Ā = A
     and Ã = Â, as the constraint nodes are the stages.
     """
     if s < 2:

@@ -1,4 +1,4 @@
-"""M = Ā Ã: what the multipliers of a step do to the constraints at its nodes.
+"""M = Ā Ã, the effect of the multipliers of a step on the constraints at its nodes.
 
 To leading order g(Q̃_l) changes by −h² Σ_j M_lj W Λ_j for l = 1..p and j = 0..p−1, with
 W = g_q H_pp g_qᵀ. The multipliers are determined if and only if M is regular: not with more
@@ -17,14 +17,14 @@ from .tableau import Tableau
 
 __all__ = ["multiplier_condition", "multiplier_inverse"]
 
-#: A tableau in decimals has its M to about so many digits; exact ones are far from this.
+#: Condition number from which M counts as singular: decimals give M to about 12 digits.
 _LARGEST_CONDITION = mp.mpf(10) ** 12
 _DIGITS = 100
 
 
 @cache
 def multiplier_inverse(tableau: Tableau) -> mp.matrix | None:
-    """Return M⁻¹ at 100 digits; None where M is singular."""
+    """Return M⁻¹ at 100 digits; None if M is singular."""
     if multiplier_condition(tableau) >= _LARGEST_CONDITION:
         return None
     with mp.workdps(_DIGITS):
@@ -41,11 +41,11 @@ def multiplier_condition(tableau: Tableau) -> mp.mpf:
 
 
 def _matrix(tableau: Tableau) -> mp.matrix:
-    part, p = tableau.map_enclosures(lambda e: e.centre), tableau.p
+    tables, p = tableau.map_enclosures(lambda e: e.centre), tableau.p
     M = mp.matrix(p, p)
     for row in range(p):
         for j in range(p):
-            terms = zip(part["A_bar"][row + 1], part["A_tilde"], strict=True)
+            terms = zip(tables["A_bar"][row + 1], tables["A_tilde"], strict=True)
             entry = sum((a * tilde[j] for a, tilde in terms), Fraction(0))
             M[row, j] = mp.mpf(entry.numerator) / entry.denominator
     return M

@@ -1,15 +1,15 @@
 """Functions on a set of nodes, with exact arithmetic.
 
 Every condition on a tableau is a statement about functions of a node: sums over the nodes,
-products, powers of the node. Two representations answer the same few questions:
+products, powers of the node. Two representations have the same operations:
 
 - ``PolynomialNodes``: nodes are the roots of a rational polynomial M. A function is an element
-  of ℚ[x]/(M), held by its s coefficients; a sum over the roots is a trace. All arithmetic stays
-  rational, so identities are proved without ever writing down a root.
-- ``ValueNodes``: nodes are given numbers. A function is held by its s values.
+  of ℚ[x]/(M), represented by its s coefficients; a sum over the roots is a trace. All arithmetic is
+  rational, so that identities are proved without computing the roots.
+- ``ValueNodes``: nodes are given numbers. A function is represented by its s values.
 
-A coefficient a_ij becomes a matrix over two such spaces: rows carry the function of c_i,
-columns the function of c_j.
+Coefficients a_ij are a matrix over two such spaces: rows are functions of c_i, columns functions
+of c_j.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Nodes(Protocol):
 
     @property
     def powers(self) -> dict[int, Matrix]:
-        """k → cᵏ, as far as ``power`` has formed them; begins with 0 → 1."""
+        """Cache of ``power``, k → cᵏ; contains 0 → 1."""
 
     @property
     def trace(self) -> Matrix:
@@ -65,11 +65,11 @@ class Nodes(Protocol):
 
 def power(nodes: Nodes, k: int) -> Matrix:
     """Return the function cᵏ as a column."""
-    known = nodes.powers
+    powers = nodes.powers
     for j in range(1, k + 1):
-        if j not in known:
-            known[j] = nodes.times_node(known[j - 1])
-    return known[k]
+        if j not in powers:
+            powers[j] = nodes.times_node(powers[j - 1])
+    return powers[k]
 
 
 def column(entries: Sequence[Any], domain: Any) -> Matrix:
@@ -92,12 +92,12 @@ class PolynomialNodes:
 
     @cached_property
     def one(self) -> Matrix:
-        """The constant polynomial."""
+        """The constant polynomial 1."""
         return column([QQ(1)] + [QQ(0)] * (self.size - 1), QQ)
 
     @cached_property
     def powers(self) -> dict[int, Matrix]:
-        """The constant polynomial, to be continued by ``power``."""
+        """Cache of ``power``: 0 → the constant polynomial 1, and the powers computed so far."""
         return {0: self.one}
 
     @cached_property
@@ -107,13 +107,13 @@ class PolynomialNodes:
         e = self._coefficients  # x^s + e_{s−1} x^{s−1} + … + e_0
         sums = [QQ(s)]
         for k in range(1, 2 * s - 1):
-            known = sum((e[s - j] * sums[k - j] for j in range(1, min(k - 1, s) + 1)), QQ(0))
-            sums.append(-known - (QQ(k) * e[s - k] if k <= s else QQ(0)))
+            product_sum = sum((e[s - j] * sums[k - j] for j in range(1, min(k - 1, s) + 1)), QQ(0))
+            sums.append(-product_sum - (QQ(k) * e[s - k] if k <= s else QQ(0)))
         return DomainMatrix([[sums[i + j] for j in range(s)] for i in range(s)], (s, s), QQ)
 
     @cached_property
     def reflection(self) -> Matrix | None:
-        """Substitution of 1 − x, when M allows it."""
+        """The matrix of f(x) → f(1 − x); None if M(1 − x) is not ±M(x)."""
         variable = self.polynomial.gen
         mirrored = sp.Poly(self.polynomial.as_expr().subs(variable, 1 - variable), variable)
         if mirrored.monic() != self.polynomial:
@@ -124,7 +124,7 @@ class PolynomialNodes:
         return DomainMatrix.hstack(*columns)
 
     def times_node(self, f: Matrix) -> Matrix:
-        """Shift the coefficients up; M reduces x^s."""
+        """Return x f: the coefficients are shifted, and x^s is reduced modulo M."""
         *low, top = f.to_list_flat()
         shifted = zip([QQ(0), *low], self._coefficients, strict=True)
         return column([a - top * m for a, m in shifted], QQ)
@@ -137,13 +137,13 @@ class PolynomialNodes:
         return DomainMatrix.hstack(*columns)
 
     def at(self, position: int) -> Matrix:
-        """Evaluate at 0 or 1; only for nodes that contain them (Lobatto)."""
-        value = QQ(0) if position == 0 else QQ(1)
-        return DomainMatrix([[value**k for k in range(self.size)]], (1, self.size), QQ)
+        """Return the evaluation at 0 or 1, which must be nodes (Lobatto), as a row."""
+        node = QQ(0) if position == 0 else QQ(1)
+        return DomainMatrix([[node**k for k in range(self.size)]], (1, self.size), QQ)
 
 
 class ValueNodes:
-    """Functions on given nodes, by their values, which may be rounded."""
+    """Functions on given nodes, by their values; nodes may be rounded decimals."""
 
     domain = EXRAW
 
@@ -157,22 +157,22 @@ class ValueNodes:
 
     @cached_property
     def one(self) -> Matrix:
-        """Ones."""
+        """A column of ones."""
         return column([sp.Integer(1)] * self.size, EXRAW)
 
     @cached_property
     def powers(self) -> dict[int, Matrix]:
-        """Ones, to be continued by ``power``."""
+        """Cache of ``power``: 0 → ones, and the powers computed so far."""
         return {0: self.one}
 
     @cached_property
     def trace(self) -> Matrix:
-        """The identity: a sum over nodes is a sum of values."""
+        """The identity: Σ f g is a sum over the values."""
         return DomainMatrix.eye(self.size, EXRAW)
 
     @cached_property
     def reflection(self) -> Matrix | None:
-        """The reversal of the nodes when c_i + c_{s+1−i} = 1, exactly or to the given decimals."""
+        """The reversal of the nodes if c_i + c_{s+1−i} = 1, exactly or to the given decimals."""
         for c, mirrored in zip(self.values, reversed(self.values), strict=True):
             if not vanishes_to(c + mirrored - 1, self._rounding):
                 return None
@@ -181,25 +181,25 @@ class ValueNodes:
         return DomainMatrix(rows, (s, s), EXRAW)
 
     def times_node(self, f: Matrix) -> Matrix:
-        """Multiply node by node."""
+        """Return c f, entry by entry."""
         pairs = zip(self.values, f.to_list_flat(), strict=True)
         return column([value * entry for value, entry in pairs], EXRAW)
 
     def multiply(self, f: Matrix) -> Matrix:
-        """Return the values of f on a diagonal."""
+        """Return the diagonal matrix of the values of f."""
         s = self.size
         values = f.to_list_flat()
         rows = [[values[i] if i == j else sp.Integer(0) for j in range(s)] for i in range(s)]
         return DomainMatrix(rows, (s, s), EXRAW)
 
     def at(self, position: int) -> Matrix:
-        """Pick the first (0) or last (−1) value."""
+        """Return the unit row that selects the first (0) or last (−1) value."""
         s = self.size
         return DomainMatrix([[sp.Integer(int(j == position % s)) for j in range(s)]], (1, s), EXRAW)
 
 
 def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp.mpf:
-    """Return the largest |entry| of a residual at the nodes themselves."""
+    """Return the largest |entry| of a residual, evaluated at the nodes."""
     values = _at_nodes(_at_nodes(residual.to_Matrix(), rows).T, columns)
     return max((mp.mpf(abs(enclosure(v)).b) for v in values), default=mp.mpf(0))
 

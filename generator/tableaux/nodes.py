@@ -37,7 +37,7 @@ class Enclosure:
 @lru_cache
 def gauss_polynomial(s: int) -> sp.Poly:
     """Return the s-th shifted Legendre polynomial (A.18), up to a constant factor."""
-    return _derivative_of_bump(s, s, s)
+    return _rodrigues(s, s, s)
 
 
 @lru_cache
@@ -45,7 +45,7 @@ def lobatto_polynomial(s: int) -> sp.Poly:
     """Return the polynomial (A.17) whose s roots are the Lobatto nodes, 0 and 1 included."""
     if s < 2:
         raise TableauError(f"A Lobatto quadrature has at least 2 nodes, not {s}.")
-    return _derivative_of_bump(s - 1, s - 1, s - 2)
+    return _rodrigues(s - 1, s - 1, s - 2)
 
 
 @lru_cache
@@ -53,13 +53,13 @@ def radau_polynomial(s: int) -> sp.Poly:
     """Return the polynomial whose s roots are the nodes of Radau IIA, 1 included."""
     if s < 1:
         raise TableauError(f"A Radau quadrature has at least 1 node, not {s}.")
-    return _derivative_of_bump(s - 1, s, s - 1)
+    return _rodrigues(s - 1, s, s - 1)
 
 
-def _derivative_of_bump(left: int, right: int, times: int) -> sp.Poly:
-    """Return d^times/dx^times [x^left (x−1)^right], monic."""
-    polynomial = sp.Poly(x, x, domain="QQ") ** left * sp.Poly(x - 1, x, domain="QQ") ** right
-    for _ in range(times):
+def _rodrigues(m: int, n: int, order: int) -> sp.Poly:
+    """Return d^order/dx^order [x^m (x−1)^n], monic (Rodrigues' formula)."""
+    polynomial = sp.Poly(x, x, domain="QQ") ** m * sp.Poly(x - 1, x, domain="QQ") ** n
+    for _ in range(order):
         polynomial = polynomial.diff(x)
     return polynomial.monic()
 
@@ -68,8 +68,13 @@ def _derivative_of_bump(left: int, right: int, times: int) -> sp.Poly:
 def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...]:
     """Return enclosures of radius 2^−bits of all roots, ascending, each proved by a sign change.
 
-    The polynomial must have only real simple roots; as many disjoint brackets as its degree
-    prove that none is missing.
+    The polynomial must have only real simple roots: as many disjoint enclosures as its degree
+    contain all of them.
+
+    Raises
+    ------
+    TableauError
+        If roots are not real, not simple, or too close for 2^−bits.
     """
     integer = [int(c) for c in polynomial.clear_denoms()[1].all_coeffs()]
     try:
@@ -93,10 +98,10 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
 
 
 def _approximate_roots(integer: list[int]) -> list[Any]:
-    """Return the real roots of a polynomial that has no others, the largest first.
+    """Return the roots of a polynomial with real roots only, the largest first.
 
-    Newton's method falls monotonically to the largest root from above; the next one is the
-    largest once those known are divided out, which takes Σ 1/(x − root) off f′/f (Maehly).
+    Newton's method converges monotonically to the largest root from above. The next root is the
+    largest after deflation: Σ 1/(x − root) is subtracted from f′/f (Maehly).
     """
     roots: list[Any] = []
     with mp.workprec(256):
@@ -107,7 +112,7 @@ def _approximate_roots(integer: list[int]) -> list[Any]:
 
 
 def _upper_bound(integer: list[int]) -> Any:
-    """Return a bound on all roots when these are real (Laguerre, Samuelson)."""
+    """Return an upper bound of the roots, if all are real (Laguerre, Samuelson)."""
     n, (a, b, c) = len(integer) - 1, [*integer, 0][:3]
     spread = (n - 1) * ((n - 1) * mp.mpf(b) ** 2 - 2 * n * a * c)
     if spread < 0:
@@ -115,13 +120,14 @@ def _upper_bound(integer: list[int]) -> Any:
     return (mp.sqrt(spread) / abs(a) - mp.mpf(b) / a) / n
 
 
-def _next_root(integer: list[int], known: list[Any], start: Any) -> Any:
+def _next_root(integer: list[int], roots: list[Any], start: Any) -> Any:
+    """Return the largest root that is not in ``roots``."""
     x = start
     for _ in range(500):
         value, slope = mp.polyval(integer, x, derivative=True)
         if value == 0:
             return x
-        change = 1 / (slope / value - mp.fsum(1 / (x - root) for root in known))
+        change = 1 / (slope / value - mp.fsum(1 / (x - root) for root in roots))
         x -= change
         if abs(change) < mp.ldexp(1, -100):
             return x
@@ -129,9 +135,9 @@ def _next_root(integer: list[int], known: list[Any], start: Any) -> Any:
 
 
 def _rounded_roots(integer: list[int], roots: list[Any], bits: int) -> list[int]:
-    """Return 2^bits times the roots, rounded; each Newton step doubles the bits that are right.
+    """Return 2^bits times the roots, rounded; each Newton step doubles the number of right bits.
 
-    Terms are as large as the coefficients and cancel: their bits are carried along.
+    The working precision includes the bits of the coefficients, as terms cancel.
     """
     with mp.workprec(bits + 64 + max(map(int.bit_length, integer))):
         for _ in range(max(bits.bit_length() - 5, 0)):
@@ -141,7 +147,7 @@ def _rounded_roots(integer: list[int], roots: list[Any], bits: int) -> list[int]
 
 
 def _scaled_value(integer: list[int], numerator: int, bits: int) -> int:
-    """Return the value at numerator/2^bits, multiplied by 2^(bits degree): a whole number."""
+    """Return the integer 2^(bits · degree) f(numerator/2^bits)."""
     value = 0
     for k, coefficient in enumerate(integer):
         value = value * numerator + (coefficient << (bits * k))
@@ -150,11 +156,11 @@ def _scaled_value(integer: list[int], numerator: int, bits: int) -> int:
 
 @lru_cache
 def exact_roots(polynomial: sp.Poly) -> tuple[sp.Expr, ...]:
-    """Return the roots in ascending order, in radicals where they are short, else as CRootOf.
+    """Return the roots in ascending order, in short radicals if possible, else as CRootOf.
 
-    Where they lie symmetric about their mean, ½ of Gauss and Lobatto, the polynomial is even or
-    odd in y = x − mean: one in y² of half the degree, and radicals stay short while that is at
-    most 2.
+    If the roots are symmetric about their mean (½ for Gauss and Lobatto), the polynomial is even
+    or odd in y = x − mean: a polynomial of half the degree in y², with short radicals up to
+    degree 2.
     """
     roots: list[sp.Expr] = []
     for factor, _ in polynomial.factor_list()[1]:

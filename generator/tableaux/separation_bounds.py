@@ -1,4 +1,4 @@
-"""Whether a number written with radicals is zero: proved by a separation bound.
+"""Proof that a number with radicals is zero, or is not, by a separation bound.
 
 Every such number is E = U/(mΛ) with algebraic integers U, Λ and a positive integer m, in a field
 of degree at most D, the product of the degrees of the different roots in E. If all conjugates of
@@ -27,8 +27,8 @@ __all__ = ["Rounding", "enclosure", "vanishes", "vanishes_to"]
 MAX_BITS = 100_000
 #: Largest change of a condition per change of an entry.
 _SLOPE = mp.mpf(3) / 2
-#: Units of the last digit that a condition may be off by, however many entries are rounded.
-_MOST_UNITS = 10
+#: Largest error of a condition in units of the last digit, for any number of rounded entries.
+_MAX_UNITS = 10
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class _Bound:
 
 
 def vanishes(expression: sp.Expr) -> bool:
-    """Return whether an exact real number is zero.
+    """Whether an exact real number is zero.
 
-    Raises ``TableauError`` where the proof would need more than ``MAX_BITS`` bits.
+    Raises ``TableauError`` if the proof would need more than ``MAX_BITS`` bits.
     """
     if expression.is_Rational:
         return bool(expression == 0)
@@ -61,9 +61,9 @@ class Rounding:
     Attributes
     ----------
     digits : int
-        Of its least precise entry, after the point.
+        Number of digits after the point of its least precise entry.
     entries : int
-        How many have so many digits that they are taken to be rounded.
+        Number of entries that are taken to be rounded.
     """
 
     digits: int
@@ -71,17 +71,18 @@ class Rounding:
 
     @property
     def bound(self) -> Any:
-        """The most that a condition on exact entries can be off by: each by half a unit.
+        """Bound of the residual of a condition that the exact entries satisfy.
 
-        Conditions have slopes of about 1 in an entry, for nodes and weights lie within 0 and 1,
-        and seldom more than 20 entries in one: half as much again, ten units at the most.
+        Each entry is off by half a unit in the last digit. Derivatives of conditions by an entry
+        are about 1, as nodes and weights are between 0 and 1; the bound takes 3/2. Conditions
+        seldom have more than 20 entries: the bound is ten units at most.
         """
         unit = mp.mpf(10) ** -min(self.digits, 50)
-        return min(_SLOPE * self.entries / 2, _MOST_UNITS) * unit
+        return min(_SLOPE * self.entries / 2, _MAX_UNITS) * unit
 
 
 def vanishes_to(expression: sp.Expr, rounding: Rounding | None) -> bool:
-    """Return whether a number is zero: exactly, or to the precision of rounded decimals."""
+    """Whether a number is zero: exactly, or to the precision of rounded decimals."""
     if rounding is None:
         return vanishes(expression)
     return bool(abs(enclosure(expression)).b < rounding.bound)
@@ -98,12 +99,12 @@ def _contains_zero(expression: sp.Expr, bits: int) -> bool:
     """Whether zero is within 2^−bits of the number; False is a proof that it is not zero."""
     working = bits
     while True:
-        value = enclosure(expression, working)
-        if 0 not in value:
+        interval = enclosure(expression, working)
+        if 0 not in interval:
             return False
-        if abs(value).b < mp.ldexp(1, -bits) or bits == 256:
+        if abs(interval).b < mp.ldexp(1, -bits) or bits == 256:
             return True
-        working *= 2  # cancellation took digits
+        working *= 2  # the interval is wide by cancellation
 
 
 def _separation_bits(expression: sp.Expr) -> int:
@@ -119,24 +120,24 @@ def _separation_bits(expression: sp.Expr) -> int:
     return bits
 
 
-def _bound(e: sp.Expr, known: dict[sp.Expr, _Bound]) -> _Bound:
-    if e not in known:
-        known[e] = _new_bound(e, known)
-    return known[e]
+def _bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
+    if e not in cache:
+        cache[e] = _new_bound(e, cache)
+    return cache[e]
 
 
-def _new_bound(e: sp.Expr, known: dict[sp.Expr, _Bound]) -> _Bound:
+def _new_bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
     if e.is_Rational:
         return _Bound(max(1, abs(int(e.p))), int(e.q))
     if e.is_Pow:
-        return _power_bound(_bound(e.base, known), e)
-    parts = [_bound(argument, known) for argument in e.args]
-    roots = frozenset().union(*(part.roots for part in parts))
-    λ = prod(part.λ for part in parts)
+        return _power_bound(_bound(e.base, cache), e)
+    operands = [_bound(argument, cache) for argument in e.args]
+    roots = frozenset().union(*(operand.roots for operand in operands))
+    λ = prod(operand.λ for operand in operands)
     if e.is_Mul:
-        return _Bound(prod(p.u for p in parts), prod(p.m for p in parts), λ, roots)
-    m = lcm(*(part.m for part in parts))
-    u = sum(part.u * (m // part.m) * (λ // part.λ) for part in parts)
+        return _Bound(prod(b.u for b in operands), prod(b.m for b in operands), λ, roots)
+    m = lcm(*(operand.m for operand in operands))
+    u = sum(operand.u * (m // operand.m) * (λ // operand.λ) for operand in operands)
     return _Bound(u, m, λ, roots)
 
 
@@ -151,19 +152,19 @@ def _power_bound(base: _Bound, e: sp.Expr) -> _Bound:
     return _Bound(u ** abs(n), m ** abs(n), λ ** abs(n), roots)
 
 
-def _value(e: sp.Expr, interval: Any, known: dict[sp.Expr, Any]) -> Any:
-    if e not in known:
-        known[e] = _new_value(e, interval, known)
-    return known[e]
+def _value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
+    if e not in cache:
+        cache[e] = _new_value(e, interval, cache)
+    return cache[e]
 
 
-def _new_value(e: sp.Expr, interval: Any, known: dict[sp.Expr, Any]) -> Any:
+def _new_value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
     if e.is_Rational:
         return interval.mpf(int(e.p)) / int(e.q)
     if e.is_Pow:
-        value = _value(e.base, interval, known)
+        value = _value(e.base, interval, cache)
         for _ in range(int(e.exp.q).bit_length() - 1):  # roots are square roots of square roots
             value = interval.sqrt(value)
         return value ** int(e.exp.p)
-    values = [_value(argument, interval, known) for argument in e.args]
-    return sum(values[1:], values[0]) if e.is_Add else prod(values[1:], start=values[0])
+    operands = [_value(argument, interval, cache) for argument in e.args]
+    return sum(operands[1:], operands[0]) if e.is_Add else prod(operands[1:], start=operands[0])

@@ -6,14 +6,15 @@ A-stable: |R| ≤ 1 wherever Re z ≤ 0; that is, det(I − zA) has its roots in
 
     E(w) = |det(I − iyA)|² − |det(I − iyA + iy 1bᵀ)|² ≥ 0,  w = y² ≥ 0.
 
-L-stable: R(∞) = 0 besides. What decays faster than a step is then gone after it, where |R(∞)| = 1
-lets it ring. An undamped oscillation ω keeps |R(iωΔt)| = 1 − Cw^k/2 of its amplitude, with the
-first term of E, C w^k: what numerical damping costs.
+L-stable: A-stable and R(∞) = 0. A component that decays much faster than a step vanishes after one
+step; with |R(∞)| = 1 it would oscillate. An undamped oscillation ω is multiplied by
+|R(iωΔt)| = 1 − Cw^k/2 in a step, w = (ωΔt)², with C w^k the first term of E: numerical damping.
 
-Under linear constraints q' = M⁻¹p, p' = −Cp − Kq − Gᵀλ, Gq = 0, G Q̃_l = 0 says Σ_j ā_lj G k_j = 0,
-l = 1..p. If p = s and M = Ā Ã is regular, so is Ā: all stages have G k_j = 0, and on the null space
-of G, where Gᵀλ is not felt, they are those of the Runge-Kutta method (A, b) on the motion left
-free. T2 then finds nothing to project: R is that of the constrained step too.
+Under linear constraints q' = M⁻¹p, p' = −Cp − Kq − Gᵀλ, Gq = 0, the equations G Q̃_l = 0 give
+Σ_j ā_lj G k_j = 0, l = 1..p. If p = s and M = Ā Ã is regular, so is Ā: then G k_j = 0 for all
+stages. On the null space of G, on which Gᵀλ vanishes, the step is the step of the Runge-Kutta
+method (A, b) for the unconstrained motion, and T2 projects nothing: R(z) is also the stability
+function of the constrained step.
 """
 
 from __future__ import annotations
@@ -33,22 +34,22 @@ __all__ = ["Stability", "stability"]
 
 z = sp.Symbol("z")
 w = sp.Symbol("w")
-#: Half the bits that numbers of a given tableau are taken to; what is below the half is zero.
+#: Numbers of a given tableau have 2·BITS bits; relative values below 2^−BITS count as zero.
 BITS = 256
 
 
 @dataclass(frozen=True)
 class Stability:
-    """R(z) of a tableau, by its numerator and denominator, and what follows.
+    """R(z) of a tableau, by its numerator and denominator, and its properties.
 
     Attributes
     ----------
     numerator, denominator : Poly
-        In z; R(0) = 1.
+        Polynomials in z; R(0) = 1.
     constrained : bool
-        Whether R is that of steps under linear constraints too.
+        Whether R is also the stability function under linear constraints.
     rounding : Rational
-        Values smaller than this relative to their terms are 0, for a tableau given as numbers.
+        Values smaller than this relative to their terms count as 0; 0 for an exact tableau.
     """
 
     numerator: sp.Poly
@@ -58,7 +59,7 @@ class Stability:
 
     @property
     def at_infinity(self) -> sp.Rational | None:
-        """R(∞); None where it has none."""
+        """R(∞); None if |R(∞)| is infinite."""
         high, low = self.numerator.degree(), self.denominator.degree()
         if high > low:
             return None
@@ -66,25 +67,25 @@ class Stability:
 
     @property
     def deficit(self) -> sp.Poly:
-        """E(w), by how much |R(iy)| is below 1."""
-        whole, less = _square(self.denominator), _square(self.numerator)
-        kept = {powers: c for powers, c in (whole - less).terms()
-                if abs(c) > self.rounding * max(abs(whole.nth(*powers)), abs(less.nth(*powers)))}
-        return sp.Poly.from_dict(kept, w, domain="QQ")
+        """E(w) = |denominator|² − |numerator|² at z = iy, w = y²."""
+        squares = _square(self.denominator), _square(self.numerator)
+        terms = {powers: c for powers, c in (squares[0] - squares[1]).terms()
+                 if abs(c) > self.rounding * max(abs(square.nth(*powers)) for square in squares)}
+        return sp.Poly.from_dict(terms, w, domain="QQ")
 
     @property
     def a_stable(self) -> bool:
         """Whether |R| ≤ 1 in the left half-plane."""
-        return _roots_are_right(self.denominator) and _nowhere_negative(self.deficit)
+        return _roots_have_positive_real_part(self.denominator) and _is_nonnegative(self.deficit)
 
     @property
     def l_stable(self) -> bool:
-        """Whether R(∞) = 0 besides."""
+        """Whether R is A-stable and R(∞) = 0."""
         return self.at_infinity == 0 and self.a_stable
 
     @property
     def damping(self) -> tuple[sp.Rational, int] | None:
-        """C and 2k: an oscillation loses about C (ωΔt)^2k of its amplitude in a step."""
+        """(C, 2k): an oscillation loses about C (ωΔt)^2k of its amplitude in a step, or None."""
         terms = [(k, c) for (k,), c in self.deficit.terms() if c]
         return (min(terms)[1] / 2, 2 * min(terms)[0]) if terms else None
 
@@ -101,24 +102,24 @@ class Stability:
 
 @cache
 def stability(tableau: Tableau) -> Stability | None:
-    """Return R(z); None where Â ≠ A or b̂ ≠ b, and q and p have no method in common."""
-    part, nodes = tableau.basis, tableau.stages
-    if part["A"] != part["A_hat"] or part["b"] != part["b_hat"]:
+    """Return R(z); None if Â ≠ A or b̂ ≠ b, so that q and p have different methods."""
+    basis, nodes = tableau.basis, tableau.stages
+    if basis["A"] != basis["A_hat"] or basis["b"] != basis["b_hat"]:
         return None
-    # A function f of the node goes to Σ_j a_ij f(c_j) by A T, to 1 Σ_j b_j f(c_j) by 1 bᵀ T.
-    stages = _rational(part["A"]) * _rational(nodes.trace)
-    ends = _rational(nodes.one) * _rational(part["b"]).transpose() * _rational(nodes.trace)
+    # On functions of the node, A T is f → Σ_j a_ij f(c_j) and 1 bᵀ T is f → 1 Σ_j b_j f(c_j).
+    stages = _rational(basis["A"]) * _rational(nodes.trace)
+    ends = _rational(nodes.one) * _rational(basis["b"]).transpose() * _rational(nodes.trace)
     rounding = sp.Integer(0)
     if tableau.given:
         digits = tableau.digits_given
         rounding = sp.Rational(1, 2**BITS if digits is None else 10 ** (digits - 2))
     constrained = tableau.p == tableau.s and multiplier_inverse(tableau) is not None
-    return Stability(_without(_determinant(stages - ends), rounding),
-                     _without(_determinant(stages), rounding), constrained, rounding)
+    return Stability(_drop_round_off(_determinant(stages - ends), rounding),
+                     _drop_round_off(_determinant(stages), rounding), constrained, rounding)
 
 
 def _rational(matrix: Any) -> DomainMatrix:
-    """Return a matrix of rationals: itself, or numbers that are given, to 2^−2·BITS."""
+    """Return a matrix of rationals: the matrix itself, or its numbers rounded to 2^−2·BITS."""
     if matrix.domain.is_QQ:
         return matrix
     unit = 4**BITS
@@ -134,15 +135,15 @@ def _determinant(matrix: DomainMatrix) -> sp.Poly:
     return sp.Poly(coefficients[::-1], z, domain="QQ")
 
 
-def _without(polynomial: sp.Poly, rounding: sp.Rational) -> sp.Poly:
-    """Return a polynomial without terms that are round-off relative to the largest.
+def _drop_round_off(polynomial: sp.Poly, rounding: sp.Rational) -> sp.Poly:
+    """Return a polynomial without the terms that are round-off relative to the largest term.
 
-    Eigenvalues of A are about 1/(2s): z is counted in 2s.
+    Terms are compared at z = 2s, as the eigenvalues of A are about 1/(2s).
     """
     sizes = {k: c * (2 * polynomial.degree()) ** k for (k,), c in polynomial.terms()}
-    least = rounding * max(map(abs, sizes.values()))
-    kept = {powers: c for powers, c in polynomial.terms() if abs(sizes[powers[0]]) > least}
-    return sp.Poly.from_dict(kept, polynomial.gen, domain="QQ")
+    threshold = rounding * max(map(abs, sizes.values()))
+    terms = {powers: c for powers, c in polynomial.terms() if abs(sizes[powers[0]]) > threshold}
+    return sp.Poly.from_dict(terms, polynomial.gen, domain="QQ")
 
 
 def _square(polynomial: sp.Poly) -> sp.Poly:
@@ -152,25 +153,26 @@ def _square(polynomial: sp.Poly) -> sp.Poly:
     return sp.Poly.from_dict(terms, w, domain="QQ")
 
 
-def _nowhere_negative(polynomial: sp.Poly) -> bool:
-    """Whether a polynomial is ≥ 0 for all w ≥ 0: no sign changes, and the last sign is +."""
+def _is_nonnegative(polynomial: sp.Poly) -> bool:
+    """Whether a polynomial is ≥ 0 for all w ≥ 0: no root of odd order in (0, ∞), and + at ∞."""
     if polynomial.is_zero:
         return True
-    odd = [factor for factor, times in polynomial.sqf_list()[1] if times % 2]
-    crossed = any(factor.count_roots(0, sp.oo) - (factor.TC() == 0) for factor in odd)
-    return bool(polynomial.LC() > 0) and not crossed
+    odd = [factor for factor, multiplicity in polynomial.sqf_list()[1] if multiplicity % 2]
+    changes_sign = any(factor.count_roots(0, sp.oo) - (factor.TC() == 0) for factor in odd)
+    return bool(polynomial.LC() > 0) and not changes_sign
 
 
-def _roots_are_right(polynomial: sp.Poly) -> bool:
-    """Whether all roots have Re z > 0: by Routh's scheme of P(−z)."""
+def _roots_have_positive_real_part(polynomial: sp.Poly) -> bool:
+    """Whether all roots have Re z > 0, by the Routh array of P(−z)."""
     mirrored = polynomial.compose(sp.Poly(-z, z, domain="QQ")).all_coeffs()
-    above, row = mirrored[::2], mirrored[1::2]
-    signs = [above[0]]
+    previous, row = mirrored[::2], mirrored[1::2]
+    signs = [previous[0]]
     while row:
         if row[0] == 0:
             return False
         signs.append(row[0])
-        below = [above[i + 1] - above[0] * (row[i + 1] if i + 1 < len(row) else 0) / row[0]
-                 for i in range(len(above) - 1)]
-        above, row = row, below
+        padded = [*row, *[0] * (len(previous) - len(row))]
+        following = [previous[i + 1] - previous[0] * padded[i + 1] / row[0]
+                     for i in range(len(previous) - 1)]
+        previous, row = row, following
     return all(sign > 0 for sign in signs) or all(sign < 0 for sign in signs)

@@ -1,4 +1,4 @@
-"""A SPARK tableau: exact until one door turns it into numbers.
+"""A SPARK tableau with exact coefficients; ``numeric`` and ``map_enclosures`` round them once.
 
         c │ A      │ Â      │ Ã        c̃ │ Ā
           │ bᵀ     │ b̂ᵀ     │ b̃ᵀ
@@ -32,8 +32,8 @@ __all__ = ["FIELDS", "NumericTableau", "Tableau"]
 #: Most digits of ``numeric``.
 MAX_DIGITS = 1000
 
-#: The parts of a tableau, in the order in which files, C and reports list them, each with the
-#: node sets of its rows and columns ("s" stages, "p" constraint nodes).
+#: The tables of a tableau, in the order of files, C and reports, each with the node sets of its
+#: rows and columns ("s" stages, "p" constraint nodes).
 FIELDS: dict[str, str] = {
     "A": "ss",
     "A_hat": "ss",
@@ -47,12 +47,12 @@ FIELDS: dict[str, str] = {
 }
 
 
-#: The tables that notebooks show: what each is for, its weights, what ends it, its nodes.
+#: Butcher tables of notebooks: caption, matrix, last row, nodes.
 _BUTCHER = (("A, b: velocities, in q", "A", "b", "c"),
             ("Â, b̂: forces, in p", "A_hat", "b_hat", "c"),
             ("Ã, b̃: constraint forces, in p", "A_tilde", "b_tilde", "c"),
             ("Ā: velocities, in q at the constraint nodes", "A_bar", "", "c_tilde"))
-#: Up to so many stages exact entries are found at once, and shown; digits of the others.
+#: Largest number of stages whose exact entries are shown; digits of all others.
 _EXACT_STAGES, _SHOWN_DIGITS = 3, 12
 #: Characters of an entry that is shown exactly.
 _SHORT = 30
@@ -84,19 +84,19 @@ class Tableau:
     Attributes
     ----------
     name : str
-        Short and fit for a C identifier: ``gl3``, ``liiiab4``, or a user's own.
+        A short C identifier: ``gl3``, ``liiiab4``, or the name of a user's tableau.
     stages, constraints : Nodes
         The nodes c_1..c_s and c̃_0..c̃_p with their exact arithmetic.
     basis : dict
-        The parts named in ``FIELDS``, as exact matrices over the two node algebras.
+        The tables named in ``FIELDS``, as exact matrices over the two node algebras.
     A, A_hat, A_tilde, A_bar, b, b_hat, b_tilde, c, c_tilde : nested tuples of Expr
         The exact coefficients: rationals and radicals while these are short, polynomials in
         ``CRootOf`` nodes beyond.
     claims : dict
-        Claims of the family or the file, for ``conditions`` to prove or refute:
-        ``order``, ``symmetric``, and how far ``B``, ``C``, ``C_hat``, … hold.
+        Claims of the family or the file, which ``conditions`` proves or refutes: ``order``,
+        ``symmetric``, and the largest k of ``B``, ``C``, ``C_hat``, …
     rounding : Rounding or None
-        What a tableau given in decimals leaves open; None if exact.
+        Precision of a tableau in decimals; None if exact.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Tableau:
 
     @property
     def digits_given(self) -> int | None:
-        """For a tableau given in decimals, how many its least precise entry has; None if exact."""
+        """Digits after the point of the least precise decimal entry; None for an exact tableau."""
         return None if self.rounding is None else self.rounding.digits
 
     def __repr__(self) -> str:
@@ -118,7 +118,7 @@ class Tableau:
         return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{order}>"
 
     def _repr_html_(self) -> str:
-        """Return HTML for notebooks: Butcher tables, exact where that is short."""
+        """Return HTML for notebooks: Butcher tables, with exact entries if they are short."""
         digits = self.numeric(digits=_SHOWN_DIGITS)
         exact = self if self.s <= _EXACT_STAGES else digits
 
@@ -130,11 +130,11 @@ class Tableau:
             return cells(getattr(exact, name), getattr(digits, name))
 
         tables: list[str] = []
-        for said, matrix, weights, nodes in _BUTCHER:
+        for caption, matrix, weights, nodes in _BUTCHER:
             rows = [[node, *cells(*both)] for node, *both in zip(
                 line(nodes), getattr(exact, matrix), getattr(digits, matrix), strict=True)]
-            ends = [["", *line(weights)]] if weights else []
-            tables += [f"<p>{said}</p>", table(rows + ends)]
+            last_row = [["", *line(weights)]] if weights else []
+            tables += [f"<p>{caption}</p>", table(rows + last_row)]
         return card(f"Tableau {self.name}: {self.s} stages, p = {self.p}", *tables)
 
     @property
@@ -144,7 +144,7 @@ class Tableau:
 
     @property
     def p(self) -> int:
-        """Number of constraint nodes after the first; multipliers Λ_0..Λ_p."""
+        """Number of constraint nodes after the first; the multipliers are Λ_0..Λ_p."""
         return self.constraints.size - 1
 
     @property
@@ -161,7 +161,7 @@ class Tableau:
 
     @cached_property
     def free_order(self) -> int:
-        """The order for systems without constraints: A and Â alone."""
+        """The order for systems without constraints, by A and Â alone."""
         from .conditions import order
 
         return order(self, constrained=False)
@@ -170,34 +170,34 @@ class Tableau:
         if name not in FIELDS:
             raise AttributeError(f"A tableau has no attribute {name!r}.")
         value = self._evaluate(name)
-        object.__setattr__(self, name, value)  # as cached_property does; the next call finds it
+        object.__setattr__(self, name, value)  # cached: __getattr__ is not called again
         return value
 
     def nodes_of(self, name: str) -> list[Nodes]:
-        """Return the node sets of the rows and columns of a part."""
+        """Return the node sets of the rows and columns of a table."""
         return [self.stages if kind == "s" else self.constraints for kind in FIELDS[name]]
 
     @cached_property
     def enclosures(self) -> dict[str, Any]:
-        """Every part as nested tuples of certified enclosures, for correct rounding."""
+        """Every table as nested tuples of certified enclosures, for correct rounding."""
         return self._enclosures(BITS)
 
     def _enclosures(self, bits: int) -> dict[str, Any]:
-        """Enclose every part with nodes of radius 2^−bits."""
-        done: dict[tuple[int, ...], Any] = {}
-        result = {}
-        for name in FIELDS:  # parts that are the same matrix, such as Â = A, are done once
+        """Return enclosures of every table, with nodes of radius 2^−bits."""
+        enclosed: dict[tuple[int, ...], Any] = {}
+        enclosures = {}
+        for name in FIELDS:  # identical matrices, such as Â = A, are enclosed once
             key = (id(self.basis[name]), *map(id, self.nodes_of(name)))
-            if key not in done:
-                done[key] = enclose_part(self.basis[name].to_list(), self.nodes_of(name), bits)
-            result[name] = done[key]
-        return result
+            if key not in enclosed:
+                enclosed[key] = enclose_part(self.basis[name].to_list(), self.nodes_of(name), bits)
+            enclosures[name] = enclosed[key]
+        return enclosures
 
     def numeric(self, digits: int = 50) -> NumericTableau:
         """Return the coefficients as nested lists of mpmath numbers.
 
-        They are certain to that many digits after the point: the enclosures behind them are
-        refined until none is wider than 10^−digits.
+        They are correct to ``digits`` digits after the point: enclosures are refined until all
+        are narrower than 10^−digits.
 
         Raises
         ------
@@ -221,16 +221,16 @@ class Tableau:
         return parts
 
     def map_enclosures(self, function: Callable[[Enclosure], Any]) -> dict[str, Any]:
-        """Return every part as nested lists with the function applied to each entry."""
+        """Return every table as nested lists, with the function applied to each entry."""
         return map_entries(self.enclosures, function)
 
     def _evaluate(self, name: str) -> tuple[Any, ...]:
-        """Evaluate a part at its exact nodes: Σ_kl C_kl uᵏ vˡ."""
+        """Return a table evaluated at its exact nodes u and v: Σ_kl C_kl uᵏ vˡ."""
         rows = self.basis[name].to_list()
         nodes = self.nodes_of(name)
         if self.given:
             return tuple(tuple(row) if len(nodes) == 2 else row[0] for row in rows)
-        roots = [exact_roots(part.polynomial) for part in nodes]  # type: ignore[attr-defined]
+        roots = [exact_roots(x.polynomial) for x in nodes]  # type: ignore[attr-defined]
         if len(nodes) == 1:
             return tuple(polynomial_value(rows, u, sp.Integer(0)) for u in roots[0])
         return tuple(tuple(polynomial_value(rows, u, v) for v in roots[1])
@@ -238,9 +238,9 @@ class Tableau:
 
 
 def checked_digits(digits: Any) -> int:
-    """Return a number of digits, refused where it is none that ``numeric`` can give."""
-    whole = isinstance(digits, numbers.Integral) and not isinstance(digits, bool)
-    if not whole or not 1 <= digits <= MAX_DIGITS:
+    """Return a number of digits; raises ``InputError`` unless it is an integer from 1 to 1000."""
+    is_integer = isinstance(digits, numbers.Integral) and not isinstance(digits, bool)
+    if not is_integer or not 1 <= digits <= MAX_DIGITS:
         raise InputError(
             f"digits = {digits!r} is not usable; give a whole number from 1 to {MAX_DIGITS}."
         )
@@ -248,7 +248,7 @@ def checked_digits(digits: Any) -> int:
 
 
 def polynomial_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
-    """Return Σ_kl C_kl uᵏ vˡ; expanded where u and v are a + b√c."""
+    """Return Σ_kl C_kl uᵏ vˡ; expanded if u and v are of the form a + b√c."""
     if is_quadratic(u) and is_quadratic(v):
         return _quadratic_value(coefficients, u, v)
     return sp.Add(*(
@@ -274,20 +274,20 @@ def _quadratic_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> s
 
 
 def _powers(number: sp.Expr, count: int) -> tuple[sp.Expr, tuple[list[Any], list[Any]]]:
-    """Return √c, and the rational parts and the factors of √c in the powers of a + b√c."""
-    rational, rest = number.as_coeff_Add()
-    factor, root = rest.as_coeff_Mul()
-    a, b, c = (sp.QQ.from_sympy(part) for part in (rational, factor, root**2))
+    """Return √c and the lists r_k, s_k with (a + b√c)ᵏ = r_k + s_k √c, k < count."""
+    rational, irrational = number.as_coeff_Add()
+    factor, root = irrational.as_coeff_Mul()
+    a, b, c = (sp.QQ.from_sympy(value) for value in (rational, factor, root**2))
     rationals, factors = [sp.QQ(1)], [sp.QQ(0)]
     for _ in range(count - 1):
-        x, y = rationals[-1], factors[-1]
-        rationals.append(a * x + b * c * y)
-        factors.append(a * y + b * x)
+        r, s = rationals[-1], factors[-1]
+        rationals.append(a * r + b * c * s)
+        factors.append(a * s + b * r)
     return root, (rationals, factors)
 
 
 def is_quadratic(number: sp.Expr) -> bool:
-    """Whether a number is written with square roots of rationals only."""
+    """Whether the only radicals of a number are square roots of rationals."""
     return not number.has(sp.CRootOf) and all(
         power.base.is_Rational for power in number.atoms(sp.Pow)
     )

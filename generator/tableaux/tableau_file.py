@@ -1,4 +1,4 @@
-"""A user's own tableau, from a JSON file or from Python.
+"""A user's tableau, from a JSON file or from Python.
 
     {
       "name": "my_gl2",
@@ -14,15 +14,15 @@
     }
 
 An entry is a string in the grammar of ``exact_expressions``, a JSON integer or a JSON decimal;
-decimals count exactly as they are written. A decimal of more than 8 digits after the point is taken
-to be rounded, and the conditions on the tableau are then checked to the digits it has.
+decimals have the exact value of their text. A decimal of more than 8 digits after the point is
+taken to be rounded, and the conditions on the tableau are then checked to its digits.
 
 ``A_hat`` (default: A), ``b_hat`` (b), ``c`` (row sums of A) and ``c_tilde`` (row sums of A_bar)
-may be left out, and so may the claims ``order``, ``symmetric`` and ``symplectic`` (true or false),
-which are checked if present. Of a Butcher tableau ``A_tilde``, ``A_bar`` and ``b_tilde`` are left
-out together: they are derived, and ``A_hat`` as the symplectic partner of A (``completion``).
-With s = len(b) and p + 1 = len(b_tilde), A and A_hat are s × s, A_tilde is s × (p + 1) and A_bar
-is (p + 1) × s; ``name`` becomes part of the names in the generated C code.
+are optional, and so are the claims ``order``, ``symmetric`` and ``symplectic`` (true or false),
+which are checked if present. A Butcher tableau has none of ``A_tilde``, ``A_bar`` and ``b_tilde``:
+they are derived, and ``A_hat`` as the symplectic partner of A (``completion``). With s = len(b) and
+p + 1 = len(b_tilde), A and A_hat are s × s, A_tilde is s × (p + 1) and A_bar is (p + 1) × s;
+``name`` becomes part of the names in the generated C code.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from ...core.errors import InputError, TableauError
 from ..parsing.exact_expressions import decimal_digits, parse_expression
 from ..parsing.reserved_names import KEYWORDS
 from ..parsing.text_file import UnusableFileError, read_text
-from .completion import completed, matrix
+from .completion import complete_tableau, matrix
 from .node_algebra import ValueNodes
 from .separation_bounds import Rounding
 from .tableau import FIELDS, Tableau
@@ -53,10 +53,10 @@ __all__ = ["butcher_tableau", "read_tableau"]
 
 MAX_BYTES = 2**20
 MAX_STAGES = 32
-#: Characters of all different entries that are more than a number; 4-stage Gauss-Lobatto
-#: multiplied out from its nested radicals has 28 000.
+#: Characters of all different entries that are not plain numbers; 4-stage Gauss-Lobatto, expanded
+#: from its nested radicals, has 28 000.
 MAX_EXPRESSION_CHARACTERS = 36_000
-#: Decimals with so many digits after the point, or fewer, are meant exactly.
+#: Decimals with at most this many digits after the point are exact.
 EXACT_DIGITS = 8
 MAX_ORDER = 100
 
@@ -73,7 +73,7 @@ PLAIN_NUMBER = re.compile(r"\s*[+-]?[0-9.]+([eE][+-]?[0-9]+)?\s*")
 
 
 class _Number(str):
-    """A number of a JSON file, with the digits it is written in."""
+    """A number of a JSON file, as its text."""
 
     __slots__ = ()
 
@@ -82,37 +82,38 @@ def read_tableau(path: Path) -> Tableau:
     """Return the tableau of a JSON file.
 
     Raises ``TableauError``, with file, key, row and column, for a file that cannot be read, is
-    larger than 1 MiB or not JSON; keys that are unknown, missing or there twice; parts whose
-    shapes do not fit; more than 32 stages or constraint intervals; entries that are no numbers;
-    and a last b_tilde of 0, by which the step divides.
+    larger than 1 MiB or not JSON; keys that are unknown, missing or repeated; tables whose shapes
+    do not fit; more than 32 stages or constraint intervals; entries that are no numbers; and a last
+    b_tilde of 0, by which the step divides.
     """
     reader = _Reader(f"The tableau file {str(path)!r}")
     return reader.tableau(reader.load(Path(path)))
 
 
 def butcher_tableau(name: str, parts: Mapping[str, Any]) -> Tableau:
-    """Return the tableau of arrays of numbers and texts; parts that are None are left out.
+    """Return the tableau of arrays of numbers and texts; values None are omitted.
 
     Raises
     ------
     TableauError
-        As for a file, and if a tableau of A, b and c cannot be completed.
+        For the same reasons as ``read_tableau``, and if A, b and c cannot be completed.
     """
     reader = _Reader("The tableau")
-    content = {key: reader.as_json(key, part) for key, part in parts.items() if part is not None}
+    content = {key: reader.as_json(key, entries)
+               for key, entries in parts.items() if entries is not None}
     return reader.tableau({"name": name, **content})
 
 
 class _Reader:
-    """Turns the content of one file, or the parts of one tableau, into a tableau."""
+    """Converts the JSON content of a file, or the arrays of a user, to a tableau."""
 
     def __init__(self, source: str) -> None:
         self.source = source
-        self.values: dict[str, sp.Expr] = {}  # by text: entries repeat
+        self.values: dict[str, sp.Expr] = {}  # text of an entry → value
         self.radicals: set[sp.Expr] = set()
         self.characters = 0
-        self.digits: dict[str, int] = {}  # of the texts that are rounded
-        self.rounded = 0
+        self.digits: dict[str, int] = {}  # text of a rounded entry → digits after the point
+        self.rounded = 0  # number of rounded entries
 
     def error(self, reason: str) -> TableauError:
         return TableauError(f"{self.source} is not usable: {reason}")
@@ -123,13 +124,13 @@ class _Reader:
         claims = self.claims(content)
         name = self.name(content["name"])
         self.check_shapes(content)  # before any entry is parsed
-        parts = {key: self.part(key, content[key]) for key in FIELDS if key in content}
+        parts = {key: self.parse_part(key, content[key]) for key in FIELDS if key in content}
         for key, source in ROW_SUMS.items():
             if source in parts:
                 parts.setdefault(key, [[sp.Add(*row)] for row in parts[source]])
         rounding = Rounding(min(self.digits.values()), self.rounded) if self.digits else None
         if "b_tilde" not in parts:
-            return completed(name, parts, claims, rounding)
+            return complete_tableau(name, parts, claims, rounding)
         self.check_last_weight(parts["b_tilde"][-1][0])
         basis = {key: matrix(rows) for key, rows in parts.items()}
         for key, source in DEFAULTS.items():
@@ -146,7 +147,7 @@ class _Reader:
         try:
             content = json.loads(
                 self.text(path),
-                object_pairs_hook=self.unique,
+                object_pairs_hook=self.unique_keys,
                 parse_int=_Number,
                 parse_float=_Number,
                 parse_constant=self.refuse_constant,
@@ -170,40 +171,41 @@ class _Reader:
         except UnusableFileError as error:
             raise self.error(str(error)) from None
 
-    def unique(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+    def unique_keys(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        content: dict[str, Any] = {}
         for key, value in pairs:
-            if key in found:
+            if key in content:
                 raise self.error(f"the key {_quote(key)} is there twice; remove one of them.")
-            found[key] = value
-        return found
+            content[key] = value
+        return content
 
     def refuse_constant(self, constant: str) -> NoReturn:
         raise self.error(f"{constant} is not a coefficient; write a finite number.")
 
-    def as_json(self, key: str, part: Any) -> Any:
-        """Return an array as lists of texts, a number with the digits that it has."""
-        part = part.tolist() if hasattr(part, "tolist") else part
-        if isinstance(part, (list, tuple)):
-            return [self.as_json(key, entry) for entry in part]
-        if isinstance(part, mp.mpf):
-            bits = part.man.bit_length()
-            if bits > 53:  # as many decimal digits as are certain
-                return mp.nstr(part, math.floor(bits * math.log10(2)))
-            part = float(part)
-        number = isinstance(part, (numbers.Rational, float, Decimal, sp.Expr, str))
-        if isinstance(part, bool) or not number or str(part) in ("nan", "inf", "-inf"):
-            raise self.error(f"{key} has the entry {shown(part)}; write a finite number or a text "
-                             'such as "1/2".')
-        return str(part)
+    def as_json(self, key: str, entries: Any) -> Any:
+        """Return an array as nested lists of texts; numbers keep all their digits."""
+        entries = entries.tolist() if hasattr(entries, "tolist") else entries
+        if isinstance(entries, (list, tuple)):
+            return [self.as_json(key, entry) for entry in entries]
+        if isinstance(entries, mp.mpf):
+            bits = entries.man.bit_length()
+            if bits > 53:  # as many decimal digits as the binary number has
+                return mp.nstr(entries, math.floor(bits * math.log10(2)))
+            entries = float(entries)
+        is_number = isinstance(entries, (numbers.Rational, float, Decimal, sp.Expr, str))
+        if isinstance(entries, bool) or not is_number or str(entries) in ("nan", "inf", "-inf"):
+            raise self.error(f"{key} has the entry {shown(entries)}; write a finite number or a "
+                             'text such as "1/2".')
+        return str(entries)
 
     # ------------------------------------------------------------ the content
 
     def check_keys(self, content: dict[str, Any]) -> None:
-        known = [*dict.fromkeys((*REQUIRED, *FIELDS, *CLAIMS))]
+        allowed = [*dict.fromkeys((*REQUIRED, *FIELDS, *CLAIMS))]
         for key in content:
-            if key not in known:
-                raise self.error(f"the key {_quote(key)} is unknown; known are {', '.join(known)}.")
+            if key not in allowed:
+                raise self.error(
+                    f"the key {_quote(key)} is unknown; known are {', '.join(allowed)}.")
         missing = [key for key in REQUIRED if key not in content]
         if missing:
             raise self.error(f"the key {missing[0]!r} is missing; add it.")
@@ -249,40 +251,41 @@ class _Reader:
             if key in content:
                 self.check_shape(key, content[key], [size[kind] for kind in kinds])
 
-    def length(self, key: str, part: Any, meaning: str, low: int, high: int) -> int:
-        if not isinstance(part, list):
-            raise self.error(f"{key} is {_describe(part)}; write a list of numbers.")
-        if not low <= len(part) <= high:
+    def length(self, key: str, entries: Any, meaning: str, low: int, high: int) -> int:
+        if not isinstance(entries, list):
+            raise self.error(f"{key} is {_describe(entries)}; write a list of numbers.")
+        if not low <= len(entries) <= high:
             raise self.error(
-                f"{key} has {len(part)} entries, which is {meaning}; allowed are {low} to {high}."
+                f"{key} has {len(entries)} entries, which is {meaning}; allowed are {low} to "
+                f"{high}."
             )
-        return len(part)
+        return len(entries)
 
-    def check_shape(self, key: str, part: Any, shape: list[int], row: str = "") -> None:
-        where = f"{key}{row}"
+    def check_shape(self, key: str, entries: Any, shape: list[int], row: str = "") -> None:
+        name = f"{key}{row}"
         elements = "rows" if len(shape) == 2 else "entries"
-        if not isinstance(part, list):
+        if not isinstance(entries, list):
             raise self.error(
-                f"{where} is {_describe(part)}; write a list of {shape[0]} {elements}."
+                f"{name} is {_describe(entries)}; write a list of {shape[0]} {elements}."
             )
-        if len(part) != shape[0]:
+        if len(entries) != shape[0]:
             raise self.error(
-                f"{where} has {len(part)} {elements}; write {shape[0]}, which the lengths of b and "
-                "b_tilde ask for."
+                f"{name} has {len(entries)} {elements}; write {shape[0]}, which the lengths of b "
+                "and b_tilde ask for."
             )
         if len(shape) == 2:
-            for number, entries in enumerate(part, 1):
-                self.check_shape(key, entries, shape[1:], f", row {number},")
+            for row_number, row_entries in enumerate(entries, 1):
+                self.check_shape(key, row_entries, shape[1:], f", row {row_number},")
 
     # ------------------------------------------------------------ entries
 
-    def part(self, key: str, part: list[Any]) -> list[list[sp.Expr]]:
-        """Return a matrix as rows; a vector is a column."""
+    def parse_part(self, key: str, entries: list[Any]) -> list[list[sp.Expr]]:
+        """Return a matrix as rows of exact numbers; a vector is a column."""
         if len(FIELDS[key]) == 1:
-            return [[self.entry(f"{key}, entry {i}", entry)] for i, entry in enumerate(part, 1)]
+            return [[self.entry(f"{key}, entry {i}", entry)] for i, entry in enumerate(entries, 1)]
         return [
             [self.entry(f"{key}, row {i}, column {j}", entry) for j, entry in enumerate(row, 1)]
-            for i, row in enumerate(part, 1)
+            for i, row in enumerate(entries, 1)
         ]
 
     def entry(self, where: str, entry: Any) -> sp.Expr:
@@ -322,7 +325,7 @@ class _Reader:
 
 
 def _describe(value: Any) -> str:
-    """Describe a value of a file in one short line."""
+    """Return a short description of a JSON value, for an error."""
     if isinstance(value, dict):
         return "a JSON object"
     if isinstance(value, list):

@@ -1,11 +1,11 @@
-"""V = (v_il): weights of the constraint forces in the momenta at which velocity rows are asked.
+"""V = (v_il): weights of constraint forces in the momenta P̃_i of velocity constraints.
 
     P̃_i = p_k + h Σ_j ā_ij k̂_j − h Σ_l v_il g_q(Q̃_l)ᵀ Λ_l,   A(Q̃_i) H_p(Q̃_i, P̃_i) + a(Q̃_i) = 0
 
 for i = 1..p, with the reactions −A(Q_j)ᵀ M_j of the stages in k̂_j. V integrates from 0 to c̃_i the
 polynomials of degree p through all p + 1 constraint nodes, so that C(p + 1) holds: on Lobatto nodes
-it is the matrix of Lobatto IIIA. The row that continues Ã, b̃_0 in its first column and 0 in its
-last, satisfies C(p − 1) alone, and a run with g and A has the order 2, 2, 4 for s = 1, 2, 3.
+it is the matrix of Lobatto IIIA. Rows as in Ã, with b̃_0 in the first column and 0 in the last,
+would satisfy only C(p − 1): a run with g and A would have the orders 2, 2, 4 for s = 1, 2, 3.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ Matrix = Any  # DomainMatrix; SymPy ships no types
 
 
 def refusal_of_velocity_rows(tableau: Tableau) -> str:
-    """Return why a tableau takes no velocity rows; "" if it does.
+    """Return the reason why a tableau has no velocity rows; "" if it has.
 
-    As many rows as stages have multipliers: p = s, which leaves out Lobatto IIIA-B.
+    The number of nodes must be the number of stages with multipliers: p = s, which Lobatto IIIA-B
+    does not satisfy.
     """
     if tableau.given:
         return f"tableau {tableau.name!r} is given in numbers"
@@ -44,7 +45,7 @@ def velocity_matrix(tableau: Tableau) -> Matrix:
     Raises
     ------
     TableauError
-        If the tableau takes no velocity rows.
+        If the tableau has no velocity rows.
     """
     refusal = refusal_of_velocity_rows(tableau)
     if refusal:
