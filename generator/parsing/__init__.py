@@ -1,12 +1,11 @@
-"""Parsing: the grammar of arithmetic, its exact numbers, files of unknown origin.
+"""Parsing: the grammar of arithmetic text, exact numbers, files of unknown origin.
 
-Text is read character by character in bounded time and memory, and is never handed to Python or to
-SymPy's parsers.
+Text is parsed in bounded time and memory, and is never passed to Python's or SymPy's parsers.
 
-    tokens             the words of a text, and error messages that point to a place in it
-    grammar            one parser for whatever numbers compute
-    bounded_numbers    exact numbers whose every operation is bounded
+    tokens             tokens of a text, and errors with a position in it
+    grammar            one parser for all kinds of values
+    bounded_numbers    exact numbers with bounded operations
     exact_expressions  arithmetic text as an exact number, such as an entry of a tableau
-    reserved_names     names that C keeps for itself
-    text_file          a file as text, or an error
+    reserved_names     keywords and macros of C
+    text_file          the text of a file, or an error
 """

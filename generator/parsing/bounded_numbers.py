@@ -1,4 +1,4 @@
-"""Exact numbers, and formulas, whose every operation is bounded in time and memory.
+"""Exact numbers and formulas with operations that are bounded in time and memory.
 
 A number carries an enclosing interval, which decides signs and zeros, and a bound on the size of
 its integers, which is checked before an operation is carried out. ``exact_expressions`` computes
@@ -22,15 +22,15 @@ __all__ = ["FUNCTIONS", "ROOTS", "Value", "add", "multiply", "named", "order", "
            "reciprocal"]
 
 MAX_EXPONENT = 64
-#: Bits of numerator and denominator: of a rational, of a number under a root, and (a bound on
-#: the sum over all terms, were the expression multiplied out) of an irrational.
+#: Largest number of bits of numerator and denominator: of a rational, of a radicand, and of an
+#: irrational (a bound of the sum over all terms of its expansion).
 MAX_BITS = 4000
 MAX_RADICAND_BITS = 200
 MAX_IRRATIONAL_BITS = 12_000
-#: Of irrational factors that SymPy may gather under one root.
+#: Largest number of bits of irrational factors that SymPy may combine under one root.
 MAX_PRODUCT_BITS = 1000
-#: Irrational sums, products and powers inside one another; SymPy's evaluation and printing take
-#: time exponential in it.
+#: Largest depth of nested irrational sums, products and powers; SymPy's evaluation and printing
+#: take time exponential in it.
 MAX_LEVEL = 16
 INTERVAL = MPIntervalContext()
 INTERVAL.prec = 320
@@ -43,17 +43,17 @@ HALF = sp.Rational(1, 2)
 
 @dataclass(frozen=True)
 class Value:
-    """An exact number or a formula, with what is needed to bound the next operation on it."""
+    """An exact number or a formula, with bounds that limit the next operation on it."""
 
     exact: sp.Expr
-    enclosure: Any  # of an irrational; None where the value has no number (a free symbol)
+    enclosure: Any  # interval of an irrational; None for a rational and for a free symbol
     bits: int
-    level: int = 0  # of irrational sums, products and powers, or of a formula's operations
-    terms: int = 1  # of a formula that is multiplied out
+    level: int = 0  # depth of irrational sums, products and powers, or of a formula's operations
+    terms: int = 1  # number of terms of an expanded formula
 
     @property
     def is_number(self) -> bool:
-        """Whether the value is a real number, and no formula."""
+        """Whether the value is a real number, not a formula."""
         return self.is_rational or self.enclosure is not None
 
     @property
@@ -63,14 +63,14 @@ class Value:
 
     @property
     def interval(self) -> Any:
-        """An interval that contains the value; None for a free symbol."""
+        """Interval that contains the value; None for a free symbol."""
         if self.is_rational:
             return INTERVAL.mpf(int(self.exact.p)) / int(self.exact.q)
         return self.enclosure
 
 
 def rational(number: sp.Rational) -> Value:
-    """Return a rational as a value, refused when it is too long."""
+    """Return a rational as a value; raises ``RefusedError`` if it has too many bits."""
     bits = max(int(number.p).bit_length(), int(number.q).bit_length())
     if bits > MAX_BITS:
         raise RefusedError(
@@ -82,7 +82,7 @@ def rational(number: sp.Rational) -> Value:
 def _irrational(
     bits: int, level: int, interval: Any, operation: Callable[..., sp.Expr], *arguments: sp.Expr
 ) -> Value:
-    """Carry out an operation once its bounds are found good; the outcome may be rational."""
+    """Return the result of an operation, which is carried out if its bounds permit it."""
     if interval is not None:
         bits = max(bits, _binary_magnitude(interval))
     if bits > MAX_IRRATIONAL_BITS:
@@ -133,7 +133,7 @@ def multiply(values: Sequence[Value]) -> Value:
 def _combine(
     values: Sequence[Value], operation: Callable[..., sp.Expr], on_intervals: Callable[..., Any]
 ) -> Value:
-    """Add or multiply at once: one after the other would take quadratic time in SymPy."""
+    """Return the sum or product of all values at once; one by one, SymPy takes quadratic time."""
     intervals = [value.interval for value in values]
     interval = None if any(i is None for i in intervals) else reduce(on_intervals, intervals)
     return _irrational(
@@ -155,7 +155,7 @@ def _refuse_zero(value: Value) -> None:
 
 
 def reciprocal(value: Value) -> Value:
-    """Return 1/value, refused for zero."""
+    """Return 1/value; raises ``RefusedError`` for zero."""
     _refuse_zero(value)
     if value.is_rational:
         return rational(1 / value.exact)
@@ -189,7 +189,7 @@ def _irrational_power(base: Value, e: sp.Rational) -> Value:
     interval = _interval_power(base.interval, e)
     operation = sp.Pow
     if base.exact.is_Add and interval is not None and e not in (0, 1):
-        # A power of a real sum stays as it stands; SymPy would take long to find that out.
+        # SymPy takes long to leave a power of a real sum unchanged.
         operation = partial(sp.Pow, evaluate=False)
     return _irrational(bits, base.level + 1, interval, operation, base.exact, e)
 
@@ -222,7 +222,7 @@ def _square_root(value: Value) -> Value:
 
 
 def named(expression: sp.Expr) -> Value:
-    """Wrap the meaning of a name: a number, or anything with free symbols."""
+    """Return the value of a name: a number, or an expression with free symbols."""
     if expression.is_Rational:
         return rational(expression)
     bits = sum(rational(number).bits for number in expression.atoms(sp.Rational)) + 1
@@ -235,7 +235,7 @@ def named(expression: sp.Expr) -> Value:
 
 
 def order(a: Value, b: Value) -> int:
-    """Return −1, 0 or 1 as a < b, a = b or a > b; refused where 90 digits do not tell."""
+    """Return −1, 0 or 1 for a < b, a = b, a > b; raises if 90 digits do not decide."""
     if a.exact == b.exact:
         return 0
     difference = a.interval - b.interval
@@ -270,7 +270,7 @@ def smallest(*values: Value) -> Value:
 
 
 def floor(value: Value) -> Value:
-    """Return the largest whole number up to the value."""
+    """Return the largest integer ≤ value."""
     if value.is_rational:
         return rational(sp.floor(value.exact))
     low, high = (int(to_int(mpf_floor(end))) for end in value.interval._mpi_)
@@ -282,14 +282,13 @@ def floor(value: Value) -> Value:
 
 def remainder(a: Value, b: Value) -> Value:
     """Return a − b ⌊a/b⌋."""
-    whole = floor(multiply([a, reciprocal(b)]))
-    return add([a, multiply([rational(sp.Integer(-1)), b, whole])])
+    quotient = floor(multiply([a, reciprocal(b)]))
+    return add([a, multiply([rational(sp.Integer(-1)), b, quotient])])
 
 
-#: What the text of a tableau may call; each takes and returns bounded values and refuses what it is
-#: not defined for.
+#: Functions of the texts of tableaux: from bounded values to a bounded value, or ``RefusedError``.
 ROOTS: dict[str, Callable[..., Value]] = {"sqrt": _square_root}
-#: Those of model files that are carried out exactly.
+#: Functions of model files that are evaluated exactly.
 FUNCTIONS: dict[str, Callable[..., Value]] = ROOTS | {
     "abs": absolute, "sign": sign, "heaviside": _heaviside, "min": smallest, "max": largest,
     "floor": floor, "mod": remainder,

@@ -1,7 +1,7 @@
-"""Arithmetic text, such as the entry of a tableau file, read into exact SymPy numbers.
+"""Arithmetic text, such as an entry of a tableau file, as an exact SymPy number.
 
-The grammar is that of ``grammar``, its only function sqrt; what a text asks for is carried out by
-``bounded_numbers``, so time and memory are bounded for any text.
+The grammar is ``grammar`` with sqrt as its only function; the operations are ``bounded_numbers``,
+so that time and memory are bounded for any text.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .tokens import RefusedError, decimal_parts, refuse_at, tokens
 
 __all__ = ["decimal_digits", "parse_expression", "parse_number"]
 
-#: Different radicals, such as √3; each costs SymPy a search for square factors.
+#: Largest number of different radicals, such as √3: SymPy searches each for square factors.
 MAX_RADICALS = 100
 
 
@@ -29,9 +29,9 @@ def parse_expression(
 ) -> sp.Expr:
     """Return the exact value of an arithmetic text, e.g. "1/4 - sqrt(3)/6" or "0.25".
 
-    Decimals are taken as they are written, ``names`` says what each name stands for, and an
-    exponent is an integer or a half-integer. A set passed as ``radicals`` collects the different
-    radicals met; with one set for all entries of a file, the limit on them holds for the file.
+    Decimals have the exact value of their text, ``names`` maps names to values, and an exponent is
+    an integer or a half-integer. The different radicals are added to the set ``radicals``; with one
+    set for all entries of a file, their limit applies to the file.
 
     Raises ``InputError``, with the position and the cure, for text that is empty, too long, too
     deeply nested or not of the grammar, an unknown name or function, a division by zero, the
@@ -44,8 +44,8 @@ def parse_expression(
 def parse_number(text: str, units: Mapping[str, str] = MappingProxyType({})) -> float:
     """Return the double nearest to the value of an arithmetic text, in rad and seconds.
 
-    ``units`` are those of ``grammar`` that it may have: "30 deg" is pi/6. Raises ``InputError`` as
-    ``parse_expression`` does.
+    ``units`` are the permitted units of ``grammar``: "30 deg" is pi/6. Raises ``InputError`` for
+    the same reasons as ``parse_expression``.
     """
     arithmetic = _ExactNumbers({"pi": sp.pi}, set())
     return float(parse_quantity(text, arithmetic, "a number such as 0.5", units).exact)
@@ -85,7 +85,7 @@ class _ExactNumbers:
         return self.counted(ROOTS[function](*arguments))
 
     def counted(self, value: Value) -> Value:
-        """Return the value unless it brings one radical too many."""
+        """Return the value; raises ``RefusedError`` if there are too many different radicals."""
         self.radicals.update(_radicals(value.exact))
         if len(self.radicals) > MAX_RADICALS:
             raise RefusedError(
@@ -104,13 +104,13 @@ def _radicals(expression: sp.Expr) -> Iterator[sp.Expr]:
 
 
 def decimal_digits(text: str, exact_up_to: int = 0) -> int | None:
-    """Return how many digits after the point the least precise rounded decimal of a text has.
+    """Return the digits after the point of the least precise rounded decimal of a text, or None.
 
-    A decimal is rounded if, trailing zeros apart, it has more than ``exact_up_to`` digits after
-    the point; None when the text has no such decimal. With ``exact_up_to=8``:
+    A decimal is rounded if it has more than ``exact_up_to`` digits after the point, without
+    trailing zeros. With ``exact_up_to=8``:
     "1/4 + 0.25" → None, "0.21132486540519" → 14, "2.1132486540519e-1" → 14.
 
-    Raises ``InputError`` where ``parse_expression`` does for an unknown character or exponent.
+    Raises ``InputError`` for an unknown character or exponent.
     """
     counts = []
     for token in tokens(text):
@@ -122,9 +122,9 @@ def decimal_digits(text: str, exact_up_to: int = 0) -> int | None:
 
 
 def _digits_after_point(literal: str) -> tuple[int, int]:
-    """Return the digits after the point as written, and without trailing zeros."""
-    whole, fraction, exponent = decimal_parts(literal)
-    digits = (whole + fraction).lstrip("0")
+    """Return the number of digits after the point, with and without trailing zeros."""
+    integer_part, fraction, exponent = decimal_parts(literal)
+    digits = (integer_part + fraction).lstrip("0")
     written = len(fraction) - exponent
     zeros = len(digits) - len(digits.rstrip("0"))
     return written, written - zeros if digits else 0

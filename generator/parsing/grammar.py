@@ -1,4 +1,4 @@
-"""The grammar of arithmetic text: tokens, limits, and one parser for whatever numbers compute.
+"""The grammar of arithmetic text, its limits, and one parser for all kinds of values.
 
     sum     = product { ("+" | "-") product }
     product = signed { ("*" | "/") signed }
@@ -10,14 +10,14 @@
     all        = comparison { "and" comparison }
     comparison = sum ( "<" | "<=" | ">" | ">=" | "==" | "!=" ) sum { ... }     0 < x < 1
 
-Comparisons occur in the condition of an if(...) only; an arithmetic that has no
-function "if" knows none. And of a number with a unit, where one is meant:
+Comparisons occur only in the condition of an if(...); an arithmetic without the function "if" has
+none. A number with a unit:
 
     quantity = product [unit] { ("+" | "-") product [unit] }         each with a unit, or none
     unit     = "deg" | "rad" | "deg/s" | "rad/s" | "rpm"             10*3 deg, 90 deg - 0.1 rad
 
-The text comes from files of unknown origin: it is never handed to Python or to SymPy's parsers.
-What an operation means is an ``ParserArithmetic``: exact bounded numbers in ``exact_expressions``,
+The text comes from files of unknown origin: it is never passed to Python's or SymPy's parsers. A
+``ParserArithmetic`` defines the operations: exact bounded numbers in ``exact_expressions``,
 formulas in named symbols in ``models.formulas``.
 """
 
@@ -45,10 +45,10 @@ MAX_LENGTH = 4000
 MAX_DEPTH = 50
 MAX_DIGITS = 100
 
-#: Signs that compare, and the words between comparisons.
+#: Signs of comparisons, and the function that has conditions.
 COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 CHOICE = "if"
-#: Units → what they are times rad, or rad/s.
+#: Unit → its factor to rad, or to rad/s.
 ANGLES = {"deg": "pi/180", "rad": "1"}
 RATES = {"deg/s": "pi/180", "rad/s": "1", "rpm": "pi/30"}
 UNITS = ANGLES | RATES
@@ -61,11 +61,11 @@ class ParserArithmetic(Protocol[V]):
 
     @property
     def functions(self) -> Mapping[str, int]:
-        """Name of each function → how many arguments it takes; −2: two or more."""
+        """Name of each function → its number of arguments; −2: two or more."""
 
     @property
     def names(self) -> Mapping[str, Any]:
-        """The names that ``named`` knows."""
+        """The permitted names, for which ``named`` returns a value."""
 
     def literal(self, digits: int, exponent: int) -> V:
         """Return digits · 10^exponent."""
@@ -93,7 +93,7 @@ class ParserArithmetic(Protocol[V]):
 
 
 class Choosing(ParserArithmetic[V], Protocol[V]):
-    """An arithmetic with the function "if"; conditions are of whatever type it likes."""
+    """An arithmetic with the function "if" and a type of its own for conditions."""
 
     def compare(self, sign: str, a: V, b: V) -> Any:
         """Return the condition a < b, a == b, …"""
@@ -109,8 +109,8 @@ def parse(text: str, arithmetic: ParserArithmetic[V], example: str) -> V:
     """Return the value of a text in an arithmetic; ``example`` is proposed for an empty text.
 
     Raises ``InputError``, with the position and the cure, for text that is empty, too long, too
-    deeply nested or not of the grammar, for unknown names and functions, and for whatever the
-    arithmetic refuses.
+    deeply nested or not of the grammar, for unknown names and functions, and for operations that
+    the arithmetic refuses.
     """
     if len(text) > MAX_LENGTH:
         raise InputError(
@@ -128,7 +128,7 @@ def parse(text: str, arithmetic: ParserArithmetic[V], example: str) -> V:
 def parse_quantity(
     text: str, arithmetic: ParserArithmetic[V], example: str, units: Mapping[str, str]
 ) -> V:
-    """Return the value of a text with units: as ``parse``, in rad and seconds."""
+    """Return the value of a text with units, in rad and seconds; errors as of ``parse``."""
     if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):
         return parse(text, arithmetic, example)
     factors = {unit: parse(factor, arithmetic, example) for unit, factor in units.items()}
@@ -158,7 +158,7 @@ class _Parser(Generic[V]):
         return self.tokens[self.next]
 
     def accept(self, *signs: str) -> Token | None:
-        """Return the next token and go on, if it is one of these signs."""
+        """Consume and return the next token if it is one of these signs, else return None."""
         token = self.token
         if token.kind != "sign" or token.text not in signs:
             return None
@@ -171,28 +171,28 @@ class _Parser(Generic[V]):
         while sign := self.accept("+", "-"):
             term = self.product()
             terms.append(self.negative(sign, term) if sign.text == "-" else term)
-        return self.at(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
+        return self.apply(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
 
     def quantity(self, units: Mapping[str, V]) -> V:
-        start, terms, bare = self.token, [self.product()], []
+        start, terms, unitless = self.token, [self.product()], []
         while True:
             unit = self.unit(units)
             if unit is None:
-                bare.append(self.token)
+                unitless.append(self.token)
             else:
-                terms[-1] = self.at(start, self.arithmetic.multiply, [terms[-1], unit])
+                terms[-1] = self.apply(start, self.arithmetic.multiply, [terms[-1], unit])
             sign = self.accept("+", "-")
             if sign is None:
                 break
             term = self.product()
             terms.append(self.negative(sign, term) if sign.text == "-" else term)
-        if bare and len(bare) < len(terms):
-            raise error_at(self.text, bare[0].position, "A term has no unit, and another has",
+        if unitless and len(unitless) < len(terms):
+            raise error_at(self.text, unitless[0].position, "A term has no unit, and another has",
                            "write one behind each, or brackets: (10 + 20) deg")
-        return self.at(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
+        return self.apply(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
 
     def unit(self, units: Mapping[str, V]) -> V | None:
-        """Read a unit, if there is one."""
+        """Consume a unit and return its factor; None if there is no unit."""
         token = self.token
         if token.kind != "name" or token.text not in _words(UNITS):
             return None
@@ -211,9 +211,11 @@ class _Parser(Generic[V]):
         factors = [self.signed()]
         while sign := self.accept("*", "/"):
             factor = self.signed()
-            factors.append(self.at(sign, self.arithmetic.reciprocal, factor)
+            factors.append(self.apply(sign, self.arithmetic.reciprocal, factor)
                            if sign.text == "/" else factor)
-        return self.at(start, self.arithmetic.multiply, factors) if len(factors) > 1 else factors[0]
+        if len(factors) == 1:
+            return factors[0]
+        return self.apply(start, self.arithmetic.multiply, factors)
 
     def signed(self) -> V:
         start = self.token
@@ -228,13 +230,13 @@ class _Parser(Generic[V]):
         sign = self.accept("**")
         if sign is None:
             return base
-        return self.at(sign, self.arithmetic.power, base, self.nested(sign, self.signed))
+        return self.apply(sign, self.arithmetic.power, base, self.nested(sign, self.signed))
 
     def atom(self) -> V:
         token = self.token
         if token.kind == "number":
             self.next += 1
-            return self.at(token, self.literal, token.text)
+            return self.apply(token, self.literal, token.text)
         if token.kind == "name":
             self.next += 1
             if token.text not in self.arithmetic.functions:
@@ -247,8 +249,8 @@ class _Parser(Generic[V]):
         raise self.error("A number, a name or ( is missing", "complete the expression")
 
     def literal(self, text: str) -> V:
-        whole, fraction, exponent = decimal_parts(text)
-        digits = whole + fraction
+        integer_part, fraction, exponent = decimal_parts(text)
+        digits = integer_part + fraction
         if len(digits) > MAX_DIGITS:
             raise RefusedError(
                 f"The number has {len(digits)} digits and at most {MAX_DIGITS} are allowed; "
@@ -257,88 +259,92 @@ class _Parser(Generic[V]):
         return self.arithmetic.literal(int(digits), exponent - len(fraction))
 
     def call(self, name: Token) -> V:
-        opening = self.opened(name)
+        opening = self.opening_parenthesis(name)
         arguments = self.arguments(opening, self.sum)
-        wanted = self.arithmetic.functions[name.text]
-        if len(arguments) != wanted and not (wanted < 0 and len(arguments) >= -wanted):
+        arity = self.arithmetic.functions[name.text]
+        if len(arguments) != arity and not (arity < 0 and len(arguments) >= -arity):
             raise self.miscounted(name, arguments,
-                                  f"{-wanted} or more" if wanted < 0 else f"{wanted}")
-        return self.at(name, self.arithmetic.call, name.text, arguments)
+                                  f"{-arity} or more" if arity < 0 else f"{arity}")
+        return self.apply(name, self.arithmetic.call, name.text, arguments)
 
-    def opened(self, name: Token) -> Token:
-        """Read the parenthesis behind the name of a function."""
+    def opening_parenthesis(self, name: Token) -> Token:
+        """Consume and return the opening parenthesis after the name of a function."""
         opening = self.accept("(")
         if opening is None:
             raise self.error(f"The function {name.text} has no argument", f"write {name.text}(…)")
         return opening
 
     def arguments(self, opening: Token, first: Callable[[], Any]) -> list[Any]:
-        found = [self.nested(opening, first)]
+        values = [self.nested(opening, first)]
         while self.accept(","):
-            found.append(self.nested(opening, self.sum))
+            values.append(self.nested(opening, self.sum))
         self.close(opening)
-        return found
+        return values
 
-    def miscounted(self, name: Token, arguments: Sequence[Any], wanted: str) -> InputError:
+    def miscounted(self, name: Token, arguments: Sequence[Any], expected: str) -> InputError:
         return error_at(self.text, name.position,
                         f"The function {name.text} has {len(arguments)} arguments",
-                        f"give it {wanted}")
+                        f"give it {expected}")
 
     # ------------------------------------------------------------ conditions
 
     def choice(self, name: Token) -> V:
-        opening = self.opened(name)
+        opening = self.opening_parenthesis(name)
         arguments = self.arguments(opening, self.condition)
         if len(arguments) != 3:
             raise self.miscounted(name, arguments, "a condition, what holds then, and what else")
-        return self.at(name, self.choosing.choose, *arguments)
+        return self.apply(name, self.choosing.choose, *arguments)
 
     def condition(self) -> Any:
-        return self.joined("or", lambda: self.joined("and", self.comparison))
+        return self.junction("or", lambda: self.junction("and", self.comparison))
 
-    def joined(self, word: str, part: Callable[[], Any]) -> Any:
+    def junction(self, word: str, operand: Callable[[], Any]) -> Any:
         start = self.token
-        parts = [part()]
+        operands = [operand()]
         while self.token.kind == "name" and self.token.text == word:
             self.next += 1
-            parts.append(part())
-        return self.at(start, self.choosing.join, word, parts) if len(parts) > 1 else parts[0]
+            operands.append(operand())
+        if len(operands) == 1:
+            return operands[0]
+        return self.apply(start, self.choosing.join, word, operands)
 
     def comparison(self) -> Any:
         start = self.token
-        left, found = self.sum(), []
+        a, conditions = self.sum(), []
         while sign := self.accept(*COMPARISONS):
-            right = self.sum()
-            found.append(self.at(sign, self.choosing.compare, sign.text, left, right))
-            left = right
-        if not found:
+            b = self.sum()
+            conditions.append(self.apply(sign, self.choosing.compare, sign.text, a, b))
+            a = b
+        if not conditions:
             raise self.error("A comparison is missing", f"write one of {' '.join(COMPARISONS)}")
-        return self.at(start, self.choosing.join, "and", found) if len(found) > 1 else found[0]
+        if len(conditions) == 1:
+            return conditions[0]
+        return self.apply(start, self.choosing.join, "and", conditions)
 
     @property
     def choosing(self) -> Choosing[V]:
-        """The arithmetic, which has the function "if"."""
+        """The arithmetic, as one with the function "if"."""
         return cast("Choosing[V]", self.arithmetic)
 
     def name(self, token: Token) -> V:
         if token.text not in self.arithmetic.names:
             functions = (f"{name}(…)" for name in self.arithmetic.functions)
-            known = ", ".join([*sorted(self.arithmetic.names), *functions])
+            allowed = ", ".join([*sorted(self.arithmetic.names), *functions])
             self.next -= 1
             raise self.error(f"The name {shorten(token.text)} is unknown",
-                             f"use one of {shorten(known, 600)}"
+                             f"use one of {shorten(allowed, 600)}"
                              f"{proposal(token.text, self.arithmetic.names)}")
-        return self.at(token, self.arithmetic.named, token.text)
+        return self.apply(token, self.arithmetic.named, token.text)
 
     def close(self, opening: Token) -> None:
-        """Read the parenthesis that belongs to an opening one."""
+        """Consume the closing parenthesis of an opening one."""
         if not self.accept(")"):
             self.refuse_comparison()
             reason = f"The ( of character {opening.position + 1} is not closed here"
             raise self.error(reason, "write ) or one of + - * / **")
 
     def nested(self, token: Token, method: Callable[[], V]) -> V:
-        """Read with one of the methods, one level deeper."""
+        """Return the value of a nested expression, one level deeper."""
         if self.depth == MAX_DEPTH:
             reason = f"This is nested deeper than {MAX_DEPTH} levels"
             raise error_at(self.text, token.position, reason, "simplify the expression")
@@ -360,10 +366,10 @@ class _Parser(Generic[V]):
                              f"write {CHOICE}(…, a, b)")
 
     def negative(self, token: Token, value: V) -> V:
-        return self.at(token, self.arithmetic.negative, value)
+        return self.apply(token, self.arithmetic.negative, value)
 
-    def at(self, token: Token, function: Callable[..., V], *arguments: Any) -> V:
-        """Carry out an operation that belongs to a token."""
+    def apply(self, token: Token, function: Callable[..., V], *arguments: Any) -> V:
+        """Return the result of an operation; its errors have the position of the token."""
         result: V = refuse_at(self.text, token.position, function, *arguments)
         return result
 

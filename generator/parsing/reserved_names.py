@@ -1,4 +1,4 @@
-"""Names that C keeps for itself, so that no struct member can have them."""
+"""Keywords and macros of C, which no struct member can be named."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 __all__ = ["KEYWORDS", "is_taken"]
 
-#: Of C11 and C23, and what C compilers (asm) and cffi's reader of C (the last two) add to them.
+#: Keywords of C11 and C23, of C compilers (asm) and of cffi's parser of C (the last two).
 KEYWORDS = frozenset(
     ["auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else",
      "enum", "extern", "float", "for", "goto", "if", "inline", "int", "long", "register",
@@ -16,8 +16,8 @@ KEYWORDS = frozenset(
      "offsetof", "WINAPI"]
 )
 
-#: Macros without arguments that <float.h>, <math.h> and <stddef.h> define or reserve, under any
-#: edition of C, and those that compilers define on their own.
+#: Macros without arguments that <float.h>, <math.h> and <stddef.h> define or reserve in any
+#: edition of C, macros of the engine, and macros that compilers predefine.
 _MACRO = re.compile(
     r"""
     NULL | NAN | INFINITY | HUGE | HUGE_VAL\w* | SNAN\w* | MAXFLOAT | DECIMAL_DIG

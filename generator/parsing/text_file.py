@@ -1,4 +1,4 @@
-"""Text of a file of unknown origin: a regular file of bounded size in UTF-8, or a refusal."""
+"""Text of a file of unknown origin: a regular file of bounded size in UTF-8, or an error."""
 
 from __future__ import annotations
 
@@ -11,46 +11,48 @@ from ...core.errors import InputError
 __all__ = ["MODEL_FILES", "UnusableFileError", "is_robot", "model_text", "read_text",
            "states_of_files"]
 
-#: Ending of a model file → the most bytes it may have.
+#: Ending of a model file → its largest number of bytes.
 MODEL_FILES = {".toml": 2**18, ".urdf": 2**20, ".xml": 2**20, ".sdf": 2**20}
-#: Names of files in the XML of a robot, and of folders they are in.
+#: Names of files in the XML of a robot, and of their folders.
 _FILES = re.compile(r"\bfile\s*=\s*[\"']([^\"'<>]{1,500})[\"']")
 _FOLDERS = re.compile(r"\b(?:mesh|asset)dir\s*=\s*[\"']([^\"'<>]{1,500})[\"']")
-#: Has the examples in it, wherever it is installed.
+#: Folder of the installed package, with the examples.
 _PACKAGE = Path(__file__).resolve().parents[2]
 
 
 class UnusableFileError(Exception):
-    """The file is not to be read: "reason; cure." The caller adds which file it is."""
+    """The file cannot be used: "reason; cure." The caller adds the path."""
 
 
-def read_text(path: Path, most: int) -> str:
-    """Return the text of a file of at most so many bytes; no more of it is ever read.
+def read_text(path: Path, max_bytes: int) -> str:
+    """Return the text of a file of at most ``max_bytes`` bytes.
 
-    Pipes and devices are refused before they are opened: that might wait for ever. A path such as
-    ``examples/satellite.toml`` that leads to no file from here is one of the package's.
+    Pipes and devices are refused before they are opened, as opening them may block. A path such as
+    ``examples/satellite.toml`` that does not exist is an example of the package.
+
+    Raises ``UnusableFileError`` for no regular file, more bytes, or text that is not UTF-8.
     """
     try:
-        path = _own_example(path) or path
-        found = path.stat()
-        if not stat.S_ISREG(found.st_mode):
+        path = _packaged_example(path) or path
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
             raise UnusableFileError("it is no regular file; correct the path.")
-        if found.st_size > most:
-            raise UnusableFileError(f"it has more than {most} bytes; write shorter entries.")
+        if status.st_size > max_bytes:
+            raise UnusableFileError(f"it has more than {max_bytes} bytes; write shorter entries.")
         with path.open("rb") as stream:
-            content = stream.read(most + 1)
+            content = stream.read(max_bytes + 1)
     except FileNotFoundError:
-        own = Path("examples", path.name)
-        cure = (f"the example of that name is {own.as_posix()!r} from everywhere"
-                if path.name and (_PACKAGE / own).is_file() else "correct the path")
+        example = Path("examples", path.name)
+        cure = (f"the example of that name is {example.as_posix()!r} from everywhere"
+                if path.name and (_PACKAGE / example).is_file() else "correct the path")
         raise UnusableFileError(f"there is no such file; {cure}.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise UnusableFileError(
             f"it cannot be read ({getattr(error, 'strerror', None) or error}); check its path and "
             "its permissions."
         ) from None
-    if len(content) > most:  # it grew, or says 0 as files of the system do
-        raise UnusableFileError(f"it has more than {most} bytes; write shorter entries.")
+    if len(content) > max_bytes:  # the file has grown, or has the size 0, as in /proc
+        raise UnusableFileError(f"it has more than {max_bytes} bytes; write shorter entries.")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -60,12 +62,12 @@ def read_text(path: Path, most: int) -> str:
         raise UnusableFileError(f"it is not UTF-8 ({error}); save it in that encoding.") from None
 
 
-def _own_example(path: Path) -> Path | None:
-    """Return the package's example that a path means which leads nowhere by itself."""
+def _packaged_example(path: Path) -> Path | None:
+    """Return the path of an example of the package for ``examples/…`` that does not exist."""
     if path.parts[:1] != ("examples",) or ".." in path.parts or path.exists():
         return None
-    own = _PACKAGE / path
-    return own if own.is_file() else None
+    example = _PACKAGE / path
+    return example if example.is_file() else None
 
 
 def is_robot(path: str | Path) -> bool:
@@ -74,26 +76,26 @@ def is_robot(path: str | Path) -> bool:
 
 
 def states_of_files(path: Path, text: str) -> list[str]:
-    """Return size and time of change of the files that the XML of a robot names, in its folder.
+    """Return "name size mtime" of the files that the XML of a robot names, in its folder.
 
-    With these, what is cached for a robot belongs to its meshes and includes as they are.
+    They are part of cache keys, so that changed meshes and includes are read again.
     """
-    folders, found = ["", *_FOLDERS.findall(text)], []
-    texts, seen = [text], set[Path]()
+    folders, states = ["", *_FOLDERS.findall(text)], []
+    texts, visited = [text], set[Path]()
     while texts:
         for name in _FILES.findall(texts.pop()):
             for file in (path.parent / folder / name for folder in folders):
                 try:
-                    state = None if file in seen else file.stat()
+                    state = None if file in visited else file.stat()
                 except (OSError, ValueError):
                     continue
-                seen.add(file)
+                visited.add(file)
                 if state is None or not stat.S_ISREG(state.st_mode):
                     continue
-                found.append(f"{name} {state.st_size} {state.st_mtime_ns}")
+                states.append(f"{name} {state.st_size} {state.st_mtime_ns}")
                 if file.suffix == ".xml" and state.st_size <= MODEL_FILES[".xml"]:
                     texts.append(file.read_text("utf-8", "replace"))
-    return found
+    return states
 
 
 def model_text(path: str | Path) -> str:
@@ -102,7 +104,7 @@ def model_text(path: str | Path) -> str:
     Raises
     ------
     InputError
-        With file and cure.
+        If the file cannot be used; names the file, the reason and the cure.
     """
     try:
         return read_text(Path(path), MODEL_FILES.get(Path(path).suffix, MODEL_FILES[".toml"]))

@@ -16,7 +16,7 @@ MAX_DECIMAL_EXPONENT = 400
 
 
 class RefusedError(Exception):
-    """An operation is not carried out: "reason; cure". The parser adds where in the text."""
+    """An operation is refused: "reason; cure". The parser adds the position in the text."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ TOKEN = re.compile(
 
 
 def tokens(text: str) -> Iterator[Token]:
-    """Split a text; the end of it is a token too."""
+    """Yield the tokens of a text; the last one is "end"."""
     position = 0
     while position < len(text):
         match = TOKEN.match(text, position)
@@ -54,8 +54,8 @@ def tokens(text: str) -> Iterator[Token]:
 
 def error_at(text: str, position: int, reason: str, cure: str = "") -> InputError:
     """Return an error that names the position, counted from 1, and the text around it."""
-    around = text[max(0, position - 30) : position + 30]
-    message = f"{reason} (character {position + 1}, near {around!r})"
+    context = text[max(0, position - 30) : position + 30]
+    message = f"{reason} (character {position + 1}, near {context!r})"
     return InputError(f"{message}; {cure}." if cure else f"{message}.")
 
 
@@ -71,13 +71,13 @@ def refuse_at(text: str, position: int, function: Callable[..., Any], *arguments
 def decimal_parts(literal: str) -> tuple[str, str, int]:
     """Return the digits before and after the point and the decimal exponent of a literal."""
     mantissa, _, exponent = literal.lower().partition("e")
-    whole, _, fraction = mantissa.partition(".")
+    integer_part, _, fraction = mantissa.partition(".")
     if len(exponent.lstrip("+-0")) > 3 or abs(int(exponent or 0)) > MAX_DECIMAL_EXPONENT:
         raise RefusedError(
             f"The decimal exponent {shorten(exponent, 20)} is not within "
             f"±{MAX_DECIMAL_EXPONENT}; write the number with a smaller one"
         )
-    return whole, fraction, int(exponent or 0)
+    return integer_part, fraction, int(exponent or 0)
 
 
 def shorten(text: str, length: int = 60) -> str:
