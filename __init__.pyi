@@ -20,6 +20,7 @@ from .generator.multibody import symbols as symbols
 from .generator.multibody.model import Model as Model
 from .generator.multibody.multibody import Multibody as Multibody
 from .generator.multibody.rigid_body import body_system as body_system
+from .generator.systems import scales as scales
 from .generator.systems.sympy_mechanics import from_mechanics as from_mechanics
 from .generator.systems.system import System as System
 from .runtime.analysis.fit import fit as fit

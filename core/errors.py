@@ -142,7 +142,7 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
     def hint(self) -> str:
         """The property of the system that makes steps fail, if it has one."""
         jumps = self.trajectory.manifest.system.jumps
-        return "" if jumps is None else (
+        return "" if not jumps else (
             f" Forces jump at {jumps}: a step to there may have no solution; write them smooth, as "
             "tanh(x/1e-3) for sign(x).")
 

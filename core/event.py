@@ -69,7 +69,7 @@ class Event:
 def as_events(given: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     """Return a caller's events, each of a quantity that the system has.
 
-    ``quantities`` are names of quantities, coordinates and momenta.
+    ``quantities`` are names of quantities, coordinates and momenta, and of the time in scaled time.
 
     Raises
     ------

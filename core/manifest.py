@@ -17,10 +17,10 @@ from .frozen_dict import FrozenDict
 from .json_records import UnfitError, as_json, from_json
 from .real_types import RealName
 
-__all__ = ["BodyManifest", "ConstraintForceManifest", "Domain", "Entry", "FastPathManifest",
-           "FrameManifest", "JointManifest", "Manifest", "NumberManifest", "PlacedManifest",
-           "SchemeManifest", "SymmetryManifest", "SystemManifest", "TableauManifest",
-           "VelocityConstraintsManifest"]
+__all__ = ["BodyManifest", "ClockManifest", "ConstraintForceManifest", "Domain", "Entry",
+           "FastPathManifest", "FrameManifest", "JointManifest", "Manifest", "NumberManifest",
+           "PlacedManifest", "SchemeManifest", "SymmetryManifest", "SystemManifest",
+           "TableauManifest", "VelocityConstraintsManifest"]
 
 #: An entry of a vector: the name of a parameter, or a number.
 Entry = str | float
@@ -86,6 +86,15 @@ class PlacedManifest:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ClockManifest:
+    """Names in scaled time: of t, the last coordinate, of its momentum, and of σ, a quantity."""
+
+    time: str
+    momentum: str
+    scale: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class NumberManifest:
     """A number of the C, of profiles with numbers."""
 
@@ -112,6 +121,7 @@ class SystemManifest:
     Attributes
     ----------
     coordinates, momenta : names
+    clock : in scaled time, names of the coordinate and the momentum beside them
     parameters : name → domain; inputs are among them
     hamiltonian, lagrangian : text of H, and of L where H is made of one
     velocity_names : names of q̇ in L
@@ -131,6 +141,7 @@ class SystemManifest:
     name: str
     coordinates: tuple[str, ...]
     momenta: tuple[str, ...]
+    clock: ClockManifest | None = None
     parameters: Mapping[str, Domain]
     hamiltonian: str
     lagrangian: str = ""
@@ -163,8 +174,9 @@ class SystemManifest:
 
     @property
     def event_quantities(self) -> tuple[str, ...]:
-        """Names that events may be of: quantities, coordinates and momenta."""
-        return (*self.quantities, *self.coordinates, *self.momenta)
+        """Names that events may be of: quantities, coordinates, momenta; the time, if scaled."""
+        time = () if self.clock is None else (self.clock.time,)
+        return (*self.quantities, *self.coordinates, *self.momenta, *time)
 
     @property
     def velocity_constraint_names(self) -> tuple[str, ...]:
@@ -324,6 +336,8 @@ class Manifest:
                 ("coordinates", 4 if system.rigid_body else n, n)):
             if length != wanted:
                 raise UnfitError(f"has {wanted} where {length} belong", f"system.{name}")
+        if system.clock is not None and system.clock.scale not in system.quantities:
+            raise UnfitError("is no quantity", "system.clock.scale")
         if not self.fast_path.available and self.fast_path.reason is None:
             raise UnfitError("lacks 'reason'", "fast_path")
         for symmetry in () if self.frame is None else self.frame.symmetries:

@@ -100,6 +100,8 @@ class Start:
         self._rules: Mapping[str, str] = {}
         #: Parameters that some steppers of the system do not have.
         self._spare: frozenset[str] = frozenset()
+        #: H + e of a state in scaled time: 0 where a run starts, later what its steps made of that.
+        self._excess: Any = 0.0
 
     def __repr__(self) -> str:
         names = few([*self.parameters, *self.inputs])

@@ -31,9 +31,9 @@ API = {
         "section", "runtime.events.poincare_section.Section", "GyrosparkError", "InputError",
         "StepFailed", "errors"],
     "systems": [
-        "System", "from_mechanics", "Model", "Multibody", "Shape", "body_system", "symbols",
-        "load_model", "models", "problems", "references", "exact", "tableau", "consistent",
-        "core.projection.Projection"],
+        "System", "scales", "from_mechanics", "Model", "Multibody", "Shape", "body_system",
+        "symbols", "load_model", "models", "problems", "references", "exact", "tableau",
+        "consistent", "core.projection.Projection"],
     "tuning": [
         "gamma", "tune", "runtime.tuning.tune.Tuned", "certify",
         "certificates.certificate.Certificate", "cite", "certificates.citations.Citations"],

@@ -25,6 +25,7 @@ from .systems.integrable_rows import warn_of_row_integrals
 from .systems.redundant_constraints import refuse_redundant_anywhere
 from .systems.smoothness import refuse_kinks
 from .systems.system import System
+from .systems.time_scale import scaled
 from .tableaux.conditions import Condition, check_tableau
 from .tableaux.tableau import Tableau
 from .tableaux.tableau_file import read_tableau
@@ -107,7 +108,8 @@ def generate(
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
         warn_of_row_integrals(system)
-    system = canonical(system)
+    _refuse_beyond_scaled_time(spec, system, framed=bool(framed))
+    system = scaled(canonical(system))
     frame = frame_of(system) if framed else None
     if frame is not None:
         system = frame.moving(system)
@@ -138,6 +140,18 @@ def _refuse_beyond_splitting(spec: Spec, model: Model | None) -> None:
     if spec.frame or (model is not None and model.frame):
         raise InputError("Scheme splitting has no co-moving frame: each of its flows commutes with "
                          "the symmetries, so that the motion would be the same; leave out frame.")
+
+
+def _refuse_beyond_scaled_time(spec: Spec, system: System, *, framed: bool) -> None:
+    """Refuse what steps in scaled time do not have."""
+    if system.time_scale is None:
+        return
+    for asked, what in ((spec.order is not None, f"scheme {spec.title}"),
+                        (framed, "co-moving frame"),
+                        (spec.profile != "full", f"profile {spec.profile!r}")):
+        if asked:
+            raise InputError(f"System {system.name!r} has a time_scale, and steps in scaled time "
+                             f"have no {what}; leave out one of the two.")
 
 
 def _refuse_velocity_constraints(spec: Spec, system: System, *, own_tableau: bool) -> None:

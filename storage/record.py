@@ -86,7 +86,7 @@ def record(
         raise recording.failure()
     if not warned:
         last = recording._in_memory(range(len(recording) - 1, len(recording)))
-        stepper.rotations.warn(last.parameters, last.dt, last.q, last.p)
+        stepper.rotations.warn(last.parameters, last.time_steps, last.q, last.p)
     return recording
 
 
@@ -130,13 +130,18 @@ def resume(
                       if name not in {symmetry.name for symmetry in stepper.symmetries}}
         parameters["frame"] = about["frame"]
     dt, t0 = number(about["dt"]), number(about["t0"])
+    if stepper.binding.clocked and t_end is not None:
+        raise InputError("Steps in scaled time adapt; give steps in place of t_end.")
     count = about["steps"] if t_end is None and steps is None else step_count(steps, t_end, t0, dt)
     tolerance = about["tolerance"]
+    n, (q0, p0) = stepper.n, ([number(x) for x in about[name]] for name in ("q0", "p0"))
+    t0, = q0[n:] or [t0]  # in scaled time the coordinates that are stepped have the time
     run = stepper._resolved(stepper._run_arguments(
-        [number(x) for x in about["q0"]], [number(x) for x in about["p0"]], dt=dt, steps=count,
-        parameters=parameters, t0=t0, every=about["every"],
+        q0[:n], p0[:n], dt=dt, steps=count,
+        parameters=parameters, t0=t0, every=about["every"], excess=0.0,
         solver=Solver(about["solver"], None if tolerance is None else number(tolerance),
                       about["max_iterations"])))
+    run.p[n:] = p0[n:]
     events = tuple(Event(one["quantity"], Fraction(one["level"]), one["direction"],
                          terminal=one["terminal"], name=name)
                    for name, one in about.get("events", {}).items())

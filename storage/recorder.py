@@ -94,7 +94,8 @@ class Recorder:
         first = done // self.block * self.block  # of the next row, which may be begun
         rows = self._read(first, done - first)
         if kept.ended_by is not None:
-            self.end = self._stored("time", self.fields[0].wide, done - 1, 1)
+            self.end = self._stored("tau" if self.binding.clocked else "time",
+                                    self.fields[0].wide, done - 1, 1)
         rows.iterations[done - first] = kept.most
         return kept, first, rows
 
@@ -167,6 +168,12 @@ class Recorder:
             if one.name in ("multipliers", "reactions"):
                 stored = self._stored(one.name, one.wide, first, count)
                 of_rows.append(stored.reshape(count, int(np.prod(stored.shape[1:]))))
+            elif one.name in ("q", "p"):  # of which the store has what is shown
+                getattr(rows, one.name)[:count, : self.binding.shown] = self._stored(
+                    one.name, one.wide, first, count)
+            elif self.binding.clocked and one.name in ("time", "time_momentum"):
+                hidden = rows.q if one.name == "time" else rows.p
+                hidden[:count, -1] = self._stored(one.name, one.wide, first, count)
             elif (part := getattr(rows, one.name, None)) is not None:
                 part[:count] = self._stored(one.name, one.wide, first, count).reshape(
                     count, *part.shape[1:])
@@ -242,7 +249,8 @@ class Recorder:
             return {}
         observer.close(self.state.run, self._next_state() if observer.terminal else None)
         self._end_at_event()
-        return observer.settle()
+        return {name: crossings.shown(self.binding)
+                for name, crossings in observer.settle().items()}
 
     def _next_state(self) -> tuple[Any, Any] | None:
         """Return the state one step ahead, which is not part of the run; None if there is none."""
@@ -261,7 +269,7 @@ class Recorder:
         place = self.state.steps // self.run.every + 1 - self.first
         self.rows.assign(np.s_[place : place + 1], end.row)
         self.rows.work[place] += self._report(self.state).work
-        self.end = end.at.t
+        self.end = end.at.t  # in scaled time τ
 
     # ------------------------------------------------------------ committing
 
@@ -295,7 +303,7 @@ class Recorder:
 
     def _report(self, state: CheckpointState) -> Report:
         run = state.run
-        return Report.read(run.record, run.q, run.p, forced=self.binding.has_forces)
+        return Report.read(run.record, run.q, run.p, self.binding)
 
     def _run_attributes(self, state: CheckpointState) -> dict[str, Any]:
         """Return the attributes of the run so far."""

@@ -251,8 +251,12 @@ class Recording(Trajectory):
         """Return the error of a failed run; its trajectory has the last states."""
         run, real = self.attributes["run"], self.manifest.real
         t0, dt = (from_text(run[name], real) for name in ("t0", "dt"))
-        return StepFailed(step=self.steps_done + 1, t=float(t0 + self.steps_done * dt),
-                          reason=self.status.removeprefix(FAILED), trajectory=self[-_LAST:])
+        last = self[-_LAST:]
+        # Of steps that adapt, the last stored time.
+        clocked = self.manifest.system.clock is not None
+        t = last.t[-1] if clocked else t0 + self.steps_done * dt
+        return StepFailed(step=self.steps_done + 1, t=float(t),
+                          reason=self.status.removeprefix(FAILED), trajectory=last)
 
     def _in_memory(self, rows: range) -> Trajectory:
         """Return some of the stored states, in memory.

@@ -49,7 +49,8 @@ def resolve(
         raise InputError("Settings belong to problems and models with names; change the model "
                          "itself.")
     steppers_and_starts = [_stepper(model, scheme, rep, real, frame) for scheme in schemes]
-    _, defaults = steppers_and_starts[0]
+    first, defaults = steppers_and_starts[0]
+    first._refuse_scaled("Sweeps are", "integrate_ensemble, or ")
     return [stepper for stepper, _ in steppers_and_starts], defaults
 
 

@@ -30,7 +30,9 @@ def started(
     if entry is not None and entry.kind == "problem":
         chosen = entry.make(**options)
         return chosen, _stepper(chosen, choice), RunDefaults.of_problem(chosen)
-    return None, *_model(problem, entry, options, settings, reference, choice)
+    step, defaults = _model(problem, entry, options, settings, reference, choice)
+    step._refuse_scaled("Runs by commands are", "integrate(..., dtau=...) of Python, or ")
+    return None, step, defaults
 
 
 def arguments_of(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:

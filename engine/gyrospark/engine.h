@@ -11,7 +11,7 @@
  *   MATH(f), LIMIT(f)  f of <math.h> and <float.h> for the type real: MATH(sqrt) is sqrtf of float
  *   IF_TIME(...)       the arguments if the feature is 1, else nothing: one feature often adds one
  *                      statement to a function, and #if would take three lines. So IF_FORCES,
- *                      IF_INPUTS, IF_FRAME, IF_FRAME_WORK
+ *                      IF_INPUTS, IF_CLOCK, IF_FRAME, IF_FRAME_WORK
  *   AT(c, t)           the constants c with the time t set in them; c if nothing depends on t
  *   BETWEEN(c, t, step)  c with the time of a mean value over t..t + step set in them
  *   LANES_AT, LANES_BETWEEN  AT and BETWEEN for constants of all lanes
@@ -61,6 +61,9 @@
 #endif
 #ifndef GS_FORCED_BY_TIME /* t occurs in forces, or in H or g */
 #define GS_FORCED_BY_TIME 0
+#endif
+#ifndef GS_CLOCK /* the last coordinate is the time t in scaled time, its momentum -H - W */
+#define GS_CLOCK 0
 #endif
 #ifndef GS_INPUTS /* the system has inputs, which are held over a step */
 #define GS_INPUTS 0
@@ -175,6 +178,11 @@
 #else
 #define IF_INPUTS(...)
 #endif
+#if GS_CLOCK
+#define IF_CLOCK(...) __VA_ARGS__
+#else
+#define IF_CLOCK(...)
+#endif
 #if GS_FRAME
 #define IF_FRAME(...) __VA_ARGS__
 #else
@@ -210,7 +218,7 @@ typedef NAME(batch) batch_memory;
 typedef NAME(status) status_t;
 #else
 typedef int status_t;
-enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
+enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED, TIME_STOPPED = 7 };
 enum { NEWTON = 1, FIXED_POINT };
 #endif
 

@@ -32,6 +32,7 @@ from ..symbolic.shared_subexpressions import text_of
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.repeated_structure import Structure
+from ..systems.time_scale import ScaledSystem
 from ..tableaux.energy_parameter import energy_values
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from ..tableaux.velocity_rows import velocity_enclosures
@@ -268,6 +269,8 @@ def _elements(derived: Derived, requested: bool | None) -> Elements | None:
         return None  # the mass matrix of a Lagrangian and reactions couple all elements
     if isinstance(system, CoMovingSystem) and system.frame_velocity:
         return None
+    if isinstance(system, ScaledSystem):
+        return None  # the scale couples all coordinates
     structure = Structure(system)
     if not (structure.is_worthwhile if requested is None else requested):
         return None
@@ -291,6 +294,7 @@ def _features(
             scheme, SplittingScheme)),
         time_dependent=system.is_time_dependent,
         forced_by_time=system.is_nonautonomous,
+        clock=isinstance(system, ScaledSystem),
         inputs=bool(system.inputs) and profile == "full",
         lagrangian=isinstance(system, LagrangianSystem),
         energy_momentum=isinstance(scheme, LagrangianEMS),

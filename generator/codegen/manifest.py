@@ -10,6 +10,7 @@ import sympy as sp
 from ..._version import __version__
 from ...core.manifest import (
     BodyManifest,
+    ClockManifest,
     ConstraintForceManifest,
     FastPathManifest,
     FrameManifest,
@@ -32,6 +33,7 @@ from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import energy_of
 from ..systems.smoothness import Switching
 from ..systems.system import System
+from ..systems.time_scale import ScaledSystem, shown_count
 from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import Tableau
 from .numbers import domain_of, numbers_of
@@ -66,8 +68,9 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
         hash="" if derived.profile == "full" else identity,
         system=SystemManifest(
             name=system.name,
-            coordinates=_texts(system.q),
-            momenta=_texts(system.p),
+            coordinates=_texts(system.q[: shown_count(system)]),
+            momenta=_texts(system.p[: shown_count(system)]),
+            clock=_clock(system),
             parameters={str(x): domain_of(x) for x in system.parameters},
             hamiltonian=_hamiltonian(system, elements),
             constraints=tuple(text_of(g) for g in system.constraints),
@@ -110,6 +113,14 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
         operations=elements.operations if elements is not None
         else {k.name: k.operations for k in program.kernels},
     ).text
+
+
+def _clock(system: System) -> ClockManifest | None:
+    """Return the hidden coordinate of a system in scaled time, its momentum, and σ's quantity."""
+    if not isinstance(system, ScaledSystem):
+        return None
+    return ClockManifest(time=str(system.q[-1]), momentum=str(system.p[-1]),
+                         scale=system.scale_name)
 
 
 def _numbers(derived: Derived, program: Program) -> dict[str, Any]:

@@ -78,6 +78,7 @@ class Features:
     forces: bool
     time_dependent: bool
     forced_by_time: bool
+    clock: bool
     inputs: bool
     lagrangian: bool
     energy_momentum: bool

@@ -97,7 +97,8 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     """
     content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "joints",
                   "forces", "gravity", "potential", "without", "redundant", "parameters", "inputs",
-                  "run", "quantities", "points", "drives", "events", "units")
+                  "run", "quantities", "points", "drives", "events", "units",
+                  "time_scale")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)
@@ -125,6 +126,9 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
                                         place | time))
     for key, e in formulas.quantities(motion).items():
         builder.quantity(key, e)
+    if "time_scale" in content:
+        builder.time_scale(formulas.read(content, "time_scale", content.formula("time_scale"),
+                                         motion))
     return finished(builder, content)
 
 

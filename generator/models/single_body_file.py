@@ -52,7 +52,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         With file, key and cure.
     """
     content.allow("name", "description", "frame", "potential", "body", "parameters", "inputs",
-                  "start", "run", "quantities", "forces", "events", "units")
+                  "start", "run", "quantities", "forces", "events", "units", "time_scale")
     body, forces = content.table("body"), content.table("forces")
     body.allow("inertia", "mass", "rep", *REPS)
     body.require("inertia")
@@ -73,7 +73,10 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     forces.allow("torque")
     torque = formulas.read_all(forces, "torque", motion, letters, 3) if "torque" in forces else []
     quantities = formulas.quantities(motion, letters)
-    parameters, renamed, values = formulas.in_use([potential, *torque, *quantities.values()])
+    scales = [formulas.read(content, "time_scale", content.formula("time_scale"), motion, letters)
+              ] if "time_scale" in content else []
+    parameters, renamed, values = formulas.in_use(
+        [potential, *torque, *quantities.values(), *scales])
     values |= weight | (
         dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True)) if tensor else
         dict(zip(map(str, moments), cast("Moments", inertia), strict=True)))
@@ -85,6 +88,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         torque=[e.xreplace(renamed) for e in torque],
         quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
         tensor=tensor,
+        time_scale=scales[0].xreplace(renamed) if scales else None,
     )
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
         warn("[body] mass is in no formula: a weight needs a potential, such as "

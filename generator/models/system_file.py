@@ -30,7 +30,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         raise content.file_error(f"it is a system with its own hamiltonian, and rep {rep!r} "
                                  "belongs to models with [body]; leave it out.")
     table.allow("coordinates", "momenta", "hamiltonian", "constraints", "constraint_names",
-                "forces", "time", "velocities", "velocity_constraints",
+                "forces", "time", "time_scale", "velocities", "velocity_constraints",
                 "velocity_constraint_names")
     table.require("coordinates", "momenta", "hamiltonian")
     q, p = (_symbols(table, key) for key in ("coordinates", "momenta"))
@@ -53,8 +53,10 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | known)
     constraints = formulas.read_all(table, "constraints", q | known)
     rows = formulas.read_all(table, "velocity_constraints", q | v | known)
+    scales = [formulas.read(table, "time_scale", table.formula("time_scale"), state | known)] if (
+        "time_scale" in table) else []
     uses_time = "forces" in table or "quantities" in content or "time" in table or any(
-        e.has(*time.values()) for e in (H, *constraints, *rows))
+        e.has(*time.values()) for e in (H, *constraints, *rows, *scales))
     if uses_time:
         for symbol in time:
             if symbol in state:
@@ -64,7 +66,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         "forces" in table) else []
     quantities = formulas.quantities(state | time)
     parameters, renamed, values = formulas.in_use(
-        [H, *constraints, *rows, *forces, *quantities.values()])
+        [H, *constraints, *rows, *forces, *quantities.values(), *scales])
     start.allow("q", "p")
     start.require("q", "p")
     system = System(
@@ -78,6 +80,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         forces=tuple(f.xreplace(renamed) for f in forces),
         time=next(iter(time.values())) if uses_time else None,
         quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
+        time_scale=scales[0].xreplace(renamed) if scales else None,
     )
     q0, p0 = (whole_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
     return Model(system, values, q0, p0, **run_length(content))

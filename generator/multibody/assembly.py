@@ -234,8 +234,10 @@ class Assembly:
         for xs, force in pushes:
             for x, e in zip(xs, force, strict=True):
                 acting[x].append(e)
+        scales = [] if self.components.time_scale is None else [self.components.time_scale]
         named = set().union(*(e.free_symbols for e in (
-            H, *(e for _, force in pushes for e in force), *self.components.quantities.values())))
+            H, *(e for _, force in pushes for e in force), *self.components.quantities.values(),
+            *scales)))
         counted = {joint.name for symbol, (joint, what) in self.components.measures.items()
                    if symbol in named and what == "angle" and not isinstance(joint, Arm)}
         for link in self.links:
@@ -247,6 +249,7 @@ class Assembly:
                 counted |= {joint.name for joint, what in zip(link.joints, link.what, strict=True)
                             if what == "angle" and not isinstance(joint, Arm)}
         H = H.xreplace(measures)
+        scales = [e.xreplace(measures) for e in scales]
         quantities = {name: e.xreplace(measures) for name, e in self.components.quantities.items()}
         q = tuple(x for body in self.components.bodies for x in body.coordinates)
         p = tuple(x for body in self.components.bodies for x in body.momenta)
@@ -259,7 +262,8 @@ class Assembly:
         rows = tuple(equation.expression for equation in slips)
         velocities = self._velocities if rows else ()
         used: set[sp.Symbol] = set().union(*(
-            e.free_symbols for e in (H, *constraints, *rows, *forces, *quantities.values())))
+            e.free_symbols for e in (H, *constraints, *rows, *forces, *quantities.values(),
+                                     *scales)))
         parameters = tuple(sorted(used - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
         unknown = [s for s in parameters if str(s) not in store]
         if unknown:
@@ -278,6 +282,7 @@ class Assembly:
             velocity_constraints=rows, velocities=velocities,
             velocity_constraint_names=tuple(equation.name for equation in slips),
             time=TIME if TIME in used else None, quantities=quantities,
+            time_scale=scales[0] if scales else None,
             inputs=tuple(self.components.inputs),
             bodies=tuple(body_at(body, kept, values) for body in self.components.bodies if body.q),
             joints=tuple(joint_at(link, self.poses, [e for e in self._of_link[link] if e in there],

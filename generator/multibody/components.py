@@ -56,6 +56,7 @@ class Components:
     potentials: list[sp.Expr] = field(default_factory=list)
     forces: list[GeneralisedForce] = field(default_factory=list)
     quantities: dict[str, sp.Expr] = field(default_factory=dict)
+    time_scale: sp.Expr | None = None
     inputs: list[sp.Symbol] = field(default_factory=list)
     measures: dict[sp.Symbol, tuple[Connection, str]] = field(default_factory=dict)
     placed: set[Connection] = field(default_factory=set)

@@ -1133,6 +1133,17 @@ class Multibody:
                  "not depend on build.time, so that their derivatives by it are 0.")
         self._components.quantities[as_text("name of a quantity", name)] = found
 
+    def time_scale(self, expression: Any) -> None:
+        """Scale time, dt = σ dτ: constant steps Δτ are then steps of t that adapt to the motion.
+
+        σ is a positive expression of the symbols of bodies and joints, momenta, ``time`` and
+        parameters, such as ``gyrospark.scales.rates`` returns.
+        """
+        if self._components.time_scale is not None:
+            raise InputError(f"Multibody {self.name!r} has a time scale already; give one "
+                             "expression, such as rates(...) of all rates.")
+        self._components.time_scale = as_expression(expression)
+
     # ------------------------------------------------------------ measures of joints
 
     def angle(self, joint: Connection | str) -> sp.Symbol:

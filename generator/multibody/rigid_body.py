@@ -165,6 +165,7 @@ def body_system(
     torque: Sequence[sp.Expr] = (),
     quantities: Mapping[str, sp.Expr] = MappingProxyType({}),
     tensor: bool = False,
+    time_scale: sp.Expr | None = None,
 ) -> System:
     """Return a rigid body with a fixed point in a potential V(q): H = T(q, p) + V, qᵀq = 1 (2).
 
@@ -188,6 +189,8 @@ def body_system(
     tensor : bool
         Body axes are no principal axes: K11, K12, K13, K22, K23, K33, the entries of J⁻¹, are
         parameters in place of I1, I2, I3.
+    time_scale : Expr, optional
+        σ = dt/dτ of q, p, omega, t and parameters: see ``System``.
 
     Raises
     ------
@@ -221,8 +224,10 @@ def body_system(
         (sum(x**2 for x in q) - 1,),
         name=name,
         forces=tuple(body_force(torques)) if torques else (),
-        time=time if torques or quantities or as_expression(potential).has(time) else None,
+        time=time if torques or quantities or any(
+            as_expression(e).has(time) for e in (potential, time_scale or 0)) else None,
         quantities=quantities,
+        time_scale=time_scale,
         rigid_body=True,
     )
 

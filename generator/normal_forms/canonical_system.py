@@ -68,6 +68,8 @@ def canonical(system: System) -> System:
         velocity_constraints=velocity_constraints,
         forces=tuple(with_symbols(e, old) for e, old in zip(F.rows(), system.forces, strict=True)),
         quantities={name: canonical_expression(e) for name, e in system.quantities.items()},
+        time_scale=(None if system.time_scale is None
+                    else canonical_expression(system.time_scale)),
     )
 
 

@@ -20,6 +20,7 @@ from ..symbolic.switching_functions import switches_of
 from ..systems.jacobians import jacobian, transposed_product
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
+from ..systems.time_scale import ScaledSystem
 from .lagrangian_midpoint import LagrangianEMS
 from .splitting_scheme import SplittingScheme
 from .step_equations import MeanScheme, SparkScheme
@@ -108,13 +109,16 @@ def _flat(e: Sequence[Any]) -> list[sp.Expr]:
 def quantity_derivatives(system: System) -> Kernel | None:
     """Return the kernel of the derivatives of quantities by q, p, the parameters and the time.
 
-    None where there are no quantities, or so many that their derivatives would cost more than
-    those of the steps.
+    In scaled time those of H follow, of which the start of the time's momentum is made. None where
+    there are no quantities, or so many that their derivatives would cost more than those of the
+    steps.
     """
     expressions = list(system.quantities.values())
     time = [sp.Dummy() if system.time is None else system.time]
     columns = [*system.q, *system.p, *system.parameters, *time]
-    if not expressions or tree_size(expressions) * len(columns) > _LARGEST_QUANTITIES:
+    if isinstance(system, ScaledSystem):
+        expressions.append(system.energy)
+    elif not expressions or tree_size(expressions) * len(columns) > _LARGEST_QUANTITIES:
         return None
     given = {} if system.time is None else {"t": time}
     return Kernel("quantity_derivatives", "derivatives of quantities by q, p, parameters and time",

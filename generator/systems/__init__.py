@@ -12,7 +12,9 @@
     velocity_coefficients  coefficients of velocity constraints, extracted exactly
     integrable_rows        velocity constraints that are rates of functions of position
     jacobians              matrices of derivatives
-    moving_frame           a system in a co-moving frame
+    moving_frame           a system whose energy is not the H of its motion; a co-moving frame
+    time_scale             a system in scaled time, whose steps adapt
+    scales                 ready time scales: distances, rates
     repeated_structure     element templates that many terms share, and their sparsity
     elimination_order      elimination orders with little fill-in
     run_functions          sums over the states of a run, and their derivatives

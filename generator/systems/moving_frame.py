@@ -1,4 +1,8 @@
-"""A system in a co-moving frame: H̃ = H − Σ ω_i J_i defines the motion, H is the reported energy."""
+"""Systems whose motion is that of another Hamiltonian than their energy.
+
+In a co-moving frame H̃ = H − Σ ω_i J_i defines the motion, H is the reported energy; ``time_scale``
+has the other such system.
+"""
 
 from __future__ import annotations
 
@@ -10,40 +14,56 @@ import sympy as sp
 from .jacobians import gradient, shortest
 from .system import System
 
-__all__ = ["CoMovingSystem", "energy_of", "in_sums"]
+__all__ = ["CoMovingSystem", "TransformedSystem", "energy_of", "in_sums"]
 
 
 @dataclass(frozen=True)
-class CoMovingSystem(System):
-    """A system whose H is that of the frame.
+class TransformedSystem(System):
+    """A system whose H is that of its motion.
 
     Parameters
     ----------
     energy : Expr
-        H itself.
-frame_velocity : tuple of Expr
-        Σ ω_i A_i q, the velocity of the frame, if forces do work on it; else empty.
+        The energy that runs report.
     """
 
     energy: sp.Expr = field(default=sp.Integer(0), kw_only=True)
-    frame_velocity: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
         """Expressions that define it besides g and F."""
         return {**super().defining, "energy": self.energy}
 
+    @property
+    def conserved(self) -> sp.Expr:
+        """The function on g = 0 whose gradient by p is the velocity, up to a factor."""
+        return self.energy
+
     @cached_property
     def hidden(self) -> list[sp.Expr]:
-        """The constraint on the momenta, that of H: the same where g = 0."""
-        H_p = gradient(self.energy, self.p)
-        return [self._without_units(shortest(sum((a * b for a, b in zip(row, H_p, strict=True)),
+        """The constraint on the momenta, of ``conserved``: the same where g = 0."""
+        velocity = gradient(self.conserved, self.p)
+        return [self._without_units(shortest(sum((a * b for a, b in zip(row, velocity,
+                                                                        strict=True)),
                                                  sp.Integer(0)))) for row in self.G]
 
 
+@dataclass(frozen=True)
+class CoMovingSystem(TransformedSystem):
+    """A system in a co-moving frame.
+
+    Parameters
+    ----------
+    frame_velocity : tuple of Expr
+        Σ ω_i A_i q, the velocity of the frame, if forces do work on it; else empty.
+    """
+
+    frame_velocity: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
+
+
 def energy_of(system: System) -> sp.Expr:
-    """Return H, also of a system in a frame."""
-    return system.energy if isinstance(system, CoMovingSystem) else system.H
+    """Return the energy, which is H but for transformed systems."""
+    return system.energy if isinstance(system, TransformedSystem) else system.H
 
 
 def in_sums(J: sp.Expr, H: sp.Expr) -> list[sp.Expr]:

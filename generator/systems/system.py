@@ -18,7 +18,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -82,6 +82,9 @@ class System:
         Name of each velocity constraint in messages; by default A0, A1, …
     quantities : mapping of str to Expr
         Quantities of q, p, t and parameters that trajectories offer by name.
+    time_scale : Expr, optional
+        σ(q, p, t) > 0 with dt = σ dτ: constant steps Δτ are steps Δt ≈ σ Δτ that adapt to the
+        motion. σ is to be small where any rate of the motion is large; see ``gyrospark.scales``.
     rigid_body : bool
         True when q is a unit quaternion of a body with principal moments I1, I2, I3 (or K11, K12,
         K13, K22, K23, K33, the entries of J⁻¹): the trajectory then offers angular velocity, axis
@@ -116,6 +119,7 @@ class System:
     velocity_constraints: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
     velocities: tuple[sp.Symbol, ...] = field(default=(), kw_only=True)
     velocity_constraint_names: tuple[str, ...] = field(default=(), kw_only=True)
+    time_scale: sp.Expr | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs",
@@ -175,6 +179,11 @@ class System:
         self._refuse_unknown_symbols()
         self._refuse_inputs_elsewhere()
         refuse_unless_linear(self)
+        if self.time_scale is not None:
+            from .time_scale import refuse_unscalable  # imports this module
+
+            object.__setattr__(self, "time_scale", as_expression(self.time_scale))
+            refuse_unscalable(self)
         for what, kind in (("bodies", BodyLayout), ("joints", JointLayout)):
             given = as_items(what, getattr(self, what), f"what Multibody makes, {kind.__name__}")
             if not all(isinstance(one, kind) for one in given):
@@ -211,7 +220,8 @@ class System:
                   zip(self.velocity_constraint_names[:_SHOWN], self.velocity_constraints,
                       strict=False)),
                 *((f"F({p})", shown_formula(F)) for p, F in
-                  zip(self.p[:_SHOWN], self.forces, strict=False))]
+                  zip(self.p[:_SHOWN], self.forces, strict=False)),
+                *([] if self.time_scale is None else [("dt/dτ", shown_formula(self.time_scale))])]
         rows += [("coordinates", few(self.q)), ("momenta", few(self.p)),
                  ("parameters", few(self.parameters)), ("constraints", str(self.m))]
         return card(f"System {self.name}", table(rows))
@@ -379,6 +389,10 @@ class System:
         from .integrable_rows import with_row_integrals
 
         return with_row_integrals(self)
+
+    def with_time_scale(self, scale: sp.Expr | None) -> System:
+        """Return the system with another ``time_scale``, or without one."""
+        return replace(self, time_scale=scale)
 
     @property
     def is_nonautonomous(self) -> bool:

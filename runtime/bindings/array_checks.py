@@ -122,14 +122,17 @@ def _cure(value: Any) -> str:
     return ""
 
 
-def as_step(value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:
+def as_step(
+    value: Any, number: Callable[[Fraction], Any] = as_double, name: str = "dt"
+) -> Any:
     """Return a usable time step: finite and not zero; negative integrates backwards."""
     if isinstance(value, str):
-        raise InputError(f"dt = {shown(value)} is no number; give seconds, such as those of "
+        raise InputError(f"{name} = {shown(value)} is no number; give seconds, such as those of "
                          "gyrospark.tune(step, start, step_error=1e-9, t_end=1).dt.")
-    dt = as_real("dt", value, number)
+    dt = as_real(name, value, number)
     if dt == 0:
-        raise InputError("dt = 0 makes no step; give a positive dt, or a negative one to go back.")
+        raise InputError(f"{name} = 0 makes no step; give a positive {name}, or a negative one to "
+                         "go back.")
     return dt
 
 

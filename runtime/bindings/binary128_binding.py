@@ -35,6 +35,7 @@ __all__ = ["QuadBinding"]
 Array = NDArray[Any]
 
 #: The numbers at the end of a report, in the header's order.
+_COUNTS = 32  # bytes of the whole numbers before them
 _RECORDED = ("work", "work_low", "energy_start", "energy_error_max", "energy_error_sum",
              "constraint_max", "constraint_sum", "hidden_max", "hidden_sum")
 
@@ -240,6 +241,17 @@ def _recorded(place: int) -> property:
     return property(read, write)
 
 
+def _time_step(place: int) -> property:
+    """Return a property for the smallest or the largest step of t, the first numbers of a report in
+    scaled time."""
+
+    def read(record: _Record) -> Any:
+        start = record.index * record.block.size + _COUNTS
+        return record.block.read(start + place * binary128.BYTES)
+
+    return property(read)
+
+
 def _counted(name: str) -> property:
     """Return a property for a whole number of a report."""
 
@@ -257,6 +269,7 @@ class _Record:
 
     steps, iterations, iterations_max, newton_steps = map(
         _counted, ("steps", "iterations", "iterations_max", "newton_steps"))
+    time_step_min, time_step_max = map(_time_step, range(2))
     (work, work_low, energy_start, energy_error_max, energy_error_sum, constraint_max,
      constraint_sum, hidden_max, hidden_sum) = map(_recorded, range(len(_RECORDED)))
 

@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 #: Why a call failed, by its status.
 REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite", 4: "stagnated",
-           5: "diverged"}
+           5: "diverged", 7: "time stopped"}
 
 
 class Binding(Compiled):
@@ -127,6 +127,39 @@ class Binding(Compiled):
                                      self.pointer(p), self.pointer(H))
         return H
 
+    def in_scaled_time(
+        self, parameters: ParameterStruct, q: Array, p: Array, t: Array
+    ) -> tuple[Array, Array]:
+        """Return rows of states with what is not shown in scaled time: t, and e = −H(q, p, t).
+
+        q and p have shape (N, n), t (N,). Where time is not scaled they are returned as they are.
+        """
+        if not self.clocked:
+            return q, p
+        full_q, full_p = (np.concatenate([x, self.new(len(q), 1)], axis=1) for x in (q, p))
+        full_q[:, -1] = self.converted(t)
+        full_p[:, -1] = -self.hamiltonian(parameters, full_q, full_p)
+        return full_q, full_p
+
+    def time_of(self, q: Array) -> Any:
+        """Return the time of a state in scaled time, in the type of ``number``."""
+        return q[-1] if self.dtype in (object, np.longdouble) else float(q[-1])
+
+    def time_scales(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
+        """Return σ = dt/dτ of rows of states in scaled time."""
+        scales: Array = self.quantities(parameters, self.new(len(q)), q, p)[:, self.scale_place]
+        return scales
+
+    def start_in_scaled_time(
+        self, parameters: ParameterStruct, q: Array, p: Array, t: Any
+    ) -> tuple[Array, Array]:
+        """Return one such state."""
+        if not self.clocked:
+            return q, p
+        rows_q, rows_p = self.in_scaled_time(parameters, q[None], p[None],
+                                             np.array([t], self.number_type))
+        return rows_q[0], rows_p[0]
+
     def velocities(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
     ) -> Array:
@@ -190,10 +223,12 @@ class Binding(Compiled):
 
 
 class CompiledConstraints:
-    """g, f and their derivatives at given parameters, in double."""
+    """g, f and their derivatives at given parameters, in double; in scaled time at the time t."""
 
-    def __init__(self, binding: Binding, manifest: Manifest, parameters: ParameterStruct) -> None:
-        self._binding, self._parameters = binding, parameters
+    def __init__(
+        self, binding: Binding, manifest: Manifest, parameters: ParameterStruct, t: Any = 0.0
+    ) -> None:
+        self._binding, self._parameters, self._t = binding, parameters, t
         system = manifest.system
         self.coordinates, self.momenta = system.coordinates, system.momenta
         self.constraint_names = system.constraint_names
@@ -226,8 +261,9 @@ class CompiledConstraints:
         return matrix
 
     def _defects(self, q: Array, p: Array) -> tuple[Array, Array]:
-        states = (np.ascontiguousarray(x, dtype=self._binding.dtype) for x in (q, p))
-        g, f = self._binding.defects(self._parameters, *states)
+        states = [np.ascontiguousarray(x, dtype=self._binding.dtype) for x in (q, p)]
+        g, f = self._binding.defects(self._parameters, *self._binding.in_scaled_time(
+            self._parameters, states[0], states[1], np.full(len(q), self._t)))
         return g.astype(float), f.astype(float)
 
 

@@ -93,7 +93,11 @@ class Compiled:
         self.parameter_names = list(system.parameters)
         #: Those of them that may change from step to step.
         self.input_names = list(system.inputs)
-        self.n = len(system.coordinates)
+        #: Whether the last coordinate is the time of a system in scaled time, which is not shown.
+        self.clocked = system.clock is not None
+        #: Coordinates of the compiled code, and those that are shown.
+        self.shown = len(system.coordinates)
+        self.n = self.shown + self.clocked
         self.m = len(system.constraints)
         #: Velocity constraints, and all conditions on momenta: these and the hidden constraints.
         self.rows = len(system.velocity_constraint_names)
@@ -104,6 +108,9 @@ class Compiled:
         #: Whether H or g has t, so that what is asked of a state is asked at a time.
         self.is_timed = bool(system.time_in_H_or_g)
         self.quantity_names = list(system.quantities)
+        #: Which of them is σ = dt/dτ.
+        self.scale_place = (-1 if system.clock is None
+                            else self.quantity_names.index(system.clock.scale))
         self.quantities_take_time = bool(system.quantities_take_time)
         self.unknowns = int(manifest.scheme.unknowns)
         #: How many multipliers a step has, and how many of them are of velocity constraints.

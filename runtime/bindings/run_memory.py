@@ -157,3 +157,9 @@ class Rows:
     def copy(self) -> Self:
         """Return rows of their own memory."""
         return type(self)(*(getattr(self, field.name).copy() for field in fields(self)))
+
+    def with_room(self, binding: Compiled, rows: int) -> Rows:
+        """Return these rows in memory for so many."""
+        larger = Rows.allocate(binding, rows)
+        larger.assign(np.s_[: len(self.iterations)], self)
+        return larger

@@ -71,7 +71,7 @@ def sizes_of(manifest: Manifest) -> dict[str, Any]:
         "name": manifest.name,
         "real": REALS[manifest.real].c_type,
         "parameters": [*system.parameters, *time] or ["none"],
-        "coordinates": len(system.coordinates),
+        "coordinates": len(system.coordinates) + (system.clock is not None),
         "constraints": len(system.constraints),
         "unknowns": scheme.unknowns,
         "order": scheme.order,

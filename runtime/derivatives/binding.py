@@ -63,7 +63,9 @@ class DerivativeBinding:
                 parameters, own.pointer(q), own.pointer(p), own.pointer(g), own.pointer(f), memory)
         return g, f
 
-    def quantity_derivatives(self, parameters: Any, t: Any, q: Array, p: Array) -> Array | None:
+    def quantity_derivatives(
+        self, parameters: Any, t: Any, q: Array, p: Array, *, energy: bool = False
+    ) -> Array | None:
         """Return the derivatives of each quantity of a state by the rows of a direction.
 
         In place of the start time is the time t. None where they are not generated.
@@ -71,7 +73,7 @@ class DerivativeBinding:
         own, size = self.own, self.rows - 1
         if not self._has("quantities_by_state"):
             return None
-        count = len(own.quantity_names)
+        count = len(own.quantity_names) + own.clocked
         rows, found = own.new(count, size), own.new(count, self.rows)
         time = own.new(1)
         time[0] = t
@@ -79,7 +81,14 @@ class DerivativeBinding:
             parameters, *([own.pointer(time)] if own.quantities_take_time else []),
             own.pointer(q), own.pointer(p), own.pointer(rows))
         found[:, : size - 1], found[:, -1] = rows[:, : size - 1], rows[:, -1]
-        return found
+        return found[: len(own.quantity_names)] if not energy else found[-1:]
+
+    def energy_derivatives(self, parameters: Any, q: Array, p: Array) -> Array:
+        """Return the derivatives of H(q, p, t) in scaled time by the rows of a direction."""
+        found = self.quantity_derivatives(parameters, 0.0, q, p, energy=True)
+        assert found is not None
+        row: Array = found[0]
+        return row
 
     def count_switches(self, run: RunArguments, parameters: Any, steps: KeptSteps) -> int:
         """Return how many of these steps end on another side of a switch of H or the forces."""

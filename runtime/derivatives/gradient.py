@@ -96,8 +96,11 @@ class Gradient:
         names = [*own.parameter_names, "dt", "t0"]
         if inputs is None:
             inputs = z_bar[[2 * n + names.index(u) for u in own.input_names]][None]
-        return cls(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals, inputs, wrt,
-                   dict(zip(names, z_bar[2 * n :].tolist(), strict=True)), switched_steps)
+        numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
+        if own.clocked:
+            numbers["t0"] = z_bar[n - 1 : n].tolist()[0]
+        q, p = (z_bar[k : k + own.shown].copy() for k in (0, n))
+        return cls(value, q, p, space.normals, inputs, wrt, numbers, switched_steps)
 
     def __repr__(self) -> str:
         value = "" if self.value is None else f" of a function with the value {self.value:.6g}"
@@ -203,7 +206,7 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
     InputError
         For other names and shapes, for what is not finite, for events without derivatives.
     """
-    n, of_steps = stepper.n, len(kinds.of_steps)
+    n, of_steps = stepper.binding.n, len(kinds.of_steps)
     given = as_mapping("cotangents", given, "{'q': ...}")
     events = given.get("events", {})
     parameters = as_mapping("cotangents of parameters", given.get("parameters", {}), "{'m': 1.0}")
@@ -251,8 +254,9 @@ def _of_multipliers(stepper: Stepper, rows: int, given: Mapping[str, Any]) -> Ar
 def _arrays(
     stepper: Stepper, rows: int, given: Mapping[str, Any], where: str
 ) -> tuple[Array, Array]:
-    """Return cotangents of rows of (q, p) and of their times."""
-    n, own = stepper.n, stepper.binding
+    """Return cotangents of rows of (q, p) and of their times; in scaled time these are in q."""
+    own = stepper.binding
+    n, shown = own.n, own.shown
     made, times = own.new(rows, 2 * n), own.new(rows)
     for name, array in as_mapping("cotangents", given, "{'q': ...}").items():
         if not where and name == "multipliers":
@@ -260,8 +264,10 @@ def _arrays(
         if name not in ("q", "p", "t"):
             raise unknown("kind of cotangents", name, ["q", "p", "t", *(
                 () if where else ("multipliers", "events", "parameters"))])
-        part = {"q": made[:, :n], "p": made[:, n:], "t": times}[name]
+        part = {"q": made[:, :shown], "p": made[:, n : n + shown], "t": times}[name]
         _fill(name, array, part, where, "state")
+    if own.clocked:
+        made[:, n - 1], times = times, 0 * times
     return made, times
 
 
@@ -292,7 +298,7 @@ def gradient_of(
         As the run itself does: there is no partial gradient.
     """
     refuse_run(run)
-    binding, n = stepper._derivative_binding(), stepper.n
+    binding, n = stepper._derivative_binding(), stepper.binding.n
     names = [*stepper.binding.parameter_names, "dt", "t0"]
     fed = stepper.binding.input_names if run.inputs is not None else []
     columns = [2 * n + names.index(u) for u in fed]
@@ -422,7 +428,7 @@ def backwards(
         return
     own = stepper.binding
     width = 16 if own.c_type not in ("float", "double") else np.dtype(own.dtype).itemsize
-    a_step = (2 * stepper.n + stepper.unknowns) * width
+    a_step = (2 * own.n + stepper.unknowns) * width
     kept = stepper._derivative_binding().begin(run)
     if run.steps * a_step <= memory:
         steps, status = kept.keep(run.steps)

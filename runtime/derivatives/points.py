@@ -8,6 +8,8 @@ v = ∂Φ_τ/∂τ and Z = dΦ_τ at fixed τ (along dz_j, dθ and dt_j) it move
 - at a fixed time: dτ = −dt_j = −dt0 − j dΔt;
 - at an event c(z, θ, t) = 0: dτ = −(c_z Z + c_θ dθ + c_t dt_j) / (c_z v + c_t), where c is a
   coordinate, a momentum or a quantity less its level.
+
+In scaled time τ and Δτ stand for t and Δt here, and t is a coordinate: a fixed time is an event.
 """
 
 from __future__ import annotations
@@ -125,8 +127,9 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
         except InputError as error:
             refused[event.name] = str(error)
     if origin.between:
-        return RunRows(replace(run, every=max(done, 1)), _at_times(stepper, run, trajectory.t),
-                       True, events, refused)
+        times = trajectory.tau if stepper.binding.clocked else trajectory.t
+        return RunRows(replace(run, every=max(done, 1)), _at_times(stepper, run, times), True,
+                       events, refused)
     found = RunRows(run, [], False, events, refused)
     last = ending(origin.events, trajectory.events, run.dt)
     if last is not None:
@@ -138,8 +141,15 @@ def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
     """Return the points at fixed times; a time between two steps belongs to the first of them."""
     ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps + 1]))
     at = places_of(stepper, run.t0, ends, run.dt, t)
-    return [_point(run, int(step), rest)
+    fixed = _unit(stepper, stepper.binding.n - 1) if stepper.binding.clocked else None
+    return [replace(_point(run, int(step), rest), normal=fixed)
             for step, rest in zip(at.steps, at.rest.tolist(), strict=True)]
+
+
+def _unit(stepper: Stepper, row: int) -> Array:
+    unit: Array = stepper.binding.new(stepper._derivative_binding().rows)
+    unit[row] = 1
+    return unit
 
 
 def _point(run: RunArguments, step: int, tau: Any) -> Point:
@@ -166,15 +176,18 @@ def _normal(
 ) -> Array:
     """Return the derivatives of an event's value at one of its crossings."""
     binding, system = stepper._derivative_binding(), stepper.manifest.system
-    quantities, states = list(system.quantities), [
-        *system.coordinates, *system.momenta]
+    quantities, n = list(system.quantities), stepper.binding.n
+    states = {name: i for i, name in enumerate(system.coordinates)}
+    states |= {name: n + i for i, name in enumerate(system.momenta)}
+    if system.clock is not None:
+        states[system.clock.time] = n - 1
     if event.quantity not in quantities:
-        unit: Array = binding.own.new(binding.rows)
-        unit[states.index(event.quantity)] = 1
-        return unit
+        return _unit(stepper, states[event.quantity])
+    there = stepper.binding.start_in_scaled_time(
+        stepper.binding.parameters(run.parameters, run.t0), found.q[i].copy(), found.p[i].copy(),
+        found.t[i])
     rows = binding.quantity_derivatives(
-        binding.own.parameters(run.parameters, run.t0), found.t[i], found.q[i].copy(),
-        found.p[i].copy())
+        binding.own.parameters(run.parameters, run.t0), found.t[i], *there)
     if rows is None:
         raise InputError(
             f"The event {event.name!r} is of the quantity {event.quantity!r}, and this system has "
@@ -186,8 +199,9 @@ def _normal(
 
 def _refuse_other_times(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> None:
     times = stepper.binding.times(run.t0, run.dt, run.steps_of_rows(run.steps))
-    if len(times) != len(trajectory.t) or not all(
-            abs(x - y) <= 1e-6 * abs(run.dt) for x, y in zip(times, trajectory.t, strict=True)):
+    stored = trajectory.tau if stepper.binding.clocked else trajectory.t
+    if len(times) != len(stored) or not all(
+            abs(x - y) <= 1e-6 * abs(run.dt) for x, y in zip(times, stored, strict=True)):
         raise InputError("Rows of this trajectory are not ends of its steps, and it does not know "
                          "the run that they are of, for it was stored or belongs to a simulation; "
                          "integrate again for derivatives.")
@@ -197,7 +211,7 @@ def single_step(
     stepper: Stepper, run: RunArguments, point: Point, z: Array
 ) -> SingleStep:
     """Return the step from a state z, in space, that leads to a point."""
-    n, parameters = stepper.n, run.parameters
+    n, parameters = stepper.binding.n, run.parameters
     if run.inputs is not None:
         parameters = parameters | dict(zip(
             run.inputs.names, run.inputs.at(point.step).tolist(), strict=True))
@@ -215,7 +229,7 @@ def tangent_at(
     ``dz`` has all rows, of which q and p are those of the state z before, both in space. Directions
     of the multipliers of its step follow, if they are wanted; at the start of a run they are 0.
     """
-    n, count = stepper.n, dz.shape[1]
+    n, count = stepper.binding.n, dz.shape[1]
     if point.tau is None:
         none = stepper.binding.new(stepper.binding.multipliers if multipliers else 0, count)
         return np.concatenate([dz[: 2 * n], none]), dz[-1].copy()

@@ -105,7 +105,7 @@ def _followed(
     In place of those of an event that has none is the error that says why.
     """
     refuse_run(run)
-    binding, n = stepper._derivative_binding(), stepper.n
+    binding, n = stepper._derivative_binding(), stepper.binding.n
     own = binding.own
     kept_run = binding.begin(run)
     space = TangentSpace(binding, kept_run.parameters, run.q, run.p, stepper.constraint_names)
@@ -122,6 +122,8 @@ def _followed(
              else wanted.multipliers is not None)
     count, inner = dz.shape[1], multiplier_shape(stepper) if asked else None
     tangents = dz[: 2 * n].copy()
+    #: Rows that users see, those of multipliers among them.
+    shown = np.r_[space.places, 2 * n : 2 * n + (own.multipliers if inner is not None else 0)]
     frame = FrameMotion(binding, stepper.symmetries, run)
     if inner is not None:
         frame.refuse_rotating_multipliers(run)
@@ -145,6 +147,9 @@ def _followed(
                 found[i], times[i] = tangent_at(stepper, run, points[i], z, here, width > 0)
             except InputError as error:
                 found[i] = error
+                continue
+            if own.clocked:
+                found[i], times[i] = found[i][shown], found[i][n - 1]
 
     at, last = np.unique(steps_of_points), (run.q, run.p)
     switched = 0
@@ -169,13 +174,15 @@ def _followed(
                 made[here, 2 * n :] = forces[ends[here] - 1 - steps.first]
             last = steps.q[-1], steps.p[-1]
     differentiate_points(run.steps, *last)
-    warn_of_growth(stepper, "Directions of the start have", _growth(names, dz[: 2 * n],
-                                                                    made[-1, : 2 * n]))
-    of_times = dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2])
+    warn_of_growth(stepper, "Directions of the start have",
+                   _growth(names, dz[space.places], made[-1][space.places]))
+    of_times = (made[:, n - 1].copy() if own.clocked else
+                dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2]))
     warn_of_jumps(stepper, switched)
     of_steps = None if inner is None else made[1:, 2 * n :].reshape(-1, *inner, count)
-    return TangentRows(made[:, :n], made[:, n : 2 * n], names, dz[: 2 * n], of_times, dz,
-                       multipliers=of_steps, switched_steps=switched), found, times
+    q, p = (made[:, k : k + own.shown] for k in (0, n))
+    return TangentRows(q, p, names, dz[space.places], of_times, dz, multipliers=of_steps,
+                       switched_steps=switched), found, times
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:

@@ -7,6 +7,9 @@ too, by the derivative of the projection (``consistent``) at a consistent state,
     dq ← dq − Gᵀ(GGᵀ)⁻¹ (G dq + g_θ dθ),   dp ← dp − GᵀW⁻¹ (f_q dq + f_p dp + f_θ dθ),  W = f_p Gᵀ
 
 IMS and EMS do not keep f = 0: there dp stays as it is.
+
+In scaled time the rows of q and p have t and its momentum e = −H as well: the projection keeps t,
+and de = −dH(dq, dp, dθ, dt) at the start.
 """
 
 from __future__ import annotations
@@ -47,7 +50,7 @@ class Tangents:
     parameters : sequence of str
         Names of parameters; ``project`` does not concern them.
     dt, t0 : bool
-        Whether the time step, and the start time, are directions.
+        Whether the time step, in scaled time Δτ, and the start time are directions.
     project : bool
         Project given directions onto the tangent space, which else are refused where they leave
         it.
@@ -97,36 +100,41 @@ class TangentSpace:
         sizes = [float(np.linalg.norm(x.astype(float))) for x in (q, p)]
         self._shares = sizes[0] / (sizes[1] or sizes[0] or 1.0)
         self.g, self.f = binding.constraint_derivatives(parameters, q, p)
-        n = self.n
-        self._G, self._f_p = self.g[:, :n], self.f[:, n : 2 * n]
+        n, shown = self.n, binding.own.shown
+        #: The rows of q and p that users see.
+        self.places = np.r_[:shown, n : n + shown]
+        self._G, self._f_p = self.g[:, :n].copy(), self.f[:, n : 2 * n]
+        self._G[:, shown:] = 0
+        self._energy = (binding.energy_derivatives(parameters, q, p) if binding.own.clocked
+                        else None)
 
     def projected(self, dz: Array) -> Array:
         """Return directions whose rows q and p are moved onto the constraints."""
-        n, found = self.n, dz.copy()
-        if not len(self.g):
-            return found
-        G = self._G
-        found[:n] -= G.T @ solved(G @ G.T, self.g @ found)
-        if not self.binding.keeps_momentum:
-            return found
-        found[n : 2 * n] -= G.T @ solved(self._f_p @ G.T, self.f @ found)
+        n, G, found = self.n, self._G, dz.copy()
+        if len(G):
+            found[:n] -= G.T @ solved(G @ G.T, self.g @ found)
+        if len(G) and self.binding.keeps_momentum:
+            found[n : 2 * n] -= G.T @ solved(self._f_p @ G.T, self.f @ found)
+        if self._energy is not None:
+            found[2 * n - 1] = -(self._energy @ found)
         return found
 
     def pulled_back(self, z_bar: Array) -> Array:
         """Return the transpose of ``projected`` applied to a cotangent, or to columns of them."""
-        n, found = self.n, z_bar.copy()
-        if not len(self.g):
-            return found
-        G = self._G
-        if self.binding.keeps_momentum:
+        n, G, found = self.n, self._G, z_bar.copy()
+        if self._energy is not None:
+            of_energy, found[2 * n - 1] = found[2 * n - 1].copy(), 0
+            found -= np.multiply.outer(self._energy, of_energy)
+        if len(G) and self.binding.keeps_momentum:
             found -= self.f.T @ solved((self._f_p @ G.T).T, G @ found[n : 2 * n])
-        found -= self.g.T @ solved(G @ G.T, G @ found[:n])
+        if len(G):
+            found -= self.g.T @ solved(G @ G.T, G @ found[:n])
         return found
 
     @property
     def normals(self) -> Array:
         """The derivatives of g and f by (q, p), shape (2 m, 2 n)."""
-        rows: Array = np.concatenate([self.g, self.f])[:, : 2 * self.n]
+        rows: Array = np.concatenate([self.g, self.f])[:, self.places]
         return rows
 
     def basis(self) -> Array:
@@ -135,9 +143,10 @@ class TangentSpace:
 
     def refuse_off(self, directions: Array) -> None:
         """Refuse directions of q that leave g = 0, naming the constraint."""
-        dq, dp = (part.astype(float) for part in (directions[: self.n],
-                                                  directions[self.n : 2 * self.n]))
-        G = self._G.astype(float)
+        shown = len(self.places) // 2
+        dq, dp = (part.astype(float) for part in (directions[:shown],
+                                                  directions[shown : 2 * shown]))
+        G = self._G[:, :shown].astype(float)
         # A direction along momenta has a dq of round-off alone, where as much of q as of p changes.
         round_off = _ROUNDING * self._shares * np.linalg.norm(dp, axis=0)
         for mu, row in enumerate(G):
@@ -214,10 +223,10 @@ class Start:
         columns: list[Array] = []
         self.names: list[str] = []
         if wanted.start is not None:
-            given = _given_start(space, wanted, own, n)
+            given = _given_start(space, wanted, own, own.shown)
             for k in range(given.shape[1]):
                 column = own.new(binding.rows)
-                column[: 2 * n] = given[:, k]
+                column[space.places] = given[:, k]
                 columns.append(column)
                 self.names.append(f"start[{k}]")
         for name in wanted.parameters:
@@ -225,9 +234,10 @@ class Start:
                 raise unknown("parameter", name, names)
             columns.append(_unit(binding, 2 * n + names.index(name)))
             self.names.append(name)
-        for flag, name, place in ((wanted.dt, "dt", -2), (wanted.t0, "t0", -1)):
+        of_time = n - 1 if own.clocked else binding.rows - 1
+        for flag, name, place in ((wanted.dt, "dt", binding.rows - 2), (wanted.t0, "t0", of_time)):
             if flag:
-                columns.append(_unit(binding, binding.rows + place))
+                columns.append(_unit(binding, place))
                 self.names.append(name)
         if not columns:
             raise InputError("No direction is asked for; give start, parameters, dt or t0.")

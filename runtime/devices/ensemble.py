@@ -121,6 +121,7 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
         (real not in ("float", "double"), f"numbers of type {real}: a card has float and double"),
         (n > _LARGEST, f"systems of {n} coordinates: the largest has {_LARGEST}"),
         (bool(stepper.symmetries), "co-moving frames"),
+        (stepper.binding.clocked, "time_scale"),
         (bool(stepper.binding.rows), "velocity constraints"),
         (bool(scheme.exact_energy), "steps of exact energy"),
         (stepper.binding.solves and not manifest.fast_path.available,

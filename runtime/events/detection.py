@@ -55,6 +55,8 @@ class Levels:
         system = manifest.system
         places = {name: ("p", i) for i, name in enumerate(system.momenta)}
         places |= {name: ("q", i) for i, name in enumerate(system.coordinates)}
+        if system.clock is not None:
+            places[system.clock.time] = ("q", binding.n - 1)
         places |= {name: ("", i) for i, name in enumerate(system.quantities)}
         columns = tuple(places[one.quantity] for one in events)
         first = {"q": 0, "p": binding.n, "": 2 * binding.n}

@@ -367,6 +367,8 @@ def _by_run(
     for number, event in enumerate(levels.events):
         own = _selected(roots, roots.event == number)
         own = _selected(own, np.lexsort((own.place, own.step, own.owner)))
+        if stepper.binding.clocked and levels.columns[number] == ("q", stepper.binding.n - 1):
+            own.q[:, -1] = levels.rounded[number]  # the time asked for, which roots are next to
         elapsed = own.step * runs.dt[own.owner] + own.since
         t = runs.t0[own.owner] + elapsed
         ends = np.searchsorted(own.owner, np.arange(len(runs) + 1))

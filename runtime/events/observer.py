@@ -25,7 +25,7 @@ from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import EnsembleArguments, RunArguments
 from ..integration.step_loop import advance_and_detect, integrate
 from ..results.crossings import Crossings
-from ..results.run_arrays import States, flat_multipliers
+from ..results.run_arrays import States, flat_multipliers, full_states
 from ..results.trajectory import Trajectory
 from .detection import Levels, Memory
 from .location import crossings_of, detectors_for, ending
@@ -73,7 +73,8 @@ def observed(
     if end is not None:
         row = replace(end.row, work=trajectory.report.work + end.row.work)
         trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed), row)
-    trajectory = changed(trajectory, events=found)
+    trajectory = changed(trajectory, events={
+        name: crossings.shown(stepper.binding) for name, crossings in found.items()})
     if trouble is None:
         return trajectory
     trouble.trajectory = trajectory
@@ -85,15 +86,16 @@ def with_row(
 ) -> Trajectory:
     """Return the first rows of a trajectory and after them one more.
 
-    ``times`` are its time and the time since the start.
+    ``times`` are its time and the time since the start, in scaled time both τ.
     """
     binding, states, steps = stepper.binding, slice(rows), rows - 1
-    t, elapsed = times
+    (t, elapsed), (q, p) = times, full_states(trajectory)
+    begun = trajectory.tau if binding.clocked else trajectory.t
     flat = flat_multipliers(trajectory)[:steps]
     return trajectory.of_states(States(
         binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
-        np.concatenate([trajectory.t[states], t]), np.concatenate([trajectory.q[states], row.q]),
-        np.concatenate([trajectory.p[states], row.p]),
+        np.concatenate([begun[states], t]), np.concatenate([q[states], row.q]),
+        np.concatenate([p[states], row.p]),
         np.concatenate([flat, row.multipliers]).astype(binding.dtype),
         np.concatenate([trajectory.iterations[:steps], row.iterations]),
         np.concatenate([trajectory.work[states], row.work]),

@@ -85,7 +85,7 @@ def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments)
         return
     g, f, g_bound, f_bound = (float(x[0]) for x in (found.g, found.f, found.g_bound,
                                                     found.f_bound))
-    q_size = float(np.linalg.norm(run.q.astype(float)))
+    q_size = float(np.linalg.norm(run.q[: binding.shown].astype(float)))
     rigid = manifest.system.rigid_body
     norm = f", |q| = {q_size:.15g}" if rigid else ""
     what = "q^T p" if rigid else "the momentum constraint"
@@ -104,12 +104,15 @@ def _cure(
     if binding.project(parameters, q, p) and binding.dtype is np.float64 and not binding.rows:
         try:
             with np.errstate(all="ignore"):
-                project(CompiledConstraints(binding, manifest, parameters), run.q, run.p)
+                project(CompiledConstraints(binding, manifest, parameters, run.q[-1]),
+                        run.q[: binding.shown], run.p[: binding.shown])
         except InputError as error:
             return str(error)
-    cure = (f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * binding.is_timed})` "
+    timed = binding.is_timed or binding.clocked
+    cure = (f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * timed})` "
             "moves it onto them.")
-    given, moved = (np.concatenate(x).astype(float) for x in ((run.q, run.p), (q, p)))
+    given, moved = (np.concatenate([x[: binding.shown] for x in state]).astype(float)
+                    for state in ((run.q, run.p), (q, p)))
     single = float(np.finfo(np.float32).eps)
     if binding.epsilon < single and (given.astype(np.float32) == given).all() and (
             np.abs(moved - given).max() <= 8 * single * np.abs(given).max()):

@@ -2,7 +2,8 @@
 
 Where the run stored t_k, the state at t_k + jΔt + θΔt, 0 < θ < 1, is that of j whole steps and one
 step of length θΔt. It is on its constraints to round-off, and as near to the motion as the states
-of the run are: a short step adds an error of its own order, (θΔt)^(r+1).
+of the run are: a short step adds an error of its own order, (θΔt)^(r+1). In scaled time it is one
+of length δτ with t(δτ) the time asked for, which Newton's method finds: dt/dτ = σ.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ...core.errors import InputError, Stopped
 from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.inputs import InputRows
-from ..results.run_arrays import States, flat_multipliers
+from ..results.run_arrays import States, flat_multipliers, full_states
 from ..results.trajectory import Trajectory
 from .lanes import EnsembleStates, fill_ensemble, threads_of
 from .run_arguments import EnsembleArguments, RunArguments
@@ -32,6 +33,8 @@ __all__ = ["between", "epsilon_of_times", "partial_steps", "places_of", "refuse_
 
 Array = NDArray[Any]
 
+#: Newton's steps to a time in scaled time, at most: three or four are usual.
+_NEWTON = 12
 #: Numbers of states that whole steps may fill at a time, between two stored ones.
 _AT_ONCE = 2**22
 
@@ -68,9 +71,12 @@ def _states_at(
     refuse_of_another(stepper, trajectory)
     refuse_forgotten(stepper, trajectory)
     t = _times(stepper, times)
-    elapsed = trajectory.elapsed
-    at = places_of(stepper, trajectory.t[0], elapsed, trajectory.dt, t)
-    q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
+    clocked = stepper.binding.clocked
+    begin, elapsed = ((trajectory.tau, trajectory.tau) if clocked else
+                      (trajectory.t, trajectory.elapsed))
+    at = (_places_in_scaled_time(stepper, trajectory, t, fill) if clocked else
+          places_of(stepper, trajectory.t[0], elapsed, trajectory.dt, t))
+    q, p = (x[at.rows] for x in full_states(trajectory))  # copies
     work = trajectory.work[at.rows].copy()
     of_steps = flat_multipliers(trajectory)
     multipliers = np.zeros((len(t), of_steps.shape[1]), trajectory.q.dtype)
@@ -81,21 +87,23 @@ def _states_at(
     made = _Made(q, p, work, multipliers, iterations)
     stored = np.rint((elapsed / trajectory.dt).astype(float)).astype(int)
     for steps, part in _parts(trajectory, at):
-        _go(stepper, trajectory, fill, made, part, trajectory.t[at.rows[part]],
+        _go(stepper, trajectory, fill, made, part, begin[at.rows[part]],
             np.full(len(part), trajectory.dt), begun=stored[at.rows[part]], steps=at.steps[part],
             most=steps)
     rest = np.flatnonzero(at.rest != 0)
-    begun = stepper.binding.times(trajectory.t[at.rows], trajectory.dt, at.steps)
+    begun = stepper.binding.times(begin[at.rows], trajectory.dt, at.steps)
     if len(rest):
         _go(stepper, trajectory, fill, made, rest, begun[rest], at.rest[rest],
             begun=(stored[at.rows] + at.steps)[rest], steps=np.ones(len(rest), dtype=int), most=1)
+    if clocked:
+        made.q[:, -1], t = t, begun + at.rest  # the same but for rounding, and τ
     return _trajectory(stepper, trajectory, t, made)
 
 
 def stored_steps_at(
     stepper: Stepper, run: RunArguments, times: ArrayLike, rest: Any = 0
-) -> Array:
-    """Return the steps of a run after which times are, with its last one.
+) -> Array | None:
+    """Return the steps of a run after which times are, with its last one; None where all may be.
 
     The run ends ``rest`` seconds after its last step.
 
@@ -106,6 +114,8 @@ def stored_steps_at(
     """
     if run.every != 1:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
+    if stepper.binding.clocked:
+        return None  # which steps are next to them is known when they are done
     ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps]))
     ends[1] += rest
     at = places_of(stepper, run.t0, ends, run.dt, _times(stepper, times))
@@ -216,6 +226,47 @@ def places_of(stepper: Stepper, t0: Any, stored: Array, dt: Any, t: Array) -> Pl
     steps += ahead * times(stored[rows], dt, steps + 1) <= near  # a quotient rounds either way
     rest = t - times(stored[rows], dt, steps)
     return Places(rows, steps, np.where(abs(rest) <= reach, 0 * rest, rest))
+
+
+def _places_in_scaled_time(
+    stepper: Stepper, trajectory: Trajectory, t: Array, fill: Callable[[EnsembleStates], None]
+) -> Places:
+    """Return where the times t are, or refuse those outside of the run; the rest is δτ."""
+    binding, ahead = stepper.binding, 1 if trajectory.dt > 0 else -1
+    q, p = full_states(trajectory)
+    clock = trajectory.t
+    reach = 2 * epsilon_of_times(stepper) * np.abs(clock).max()
+    rows = np.searchsorted(ahead * clock, ahead * t + reach, side="right") - 1
+    outside = (rows < 0) | (ahead * (t - clock[-1]) > reach)
+    if outside.any():
+        raise InputError(
+            f"The time {float(t[outside][0])} is outside of the run, which goes from "
+            f"{float(clock[0])} to {float(clock[-1])} s; ask for times in between.")
+    columns = {name: np.full(len(t), value, binding.number_type)
+               for name, value in trajectory.parameters.items()}
+    dt, none = np.full(len(t), trajectory.dt), np.zeros(len(t), binding.number_type)
+    q, p = q[rows], p[rows]
+    # Whole steps from the stored state to the last one that is not behind.
+    gaps = np.append(np.diff(trajectory.tau), 0 * trajectory.dt)[rows] / trajectory.dt
+    most = max(int(np.ceil(gaps.max().astype(float) - 1e-3)) - 1, 0) if len(t) else 0
+    steps = np.zeros(len(t), int)
+    if most:
+        states = run_together(stepper, q, p, none, dt, columns, fill, most).rows
+        passed = ahead * states.q[:, :, -1].astype(t.dtype) <= ahead * t[:, None] + reach
+        steps = np.where(gaps > 1, passed.sum(axis=1) - 1, 0)
+        which = np.arange(len(t))
+        q, p = states.q[which, steps], states.p[which, steps]
+    rest, ends = none.copy(), (q, p)
+    parameters = binding.parameters(trajectory.parameters)
+    for _ in range(_NEWTON):
+        missing = t - ends[0][:, -1].astype(t.dtype)
+        open_ = np.abs(missing) > reach
+        if not open_.any():
+            break
+        moved = rest + np.where(open_, missing / binding.time_scales(parameters, *ends), 0)
+        rest = np.where(ahead * moved > ahead * dt, dt, np.where(ahead * moved > 0, moved, none))
+        ends = partial_steps(stepper, q, p, none, rest, columns, fill)
+    return Places(rows, steps, rest)
 
 
 def epsilon_of_times(stepper: Stepper) -> float:

@@ -20,7 +20,7 @@ __all__ = ["Diagnosis", "diagnose"]
 
 Array = NDArray[Any]
 
-_NOT_CONVERGED, _SINGULAR, _NOT_FINITE, _STAGNATED, _DIVERGED = 1, 2, 3, 4, 5
+_NOT_CONVERGED, _SINGULAR, _NOT_FINITE, _STAGNATED, _DIVERGED, _TIME_STOPPED = 1, 2, 3, 4, 5, 7
 #: Of a parameter beyond it the square, as of momenta, leaves the range of doubles.
 _LARGE = 1e150
 #: How often the time step is halved.
@@ -67,9 +67,13 @@ def diagnose(
             abs(float(run.parameters[largest])) > _LARGE):
         return replace(found, cure=f"{largest} = {float(run.parameters[largest]):.6g} leads out of "
                        "the range of floating-point numbers; take other units")
+    name = "dtau" if binding.clocked else "dt"
     if dt is not None:
-        return replace(found, dt=dt, cure=f"From there a step of dt = {dt:.9g} does")
-    return replace(found, cure=f"From there no step down to dt = {smallest:.3g} does")
+        return replace(found, dt=dt, cure=f"From there a step of {name} = {dt:.9g} does")
+    if status == _TIME_STOPPED:
+        return replace(found, cure="Steps must go forwards in time: take a time_scale that is "
+                       "positive wherever the motion comes")
+    return replace(found, cure=f"From there no step down to {name} = {smallest:.3g} does")
 
 
 def _detail(status: int, increment: float | None, iterations: int) -> str:
@@ -113,8 +117,9 @@ def _dependent_constraints(
     """Return the names of constraints whose slopes are dependent at q; empty if none are."""
     if binding.m < 2:
         return ""
-    numeric = CompiledConstraints(binding, manifest, binding.parameters(run.parameters, run.t0))
-    G = numeric.G(q.astype(float))
+    numeric = CompiledConstraints(binding, manifest, binding.parameters(run.parameters, run.t0),
+                                  q[-1])
+    G = numeric.G(q[: binding.shown].astype(float))
     lengths = np.linalg.norm(G, axis=1, keepdims=True)
     if not np.all(np.isfinite(G)) or not np.all(lengths > 0):
         return ""

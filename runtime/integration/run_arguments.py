@@ -26,6 +26,7 @@ from ...core.arguments import proposal, shown
 from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Rounded, as_double, exact
+from ...core.manifest import ClockManifest
 from ...core.start import GAMMA_M, Rule
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count, as_real, as_step
@@ -40,12 +41,15 @@ if TYPE_CHECKING:
     from ..bindings.compiled_module import Compiled
     from ..steppers.stepper import Stepper
 
-__all__ = ["EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
-           "as_parameters", "checked_runs", "refuse_texts", "span_of", "step_count",
-           "steps_until", "warn_of_late_start", "warn_of_negative", "with_rules"]
+__all__ = ["OPEN", "EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
+           "as_parameters", "checked_runs", "end_of_run", "in_scaled_time", "refuse_texts",
+           "span_of", "step_argument", "step_count", "steps_until", "warn_of_late_start",
+           "warn_of_negative", "with_rules"]
 
 Array = NDArray[Any]
 
+#: Steps of a run whose end is that of an event, at most: more than any run takes.
+OPEN = 2**62
 #: Numbers of moved states that are judged at a time: what a cache holds.
 _JUDGED = 2**16
 #: Types of parameters that are the same as long as they are the same object.
@@ -74,6 +78,8 @@ class RunArguments:
     inputs: InputRows | None = None
     #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
     stored_steps: Array | None = None
+    #: H + e at the start, in scaled time.
+    excess: Any = 0.0
 
     def constants(self, binding: Compiled) -> RunConstants:
         """Return what compiled code takes for all of its steps."""
@@ -131,6 +137,63 @@ class RunArguments:
             return np.concatenate([[0], self.stored_steps[:stored]])
         rows = np.arange(stored + 1)
         return rows if self.every == 1 else np.minimum(rows * self.every, done)
+
+
+def in_scaled_time(binding: Binding, run: RunArguments) -> RunArguments:
+    """Return a run with t and its momentum e = ``excess`` − H in its state, if time is scaled.
+
+    Its own time is then τ, from 0. The parameters are numbers.
+
+    Raises
+    ------
+    InputError
+        Where σ is not positive at the start.
+    """
+    if not binding.clocked or len(run.q) == binding.n:
+        return run
+    parameters = binding.parameters(run.parameters)
+    q, p = binding.start_in_scaled_time(parameters, run.q, run.p, run.t0)
+    scale = float(binding.time_scales(parameters, q[None], p[None])[0])
+    if not scale > 0:
+        raise InputError(f"The time_scale of the system is {scale:.6g} at the start, t = "
+                         f"{float(run.t0):.6g} s: steps go forwards in time where it is positive. "
+                         "Take another start, or another time_scale.")
+    p[-1] += run.excess
+    return replace(run, q=q, p=p, t0=binding.number(Fraction(0)))
+
+
+def step_argument(binding: Binding, dt: Any, dtau: Any) -> Any:
+    """Return the step that a caller gives: dt, or dtau of a system in scaled time.
+
+    Raises
+    ------
+    InputError
+        For the other one, both or neither.
+    """
+    if binding.clocked and dt is not None:
+        raise InputError(f"dt = {shown(dt)} is a step of t, and {binding.name} takes steps of the "
+                         "scaled time τ, by which t adapts; give dtau.")
+    if not binding.clocked and dtau is not None:
+        raise InputError(f"dtau = {shown(dtau)} is a step of scaled time, and {binding.name} has "
+                         "no time_scale; give dt.")
+    name, step = ("dtau", dtau) if binding.clocked else ("dt", dt)
+    if step is None:
+        raise InputError(f"{name} = None is no step; give a number.")
+    return step
+
+
+def end_of_run(
+    clock: ClockManifest, events: Sequence[Event], t0: Any, t_end: Any, dt: Any
+) -> Event:
+    """Return the event that ends a run in scaled time: t is t_end."""
+    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t0", t0), ("dt", dt)))
+    if (end - begin) * step <= 0:
+        raise InputError(f"t_end = {_text(end)} is not {'after' if step > 0 else 'before'} the "
+                         f"start, t = {_text(begin)}, where dtau = {_text(step)} leads.")
+    name = "t_end"
+    while name in {one.name for one in events}:
+        name += "_"
+    return Event(clock.time, level=end, terminal=True, name=name)
 
 
 @dataclass(frozen=True)
@@ -212,12 +275,12 @@ def checked_runs(stepper: Stepper, given: RawArguments) -> EnsembleArguments:
         try:
             return stepper._checked_run(stepper._run_arguments(
                 given.q[i], given.p[i], dt=given.dt[i], t0=given.t0[i],
-                parameters=given.parameters_of(i), **given.common))
+                parameters=given.parameters_of(i), excess=0.0, **given.common))
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
     first, size = one(0), len(given.q)
-    runs = _plain(stepper, given, first) if size > 1 else None
+    runs = _plain(stepper, given, first) if size > 1 and not stepper.binding.clocked else None
     if runs is None or not _consistent(stepper, runs):
         number = stepper.binding.number_type
         runs = EnsembleArguments.of([first, *(one(i) for i in range(1, size))], number)

@@ -28,6 +28,8 @@ class StartNumbers:
     p: Any
     parameters: Any
     t: Any
+    #: H + e, which is not 0 of states that steps in scaled time have made.
+    excess: Any = 0.0
 
 
 def merged_start(
@@ -57,7 +59,7 @@ def merged_start(
     rates = [symmetry.name for symmetry in stepper.symmetries]
     if frame and "frame" in own._rules and values.keys().isdisjoint(rates):
         values |= dict.fromkeys(rates, Rule(own._rules["frame"]))
-    return StartNumbers(own.q, own.p, values, own.t if t is None else t)
+    return StartNumbers(own.q, own.p, values, own.t if t is None else t, own._excess)
 
 
 def start_parameters(

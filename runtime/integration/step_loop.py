@@ -20,7 +20,7 @@ from ..results.diagnostics import Report
 from ..results.run_arrays import States
 from ..results.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
-from .run_arguments import RunArguments
+from .run_arguments import OPEN, RunArguments
 
 if TYPE_CHECKING:
     from ..events.detection import EventDetector
@@ -90,14 +90,13 @@ def integrate(
     """
     # One step is done or not: there is nothing to lose.
     with catch_ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
-        trajectory, status = course(binding, manifest, run, lambda: interrupts.requested, progress,
-                                    observer)
+        trajectory, status, state = course(binding, manifest, run, lambda: interrupts.requested,
+                                           progress, observer)
     if status:
         last = trajectory.report
-        q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
-        found = diagnose(binding, manifest, run.at_step(last.steps), status, q, p,
+        found = diagnose(binding, manifest, run.at_step(last.steps), status, state.q, state.p,
                          run.t0 + last.steps * run.dt)
-        raise failure_of(run, trajectory, found)
+        raise failure_of(binding, run, trajectory, found, state.q)
     if interrupts.requested:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
                       ".trajectory.", interrupts.signal, trajectory=trajectory)
@@ -114,30 +113,33 @@ def ended_at(done: int, steps: int) -> str:
 def course(
     binding: Binding, manifest: Manifest, run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, observer: Observer | None = None,
-) -> tuple[Trajectory, int]:
-    """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
-    rows = Rows.allocate(binding, run.rows + 1)
+) -> tuple[Trajectory, int, RunState]:
+    """Return a run up to its end, to a step that fails, or until it shall stop; status and state.
+    """
+    rows = Rows.allocate(binding, FIRST_STEPS if run.steps == OPEN else run.rows + 1)
     rows.q[0], rows.p[0] = run.q, run.p
     state = RunState.at_start(binding, run.q, run.p, binding.works.take())
     if observer is None:
-        status = fill(binding, run, rows, state, stop, progress)
+        status, rows = fill(binding, run, rows, state, stop, progress)
     else:
-        status = fill(binding, run, rows, state, lambda: observer.end is not None or stop(),
-                      progress, observer.advance)
+        status, rows = fill(binding, run, rows, state,
+                            lambda: observer.end is not None or stop(), progress, observer.advance)
         observer.close(state)
         if observer.end is not None:  # a step that fails behind it is none of the run's
             status = 0
     binding.works.give_back(state.work)
-    return trajectory_of(binding, manifest, run, rows, state.record, state.q, state.p), status
+    made = trajectory_of(binding, manifest, run, rows, state.record, state.q, state.p)
+    return made, status, state
 
 
 def fill(
     binding: Binding, run: RunArguments, rows: Rows, state: RunState, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, step_on: StepOn | None = None,
-) -> int:
-    """Fill the rows of a run from its start, as ``course`` does; return the status.
+) -> tuple[int, Rows]:
+    """Fill the rows of a run from its start, as ``course`` does; return the status and the rows.
 
-    ``step_on`` is ``binding.integrate``, or takes steps as it does and looks at each of them.
+    These are others with more room, if there was none for all steps. ``step_on`` is
+    ``binding.integrate``, or takes steps as it does and looks at each of them.
     """
     constants, pace = run.constants(binding), ChunkSize(step_on is not None)
     status = 0
@@ -148,20 +150,24 @@ def fill(
         done = state.steps
         row = run.stored(done) + 1
         count, every = next_chunk(run, done, pace.begin(run.steps - done))
+        if row + count // every > len(rows.iterations):
+            rows = rows.with_room(binding, max(2 * row, row + count // every))
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = step_on(constants, count, every, state, rows[row:])
         rows.iterations[row] = max(most, rows.iterations[row])
         pace.end(count)
         if progress is not None:
             progress(state.steps)
-    return status
+    return status, rows
 
 
-def failure_of(run: RunArguments, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
-    """Return the error of a run whose next step has no solution."""
+def failure_of(
+    binding: Binding, run: RunArguments, trajectory: Trajectory, found: Diagnosis, q: Array
+) -> StepFailed:
+    """Return the error of a run whose next step, from q, has no solution."""
     done = trajectory.report.steps
-    return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), trajectory=trajectory,
-                      **asdict(found))
+    t = binding.time_of(q) if binding.clocked else run.t0 + done * run.dt
+    return StepFailed(step=done + 1, t=float(t), trajectory=trajectory, **asdict(found))
 
 
 def advance_and_detect(
@@ -227,7 +233,7 @@ def trajectory_of(
 
     return Trajectory.of(
         states,
-        _read=lambda: Report.read(record, q, p, forced=binding.has_forces),
+        _read=lambda: Report.read(record, q, p, binding),
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,

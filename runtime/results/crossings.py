@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.calls import explain_arguments
+
+if TYPE_CHECKING:
+    from ..bindings.binding import Binding
 
 __all__ = ["Crossings", "CrossingsOfMany"]
 
@@ -31,7 +34,8 @@ class Crossings:
     rising : array of bool, shape (K,)
         Whether the quantity rises there along the run.
     elapsed : array, shape (K,)
-        Times since the start of the run, which have more digits than t where that is late.
+        Times since the start of the run, which have more digits than t where that is late; in
+        scaled time those of τ.
     """
 
     t: Array
@@ -48,6 +52,14 @@ class Crossings:
     def first(self) -> Crossings:
         """The first of them by itself, or none."""
         return self._some(np.arange(len(self)) < 1)
+
+    def shown(self, binding: Binding) -> Crossings:
+        """Return them as users see them: in scaled time t is a coordinate, which q has no more."""
+        if not binding.clocked:
+            return self
+        n = binding.shown
+        return replace(self, t=self.q[:, -1].astype(self.t.dtype), q=self.q[:, :n].copy(),
+                       p=self.p[:, :n].copy())
 
     def until(self, last: Crossings, dt: Any) -> Crossings:
         """Return those that are no later, in a run with steps dt, than another crossing."""

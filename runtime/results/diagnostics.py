@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
 from ...core.calls import explain_arguments
 from ...core.records import changed
+
+if TYPE_CHECKING:
+    from ..bindings.binding import Binding
 
 __all__ = ["Report", "known_fields"]
 
@@ -30,6 +33,9 @@ class Report:
     simplified Newton iteration, did not converge. ``energy_waits`` counts steps of a stepper with
     exact energy that leave the error of the energy to later steps. Of splittings, errors are those
     of the first 16 steps and of every 32nd, since a state at the end of a step costs extra.
+
+    In scaled time W is what H has changed by as the steps have it, so that the energy error is
+    |H + e|; ``time_step_min`` and ``time_step_max`` are the smallest and the largest Δt.
     """
 
     steps: int
@@ -47,16 +53,21 @@ class Report:
     p: tuple[float, ...]
     work: float = 0.0
     energy_waits: int = 0
+    time_step_min: float = 0.0
+    time_step_max: float = 0.0
 
     def __repr__(self) -> str:
-        return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each\n"
+        scaled = (f", from {self.time_step_min:.3g} to {self.time_step_max:.3g} s long"
+                  if self.time_step_max else "")
+        return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each"
+                f"{scaled}\n"
                 f"  largest errors: energy {self.energy_error_max:.2e}, constraint "
                 f"{self.constraint_max:.2e}, momentum {self.momentum_constraint_max:.2e}\n"
                 f"  mean errors: energy {self.energy_error_mean:.2e}, constraint "
                 f"{self.constraint_mean:.2e}, momentum {self.momentum_constraint_mean:.2e}>")
 
     @classmethod
-    def read(cls, record: Any, q: Array, p: Array, *, forced: bool) -> Report:
+    def read(cls, record: Any, q: Array, p: Array, binding: Binding) -> Report:
         """Return the report of a compiled running record and the final state."""
         states = int(getattr(record, "recorded", record.steps + 1)) or 1
         return changed(
@@ -72,10 +83,12 @@ class Report:
             constraint_mean=float(record.constraint_sum) / states,
             momentum_constraint_max=float(record.hidden_max),
             momentum_constraint_mean=float(record.hidden_sum) / states,
-            q=tuple(map(float, q.tolist())),
-            p=tuple(map(float, p.tolist())),
-            work=float(record.work) if forced else 0.0,
+            q=tuple(map(float, q[: binding.shown].tolist())),
+            p=tuple(map(float, p[: binding.shown].tolist())),
+            work=float(record.work) if binding.has_forces else 0.0,
             energy_waits=int(getattr(record, "energy_waits", 0)),
+            time_step_min=float(record.time_step_min) if binding.clocked else 0.0,
+            time_step_max=float(record.time_step_max) if binding.clocked else 0.0,
         )
 
     @property

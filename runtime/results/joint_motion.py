@@ -267,6 +267,10 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
     if not len(rows):
         return found
     begin, end = rows[:, 0], rows[:, -1]
+    clock = trajectory.manifest.system.clock
+    if clock is not None:  # those of H in scaled time are σ times those of H
+        scale = trajectory.quantity(clock.scale)[:, None]
+        begin, end = begin / scale[:-1], end / scale[1:]
     found[1:] = end
     if _is_whole(trajectory):
         found[1:-1] = (end[:-1] + begin[1:]) / 2
@@ -285,6 +289,10 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     InputError
         Where the states are not those after every step: the first one has no multipliers there.
     """
+    if trajectory.manifest.system.clock is not None:
+        raise InputError("Gradients of forces in joints are not derived in scaled time; give "
+                         "cotangents of \"multipliers\", or take a stepper of the system without "
+                         "time_scale.")
     rows, w = _rows_of_multipliers(trajectory), w.copy()
     if not len(rows) or not _is_whole(trajectory):
         raise InputError("A function of multipliers at states needs the state after every step; "
@@ -312,7 +320,9 @@ def _rows_of_multipliers(trajectory: Trajectory) -> Array:
 
 def _is_whole(trajectory: Trajectory) -> bool:
     """Whether a trajectory has the state after every step of its run, and no other."""
-    t, dt, count = trajectory.t.astype(float), float(trajectory.dt), len(trajectory)
+    scaled = trajectory.manifest.system.clock is not None
+    t = (trajectory.tau if scaled else trajectory.t).astype(float)
+    dt, count = float(trajectory.dt), len(trajectory)
     return count == trajectory.report.steps + 1 and bool(
         (np.abs(t - t[0] - dt * np.arange(count)) < 1e-3 * abs(dt)).all())
 

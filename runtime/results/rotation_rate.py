@@ -178,13 +178,14 @@ class Rotations:
         if count < 2:  # a step's end is the start of the next call, which looks at it
             return
         rows = slice(None, 0, -max(1, count // _LOOKED_AT))
-        self.warn(trajectory.parameters, trajectory.dt, trajectory.q[rows], trajectory.p[rows])
+        self.warn(trajectory.parameters, trajectory.time_steps[rows], trajectory.q[rows],
+                  trajectory.p[rows])
 
 
 def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:
     """Return |Ω Δt| of the body that turns fastest in the stored states of a run, if one does."""
     return Rotations(trajectory.manifest).fastest(
-        trajectory.parameters, trajectory.dt, trajectory.q, trajectory.p)
+        trajectory.parameters, trajectory.time_steps, trajectory.q, trajectory.p)
 
 
 def phase_error(order: int, radians: float) -> float:

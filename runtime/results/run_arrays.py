@@ -19,8 +19,8 @@ from ...core.manifest import Manifest, SystemManifest
 from ..bindings.binding import Binding
 
 __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect_sizes",
-           "flat_multipliers", "labels_of", "parts", "pieces", "place_of_quantity", "together",
-           "value_of"]
+           "flat_multipliers", "full_states", "labels_of", "parts", "pieces", "place_of_quantity",
+           "together", "value_of"]
 
 Array = NDArray[Any]
 #: Dimensions of one state's entry: (name, length) of each.
@@ -42,7 +42,7 @@ class States:
         The compiled code's struct.
     t, q, p, multipliers, iterations, work : array
         A row a state; of multipliers and iterations, which belong to steps, one less where the
-        start has none.
+        start has none. In scaled time t is τ; q and p have the time and its momentum as well.
     elapsed : array, optional
         Times since the start, which have more digits than t where that is late.
     """
@@ -67,6 +67,14 @@ class States:
     def energies(self) -> Array:
         """H of each state."""
         return self.binding.hamiltonian(self.parameters, self.q, self.p, self._times)
+
+    @property
+    def times(self) -> Array:
+        """The time of each state: in scaled time a coordinate."""
+        if not self.binding.clocked:
+            return self.t
+        time: Array = self.q[:, -1]
+        return time if time.dtype == object else time.astype(self.binding.number_type)
 
     @property
     def _times(self) -> Array:
@@ -130,6 +138,11 @@ def _where_forces(manifest: Manifest) -> Inner | None:
     return () if manifest.system.forces else None
 
 
+def _where_scaled(manifest: Manifest) -> Inner | None:
+    """A number a state, of a system in scaled time."""
+    return () if manifest.system.clock is not None else None
+
+
 def _where_lagrangian(manifest: Manifest) -> Inner | None:
     """One for each coordinate, of a system from its Lagrangian."""
     return _coordinates(manifest) if manifest.system.velocity_names else None
@@ -188,11 +201,11 @@ class Output:
 
 #: In the order of columns in files.
 OUTPUTS = (
-    Output("time", "t", "time", lambda at: at.t, units="s", dtype="f8"),
-    Output("q", "q", "coordinates", lambda at: at.q, _coordinates, body_units="1",
-           labels="coordinates"),
-    Output("p", "p", "momenta", lambda at: at.p, _coordinates, body_units="kg m2 s-1",
-           labels="momenta"),
+    Output("time", "t", "time", lambda at: at.times, units="s", dtype="f8"),
+    Output("q", "q", "coordinates", lambda at: at.q[:, : at.binding.shown], _coordinates,
+           body_units="1", labels="coordinates"),
+    Output("p", "p", "momenta", lambda at: at.p[:, : at.binding.shown], _coordinates,
+           body_units="kg m2 s-1", labels="momenta"),
     Output("energy", "energies", "Hamiltonian of the stepper's own form", lambda at: at.energies,
            body_units="J"),
     Output("g_error", "g_errors", "largest |g(q)|", lambda at: at.defects[0]),
@@ -208,6 +221,10 @@ OUTPUTS = (
            _where_forces),
     Output("velocities", "velocities", "velocities", lambda at: at.velocities, _where_lagrangian,
            labels="velocity_names", absent=(0,)),
+    Output("tau", "tau", "scaled time, of which each step has the same length", lambda at: at.t,
+           _where_scaled, dtype="f8", absent=(0,)),
+    Output("time_momentum", "time_momentum", "-H - W, the momentum of the time in scaled time",
+           lambda at: at.p[:, -1], _where_scaled, absent=(0,)),
     Output("quantities", "quantity_values", "quantity {} of the system", lambda at: at.quantities,
            labels="quantities", split=True),
 )
@@ -270,6 +287,16 @@ def labels_of(system: SystemManifest) -> dict[str, tuple[list[str], str]]:
         found["velocity_constraint"] = (list(system.velocity_constraint_names),
                                         "name of the velocity constraint")
     return found
+
+
+def full_states(trajectory: Any) -> tuple[Array, Array]:
+    """Return q and p of each state as compiled code has them: in scaled time with t and −H − W."""
+    if trajectory.manifest.system.clock is None:
+        return trajectory.q, trajectory.p
+    columns = (trajectory.t.astype(trajectory.q.dtype), trajectory.time_momentum)
+    q, p = (np.concatenate([x, column[:, None]], axis=1)
+            for x, column in zip((trajectory.q, trajectory.p), columns, strict=True))
+    return q, p
 
 
 def flat_multipliers(trajectory: Any) -> Array:

@@ -12,12 +12,13 @@ __all__ = ["start_of_row"]
 
 
 def start_of_row(
-    q: Any, p: Any, t: Any, parameters: Mapping[str, Any], inputs: Mapping[str, Any]
+    q: Any, p: Any, t: Any, parameters: Mapping[str, Any], inputs: Mapping[str, Any],
+    excess: Any = 0.0,
 ) -> Start:
     """Return the start from a state of a run.
 
     γ and α that are the means γ_m of their moments are left out: a start with other moments has
-    other means.
+    other means. ``excess`` is H + e in scaled time.
     """
     own = {}
     for name, value in parameters.items():
@@ -26,4 +27,6 @@ def start_of_row(
         if has_inertia(name, parameters) and value == gamma_by_rule(name, GAMMA_M, parameters):
             continue
         own[name] = value
-    return Start(q, p, own, t, inputs)
+    start = Start(q, p, own, t, inputs)
+    start._excess = excess
+    return start

@@ -86,13 +86,17 @@ class Trajectory(Shown):
         velocity constraints also of |A H_p + a|.
     work : array, shape (N+1,)
         Work W done by the system's forces since the start; 0 without forces.
+    tau : array, shape (N+1,)
+        τ of each state, where the system has a ``time_scale``; else (N+1, 0).
+    time_momentum : array, shape (N+1,)
+        −H − W of each state as the steps have it, the momentum of t in scaled time; else (N+1, 0).
     velocities : array, shape (N+1, n)
         Of each state, where the system is from its Lagrangian; else (N+1, 0).
     quantity_values : array, shape (N+1, number of quantities)
         The system's quantities of each state; see ``quantity``.
     dt, parameters : number, dict of str to number
         As the stepper had them: floats; NumPy's long doubles or mpmath numbers where it computes
-        with more digits.
+        with more digits. In scaled time dt is Δτ.
     report : Report
         Diagnostics over every step.
     events : dict of str to Crossings
@@ -114,6 +118,8 @@ class Trajectory(Shown):
     g_errors: Array
     f_errors: Array
     work: Array
+    tau: Array
+    time_momentum: Array
     velocities: Array
     quantity_values: Array
     #: Where its events happened, by their names; see ``gyrospark.Event``.
@@ -199,8 +205,10 @@ class Trajectory(Shown):
             step = math.ceil(float(self.elapsed[at] / self.dt) - 1e-6) - 1
             inputs = dict(zip(self._inputs.names,
                               self._inputs.at(max(step, 0)).tolist(), strict=True))
+        clocked = self.manifest.system.clock is not None
+        excess = self.energies[at] + self.time_momentum[at] if clocked else 0.0
         return start_of_row(self.q[at].copy(), self.p[at].copy(), self.t[at], self.parameters,
-                            inputs)
+                            inputs, excess)
 
     @property
     def grid_end(self) -> Start:
@@ -251,14 +259,23 @@ class Trajectory(Shown):
         return (self[row] for row in range(len(self)))
 
     @property
+    def time_steps(self) -> Array:
+        """The length of a step at each state, shape (N+1,): Δt, in scaled time about σ Δτ."""
+        clock = self.manifest.system.clock
+        steps: Array = (np.full(len(self), self.dt) if clock is None else
+                        self.dt * self.quantity(clock.scale))
+        return steps
+
+    @property
     def elapsed(self) -> Array:
         """Times since the start, which have more digits than t where that is late.
 
-        Those of a run; of states from a file, and of states between steps, differences of t.
+        Those of a run; of states from a file, and of states between steps, differences of t. In
+        scaled time they are those of τ.
         """
-        self.t  # noqa: B018 - the states are there then
+        times = self.tau if self.manifest.system.clock is not None else self.t
         known = None if self._states is None else self._states.elapsed
-        found: Array = self.t - self.t[0] if known is None else known.copy()
+        found: Array = times - times[0] if known is None else known.copy()
         return found
 
     def __repr__(self) -> str:

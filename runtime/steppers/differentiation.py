@@ -38,6 +38,7 @@ from ..derivatives.tangent_space import TangentSpace
 from ..integration.dense_output import refuse_forgotten, refuse_of_another
 from ..integration.run_arguments import Origin, span_of
 from ..integration.starts import after_start, merged_start
+from ..results.run_arrays import full_states
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
 
@@ -353,8 +354,9 @@ class Differentiation(Evaluation):
             value, cotangents = value_of(loss_of(loss), run)
         kinds = self._rows_of(run, solver)
         ended = bool(kinds.points)
+        q, p = full_states(run)
         return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents),  # type: ignore[arg-type]
-                           names, memory, value, None if ended else (run.q[-1], run.p[-1]))
+                           names, memory, value, None if ended else (q[-1], p[-1]))
 
     def hessian(
         self, run: Trajectory, cotangents: Mapping[str, ArrayLike] | None = None, *,
@@ -387,6 +389,7 @@ class Differentiation(Evaluation):
             in a co-moving frame, or of more than 28 coordinates.
         """
         names = names_of(self, wrt)  # type: ignore[arg-type]
+        self._refuse_scaled("Second derivatives are", "differences of gradients, or ")
         choose("solver", solver, ["auto", "newton", "fixed-point"])
         if (cotangents is None) == (loss is None):
             raise InputError("Give either cotangents or loss.")
@@ -413,10 +416,11 @@ class Differentiation(Evaluation):
         origin: Origin | None = run._origin
         if origin is None:
             refuse_forgotten(self, run)  # type: ignore[arg-type]
-            steps = int(np.rint(float((run.t[-1] - run.t[0]) / run.dt)))
+            steps = int(np.rint(float(run.elapsed[-1] / run.dt)))
             arguments = self._run_of(
                 run.q[0], run.p[0], dt=run.dt, steps=steps, every=run.every, solver=solver,
-                parameters=dict(run.parameters), t0=run.t[0], inputs=run._inputs)
+                parameters=dict(run.parameters), t0=run.t[0], inputs=run._inputs,
+                excess=run[0]._excess)
         else:
             arguments = origin.run if solver == "auto" else replace(origin.run, solver=solver)
         return rows_of(self, run, arguments)  # type: ignore[arg-type]

@@ -333,7 +333,9 @@ def _ensemble(
     states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
     at = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
     t = binding.times(runs.t0[:, None], runs.dt[:, None], at)
-    q, p = rows.q.copy(), rows.p.copy()
+    if binding.clocked:
+        t = rows.q[:, :, -1].astype(t.dtype)
+    q, p = (x[:, :, : binding.shown].copy() for x in (rows.q, rows.p))
     multipliers = rows.multipliers[:, 1:, : binding.multipliers - binding.reactions].copy()
     iterations = rows.iterations[:, 1:].copy()
     for i, stored in enumerate(computed.stored):
@@ -344,16 +346,20 @@ def _ensemble(
     if binding.m > 1:
         multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
 
+    shown = [{name: crossing.shown(binding) for name, crossing in one.items()}
+             for one in crossings]
+
     def member(i: int) -> Trajectory:
         made = trajectory_of(binding, stepper.manifest, runs[i], rows[i],
                              computed.final_report(i), computed.q[i], computed.p[i])
-        return changed(made, events=crossings[i] if crossings else {},
+        return changed(made, events=shown[i] if shown else {},
                        _origin=Origin(runs[i], asked))
 
-    failures = {i: failure_of(runs[i], member(i), Diagnosis.bare(int(computed.status[i])))
+    failures = {i: failure_of(binding, runs[i], member(i),
+                               Diagnosis.bare(int(computed.status[i])), computed.q[i])
                 for i in np.flatnonzero(computed.status).tolist()}
-    events = {name: CrossingsOfMany([one[name] for one in crossings])
-              for name in (crossings[0] if crossings else ())}
+    events = {name: CrossingsOfMany([one[name] for one in shown])
+              for name in (shown[0] if shown else ())}
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 

@@ -23,7 +23,7 @@ from ..bindings.binding import REASONS, Binding, CompiledConstraints
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
 from ..integration.manifest_symmetries import symmetries_of
-from ..integration.run_arguments import ParameterCheck, warn_of_negative
+from ..integration.run_arguments import ParameterCheck, step_argument, warn_of_negative
 from ..integration.starts import merged_start
 
 __all__ = ["Evaluation"]
@@ -40,7 +40,7 @@ class Evaluation:
         self.manifest = read_manifest(name, self.files)
         self.binding = self._bound(load_module(name, self.files))
         self._lanes_binding: list[Binding] = []
-        self.n, self.m = self.binding.n, self.binding.m
+        self.n, self.m = self.binding.shown, self.binding.m
         self.unknowns = self.binding.unknowns
         self.parameter_domains: Mapping[str, str] = self.manifest.system.parameters
         self.symmetries = symmetries_of(self.manifest)
@@ -70,33 +70,39 @@ class Evaluation:
 
     def residual(
         self, x: ArrayLike, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
-        dt: Number, parameters: Mapping[str, Number] | None = None, t: Number | None = None,
+        dt: Number | None = None, dtau: Number | None = None,
+        parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Array:
         """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
 
-        ``t`` is the time at the start of the step.
+        ``t`` is the time at the start of the step, ``dtau`` its length in scaled time.
         """
         self._refuse_unless_solving("residual")
-        unknowns, state, run = self._equations_at(x, start, p, dt, parameters, t)
-        return self.binding.residual(run, self._step(dt), *state, unknowns, self.binding.work())
+        step = self._step_of(dt, dtau)
+        unknowns, state, run = self._equations_at(x, start, p, parameters, t)
+        return self.binding.residual(run, step, *state, unknowns, self.binding.work())
 
     def jacobian(
         self, x: ArrayLike, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
-        dt: Number, parameters: Mapping[str, Number] | None = None, t: Number | None = None,
+        dt: Number | None = None, dtau: Number | None = None,
+        parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Array:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
         self._refuse_unless_solving("Jacobian")
-        unknowns, state, run = self._equations_at(x, start, p, dt, parameters, t)
-        return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
+        step = self._step_of(dt, dtau)
+        unknowns, state, run = self._equations_at(x, start, p, parameters, t)
+        return self.binding.jacobian(run, step, *state, unknowns, self.binding.work())
 
     def guess(
-        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        dt: Number | None = None, dtau: Number | None = None,
         parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Array:
         """Return the x from which a step's iteration starts."""
         self._refuse_unless_solving("starting guess")
+        step = self._step_of(dt, dtau)
         state, run = self._at_start(start, p, parameters, t)
-        x = self.binding.guess(run, self._step(dt), *state, self.binding.work())
+        x = self.binding.guess(run, step, *state, self.binding.work())
         return x + self._origin(*state)
 
     def _refuse_unless_solving(self, what: str) -> None:
@@ -128,6 +134,7 @@ class Evaluation:
         state = merged_start(self, start, p, parameters, t)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
         times, values = self._times(state.t, shape), self._parameters(state.parameters)
+        q_rows, p_rows = self.binding.in_scaled_time(values, q_rows, p_rows, times)
         lost = []
         if as_flag("of_motion", of_motion) and self.m:
             for i, row in enumerate(p_rows):
@@ -185,8 +192,9 @@ class Evaluation:
         """
         state = merged_start(self, start, p, parameters, t)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
-        values = self.binding.quantities(self._parameters(state.parameters),
-                                         self._times(state.t, shape), q_rows, p_rows)
+        parameters_there, times = self._parameters(state.parameters), self._times(state.t, shape)
+        values = self.binding.quantities(parameters_there, times, *self.binding.in_scaled_time(
+            parameters_there, q_rows, p_rows, times))
         return {name: values[:, i].reshape(shape)
                 for i, name in enumerate(self.binding.quantity_names)}
 
@@ -213,7 +221,8 @@ class Evaluation:
         constraints p moves along g_qᵀ and Aᵀ, onto A H_p + a = 0 too.
         """
         state, run = self._at_start(start, p, parameters, t)
-        return self._projected(*state, run)
+        q, momenta = self._projected(*state, run)
+        return q[: self.n], momenta[: self.n]
 
     def consistent(
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
@@ -232,10 +241,11 @@ class Evaluation:
         """
         old, run = self._at_start(start, p, parameters, t)
         new = self._projected(*old, run)
-        numeric = CompiledConstraints(self.binding, self.manifest, run)
+        numeric = CompiledConstraints(self.binding, self.manifest, run, old[0][-1])
         states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
         g, f = self.binding.defects(run, *map(np.ascontiguousarray, states))
-        return report(numeric, old, new, (g[0], g[1]), (f[1], f[2]))
+        before, after = ((x[: self.n], y[: self.n]) for x, y in (old, new))
+        return report(numeric, before, after, (g[0], g[1]), (f[1], f[2]))
 
     def _projected(self, q: Array, p: Array, parameters: Any) -> tuple[Array, Array]:
         """Return the projected state: by compiled code, else by damped steps from Python."""
@@ -248,10 +258,17 @@ class Evaluation:
                 f"The state {q}, {p} cannot be projected: {REASONS[status]}; give a nearer one."
             )
         with np.errstate(all="ignore"):
-            made = project(CompiledConstraints(self.binding, self.manifest, parameters), q, p)
+            made = project(CompiledConstraints(self.binding, self.manifest, parameters, q[-1]),
+                           q[: self.n], p[: self.n])
         return made.q, made.p
 
     # ------------------------------------------------------------ inside
+
+    def _refuse_scaled(self, calls: str, cure: str = "") -> None:
+        """Refuse what is not derived for systems in scaled time."""
+        if self.binding.clocked:
+            raise InputError(f"{calls} not derived for systems with a time_scale; take {cure}a "
+                             "stepper of the system without time_scale.")
 
     def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
         as_array = self.binding.array
@@ -286,8 +303,17 @@ class Evaluation:
         """Return a copy in the stepper's own type; what is beyond its range is infinite."""
         return self.binding.converted(numbers)
 
-    def _step(self, dt: Number) -> Any:
-        return as_step(dt, self.binding.number)
+    def _step_of(self, dt: Number | None, dtau: Number | None) -> Any:
+        return self._step(step_argument(self.binding, dt, dtau), scaled=True)
+
+    def _step(self, dt: Number, *, scaled: bool = False) -> Any:
+        """Return a usable step, which in scaled time is Δτ of a caller that takes it."""
+        if self.binding.clocked and not scaled:
+            raise InputError(
+                f"{self.name} takes steps of the scaled time τ: integrate, with tangents and "
+                "gradients, integrate_ensemble and start have dtau in place of dt; for all else "
+                "take a stepper of the system without time_scale.")
+        return as_step(dt, self.binding.number, "dtau" if self.binding.clocked else "dt")
 
     def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
         number = self.binding.number
@@ -300,12 +326,12 @@ class Evaluation:
     ) -> tuple[tuple[Array, Array], Any]:
         """Return the state of a start, or (q, p), and the parameters there as compiled code."""
         given = merged_start(self, start, p, parameters, t)
-        return self._state(given.q, given.p), self._parameters(given.parameters, given.t)
+        state, run = self._state(given.q, given.p), self._parameters(given.parameters, given.t)
+        return self.binding.start_in_scaled_time(run, *state, given.t), run
 
     def _equations_at(
-        self, x: ArrayLike, start: Any, p: Any, dt: Number, parameters: Any, t: Any
+        self, x: ArrayLike, start: Any, p: Any, parameters: Any, t: Any
     ) -> tuple[Array, tuple[Array, Array], Any]:
-        self._step(dt)
         state, run = self._at_start(start, p, parameters, t)
         unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
         return unknowns, state, run
@@ -314,7 +340,7 @@ class Evaluation:
         """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
         origin = self.binding.new(self.unknowns)
         if self.manifest.scheme.unknowns_are_state:
-            origin[: 2 * self.n] = np.concatenate([q, p])
+            origin[: 2 * self.binding.n] = np.concatenate([q, p])
         return origin
 
 

@@ -257,8 +257,9 @@ class Simulation:
         self._joints: dict[str | None, PresentJoint] = {}
 
     def __repr__(self) -> str:
-        return (f"<Simulation by {self._stepper.name}: {self.steps:,} steps of {float(self.dt):.6g}"
-                f" s, t = {float(self.t):.6g} s>")
+        size = f"{float(self.dt):.6g} s" + " of τ" * self._held.binding.clocked
+        return (f"<Simulation by {self._stepper.name}: {self.steps:,} steps of {size}, "
+                f"t = {float(self.t):.6g} s>")
 
     # ------------------------------------------------------------ stepping
 
@@ -305,6 +306,10 @@ class Simulation:
         InputError
             If ``t`` is no number, or lies behind the time that is reached.
         """
+        if self._held.binding.clocked:
+            raise InputError("advance_to(t) counts steps of one length, and steps in scaled time "
+                             "adapt; call advance() until sim.t is there, or integrate(..., "
+                             "t_end=...).")
         steps = steps_until(t, self._held.run.t0, self.dt) - self.steps
         if steps < 0:
             raise InputError(f"t = {float(t):.15g} s lies behind {float(self.t):.15g} s, the time "
@@ -348,18 +353,24 @@ class Simulation:
 
     @property
     def t(self) -> Any:
-        """Time t0 + k dt after k steps, in seconds: counted, not summed up."""
-        return self._held.run.t0 + self.steps * self.dt
+        """Time t0 + k dt after k steps, in seconds: counted, not summed up.
+
+        In scaled time it is a coordinate.
+        """
+        held = self._held
+        if held.binding.clocked:
+            return held.binding.time_of(held.q)
+        return held.run.t0 + self.steps * self.dt
 
     @property
     def q(self) -> Array:
         """Coordinates, shape (n,): a copy."""
-        return self._held.q.copy()
+        return self._held.q[: self._held.binding.shown].copy()
 
     @property
     def p(self) -> Array:
         """Momenta, shape (n,): a copy."""
-        return self._held.p.copy()
+        return self._held.p[: self._held.binding.shown].copy()
 
     @property
     def start(self) -> Start:
@@ -367,7 +378,10 @@ class Simulation:
         held = self._held
         parameters = held.run.parameters
         inputs = {name: parameters[name] for name in held.binding.input_names}
-        return start_of_row(self.q, self.p, self.t, parameters, inputs)
+        state = start_of_row(self.q, self.p, self.t, parameters, inputs)
+        if held.binding.clocked:
+            state._excess = self._stepper.energy(state) + held.p[-1]
+        return state
 
     @property
     def trajectory(self) -> Trajectory:
@@ -399,7 +413,7 @@ class Simulation:
         with it.
         """
         held = self._held
-        return Report.read(held.record, held.q, held.p, forced=held.binding.has_forces)
+        return Report.read(held.record, held.q, held.p, held.binding)
 
     def body(self, name: str | None = None) -> PresentBody | PresentPlaced:
         """Return a rigid body at the present state, with the methods of ``run.body``.
@@ -499,6 +513,10 @@ class Simulation:
     def parameters(self, parameters: Mapping[str, Number]) -> None:
         held, stepper = self._held, self._stepper
         made = stepper.check_parameters(parameters)
+        if held.binding.clocked:
+            raise InputError("A simulation in scaled time keeps its parameters: -H at its start is "
+                             "one of its numbers. Start another one from sim.start, by "
+                             "step.start(sim.start, parameters=...).")
         warn_of_negative(made)
         deciding = stepper.manifest.system.start_parameters
         if any(made[name] != held.run.parameters[name] for name in deciding):
@@ -543,7 +561,8 @@ class Simulation:
     def _failure(self, status: int) -> StepFailed:
         """Return the error of a step from here; its trajectory is what is kept."""
         held, manifest, t, done = self._held, self._stepper.manifest, self.t, self.steps
-        run = replace(held.run, q=self.q, p=self.p, t0=t, steps=done + 1, every=done + 2)
+        run = replace(held.run, q=held.q.copy(), p=held.p.copy(),
+                      t0=held.run.t0 + done * held.run.dt, steps=done + 1, every=done + 2)
         found = diagnose(held.binding, manifest, run, status, run.q, run.p, t)
         return StepFailed(step=done + 1, t=float(t), trajectory=held.trajectory(manifest),
                           **asdict(found))
@@ -554,7 +573,9 @@ class _PresentState:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation, self._held = simulation, simulation._held
-        self.q, self.p = self._held.q, self._held.p  # compiled code writes into these
+        # Compiled code writes into these.
+        shown = self._held.binding.shown
+        self.q, self.p = self._held.q[:shown], self._held.p[:shown]
         self.manifest = simulation._stepper.manifest
         self.body, self.quantity = simulation.body, simulation.quantity
         self.quantities = tuple(self.manifest.system.quantities)
@@ -566,9 +587,10 @@ class _PresentState:
 
     def next_step(self) -> Trajectory:
         """Return the step that would follow; the simulation stays where it is."""
-        run = replace(self._held.run, q=self.q.copy(), p=self.p.copy(), t0=self._simulation.t,
-                      steps=1, every=1)
-        return integrate(self._held.binding, self.manifest, run)
+        held = self._held
+        run = replace(held.run, q=held.q.copy(), p=held.p.copy(),
+                      t0=held.run.t0 + held.steps * held.run.dt, steps=1, every=1)
+        return integrate(held.binding, self.manifest, run)
 
 
 class _InputValues(MutableMapping[str, Any]):

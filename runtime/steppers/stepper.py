@@ -38,9 +38,13 @@ from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
 from ..integration.linear_frequency import warn_of_frequency
 from ..integration.run_arguments import (
+    OPEN,
     Origin,
     RunArguments,
+    end_of_run,
+    in_scaled_time,
     span_of,
+    step_argument,
     step_count,
     warn_of_late_start,
     warn_of_negative,
@@ -182,7 +186,8 @@ class Stepper(Dynamics):
         p: ArrayLike | None = None,
         /,
         *,
-        dt: Number,
+        dt: Number | None = None,
+        dtau: Number | None = None,
         parameters: Mapping[str, Number] | None = None,
         solver: SolverName | Solver = "auto",
         record: bool = False,
@@ -204,14 +209,15 @@ class Stepper(Dynamics):
         method = as_solver(solver)
         state = merged_start(self, start, p, parameters)
         run = self._resolved(self._run_arguments(
-            state.q, state.p, dt=dt, steps=0, parameters=state.parameters, t0=state.t,
-            solver=method))
+            state.q, state.p, dt=step_argument(self.binding, dt, dtau), steps=0,
+            parameters=state.parameters, t0=state.t, solver=method, excess=state.excess))
         self._warned(run)
         return Simulation(self, run, as_flag("record", record))
 
     @overload
     def integrate(
-        self, start: HasStart, /, *, dt: Number, t_end: Number | None = None,
+        self, start: HasStart, /, *, dt: Number | None = None, dtau: Number | None = None,
+        t_end: Number | None = None,
         steps: int | None = None, parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
@@ -221,8 +227,8 @@ class Stepper(Dynamics):
 
     @overload
     def integrate(
-        self, q: ArrayLike, p: ArrayLike, /, *, dt: Number,
-        t_end: Number | None = None, steps: int | None = None,
+        self, q: ArrayLike, p: ArrayLike, /, *, dt: Number | None = None,
+        dtau: Number | None = None, t_end: Number | None = None, steps: int | None = None,
         parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
@@ -236,7 +242,8 @@ class Stepper(Dynamics):
         p: ArrayLike | None = None,
         /,
         *,
-        dt: Number,
+        dt: Number | None = None,
+        dtau: Number | None = None,
         t_end: Number | None = None,
         steps: int | None = None,
         parameters: Mapping[str, Number] | None = None,
@@ -265,6 +272,9 @@ class Stepper(Dynamics):
             mpmath numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep 34 digits, and a Python
             float is the binary number that it holds. ``gyrospark.tune`` finds the step
             for an error.
+        dtau : float
+            In place of ``dt``, of a system with a ``time_scale`` σ: the constant step of τ, of
+            which t takes steps ∫σ dτ.
         t_end : float, optional
             Time of the last state. Step k starts at t0 + k dt, counted, not summed up; where t_end
             lies between two steps, the last one is a real step of a part of Δt, and a longer run
@@ -323,8 +333,14 @@ class Stepper(Dynamics):
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
         state = merged_start(self, start, p, parameters)
+        dt = step_argument(self.binding, dt, dtau)
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
-                                 "solver": as_solver(solver)}
+                                 "solver": as_solver(solver), "excess": state.excess}
+        asked = as_events(events, self.manifest.system.event_quantities)
+        clock = self.manifest.system.clock
+        if clock is not None and steps is None and t_end is not None:
+            asked = (*asked, end_of_run(clock, asked, state.t, t_end, dt))
+            steps, t_end = OPEN, None
         count, span = span_of(steps, t_end, state.t, dt)
         fed: Any = as_inputs(inputs, self.binding, count + 1) if span else inputs
         run = self._resolved(self._run_arguments(
@@ -333,15 +349,14 @@ class Stepper(Dynamics):
         if out is not None:
             step_count(steps, t_end, state.t, dt)
             stored: Trajectory = function_of("storage.record", "record")(
-                self, _storable(run, t_eval, tangents), as_events(
-                    events, self.manifest.system.event_quantities), out, progress=progress)
+                self, _storable(run, t_eval, tangents), asked, out, progress=progress)
             return stored
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, rest))
         warned = not run.steps or self._warned(run) or run.rows < 2
-        asked = as_events(events, self.manifest.system.event_quantities)
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
             found = observed(self, run, asked, report)
+        run = run.until(found.report.steps) if run.steps == OPEN else run
         if not warned:
             self.rotations.warn_of(found)
             if found.report.newton_steps and run.solver == "auto" and not self.rotations.bodies:
@@ -359,7 +374,8 @@ class Stepper(Dynamics):
         p: ArrayLike | None = None,
         /,
         *,
-        dt: Number | ArrayLike,
+        dt: Number | ArrayLike | None = None,
+        dtau: Number | ArrayLike | None = None,
         t_end: Number | None = None,
         steps: int | None = None,
         parameters: Mapping[str, Numbers] | Sequence[Mapping[str, Number]] | None = None,
@@ -377,9 +393,10 @@ class Stepper(Dynamics):
         times, or in ``parameters``, or with rows of q and p; or an array q and after it p, with a
         row for each trajectory. ``dt`` and each parameter are one number for all, or one for each
         trajectory; a list of dicts does as well. ``parameters`` win over those of the starts.
-        ``inputs`` are those of ``integrate`` for all, or have a leading axis: (trajectories, steps)
-        by name, or an array (trajectories, steps, inputs). ``t_end`` is the time of the last state
-        of all trajectories, which must have equal numbers of steps.
+        ``dtau`` takes the place of ``dt`` in scaled time, where rows of equal number are at equal τ
+        and ``t`` differs. ``inputs`` are those of ``integrate`` for all, or have a leading axis:
+        (trajectories, steps) by name, or an array (trajectories, steps, inputs). ``t_end`` is the
+        time of the last state of all trajectories, which must have equal numbers of steps.
 
         A trajectory that fails is NaN from its failed step on and has its reason in
         ``Ensemble.failures``; the others are not touched.
@@ -405,6 +422,10 @@ class Stepper(Dynamics):
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         state = merged_starts(self, starts, p, parameters)
+        dt = step_argument(self.binding, dt, dtau)
+        if self.binding.clocked and t_end is not None:
+            raise InputError("Trajectories in scaled time come to t_end after numbers of steps of "
+                             "their own; give steps, or integrate each of them to t_end.")
         return integrate_members(
             self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs,
             tangents, device, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
@@ -437,9 +458,11 @@ class Stepper(Dynamics):
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
         parameters: Mapping[str, Any] = NO_PARAMETERS, t0: Number = 0.0, every: int = 1,
         inputs: InputRows | Inputs | Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
-        solver: SolverName | Solver = "auto",
+        solver: SolverName | Solver = "auto", excess: Number | None = None,
     ) -> RunArguments:
         """Return the arguments of ``integrate`` as a record; its parameters are as given.
+
+        Callers without ``excess``, H + e at the start in scaled time, are refused that.
 
         Raises
         ------
@@ -458,12 +481,13 @@ class Stepper(Dynamics):
         count = as_positive_count("steps", steps)
         fed = as_inputs(inputs, self.binding, count, hold)
         q_start, p_start = self._state(q, p)
+        step = self._step(dt, scaled=excess is not None)
         return changed(  # the constructor of a frozen dataclass takes longer
-            object.__new__(RunArguments), q=q_start, p=p_start, dt=self._step(dt), steps=count,
+            object.__new__(RunArguments), q=q_start, p=p_start, dt=step, steps=count,
             every=as_positive_count("every", every, least=1),
             parameters=self._parameters_with_inputs(parameters, fed), solver=method.kind,
             tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t", t0, number),
-            inputs=fed)
+            inputs=fed, excess=0.0 if excess is None else excess)
 
     def _resolved(self, run: RunArguments) -> RunArguments:
         """Return a run with numbers for parameters that its model leaves to a search, checked."""
@@ -472,6 +496,7 @@ class Stepper(Dynamics):
     def _checked_run(self, run: RunArguments) -> RunArguments:
         """Return a run with its parameters as numbers, or raise InputError; it is consistent."""
         run = changed(run, parameters=self.check_parameters(run.parameters))
+        run = in_scaled_time(self.binding, run)
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
             refuse_singular_mass(self.binding, self.manifest, run)
             refuse_inconsistent(self.binding, self.manifest, run)
@@ -488,7 +513,11 @@ class Stepper(Dynamics):
         """Warn of γ below 0, and where a body turns too far in a step; return whether one does."""
         warn_of_negative(run.parameters)
         warn_of_late_start(self.binding, run.t0, run.dt, run.steps)
-        return self.rotations.warn(run.parameters, run.dt, run.q[None], run.p[None])
+        dt = run.dt
+        if self.binding.clocked:
+            dt = dt * self.binding.time_scales(self.binding.parameters(run.parameters),
+                                               run.q[None], run.p[None])[0]
+        return self.rotations.warn(run.parameters, dt, run.q[None], run.p[None])
 
 
 def _storable(run: RunArguments, t_eval: Any, tangents: Any) -> RunArguments:
@@ -497,6 +526,9 @@ def _storable(run: RunArguments, t_eval: Any, tangents: Any) -> RunArguments:
         if value is not None:
             raise InputError(f"{name} is not for a stored run: leave out out, or ask the stored "
                              f"run, run.at(times) and run.gradient(...).")
+    if run.steps == OPEN:
+        raise InputError("A store has room for a number of steps, and steps in scaled time adapt: "
+                         "give steps in place of t_end, or an event that ends the run.")
     if run.inputs is None:
         return run
     if any(value != value for value in run.inputs.throughout.values()):

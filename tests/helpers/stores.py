@@ -11,6 +11,7 @@ import numpy as np
 from calls import PARAMETERS, TOP, by_names
 from gyrospark.core.event import as_events
 from gyrospark.runtime.bindings.real_numbers import as_bytes
+from gyrospark.runtime.integration.run_arguments import step_argument
 from gyrospark.runtime.integration.starts import merged_start
 from gyrospark.storage import array_layout, recorder
 from gyrospark.storage.record import record as recording_of
@@ -82,12 +83,13 @@ def record(stepper, *start, **options):
 
 
 def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, seed=None, progress=None,
-                           events=(), parameters=None, dt, steps, every=1, solver="auto"):
+                           events=(), parameters=None, dt=None, dtau=None, steps, every=1,
+                           solver="auto"):
     """Begin a run in a store, or resume it, as the command line does."""
     state = merged_start(stepper, begin, p, parameters)
     run = stepper._resolved(stepper._run_arguments(
-        state.q, state.p, dt=dt, steps=steps, every=every, parameters=state.parameters, t0=state.t,
-        solver=solver))
+        state.q, state.p, dt=step_argument(stepper.binding, dt, dtau), steps=steps, every=every,
+        parameters=state.parameters, t0=state.t, solver=solver, excess=state.excess))
     asked = as_events(events, stepper.manifest.system.event_quantities)
     return recording_of(stepper, run, asked, out, resume=resume, seed=seed, progress=progress)
 

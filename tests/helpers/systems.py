@@ -55,7 +55,7 @@ class Case:
     parameters : dict
         Numbers, those of inputs included.
     dt, t0 : float
-        A step of moderate length, and where the time begins.
+        A step of moderate length, in scaled time Δτ, and where the time begins.
     exact : callable, optional
         q(t) in closed form, from ``mpmath`` or from the problem itself.
     """
@@ -74,6 +74,11 @@ class Case:
         return self.options.get("system", "heavy_top")
 
     @property
+    def step(self) -> dict[str, float]:
+        """The step as an argument."""
+        return {"dtau" if "scaled" in self.features else "dt": self.dt}
+
+    @property
     def features(self) -> frozenset[str]:
         """What distinguishes the system for those who integrate it."""
         system = self.system
@@ -84,7 +89,8 @@ class Case:
                    "time": system.time is not None, "inputs": system.inputs,
                    "velocity_constraints": system.velocity_constraints,
                    "lagrangian": system.velocities and not system.velocity_constraints,
-                   "bodies": system is not self.system, "quantities": system.quantities}
+                   "bodies": system is not self.system, "quantities": system.quantities,
+                   "scaled": system.time_scale is not None}
         return frozenset(name for name, part in present.items() if part) | (
             {*self.options} & {"frame"})
 
@@ -153,10 +159,10 @@ def _kepler() -> Case:
                   (u**2 + v**2) / 2 - k / sp.sqrt(x**2 + y**2), dt=0.05, exact=_kepler_motion)
 
 
-def _kepler_motion(time: float) -> Array:
+def _kepler_motion(time: float, e: float = 0.3) -> Array:
     """E − e sin E = t, r = (cos E − e, √(1−e²) sin E)."""
-    e = 0.3
-    E = float(mpmath.findroot(lambda E: E - e * mpmath.sin(E) - time, time))
+    E = float(mpmath.findroot(lambda E: E - e * mpmath.sin(E) - time, (time - e, time + e),
+                              solver="anderson"))
     return np.array([np.cos(E) - e, np.sqrt(1 - e**2) * np.sin(E)])
 
 
@@ -311,6 +317,40 @@ def _skate_chain() -> Case:
                 rolling_systems.SKATE_CHAIN, 0.02)
 
 
+# ---------------------------------------------------------------- scaled time
+
+
+def _eccentric() -> Case:
+    """Eccentricity .6, from the pericentre, in steps of equal length in ∫ r^(-3/2) dt."""
+    return _plane("eccentric", (0.4, 0.0), (0.0, 2.0), {"k": 1.0},
+                  (u**2 + v**2) / 2 - k / sp.sqrt(x**2 + y**2), dt=0.1,
+                  time_scale=gs.scales.distance((x, y), (0, 0)),
+                  exact=lambda time: _kepler_motion(time, 0.6))
+
+
+def _scaled_pendulum() -> Case:
+    """A breathing ellipse with drag, scaled by q and t: g, F and the scale depend on the time."""
+    return _plane("scaled_pendulum", (0.9, 0.7), (0.5, 0.4),
+                  {"m": 1.1, "k": 7.0, "g": 2.0, "l": 1.4},
+                  (u**2 + v**2) / (2 * m) + k * x**4 / 4 + g * y * x,
+                  x**2 / (length + sp.sin(2 * t) / 4)**2 + y**2 - 1, time=t, dt=0.05, t0=0.3,
+                  forces=(-u / 5, sp.sin(3 * t) / 5), quantities={"along": x * sp.cos(t) + y},
+                  time_scale=gs.scales.rates(1, 2 * x, sp.sin(t)))
+
+
+def _tethered_pair() -> Case:
+    """Two masses on a rod around a centre, eccentricity .7: gravity gradient, index 3."""
+    q = sp.symbols("x1 y1 x2 y2", real=True)
+    p = sp.symbols("px1 py1 px2 py2", real=True)
+    H = sum(e**2 for e in p) - sum(k / sp.sqrt(a**2 + b**2) for a, b in (q[:2], q[2:])) / 2
+    middle = [(a + b) / 2 for a, b in zip(q[:2], q[2:], strict=True)]
+    system = gs.System(q, p, (k,), H, [(q[2] - q[0])**2 + (q[3] - q[1])**2 - sp.Rational(1, 400)],
+                       name="tethered_pair", time_scale=gs.scales.distance(middle, (0, 0)))
+    speed = np.sqrt(1.7 / 0.3)
+    return Case({"system": system}, (0.3, -0.025, 0.3, 0.025),
+                (-0.05, speed / 2, 0.05, speed / 2), {"k": 1.0}, 0.1)
+
+
 _CASES: dict[str, Callable[[], Case]] = {
     "heavy_top": _heavy_top,
     "heavy_top_alpha": lambda: _heavy_top("alpha"),
@@ -342,6 +382,9 @@ _CASES: dict[str, Callable[[], Case]] = {
     "bead": _bead,
     "sleigh": _sleigh,
     "skate_chain": _skate_chain,
+    "eccentric": _eccentric,
+    "scaled_pendulum": _scaled_pendulum,
+    "tethered_pair": _tethered_pair,
 }
 
 
@@ -396,4 +439,4 @@ def run(name: str, step: gs.Stepper, steps: int, t: Any = None, **more: Any) -> 
     entry = case(name)
     begin = timed_start(name, step) if t is None else gs.Start(*start(name, step), t=t)
     return step.integrate(begin, steps=steps, **(
-        {"dt": entry.dt, "parameters": entry.parameters} | more))
+        entry.step | {"parameters": entry.parameters} | more))

@@ -15,7 +15,7 @@ from python_newton import newton_in_python
 from systems import case, differentiable, names, run, start, stepper, timed_start
 
 EPS = np.finfo(float).eps
-CLOSED = ["free_body", "oscillator", "driven_oscillator", "kepler", "pendulum"]
+CLOSED = ["free_body", "oscillator", "driven_oscillator", "kepler", "pendulum", "eccentric"]
 POINTS = ["driven_oscillator", "kepler", "polar", "pendulum", "ellipse", "breathing",
           "relativistic", "driven_pendulum", "dragged_pendulum", "pushed_pendulum", "two_rods",
           "lagrangian", "heavy_bob", "bead"]
@@ -23,8 +23,9 @@ POINTS = ["driven_oscillator", "kepler", "polar", "pendulum", "ellipse", "breath
 EMS = ["driven_oscillator", "polar", "pendulum", "breathing", "relativistic", "driven_pendulum",
        "two_rods", "lagrangian", "bead"]
 ROLLING = ["sleigh", "skate_chain"]
-PAIRS = [*((name, "G-L", 2) for name in (*POINTS, *ROLLING, "heavy_top", "double_top")),
-         *((name, "EMS", None) for name in (*EMS, "heavy_top"))]
+SCALED = ["eccentric", "scaled_pendulum", "tethered_pair"]
+PAIRS = [*((name, "G-L", 2) for name in (*POINTS, *ROLLING, *SCALED, "heavy_top", "double_top")),
+         *((name, "EMS", None) for name in (*EMS, "heavy_top", "scaled_pendulum"))]
 #: The symplectic schemes act on phase space without forces and without constraints on velocities.
 CONSERVATIVE = ["ellipse", "heavy_bob", "heavy_top", "heavy_top_in_frame", *(
     pytest.param(name, marks=pytest.mark.slow) for name in ("breathing", "two_rods"))]
@@ -84,7 +85,7 @@ def test_the_jacobian_is_the_derivative_of_the_residual(name, scheme, stages):
     """
     step, entry = stepper(name, scheme, stages), case(name)
     q, p = start(name, step)
-    how = {"dt": entry.dt, "t": entry.t0, "parameters": entry.parameters}
+    how = entry.step | {"t": entry.t0, "parameters": entry.parameters}
     draw, h = np.random.default_rng(5), 1e-6
     x = step.guess(q, p, **how)
     x = x + 0.02 * draw.standard_normal(len(x)) * (1 + np.abs(x))
@@ -104,8 +105,8 @@ def test_the_closed_form_is_approached_with_the_order(name, scheme, stages):
     for parts in (1, 2, 4):
         steps = 8 * parts
         dt = 2 * entry.dt / parts
-        end = run(name, step, steps, dt=dt).q[-1]
-        errors.append(np.abs(end - entry.exact(entry.t0 + steps * dt)).max())
+        there = run(name, step, steps, **dict.fromkeys(entry.step, dt))
+        errors.append(np.abs(there.q[-1] - entry.exact(there.t[-1])).max())
     order = 2 * (stages or 1)
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     assert errors[-1] < 1e-2
@@ -117,13 +118,14 @@ def test_symmetric_steps_turn_back(name, scheme, stages):
     """Forward and back again: the start, to the round-off that 40 steps amplify."""
     step, entry = stepper(name, scheme, stages), case(name)
     forward = run(name, step, 20)
-    back = step.integrate(gs.Start(forward.q[-1], forward.p[-1], t=entry.t0 + 20 * entry.dt),
-                          steps=20, dt=-entry.dt, parameters=entry.parameters)
+    back = step.integrate(forward[-1], steps=20, parameters=entry.parameters,
+                          **dict.fromkeys(entry.step, -entry.dt))
     q, p = scales(forward)
     size = 1 + np.abs(forward.energies).max()
     assert abs(back.work[-1] + forward.work[-1]) <= 1e4 * EPS * size
     assert np.abs(back.q[-1] - forward.q[0]).max() <= 1e4 * EPS * q
     assert np.abs(back.p[-1] - forward.p[0]).max() <= 1e4 * EPS * p
+    assert abs(back.t[-1] - entry.t0) <= 1e4 * EPS * (1 + abs(forward.t[-1]))
 
 
 @pytest.mark.parametrize("name", CONSERVATIVE)
@@ -141,12 +143,13 @@ def test_gauss_lobatto_is_symplectic_on_the_constraints(name):
     assert np.abs(mapped - area).max() <= 500 * EPS * np.abs(M).max() ** 2
 
 
-@pytest.mark.parametrize("name", [*POINTS, *ROLLING, "heavy_top", "double_top", "four_bar"])
+@pytest.mark.parametrize("name", [*POINTS, *ROLLING, *SCALED, "heavy_top", "double_top",
+                                  "four_bar"])
 def test_a_run_has_the_same_bits_in_pieces_lanes_and_loops(name):
     """One run, a simulation stepped by hand, and each member of an ensemble."""
     step, entry = stepper(name), case(name)
     begin = timed_start(name, step)
-    options = {"dt": entry.dt, "parameters": entry.parameters}
+    options = entry.step | {"parameters": entry.parameters}
     whole = step.integrate(begin, steps=12, **options)
     for split in (1, 7):
         simulation = step.start(begin, **options)
@@ -154,6 +157,7 @@ def test_a_run_has_the_same_bits_in_pieces_lanes_and_loops(name):
         simulation.advance(12 - split)
         assert np.array_equal(simulation.q, whole.q[-1])
         assert np.array_equal(simulation.p, whole.p[-1])
+        assert simulation.t == whole.t[-1]
     many = step.integrate_ensemble([begin] * 2, steps=12, **options)
     assert np.array_equal(many.q[1], many.q[0])
     close = 64 * EPS * scales(whole)[0]

@@ -77,7 +77,7 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
     for (int mu = 0; mu < M; ++mu)
         for (int nu = 0; nu < M; ++nu) {
             W[mu][nu] = 0;
-            for (int a = 0; a < N; ++a)
+            for (int a = 0; a < MEASURED; ++a)
                 W[mu][nu] += G[mu][a]*G[nu][a];
         }
     return solve(M, &W[0][0], g, exponents, pivots);
@@ -107,7 +107,7 @@ static int project_momentum(const constants *c, const real q[N], real p[N],
             p[a] -= change[a];
         for (int mu = 0; mu < M; ++mu)
             impulse[mu] += f[mu];
-        const real step = norm(N, change), floor = epsilon*norm(N, p);
+        const real step = norm(MEASURED, change), floor = epsilon*norm(MEASURED, p);
         if (!isfinite(step))
             return NOT_FINITE;
         if (step <= floor/2 || (step <= MOMENTUM_SLACK*floor && step >= previous/2))
@@ -119,7 +119,10 @@ static int project_momentum(const constants *c, const real q[N], real p[N],
 
 #endif
 
-/* Projects q along G^T onto g(q) = 0 by minimum-norm Newton steps, q <- q - G^T (G G^T)^-1 g. */
+/*
+ * Projects q along G^T onto g(q) = 0 by minimum-norm Newton steps, q <- q - G^T (G G^T)^-1 g, at the
+ * same time.
+ */
 static int project_coordinates(const constants *c, real q[N])
 {
     real previous = HUGE_VAL;
@@ -130,9 +133,9 @@ static int project_coordinates(const constants *c, real q[N])
         if (status != OK)
             return status;
         constraint_force(c, q, g, change);
-        for (int a = 0; a < N; ++a)
+        for (int a = 0; a < MEASURED; ++a)
             q[a] -= change[a];
-        const real step = norm(N, change), floor = epsilon*norm(N, q);
+        const real step = norm(MEASURED, change), floor = epsilon*norm(MEASURED, q);
         if (!isfinite(step))
             return NOT_FINITE;
         if (step <= 2*floor || (step <= COORDINATE_SLACK*floor && step >= previous/2))

@@ -195,6 +195,8 @@ static int advance_fixed_point(work_t *w, const options_t *options, real dt, int
         f->failures = 0;
     choose_method(f, iteration_count*ITERATION_COST + w->effort);
     SINGLE(t) *s = &f->solver;
+    IF_CLOCK(if (!SINGLE(time_advances)(s, 0))
+        return TIME_STOPPED;)
     SEPARATE(record_step)(s);
     SINGLE(finish)(s);
     real size = 0;

@@ -64,7 +64,7 @@ NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
                 momentum[a] = w->p[a] + perturbation(&seed)*w->p[a];
             }
             SOLVER(stage_rates)(w, i, position, momentum, H_p_perturbed, H_q_perturbed);
-            for (int a = 0; a < N; ++a) {
+            for (int a = 0; a < MEASURED; ++a) {
                 const lanes by_p = H_p_perturbed[a] - H_p[a] + perturbation(&seed)*H_p[a];
                 const lanes by_q = H_q_perturbed[a] - H_q[a] + perturbation(&seed)*H_q[a];
                 dq += by_p*by_p;
@@ -92,14 +92,33 @@ INLINE_IF_SMALL void SOLVER(finish)(SOLVER(t) *w)
     }
     IF_TIME(lanes_at_time(&w->constants, w->t + w->step);)
     SOLVER(project_momentum_increment)(w, q, dp);
+#if GS_CLOCK && GS_FORCES
+    const lanes momentum = w->p[N - 1];
+#endif
     for (int a = 0; a < N; ++a) {
         two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
         w->p[a] = p[a];
     }
+#if GS_CLOCK && GS_FORCES
+    SOLVER(add_to_work)(w, momentum - w->p[N - 1]);
+#endif
     IF_TIME(SOLVER(add_final_constraint_work)(w);)
     IF_FRAME(SOLVER(hold_equilibrium)(w, &before);)
     SOLVER(evaluate_constraints)(w);
 }
+
+#if GS_CLOCK
+/* 1 if t' > 0 at all stages of the trajectory in a lane. */
+static int SOLVER(time_advances)(const SOLVER(t) *w, int lane)
+{
+    int advances = 1;
+    for (int i = 0; i < S; ++i) {
+        const int item = i/SOLVER(PER), at = lane + i % SOLVER(PER);
+        advances &= lane_get(&w->now.x[item*N + N - 1], at)*lane_get(&w->h_b[item], at) > 0;
+    }
+    return advances;
+}
+#endif
 
 /* Sets the constants and the step size of a lane. */
 static void SOLVER(prepare)(SOLVER(t) *w, int lane, const constants *c, real h)
@@ -131,7 +150,7 @@ INLINE void SOLVER(update_scales)(SOLVER(t) *w)
     lanes q_increment = splat(0), p_increment = splat(0);
     SOLVER(sum_rows)(S, N, w->now.x, dq);
     SOLVER(sum_rows)(S, N, w->now.x + SOLVER(HAT), dp);
-    for (int a = 0; a < N; ++a) {
+    for (int a = 0; a < MEASURED; ++a) {
         q_increment += dq[a]*dq[a];
         p_increment += dp[a]*dp[a];
         q_square += w->q[a]*w->q[a];

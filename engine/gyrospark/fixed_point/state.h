@@ -12,7 +12,7 @@ enum { SOLVER(PER) = LANES, SOLVER(S) = (S + LANES - 1)/LANES, SOLVER(P) = (P + 
 enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N,
     SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
 static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
-static const int SOLVER(group_rows)[GROUPS] = { N, N, M };
+static const int SOLVER(group_rows)[GROUPS] = { MEASURED, MEASURED, M };
 #else
 /* ----------------------------------------------------- several trajectories: one in each lane */
 
@@ -24,8 +24,12 @@ enum { SOLVER(PER) = 1, SOLVER(S) = S, SOLVER(P) = P };
 enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N,
     SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
 static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
+#if GS_CLOCK /* rows end before the time */
+static const int SOLVER(group_rows)[GROUPS] = { MEASURED, MEASURED, (P > 1 ? 2 : 1)*M };
+#else
 static const int SOLVER(group_rows)[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N,
     (P > 1 ? 2 : 1)*M };
+#endif
 #endif
 
 #if !GS_CONSTRAINED

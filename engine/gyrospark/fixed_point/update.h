@@ -9,8 +9,10 @@ INLINE void SOLVER(accumulate_increment)(SOLVER(t) *w, int i, const lanes *L_new
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->h_b_hat[i]*H_q[a];
         const lanes dq = L_new[a] - L[a], dp = force - L_hat[a];
-        dq_square += dq*dq;
-        dp_square += dp*dp;
+        if (a < MEASURED) {
+            dq_square += dq*dq;
+            dp_square += dp*dp;
+        }
         L[a] = L_new[a];
         L_hat[a] = force;
     }

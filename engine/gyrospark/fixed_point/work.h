@@ -1,14 +1,16 @@
 /* Work of the forces and of rheonomic constraints. */
 
-#if GS_TIME_DEPENDENT
-#if GS_CONSTRAINED
+#if GS_FORCES
 INLINE void SOLVER(add_to_work)(SOLVER(t) *w, lanes done)
 {
     lanes total;
     two_sum(w->work, done + w->work_low, &total, &w->work_low);
     w->work = total;
 }
+#endif
 
+#if GS_TIME_DEPENDENT
+#if GS_CONSTRAINED
 /* work += sum impulse_j.g_t at the nodes 0..P-1: work of the rheonomic constraints. */
 INLINE void SOLVER(add_constraint_work)(SOLVER(t) *w)
 {
@@ -51,12 +53,12 @@ INLINE void SOLVER(add_final_constraint_work)(SOLVER(t) *w)
 #endif
 #endif
 
-#if GS_FORCES
+#if GS_FORCES && !GS_CLOCK
 /* work += h sum b_i F(Q_i, P_i, t_i).k_i, the work of the forces. */
 INLINE void SOLVER(add_work)(SOLVER(t) *w)
 {
     const lanes *L = w->now.x;
-    lanes Q[SOLVER(S)*N], momentum[SOLVER(S)*N], terms[SOLVER(S)], done, total;
+    lanes Q[SOLVER(S)*N], momentum[SOLVER(S)*N], terms[SOLVER(S)], done;
     SOLVER(stage_positions)(w, L, Q);
     SOLVER(stage_momenta)(w, L + SOLVER(HAT), momentum);
     for (int i = 0; i < SOLVER(S); ++i) {
@@ -73,12 +75,11 @@ INLINE void SOLVER(add_work)(SOLVER(t) *w)
         IF_TIME(terms[i] += w->h_b[i]*lanes_energy_rate(&w->constants, Q + i*N, momentum + i*N);)
     }
     SOLVER(sum_rows)(S, 1, terms, &done);
-    two_sum(w->work, done + w->work_low, &total, &w->work_low);
-    w->work = total;
+    SOLVER(add_to_work)(w, done);
     IF_TIME(SOLVER(add_constraint_work)(w);)
 }
 #else
-/* No forces: no work. */
+/* No forces: no work. In scaled time the end of the step has it. */
 INLINE void SOLVER(add_work)(SOLVER(t) *w)
 {
     (void)w;

@@ -25,6 +25,36 @@ static real norm(int n, const real *x)
     return size;
 }
 
+/*
+ * Coordinates that measure a state and its changes: all but the time of a system in scaled time. t
+ * grows, and -H contains any constant: relative to them every change would become small.
+ */
+#if GS_CLOCK
+enum { MEASURED = N - 1 };
+#else
+enum { MEASURED = N };
+#endif
+
+#if !GS_PROFILE_CONTROL && !GS_SPLITTING
+/* The maximum norm of `rows` rows of N numbers, without the time; NaN if any number is NaN. */
+static real state_norm(int rows, const real *x)
+{
+#if GS_CLOCK
+    real size = 0;
+    for (int i = 0; i < rows; ++i) {
+        const real of_row = norm(MEASURED, x + i*N);
+        if (!(of_row <= size))
+            size = of_row;
+        if (isnan(size))
+            break;
+    }
+    return size;
+#else
+    return norm(rows*N, x);
+#endif
+}
+#endif
+
 #if !GS_PROFILE_CONTROL && !(GS_SPLITTING && GS_PROFILE_RUN)
 /* A relative perturbation of +-2 ulp, with pseudo-random sign, to estimate round-off errors. */
 static real perturbation(unsigned *seed)

@@ -14,7 +14,7 @@
 enum { SOLVER(S) = 1, SOLVER(P) = 1 };
 enum { SOLVER(HAT) = N, SOLVER(IMPULSE) = 2*N, SOLVER(X) = 2*N + M, SOLVER(RESULT) = SOLVER(X) };
 static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
-static const int SOLVER(group_rows)[GROUPS] = { N, N, M };
+static const int SOLVER(group_rows)[GROUPS] = { MEASURED, MEASURED, M };
 
 #if !GS_CONSTRAINED
 /* Unknowns of the iteration. */
@@ -103,8 +103,10 @@ INLINE void SOLVER(accumulate_increment)(const SOLVER(t) *w, int a, lanes force,
 {
     x[SOLVER(HAT) + a] = force;
     const lanes dq = x[a] - w->now.x[a], dp = force - w->now.x[SOLVER(HAT) + a];
-    *q_change += dq*dq;
-    *p_change += dp*dp;
+    if (a < MEASURED) {
+        *q_change += dq*dq;
+        *p_change += dp*dp;
+    }
 }
 
 /* D_q - F, with F at the mean values and the midpoint in time. */
@@ -307,7 +309,15 @@ INLINE lanes SOLVER(constraint_power)(const SOLVER(t) *w, const lanes *q_mean)
 #endif
 
 #if GS_FORCES
-#if GS_ENERGY_MOMENTUM
+#if GS_CLOCK
+/* work -= dp of the time: work of the forces and of explicit time dependence */
+INLINE void SOLVER(add_work)(SOLVER(t) *w)
+{
+    lanes total;
+    two_sum(w->work, w->work_low - w->now.x[SOLVER(HAT) + N - 1], &total, &w->work_low);
+    w->work = total;
+}
+#elif GS_ENERGY_MOMENTUM
 /* work += F.dq with F at the mean velocity dq/h. H changes by exactly this work. */
 INLINE void SOLVER(add_work)(SOLVER(t) *w)
 {
@@ -415,7 +425,7 @@ NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
         }
         lanes_mean_velocity(&w->constants, position, momentum, zero, zero, H_p_perturbed);
         lanes_mean_force(&w->constants, position, momentum, zero, zero, &t, H_q_perturbed);
-        for (int a = 0; a < N; ++a) {
+        for (int a = 0; a < MEASURED; ++a) {
             const lanes by_p = H_p_perturbed[a] - H_p[a] + perturbation(&seed)*H_p[a];
             const lanes by_q = H_q_perturbed[a] - H_q[a] + perturbation(&seed)*H_q[a];
             dq += by_p*by_p;
@@ -441,6 +451,14 @@ INLINE_IF_SMALL void SOLVER(finish)(SOLVER(t) *w)
     IF_FRAME(SOLVER(hold_equilibrium)(w, &before);)
     SOLVER(evaluate_constraints)(w);
 }
+
+#if GS_CLOCK
+/* 1 if the time advances in the step of a lane. */
+static int SOLVER(time_advances)(const SOLVER(t) *w, int lane)
+{
+    return lane_get(&w->now.x[N - 1], lane)*lane_get(&w->h, lane) > 0;
+}
+#endif
 
 /* Sets the constants and the step size of a lane. */
 static void SOLVER(prepare)(SOLVER(t) *w, int lane, const constants *c, real h)
@@ -474,7 +492,7 @@ INLINE void SOLVER(update_scales)(SOLVER(t) *w)
 {
     lanes q_square = splat(LIMIT(MIN)), p_square = splat(LIMIT(MIN));
     lanes q_increment = splat(0), p_increment = splat(0);
-    for (int a = 0; a < N; ++a) {
+    for (int a = 0; a < MEASURED; ++a) {
         const lanes *dq = w->now.x, *dp = w->now.x + SOLVER(HAT);
         q_increment += dq[a]*dq[a];
         p_increment += dp[a]*dp[a];

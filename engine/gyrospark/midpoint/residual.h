@@ -130,9 +130,9 @@ static real increment_size(const work_t *w, real dt, const real q[N], const real
     const real x[U], const real dx[U])
 {
     (void)w, (void)dt;
-    const real q_weight = larger(norm(N, q), norm(N, x));
-    const real p_weight = larger(norm(N, p), norm(N, x + DP));
-    const real dq = norm(N, dx), dp = norm(N, dx + DP);
+    const real q_weight = larger(state_norm(1, q), state_norm(1, x));
+    const real p_weight = larger(state_norm(1, p), state_norm(1, x + DP));
+    const real dq = state_norm(1, dx), dp = state_norm(1, dx + DP);
     return larger(dq > 0 ? dq/q_weight : dq, dp > 0 ? dp/p_weight : dp);
 }
 

@@ -9,6 +9,8 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
     real q1[N], real p1[N], real multipliers[ROOM])
 {
     (void)w, (void)dt;
+    IF_CLOCK(if (!(x[N - 1]*dt > 0))
+        return TIME_STOPPED;)
     for (int a = 0; a < N; ++a) {
         q1[a] = q[a] + x[a];
         p1[a] = p[a] + x[DP + a];
@@ -39,7 +41,14 @@ static real constraint_power(work_t *w, const real x[U])
 #endif
 
 #if GS_FORCES
-#if GS_ENERGY_MOMENTUM
+#if GS_CLOCK
+/* Work of the forces and of explicit time dependence: the decrease of the momentum of t. */
+static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    (void)w, (void)dt, (void)q;
+    return p[N - 1] - (p[N - 1] + x[DP + N - 1]);
+}
+#elif GS_ENERGY_MOMENTUM
 /* Work of the forces at the mean velocity, F.dq. The discrete gradient makes H1 - H0 equal it. */
 static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {

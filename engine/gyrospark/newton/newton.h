@@ -59,7 +59,7 @@ static int satisfies_constraints(work_t *w, real dt, const real q[N], const real
     constraint(AT(&w->constants, w->t), q, g);
     constraint_increment(BETWEEN(&w->constants, w->t, w->step), q, d, dg);
     constraint_reach(AT(&w->constants, w->t + w->step), q1, reach);
-    const real tolerance = norm(N, d)/1000 + 64*epsilon*norm(N, q);
+    const real tolerance = norm(MEASURED, d)/1000 + 64*epsilon*norm(MEASURED, q);
     for (int mu = 0; mu < M; ++mu) {
         const real allowed = MATH(fabs)(g[mu]) + reach[mu]*tolerance;
         if (!(MATH(fabs)(g[mu] + dg[mu]) <= allowed))

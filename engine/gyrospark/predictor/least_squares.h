@@ -65,7 +65,7 @@ INLINE int stages_of_lag(int m)
 static int max_lags(long steps)
 {
     int lags = LAGS;
-    while (lags >= 0 && (steps - 1 - lags)*N < 2*regressors_of(lags))
+    while (lags >= 0 && (steps - 1 - lags)*MEASURED < 2*regressors_of(lags))
         --lags;
     return lags;
 }

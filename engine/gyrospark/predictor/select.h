@@ -253,13 +253,13 @@ static void SOLVER(fit_stages)(SOLVER(t) *w, least_squares_t *l, int trajectory,
 {
     SOLVER(least_squares) *s = &w->least_squares;
     const int steps = SOLVER(history_length)(w), unknowns = 2*regressors_of(lags);
-    const int available = (steps - 1 - lags)*N, stride = stride_of(available, unknowns);
+    const int available = (steps - 1 - lags)*MEASURED, stride = stride_of(available, unknowns);
     const lanes *newest = SOLVER(history_values)(w, 1);
     begin_least_squares(l, unknowns, 2*S, (const real[2]){
         SOLVER(ridge)(newest, SOLVER(HAT), trajectory),
         SOLVER(ridge)(newest + SOLVER(HAT), SOLVER(HAT), trajectory) });
     for (int e = 0; e < available; e += stride) {
-        const int lag = 1 + e/N, a = e % N;
+        const int lag = 1 + e/MEASURED, a = e % MEASURED;
         real *row = next_equation(l), *right = row + right_side_start(l);
         for (int group = 0; group < 2; ++group) {
             const int at = group*SOLVER(HAT);
@@ -297,6 +297,19 @@ NOINLINE void SOLVER(fit)(SOLVER(t) *w, int trajectory)
     s->pending[trajectory] = 1;
 }
 
+#if GS_CLOCK
+/*
+ * The stages of t and of its momentum by the collocation polynomial of the last step: t grows and
+ * the momentum is constant, so that they do not have the frequencies of the other coordinates.
+ */
+INLINE void SOLVER(extrapolate_clock)(const SOLVER(t) *w, lanes *x)
+{
+    for (int at = N - 1; at < SOLVER(IMPULSE); at += SOLVER(HAT))
+        SOLVER(product_of_columns)(SOLVER(S), S, N, 1, w->zero, 0, TABLE(onward),
+            SOLVER(history_values)(w, 1) + at, x + at);
+}
+#endif
+
 /* The least-squares prediction of the next step. */
 NOINLINE void SOLVER(evaluate_least_squares)(const SOLVER(t) *w, lanes *x)
 {
@@ -305,6 +318,7 @@ NOINLINE void SOLVER(evaluate_least_squares)(const SOLVER(t) *w, lanes *x)
     for (int m = 0; m <= s->lags; ++m)
         past[m] = SOLVER(history_values)(w, 1 + m);
     SOLVER(predict_stages)(s->coefficients, past, s->lags, x);
+    IF_CLOCK(SOLVER(extrapolate_clock)(w, x);)
     SOLVER(predict_multipliers)(w, x + SOLVER(IMPULSE));
 }
 
@@ -376,6 +390,8 @@ static void SOLVER(compare_candidates)(SOLVER(t) *w)
         const lanes size = e < SOLVER(HAT) ? w->q_weight : w->p_weight;
         const lanes by_candidate = s->candidate[e] - w->now.x[e],
             by_baseline = s->baseline[e] - w->now.x[e];
+        if (e % N >= MEASURED)
+            continue;
         candidate += size*by_candidate*by_candidate;
         baseline += size*by_baseline*by_baseline;
     }

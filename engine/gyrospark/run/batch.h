@@ -324,12 +324,12 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             solve_fixed_point_lanes(b, options, QUARTER_STEP, alive, failed, iterations_taken);
 #endif
         for (int i = 0; i < LANES; ++i) {
-            if (!failed[i])
-                continue;
-            if (options->solver != FIXED_POINT) {
+            if (failed[i] != OK && options->solver != FIXED_POINT) {
                 failed[i] = solve_lane_by_newton(b, options, i, &iterations_taken[i], work);
                 reports[i].newton_steps += failed[i] == OK;
             }
+            IF_CLOCK(if (alive[i] && failed[i] == OK && !BATCH(time_advances)(solver, i))
+                failed[i] = TIME_STOPPED;)
             if (failed[i] != OK) {
                 status[i] = failed[i];
                 alive[i] = 0;
@@ -358,6 +358,8 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             if (!alive[i])
                 continue;
             report_t *report = &reports[i];
+            IF_CLOCK(record_time_step(report, lane_get(&solver->q[N - 1], i)
+                - lane_get(&q_before[N - 1], i));)
             ++report->steps;
             report->iterations += iterations_taken[i];
             if (iterations_taken[i] > report->iterations_max)

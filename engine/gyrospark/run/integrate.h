@@ -178,9 +178,11 @@ static int run_on(const options_t *options, IF_INPUTS(
         work->t = start + (real)report->steps*dt;
         IF_TIME(work->step = start + (real)(report->steps + 1)*dt - work->t;)
         IF_INPUTS(set_step_inputs(&work->constants, &inputs, 0, report->steps);)
+        IF_CLOCK(const real time = q[N - 1];)
         const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
+        IF_CLOCK(record_time_step(report, q[N - 1] - time);)
         ++report->steps;
         report->iterations += taken;
         if (taken > report->iterations_max)

@@ -56,6 +56,17 @@ void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], c
 #endif
 #endif
 
+#if GS_CLOCK
+/* The smallest and the largest step of t; before the first step both are 0. */
+static void record_time_step(report_t *report, real step)
+{
+    const real size = MATH(fabs)(step);
+    if (report->steps == 0 || size < report->time_step_min)
+        report->time_step_min = size;
+    report->time_step_max = larger(size, report->time_step_max);
+}
+#endif
+
 /* Adds the energy error |H - H_0 - W| of the state (q, p) to the report. */
 static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
 {

@@ -178,10 +178,10 @@ static energy_search_t begin_energy_search(real H_0, real dt, const real q[N], c
     for (int a = 0; a < N; ++a) {
         dq[a] = q1[a] - q[a];
         dp[a] = p1[a] - p[a];
-        action += MATH(fabs)(p1[a]*dq[a]);
+        action += a < MEASURED ? MATH(fabs)(p1[a]*dq[a]) : 0;
     }
-    const real of_q = norm(N, dq)/(norm(N, q) + norm(N, dq));
-    const real of_p = norm(N, dp)/(norm(N, p) + norm(N, dp));
+    const real of_q = state_norm(1, dq)/(state_norm(1, q) + state_norm(1, dq));
+    const real of_p = state_norm(1, dp)/(state_norm(1, p) + state_norm(1, dp));
     const real r = larger(of_q > 0 ? of_q : 0, of_p > 0 ? of_p : 0);
     search.bound = r*r;
     search.tolerance = 2*epsilon*larger(MATH(fabs)(H_0), action/2/MATH(fabs)(dt));

@@ -169,10 +169,10 @@ static real increment_size(const work_t *w, real dt, const real q[N], const real
     const real x[U], const real dx[U])
 {
     const real step = MATH(fabs)(dt);
-    const real q_weight = larger(norm(N, q), step*norm(K_HAT, x));
-    const real p_stages = larger(norm(S*N, &w->stage_p[0][0]), step*norm(K_HAT, x + K_HAT));
-    const real p_weight = larger(norm(N, p), p_stages);
-    const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
+    const real q_weight = larger(state_norm(1, q), step*state_norm(S, x));
+    const real p_stages = larger(state_norm(S, &w->stage_p[0][0]), step*state_norm(S, x + K_HAT));
+    const real p_weight = larger(state_norm(1, p), p_stages);
+    const real dq = step*state_norm(S, dx), dp = step*state_norm(S, dx + K_HAT);
     return larger(dq > 0 ? dq/q_weight : dq, dp > 0 ? dp/p_weight : dp);
 }
 

@@ -26,6 +26,17 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
 }
 #endif
 
+#if GS_CLOCK
+/* 1 if t' > 0 at all stages. */
+static int time_advances(const real x[U])
+{
+    int advances = 1;
+    for (int i = 0; i < S; ++i)
+        advances &= x[i*N + N - 1] > 0;
+    return advances;
+}
+#endif
+
 #if GS_CONSTRAINED
 /* d <- q1 - q (A.3) */
 static void displacement(real dt, const real x[U], real d[N])
@@ -58,6 +69,7 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
     }
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];
+    IF_CLOCK(if (!time_advances(x)) return TIME_STOPPED;)
     const int status = project_momentum(AT(&w->constants,
         w->t + w->step), q1, p1, multipliers + P*M);
     for (int mu = 0; mu < M; ++mu)
@@ -71,6 +83,7 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
     real q1[N], real p1[N], real multipliers[ROOM])
 {
     (void)multipliers;
+    IF_CLOCK(if (!time_advances(x)) return TIME_STOPPED;)
     stage_values(w, dt, q, p, x);
     for (int a = 0; a < N; ++a) {
         real force = 0;
@@ -122,6 +135,14 @@ static real reaction_power(const constants *c, const real q[N], const real mu[RO
 }
 #endif
 
+#if GS_CLOCK
+/* Work of the forces and of explicit time dependence: the decrease of the momentum of t. */
+static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    real q1[N], p1[N], multipliers[ROOM];
+    return finish(w, dt, q, p, x, q1, p1, multipliers) == OK ? p[N - 1] - p1[N - 1] : NAN;
+}
+#else
 /* Work of the forces, dt sum b_i F(Q_i, P_i, t_i).k_i, accurate to the order of the method. */
 static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
@@ -146,6 +167,7 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
     IF_TIME(sum += node_power(w, dt, q, p, x);)
     return dt*sum;
 }
+#endif
 #endif
 
 #endif

@@ -1,0 +1,118 @@
+"""A system in scaled time: dt = σ(q, p, t) dτ makes steps adapt, and keeps them symplectic.
+
+    H̃(q, t, p, e) = σ (H(q, p, t) + e),   F̃ = (σ F, −σ F·H_p),   0 = g(q, t)
+
+t is the last coordinate, and e its momentum with e = −H at the start. On H + e = 0 the motion is
+that of H in the time t with t' = σ, and the multipliers are σ times those of H. Constant steps Δτ
+are steps Δt = ∫σ dτ of a method that is symplectic in (q, t, p, e) (Hairer, Lubich and Wanner,
+Geometric Numerical Integration, VIII.2; E. Hairer, Appl. Numer. Math. 25 (1997) 219-227; S. Reich,
+SIAM J. Numer. Anal. 36 (1999) 1549-1570).
+
+e is −H − W, W the work of forces and of explicit time dependence: it is constant without both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import sympy as sp
+
+from ...core.arguments import few
+from ...core.errors import InputError
+from .lagrangian import LagrangianSystem
+from .moving_frame import TransformedSystem
+from .system import System
+
+__all__ = ["ScaledSystem", "refuse_unscalable", "scaled", "shown_count"]
+
+
+@dataclass(frozen=True)
+class ScaledSystem(TransformedSystem):
+    """The system in τ, with t among its coordinates; ``energy`` is H(q, p, t).
+
+    Parameters
+    ----------
+    scale : Expr
+        σ(q, p, t) = dt/dτ.
+    scale_name : str
+        The quantity that is σ.
+    """
+
+    scale: sp.Expr = field(default=sp.Integer(1), kw_only=True)
+    scale_name: str = field(default="", kw_only=True)
+
+    @property
+    def defining(self) -> dict[str, sp.Expr]:
+        """Expressions that define it besides g and F."""
+        return {**super().defining, "scale": self.scale}
+
+    @property
+    def conserved(self) -> sp.Expr:
+        """H + e, which is 0 along the motion."""
+        return self.energy + self.p[-1]
+
+
+def scaled(system: System) -> System:
+    """Return the system in scaled time, or the same system without a ``time_scale``."""
+    scale = system.time_scale
+    if scale is None:
+        return system
+    taken = {str(s) for s in (*system.q, *system.p, *system.parameters)} | {*system.quantities}
+    t = system.time or _symbol("t", taken)
+    e = _symbol("p_t", taken | {str(t)})
+    name = str(_symbol("time_scale", taken | {str(t), str(e)}))
+    power = sp.Add(*(F * v for F, v in zip(system.forces, system.H_p, strict=False)))
+    forces = (*(scale * F for F in system.forces), -scale * power) if system.forces else ()
+    if not forces and any(t in x.free_symbols for x in (system.H, scale, *system.constraints)):
+        forces = (sp.Integer(0),) * (system.n + 1)  # e changes: the work is counted
+    parts = {part.name: getattr(system, part.name) for part in fields(System)}
+    return ScaledSystem(**parts | {
+        "q": (*system.q, t), "p": (*system.p, e), "H": scale * (system.H + e), "forces": forces,
+        "time": None, "time_scale": None, "energy": system.H, "scale": scale,
+        "scale_name": name, "quantities": {**system.quantities, name: scale}})
+
+
+def shown_count(system: System) -> int:
+    """Return how many coordinates users see: all but the time of a system in scaled time."""
+    return system.n - isinstance(system, ScaledSystem)
+
+
+def _symbol(name: str, taken: set[str]) -> sp.Symbol:
+    """Return a real symbol with a name that is not taken."""
+    while name in taken:
+        name += "_"
+    return sp.Symbol(name, real=True)
+
+
+def refuse_unscalable(system: System) -> None:
+    """Refuse a time scale that is no positive function of q, p, t and parameters, and systems
+    without equations in scaled time.
+
+    Raises
+    ------
+    InputError
+        Naming the symbol or the part of the system, and the cure.
+    """
+    scale = system.time_scale
+    assert scale is not None
+    about = f"time_scale of system {system.name!r}"
+    for present, what, cure in (
+            (system.velocity_count > 0,
+             f"velocity constraints, {few(system.velocity_constraint_names)}",
+             "with_row_integrals() makes constraints on positions of those that are integrable"),
+            (bool(system.inputs),
+             f"inputs, {few(system.inputs)}, which are held over steps of t",
+             "make them parameters, or functions of time"),
+            (isinstance(system, LagrangianSystem), "a Lagrangian in place of H",
+             "give H(q, p) to System(...)")):
+        if present:
+            raise InputError(f"{about}: the system has {what}, which steps in scaled time do not "
+                             f"take; {cure}, or leave time_scale out.")
+    allowed = {*system.q, *system.p, *system.parameters, *filter(None, (system.time,))}
+    unknown = scale.free_symbols - allowed
+    if unknown:
+        raise InputError(f"{about} contains the unknown symbol {min(map(str, unknown))!r}; declare "
+                         "it in q, p, parameters or as time.")
+    if scale.is_nonpositive:
+        raise InputError(f"{about} is {scale}, which is never positive; dt = time_scale dtau must "
+                         "go forwards: give a positive function, such as r**1.5.")

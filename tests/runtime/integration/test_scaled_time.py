@@ -1,0 +1,278 @@
+"""Runs in scaled time: times asked for, derivatives at them, energy, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+import systems
+from gyrospark.interop.discrete_flow import DiscreteFlow
+from systems import case, differentiable, stepper, timed_start
+
+EPS = np.finfo(float).eps
+x, y, u, v, t = sp.symbols("x y u v t", real=True)
+SCALED = ["eccentric", "scaled_pendulum", "tethered_pair"]
+
+
+def arguments(name, **more):
+    entry = case(name)
+    return {"parameters": entry.parameters} | entry.step | more
+
+
+def to(name, t_end, step=None, **more):
+    step = step or stepper(name)
+    return step.integrate(timed_start(name, step), t_end=t_end, **arguments(name, **more))
+
+
+# ---------------------------------------------------------------- order
+
+
+def in_constant_steps(name, t_end):
+    """The end of a run of the same system without time_scale, its error below 1e-12."""
+    entry = case(name)
+    own = replace(entry, options={"system": entry.system.with_time_scale(None)})
+    step = gs.stepper("G-L", 5, **own.options)
+    steps = 400
+    run = step.integrate(timed_start(name, stepper(name)), steps=steps,
+                         dt=(t_end - entry.t0) / steps, parameters=entry.parameters)
+    return np.concatenate([run.q[-1], run.p[-1]])
+
+
+@pytest.mark.parametrize("name", ["scaled_pendulum", "tethered_pair"])
+def test_steps_have_their_order_with_constraints_forces_and_time(name):
+    entry = case(name)
+    t_end = entry.t0 + 1.0
+    wanted = in_constant_steps(name, t_end)
+    errors = []
+    for parts in (1, 2, 4):
+        run = to(name, t_end, dtau=2 * entry.dt / parts)
+        assert run.t[-1] == t_end
+        errors.append(np.abs(np.concatenate([run.q[-1], run.p[-1]]) - wanted).max())
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert abs(slopes[-1] - 4) < 0.35
+    assert run.report.constraint_max < 64 * EPS
+
+
+@pytest.mark.parametrize(("stages", "dtau"), [(1, 0.02), (3, 0.4), (4, 0.6)])
+def test_the_energy_error_is_of_the_order_of_the_steps(stages, dtau):
+    """H + e is 0 in the motion; it is never projected to 0, and does not drift."""
+    step = stepper("eccentric", "G-L", stages)
+    errors = []
+    for size in (dtau, dtau / 2):
+        run = step.integrate(timed_start("eccentric", step), steps=round(40 / size),
+                             parameters={"k": 1.0}, dtau=size)
+        assert np.array_equal(run.time_momentum, np.full(len(run), 0.5))
+        assert np.abs(run.energies + 0.5).max() == pytest.approx(
+            run.report.energy_error_max, rel=1e-6)
+        errors.append(run.report.energy_error_max)
+    assert abs(np.log2(errors[0] / errors[1]) - 2 * stages) < 0.6
+
+
+def test_steps_of_time_are_those_of_the_scale():
+    run = systems.run("eccentric", stepper("eccentric"), 80)
+    steps = np.diff(run.t)
+    assert run.report.time_step_min == pytest.approx(steps.min(), rel=1e-12)
+    assert run.report.time_step_max == pytest.approx(steps.max(), rel=1e-12)
+    assert steps.max() > 6 * steps.min()  # ((1 + e) / (1 − e))^(3/2) is 8
+    assert np.allclose(run.tau, 0.1 * np.arange(81), rtol=1e-14)
+    middle = np.sqrt(run.time_steps[1:] * run.time_steps[:-1])
+    assert np.abs(steps / middle - 1).max() < 0.01
+
+
+# ---------------------------------------------------------------- times
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("name", SCALED)
+def test_times_are_met(name, direction):
+    """At t_end, t_eval and by ``at``: all the same state at a time, as near as the steps are."""
+    entry, step = case(name), stepper(name)
+    t_end, dtau = entry.t0 + direction * 0.9, direction * entry.dt
+    run = to(name, t_end, dtau=dtau)
+    assert run.t[-1] == t_end
+    asked = entry.t0 + direction * np.array([0.0, 0.31, 0.3, 0.9])
+    between = run.at(asked)
+    assert np.array_equal(between.t, asked)
+    evaluated = to(name, t_end, dtau=dtau, t_eval=asked)
+    size = np.abs(run.q).max() + np.abs(run.p).max()
+    for found in (between, evaluated):
+        assert np.array_equal(found.q[0], run.q[0])
+        assert np.abs(found.q[-1] - run.q[-1]).max() <= 1e3 * EPS * size
+    assert np.array_equal(between.q, evaluated.q)
+    every = to(name, t_end, dtau=dtau, every=3).at(asked)
+    assert np.abs(every.q - between.q).max() <= 1e3 * EPS * size
+    event = gs.Event(step.manifest.system.clock.time, level=asked[1], name="at")
+    crossing = to(name, t_end, dtau=dtau, events=event).events["at"]
+    assert np.abs(crossing.t - asked[1]).max() <= 8 * EPS * (1 + abs(asked[1]))
+    assert np.abs(crossing.q[0] - between.q[1]).max() <= 1e3 * EPS * size
+
+
+def test_states_at_times_are_those_of_the_closed_form():
+    entry, step = case("eccentric"), stepper("eccentric", "G-L", 4)
+    times = np.linspace(0, 7, 9)
+    found = step.integrate(timed_start("eccentric", step), t_end=7, t_eval=times,
+                           **arguments("eccentric"))
+    wanted = np.array([entry.exact(time) for time in times])
+    assert np.abs(found.q - wanted).max() < 3e-9
+
+
+def test_a_long_run_to_a_time_grows_its_arrays():
+    run = to("eccentric", 200.0)
+    assert len(run) > 2000
+    assert len(run) == run.report.steps + 2  # the start and the part of a step that ends it
+    assert run.t[-1] == 200.0
+
+
+def test_a_run_goes_on_from_its_end():
+    """Bits of one run: H + e is that of the first start."""
+    step = stepper("scaled_pendulum")
+    whole = systems.run("scaled_pendulum", step, 30)
+    half = systems.run("scaled_pendulum", step, 11)
+    rest = step.integrate(half[-1], steps=19, dtau=case("scaled_pendulum").dt)
+    close = 1e3 * EPS
+    assert np.abs(rest.q[-1] - whole.q[-1]).max() <= close
+    assert np.abs(rest.time_momentum[-1] - whole.time_momentum[-1]) <= close
+
+
+# ---------------------------------------------------------------- derivatives
+
+
+@pytest.mark.parametrize("name", ["eccentric", "scaled_pendulum"])
+def test_gradients_at_a_time_are_differences(name):
+    """With de = −dH at the start, which depends on parameters and on the start."""
+    entry, step = case(name), differentiable(name)
+    t_end = entry.t0 + 0.9
+    begin = timed_start(name, step)
+    run = step.integrate(begin, t_end=t_end, **arguments(name))
+    w = np.linspace(0.3, 1.1, step.n)
+    cotangents = {"q": np.zeros_like(run.q), "p": np.zeros_like(run.p)}
+    cotangents["q"][-1], cotangents["p"][-1] = w, 1 - w
+    found = run.gradient(cotangents, wrt=["start", *entry.parameters])
+    tangents = step.integrate(begin, t_end=t_end, tangents=gs.Tangents(
+        start="all", parameters=[*entry.parameters]), **arguments(name)).tangents
+
+    def value(q, p, **parameters):
+        end = step.integrate(gs.Start(q, p, t=entry.t0), t_end=t_end, dtau=entry.dt,
+                             parameters=entry.parameters | parameters)
+        return w @ end.q[-1] + (1 - w) @ end.p[-1]
+
+    def slope(function):
+        h = 1e-3
+        coarse, fine = ((function(s) - function(-s)) / (2 * s) for s in (h, h / 2))
+        return (4 * fine - coarse) / 3
+
+    q, p = begin.q, begin.p
+    ends = w @ tangents.q[-1] + (1 - w) @ tangents.p[-1]
+    for parameter in {"k", "g"} & {*entry.parameters}:  # others move the constraints
+        number = entry.parameters[parameter]
+        wanted = slope(lambda s: value(q, p, **{parameter: number + s}))  # noqa: B023 - called here
+        assert abs(found[parameter] - wanted) < 1e-7 * (1 + abs(wanted))
+        assert abs(ends[tangents.names.index(parameter)] - wanted) < 1e-7 * (1 + abs(wanted))
+    for k, name in enumerate(tangents.names):
+        if name.startswith("start"):
+            dz = tangents.start[:, k]
+            along = found.q @ dz[: step.n] + found.p @ dz[step.n :]
+            assert abs(along - ends[k]) < 1e-11 * (1 + abs(along))
+            if not step.m:
+                wanted = slope(lambda s: value(q + s * dz[: step.n],  # noqa: B023 - called here
+                                               p + s * dz[step.n :]))  # noqa: B023
+                assert abs(along - wanted) < 1e-7 * (1 + abs(wanted))
+
+
+# ---------------------------------------------------------------- failures
+
+
+@pytest.mark.parametrize(("scheme", "stages", "done"), [("G-L", 2, 0), ("IMS", None, 1)])
+def test_a_scale_that_is_not_positive_is_refused_where_it_is_met(scheme, stages, done):
+    """x' = 1 with σ = 1 − 4x: long steps jump over x = 1/4, where t stops."""
+    step = gs.stepper(scheme, stages, system=gs.System([x], [u], (), u, name="drift",
+                                                       time_scale=1 - 4 * x))
+    with pytest.raises(gs.InputError, match="-1"):
+        step.integrate(gs.Start([0.5], [0.3]), dtau=0.1, steps=3)
+    start = gs.Start([0.0], [0.3])
+    for solver in ("auto", "newton"):
+        with pytest.raises(gs.StepFailed) as caught:
+            step.integrate(start, dtau=1.0, steps=3, solver=solver)
+        assert caught.value.reason == "time stopped"
+        assert caught.value.step == done + 1
+        assert caught.value.trajectory.t[-1] == caught.value.t
+    many = step.integrate_ensemble([start] * 3, dtau=[0.1, 1.0, 0.1], steps=3)
+    assert {i: one.reason for i, one in many.failures.items()} == {1: "time stopped"}
+    assert np.isfinite(many.q[[0, 2]]).all()
+
+
+# ---------------------------------------------------------------- refused
+
+
+def other_calls(step, start, run):
+    d = 0.1
+    model = gs.Model(case("eccentric").system, {"k": 1.0}, start.q, start.p)
+    ones = np.ones(2)
+    return {
+        "step": lambda: step.step(start, dt=d),
+        "jvp": lambda: step.jvp(start, ones, ones, dt=d),
+        "vjp": lambda: step.vjp(start, dt=d),
+        "hvp": lambda: step.hvp(start, ones, ones, ones, ones, dt=d),
+        "hessian": lambda: run.hessian({"q": np.ones_like(run.q)}),
+        "value_and_gradient": lambda: step.value_and_gradient(
+            lambda run: run.q.sum(), start, wrt=["start"], dt=d, steps=3),
+        "accelerations": lambda: step.accelerations(start),
+        "mass_matrix": lambda: step.mass_matrix(start),
+        "lyapunov": lambda: gs.lyapunov(step, start, dt=d, steps=10),
+        "periodic_orbit": lambda: gs.periodic_orbit(step, start, dt=d, steps=10),
+        "tune": lambda: gs.tune(step, start, t_end=1, step_error=1e-6),
+        "fit": lambda: gs.fit(step, start, [0.0, 1.0], np.ones((2, 2)), dt=d, observe=["x", "y"]),
+        "certify": lambda: gs.certify(model, "G-L", 2, dt=d),
+        "sweep": lambda: gs.sweep(model, {"k": [1.0, 2.0]}, scheme="G-L", stages=2, dt=d, steps=4),
+        "flow": lambda: DiscreteFlow(step, 3),
+        "build": lambda: gs.build("cpp", model, scheme="G-L", stages=2),
+        "splitting": lambda: gs.stepper(order=4, system=model.system),
+    }
+
+
+@pytest.mark.parametrize("call", other_calls(None, gs.Start([0.4, 0], [0, 2]), None))
+def test_what_is_not_derived_is_refused_with_a_way_out(call):
+    step = stepper("eccentric")
+    start = gs.Start([0.4, 0.0], [0.0, 2.0], {"k": 1.0})
+    run = step.integrate(start, steps=3, dtau=0.1)
+    with pytest.raises(gs.InputError) as caught:
+        other_calls(step, start, run)[call]()
+    assert "time_scale" in str(caught.value)
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ({"dt": 0.1, "steps": 3}, ["0.1", "dtau"]),
+    ({"dt": 0.1, "dtau": 0.1, "steps": 3}, ["dt = 0.1", "dtau"]),
+    ({"steps": 3}, ["dtau"]),
+    ({"dtau": 0, "steps": 3}, ["dtau = 0", "positive"]),
+    ({"dtau": "a", "steps": 3}, ["dtau = 'a'"]),
+    ({"dtau": 0.1, "t_end": -1}, ["t_end = -1", "after"]),
+    ({"dtau": 0.1, "t_end": 1, "steps": 3}, ["steps", "t_end"]),
+    ({"dtau": 0.1, "steps": 3, "t_eval": [99.0]}, ["99.0"]),
+    ({"dtau": 0.1, "t_end": 1, "out": "here.zarr"}, ["steps"]),
+])
+def test_other_steps_and_ends_are_refused(given, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    step = stepper("eccentric")
+    with pytest.raises(gs.InputError) as caught:
+        step.integrate(timed_start("eccentric", step), parameters={"k": 1.0}, **given)
+    assert all(word in str(caught.value) for word in words), caught.value
+    with pytest.raises(gs.InputError, match="dtau"):
+        stepper("kepler").integrate(timed_start("kepler", stepper("kepler")), dtau=0.1, steps=3)
+
+
+def test_a_simulation_in_scaled_time_keeps_parameters_and_counts_no_times():
+    step = stepper("eccentric")
+    sim = step.start(timed_start("eccentric", step), **arguments("eccentric"))
+    sim.advance(4)
+    assert sim.t == systems.run("eccentric", step, 4).t[-1]
+    with pytest.raises(gs.InputError, match="t_end"):
+        sim.advance_to(1.0)
+    with pytest.raises(gs.InputError, match=r"step\.start"):
+        sim.parameters = {"k": 2.0}
+    with pytest.raises(gs.InputError, match="integrate"):
+        step.integrate_ensemble([sim.start] * 2, dtau=0.1, t_end=1.0)
