@@ -196,7 +196,7 @@ def test_text_of_others_stays_text(tops, tmp_path):
     assert executed(page, tmp_path)["bad"] == 0
 
 
-def test_jupyter_shows_it_in_a_frame(tops):
+def test_jupyter_shows_it_in_a_frame(tops, tmp_path):
     shown = tops.show()
     text = shown._repr_html_()
     assert text.startswith("<iframe ")
@@ -204,7 +204,7 @@ def test_jupyter_shows_it_in_a_frame(tops):
     assert len(repr(shown)) < 200
     assert "View" in repr(shown)
     assert "None" not in repr(shown)
-    assert "top.html" in repr(tops.show("top.html"))
+    assert "top.html" in repr(tops.show(tmp_path / "top.html"))
 
 
 def test_on_the_command_line(gyrospark, tmp_path):
