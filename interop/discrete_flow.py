@@ -133,25 +133,26 @@ class DiscreteFlow:
         width = self.size if linear == self.adjoint else 2 * self.n
         if self.exact:
             _ = self.stepper._second_binding()  # compiled, as above
-            whole = self._second_adjoint if linear == self.adjoint else self._second_tangent
-            return self._of_rows(whole, (v.shape[1], width), x, v, dx)
+            exact_derivative = (
+                self._second_adjoint if linear == self.adjoint else self._second_tangent)
+            return self._of_rows(exact_derivative, (v.shape[1], width), x, v, dx)
 
         def row(x: Array, v: Array, dx: Array) -> Array:
             run = self._run(x)
-            at = np.concatenate([run.q, run.p, x[2 * self.n :]])
-            projected = self._projected(self._kept(run)[1], dx[:, : self._places.size])
+            start = np.concatenate([run.q, run.p, x[2 * self.n :]])
+            projected = self._projected(self._stored_run(run)[1], dx[:, : self._places.size])
             along = np.concatenate([projected.T[:, self._places],
                                     dx[:, self._places.size :]], axis=1)
-            size = self._sizes(at)
+            size = self._sizes(start)
             step = np.finfo(float).eps ** 0.2 / np.maximum(
                 (np.abs(along) / size).max(axis=1, initial=0), np.finfo(float).tiny)
             step[~along.any(axis=1)] = 1
-            found = np.zeros((len(v), width))
+            derivative = np.zeros((len(v), width))
             for node, weight in _DIFFERENCE:
                 for sign in (1, -1):
-                    moved = at + sign * node * step[:, None] * along
-                    found += sign * weight / step[:, None] * linear(moved, v[:, None])[:, 0]
-            return found
+                    shifted = start + sign * node * step[:, None] * along
+                    derivative += sign * weight / step[:, None] * linear(shifted, v[:, None])[:, 0]
+            return derivative
 
         return self._of_rows(row, (v.shape[1], width), x, v, dx)
 
@@ -186,32 +187,34 @@ class DiscreteFlow:
 
     def _of_rows(self, function: Callable[..., Array], shape: int | tuple[int, ...],
                  *arrays: Array) -> Array:
-        made = np.full((len(arrays[0]), *np.atleast_1d(shape)), np.nan)
-        given = [np.array(array, dtype=float) for array in arrays]  # compiled code may write
-        for i, rows in enumerate(zip(*given, strict=True)):
+        results = np.full((len(arrays[0]), *np.atleast_1d(shape)), np.nan)
+        inputs = [np.array(array, dtype=float) for array in arrays]  # compiled code may write
+        for i, row_arguments in enumerate(zip(*inputs, strict=True)):
             try:
                 with np.errstate(all="ignore"):
-                    made[i] = function(*rows)
+                    results[i] = function(*row_arguments)
             except (GyrosparkError, np.linalg.LinAlgError) as error:
                 self.failures.append(str(error))
-        return made
+        return results
 
     def _run(self, x: Array) -> RunArguments:
         """Return the run of one x, whose start is projected."""
         stepper, binding = self.stepper, self.stepper.binding
-        q, p, parameters, (dt,), (t0,), inputs = (x[place] for place in self.fields.values())
+        q, p, parameters, (dt,), (t0,), inputs = (x[field_slice]
+                                                  for field_slice in self.fields.values())
         if not np.isfinite(x).all():
             raise InputError("x has entries that are not finite.")
         if not dt:
             raise InputError("dt = 0 is no time step; give another number.")
-        values = dict(zip(self.names, parameters.tolist(), strict=True))
-        rows = np.ascontiguousarray(inputs.reshape(1, self.steps, -1))
-        values |= dict(zip(self.input_names, rows[0, 0].tolist(), strict=True))
+        parameter_values = dict(zip(self.names, parameters.tolist(), strict=True))
+        input_rows = np.ascontiguousarray(inputs.reshape(1, self.steps, -1))
+        parameter_values |= dict(zip(self.input_names, input_rows[0, 0].tolist(), strict=True))
         run = RunArguments(
             q.copy(), p.copy(), float(dt), self.steps, self.steps,
-            as_parameters(values, stepper.parameter_domains, binding.number, stepper.symmetries),
+            as_parameters(parameter_values, stepper.parameter_domains, binding.number,
+                          stepper.symmetries),
             "auto", None, 50, float(t0),
-            InputRows(self.input_names, rows, 1) if self.input_names else None)
+            InputRows(self.input_names, input_rows, 1) if self.input_names else None)
         refuse_singular_mass(binding, stepper.manifest, run)
         if not stepper.m:
             return run
@@ -230,51 +233,51 @@ class DiscreteFlow:
                                  f"{REASONS[status]}.")
         return np.concatenate([state.q, state.p])
 
-    def _kept(self, run: RunArguments) -> tuple[KeptRun, TangentSpace]:
+    def _stored_run(self, run: RunArguments) -> tuple[KeptRun, TangentSpace]:
         binding = self.stepper._derivative_binding()
-        kept = binding.begin(run)
-        return kept, TangentSpace(binding, kept.parameters, run.q, run.p,
-                                  self.stepper.constraint_names)
+        stored_run = binding.begin(run)
+        return stored_run, TangentSpace(binding, stored_run.parameters, run.q, run.p,
+                                        self.stepper.constraint_names)
 
     def _tangent(self, x: Array, dx: Array) -> Array:
         run, binding = self._run(x), self.stepper._derivative_binding()
-        kept, space = self._kept(run)
-        own, count = self._places.size, len(dx)
-        u = dx[:, own:].reshape(count, self.steps, -1)
-        dz = self._projected(space, dx[:, :own])
+        stored_run, space = self._stored_run(run)
+        fixed_count, count = self._places.size, len(dx)
+        u = dx[:, fixed_count:].reshape(count, self.steps, -1)
+        dz = self._projected(space, dx[:, :fixed_count])
         tangents = dz[: 2 * self.n].copy()
-        none = binding.own.new(0)
-        for steps in pieces(self.stepper, run, kept):
-            for part in split(steps, np.arange(self.steps)) if u.any() else (steps,):
-                dz[self._input_places] = u[:, part.first].T if u.size else 0
-                status = binding.integrate_tangent(run, kept.parameters, part, dz, self.steps,
-                                                   none, none, tangents)
+        no_entries = binding.own.new(0)
+        for steps in pieces(self.stepper, run, stored_run):
+            for step_group in split(steps, np.arange(self.steps)) if u.any() else (steps,):
+                dz[self._input_places] = u[:, step_group.first].T if u.size else 0
+                status = binding.integrate_tangent(run, stored_run.parameters, step_group, dz,
+                                                   self.steps, no_entries, no_entries, tangents)
                 if status:
-                    raise singular(part.first, status)
+                    raise singular(step_group.first, status)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
         if frame.moves:
             tangents = frame.matrix(self.steps) @ tangents + frame.own_derivatives(
-                self.steps, np.concatenate([kept.state.q, kept.state.p])) @ dz
+                self.steps, np.concatenate([stored_run.state.q, stored_run.state.p])) @ dz
         return tangents.T
 
     def _adjoint(self, x: Array, w: Array) -> Array:
         run, binding = self._run(x), self.stepper._derivative_binding()
-        kept, space = self._kept(run)
+        stored_run, space = self._stored_run(run)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
         count, inputs = len(w), len(self.input_names)
         z_bar, ends = binding.own.new(count, self._rows), w.copy()
         u_bar = binding.own.new(count, self.steps, inputs)
-        is_last, none = True, binding.own.new(0)
+        is_last, no_entries = True, binding.own.new(0)
         for steps in backwards(self.stepper, run, as_bytes(DEFAULT_MEMORY), None):
             if is_last and frame.moves:
                 last = np.concatenate([steps.q[-1], steps.p[-1]])
                 z_bar += ends @ frame.own_derivatives(self.steps, last)
                 ends = np.ascontiguousarray(ends @ frame.matrix(self.steps))
             is_last = False
-            for one, own, inputs_bar in zip(ends, z_bar, u_bar, strict=True):
+            for cotangent, gradient, inputs_bar in zip(ends, z_bar, u_bar, strict=True):
                 status = binding.integrate_adjoint(
-                    run, kept.parameters, steps, none, self.steps, none, one, own,
-                    inputs_bar[steps.first : steps.first + steps.count])
+                    run, stored_run.parameters, steps, no_entries, self.steps, no_entries,
+                    cotangent, gradient, inputs_bar[steps.first : steps.first + steps.count])
                 if status:
                     raise singular(steps.first, status)
         z_bar[:, : 2 * self.n] = ends
@@ -284,49 +287,49 @@ class DiscreteFlow:
     def _second_tangent(self, x: Array, v: Array, dx: Array) -> Array:
         """Return the derivative of F'(x) v along dx: that of each entry's gradient, times v."""
         units = np.eye(2 * self.n)
-        return np.array([[by_x @ one for by_x in self._second_adjoint(
+        return np.array([[by_x @ direction for by_x in self._second_adjoint(
             x, units, np.repeat(along[None], 2 * self.n, axis=0))]
-            for one, along in zip(v, dx, strict=True)])
+            for direction, along in zip(v, dx, strict=True)])
 
     def _second_adjoint(self, x: Array, w: Array, dx: Array) -> Array:
         """Return the derivative of F'(x)ᵀ w along dx, a row for each w and dx."""
         run, first, second = self._run(x), self.stepper._derivative_binding(), \
             self.stepper._second_binding()
-        kept, space = self._kept(run)
-        steps, status = kept.keep(self.steps)
+        stored_run, space = self._stored_run(run)
+        steps, status = stored_run.keep(self.steps)
         if status:
             self.stepper._run(run)  # says why it fails
-            raise singular(kept.done, status)
+            raise singular(stored_run.done, status)
         parameters = second.own.parameters(run.parameters, run.t0)
-        own, size = self._places.size, 2 * self.n
-        u = dx[:, own:].reshape(len(dx), self.steps, -1)
-        dz = self._projected(space, dx[:, :own])
-        found = np.zeros((len(w), self.size))
+        fixed_count, size = self._places.size, 2 * self.n
+        u = dx[:, fixed_count:].reshape(len(dx), self.steps, -1)
+        dz = self._projected(space, dx[:, :fixed_count])
+        derivatives = np.zeros((len(w), self.size))
         for j, cotangent in enumerate(w):
             direction = dz[:, j].copy()
-            rows = np.zeros((self.steps + 1, size))
-            rows[0], tangent = direction[:size], direction[:size, None].copy()
-            for part in split(steps, np.arange(self.steps)) if u[j].any() else (steps,):
-                direction[self._input_places] = u[j, part.first]
+            tangent_rows = np.zeros((self.steps + 1, size))
+            tangent_rows[0], tangent = direction[:size], direction[:size, None].copy()
+            for step_group in split(steps, np.arange(self.steps)) if u[j].any() else (steps,):
+                direction[self._input_places] = u[j, step_group.first]
                 status = first.integrate_tangent(
-                    run, kept.parameters, part, direction[:, None].copy(), 1,
-                    rows[part.first + 1 :], first.own.new(0), tangent)
+                    run, stored_run.parameters, step_group, direction[:, None].copy(), 1,
+                    tangent_rows[step_group.first + 1 :], first.own.new(0), tangent)
                 if status:
-                    raise singular(part.first, status)
+                    raise singular(step_group.first, status)
             direction[self._input_places] = 0
             none, end = np.zeros((1, size)), (cotangent.copy(), np.zeros(size))
             z_bar, slope = first.own.new(self._rows), first.own.new(self._rows)
             inputs = np.ascontiguousarray(u[j]), *(np.zeros_like(u[j]) for _ in range(2))
             status = second.integrate_second(
-                run, parameters, steps, rows, direction, (none, none), self.steps, end,
+                run, parameters, steps, tangent_rows, direction, (none, none), self.steps, end,
                 (z_bar, slope), inputs)
             if status:
                 raise singular(0, status)
             z_bar[:size], slope[:size] = end
             changed = pulled_back_slope(second, space, parameters, run.q, run.p, direction, z_bar,
                                         slope)
-            found[j] = np.concatenate([changed[self._places], inputs[2].ravel()])
-        return found
+            derivatives[j] = np.concatenate([changed[self._places], inputs[2].ravel()])
+        return derivatives
 
     # ------------------------------------------------------------ the derivative of the projection
 
@@ -347,5 +350,5 @@ class DiscreteFlow:
 
 def _unless_near(x: Array, projected: Array) -> Array:
     """Return x if it is consistent up to round-off, else its projection."""
-    off = np.abs(projected - x).max()
-    return x if off <= _CONSISTENT * np.finfo(float).eps * np.linalg.norm(x) else projected
+    distance = np.abs(projected - x).max()
+    return x if distance <= _CONSISTENT * np.finfo(float).eps * np.linalg.norm(x) else projected
