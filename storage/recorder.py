@@ -65,8 +65,8 @@ class Recorder:
         self.manifest, self.fields = stepper.manifest, fields_of(stepper.manifest)
         self.block = array_of(group, "time").chunks[0]
         self.constants = run.constants(self.binding)
-        named = {one.name: one for one in events}  # in the order of the store
-        self.events = tuple(named[name] for name in attributes_of(group).get("events", {}))
+        event_by_name = {event.name: event for event in events}  # in the order of the store
+        self.events = tuple(event_by_name[name] for name in attributes_of(group).get("events", {}))
         #: Count of each event up to the last commit; time of the one that ended the run.
         self.counts = np.zeros(len(events), int)
         self.end: Any = None
@@ -80,60 +80,62 @@ class Recorder:
     def _resume_state(self) -> tuple[CheckpointState, int, Rows]:
         """Return the state to resume from, and its block."""
         try:
-            kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
-                          len(self.events))
-            self._check_checkpoint(kept)
+            checkpoint = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
+                                len(self.events))
+            self._check_checkpoint(checkpoint)
         except ValueError as error:
             raise InputError(f"The store {str(self.path)!r} cannot be resumed: {error}. What "
                              "is stored can be read; choose another store for the run.") from error
         if self.events:
-            self._resume_detection(kept)
-        if kept is None:
+            self._resume_detection(checkpoint)
+        if checkpoint is None:
             return self._start()
-        done = self._states(kept)
-        first = done // self.block * self.block  # of the next row, which may be begun
-        rows = self._read(first, done - first)
-        if kept.ended_by is not None:
+        stored_states = self._states(checkpoint)
+        first = stored_states // self.block * self.block  # of the next row, which may be begun
+        block_rows = self._read(first, stored_states - first)
+        if checkpoint.ended_by is not None:
             self.end = self._stored("tau" if self.binding.clocked else "time",
-                                    self.fields[0].wide, done - 1, 1)
-        rows.iterations[done - first] = kept.most
-        return kept, first, rows
+                                    self.fields[0].wide, stored_states - 1, 1)
+        block_rows.iterations[stored_states - first] = checkpoint.most
+        return checkpoint, first, block_rows
 
-    def _check_checkpoint(self, kept: CheckpointState | None) -> None:
+    def _check_checkpoint(self, checkpoint: CheckpointState | None) -> None:
         """Refuse a checkpoint of more steps, rows or events than the store has."""
-        if kept is None:
+        if checkpoint is None:
             return
-        counts = [] if kept.event_progress is None else kept.event_progress.counts.tolist()
-        stored = [array_of(self.group, fields_of_event(self.manifest, one.name)[0].name).shape[0]
-                  for one in self.events]
-        if (kept.steps > self.run.steps or self._states(kept) > self.run.rows + 1
-                or any(count > rows for count, rows in zip(counts, stored, strict=True))):
+        progress = checkpoint.event_progress
+        counts = [] if progress is None else progress.counts.tolist()
+        stored = [array_of(self.group, fields_of_event(self.manifest, event.name)[0].name).shape[0]
+                  for event in self.events]
+        if (checkpoint.steps > self.run.steps or self._states(checkpoint) > self.run.rows + 1
+                or any(count > stored_count
+                       for count, stored_count in zip(counts, stored, strict=True))):
             raise ValueError("its checkpoint is ahead of what is stored")
 
-    def _resume_detection(self, kept: CheckpointState | None) -> None:
+    def _resume_detection(self, checkpoint: CheckpointState | None) -> None:
         """Resume event detection at the state of the run, and drop later stored events.
 
         These belong to a process interrupted between its events and its checkpoint.
         """
-        if kept is not None and kept.event_progress is not None:
-            self.counts = kept.event_progress.counts
+        if checkpoint is not None and checkpoint.event_progress is not None:
+            self.counts = checkpoint.event_progress.counts
             assert self.observer is not None
-            self.observer.go_on(kept.run, kept.event_progress.memory)
-            for one, count in zip(self.events, self.counts.tolist(), strict=True):
+            self.observer.go_on(checkpoint.run, checkpoint.event_progress.memory)
+            for event, count in zip(self.events, self.counts.tolist(), strict=True):
                 refuse_missing_blocks(self.path, self.group, 0, count,
-                                      names_of(fields_of_event(self.manifest, one.name)))
-        names = [one.name for one in self.events]
+                                      names_of(fields_of_event(self.manifest, event.name)))
+        names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
             EventStore(self.group, self.manifest, names).grow(
                 dict(zip(names, self.counts.tolist(), strict=True)))
 
     def _start(self) -> tuple[CheckpointState, int, Rows]:
         """Return the state and the block at the start; no step is taken."""
-        binding, run, rows = self.binding, self.run, self._empty()
-        rows.q[0], rows.p[0] = run.q, run.p
+        binding, run, block_rows = self.binding, self.run, self._empty()
+        block_rows.q[0], block_rows.p[0] = run.q, run.p
         state = RunState.at_start(binding, run.q, run.p)
-        status = binding.integrate(self.constants, 0, 1, state, rows[:0])
-        return CheckpointState(state, status=status), 0, rows
+        status = binding.integrate(self.constants, 0, 1, state, block_rows[:0])
+        return CheckpointState(state, status=status), 0, block_rows
 
     def _states(self, state: CheckpointState) -> int:
         """Return the number of states, with the start and that of a final event."""
@@ -144,9 +146,9 @@ class Recorder:
 
     def _empty(self) -> Rows:
         """Return a block of rows; the start has no multipliers."""
-        rows = Rows.allocate(self.binding, self.block)
-        rows.multipliers[:1] = self.binding.new(1)[0] + np.nan
-        return rows
+        block_rows = Rows.allocate(self.binding, self.block)
+        block_rows.multipliers[:1] = self.binding.new(1)[0] + np.nan
+        return block_rows
 
     def _next_block(self, writer: Writer) -> Rows:
         """Return a block of rows to fill, a written block if there is one.
@@ -154,32 +156,34 @@ class Recorder:
         Page faults of new memory would cost as much as the steps.
         """
         try:
-            rows = writer.written.get_nowait()
+            block_rows = writer.written.get_nowait()
         except queue.Empty:
             return self._empty()
-        rows.iterations[:] = 0
-        return rows
+        block_rows.iterations[:] = 0
+        return block_rows
 
     def _read(self, first: int, count: int) -> Rows:
         """Return a block of rows with its stored part."""
         refuse_missing_blocks(self.path, self.group, first, first + count)
-        rows, of_rows = self._empty(), []
-        for one in self.fields:
-            if one.name in ("multipliers", "reactions"):
-                stored = self._stored(one.name, one.wide, first, count)
-                of_rows.append(stored.reshape(count, int(np.prod(stored.shape[1:]))))
-            elif one.name in ("q", "p"):  # of which the store has what is shown
-                getattr(rows, one.name)[:count, : self.binding.shown] = self._stored(
-                    one.name, one.wide, first, count)
-            elif self.binding.clocked and one.name in ("time", "time_momentum"):
-                hidden = rows.q if one.name == "time" else rows.p
-                hidden[:count, -1] = self._stored(one.name, one.wide, first, count)
-            elif (part := getattr(rows, one.name, None)) is not None:
-                part[:count] = self._stored(one.name, one.wide, first, count).reshape(
-                    count, *part.shape[1:])
-        if of_rows:  # side by side, as ``flat_multipliers`` has them
-            rows.multipliers[:count] = np.concatenate(of_rows, axis=1)
-        return rows
+        block_rows, multiplier_columns = self._empty(), []
+        for stored_field in self.fields:
+            if stored_field.name in ("multipliers", "reactions"):
+                stored = self._stored(stored_field.name, stored_field.wide, first, count)
+                multiplier_columns.append(stored.reshape(count, int(np.prod(stored.shape[1:]))))
+            elif stored_field.name in ("q", "p"):  # of which the store has what is shown
+                getattr(block_rows, stored_field.name)[:count, : self.binding.shown] = self._stored(
+                    stored_field.name, stored_field.wide, first, count)
+            elif self.binding.clocked and stored_field.name in ("time", "time_momentum"):
+                hidden = block_rows.q if stored_field.name == "time" else block_rows.p
+                hidden[:count, -1] = self._stored(
+                    stored_field.name, stored_field.wide, first, count)
+            elif (target := getattr(block_rows, stored_field.name, None)) is not None:
+                target[:count] = self._stored(
+                    stored_field.name, stored_field.wide, first, count
+                ).reshape(count, *target.shape[1:])
+        if multiplier_columns:  # side by side, as ``flat_multipliers`` has them
+            block_rows.multipliers[:count] = np.concatenate(multiplier_columns, axis=1)
+        return block_rows
 
     def _stored(self, name: str, wide: bool, first: int, count: int) -> Any:
         """Return rows of an array in the store."""
@@ -198,24 +202,25 @@ class Recorder:
             self._commit(writer)
         if interrupts.requested and self.state.status <= 0:
             ended = self.state.status < 0
-            said = ended_at(self.state.steps, self.state.steps if ended else self.run.steps)
-            rest = ("It is" if ended or self.state.steps == self.run.steps else
-                    "The same command with --resume continues it: everything up to there is")
-            raise Stopped(f"{said} {rest} in {str(self.path)!r}.", interrupts.signal)
+            end_text = ended_at(self.state.steps, self.state.steps if ended else self.run.steps)
+            continuation = ("It is" if ended or self.state.steps == self.run.steps else
+                            "The same command with --resume continues it: everything up to there "
+                            "is")
+            raise Stopped(f"{end_text} {continuation} in {str(self.path)!r}.", interrupts.signal)
 
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
         run, committed = self.run, time.monotonic()
         while self.state.steps < run.steps and not self._has_ended() and not interrupts.requested:
-            place = self.state.steps // run.every + 1 - self.first
-            if place == self.block:
+            row = self.state.steps // run.every + 1 - self.first
+            if row == self.block:
                 self._commit(writer, reusable=True)
                 committed = time.monotonic()
                 if self._has_ended():
                     return
-                self.first, place = self.first + self.block, 0
+                self.first, row = self.first + self.block, 0
                 self.rows = self._next_block(writer)
-            self._advance(place)
+            self._advance(row)
             if self.state.ended_by is not None:
                 return
             if progress is not None:
@@ -229,13 +234,13 @@ class Recorder:
         """Whether a step has failed, or an event has ended the run."""
         return self.state.status != 0
 
-    def _advance(self, place: int) -> None:
+    def _advance(self, row: int) -> None:
         """Compute the next chunk into the block, from that row on, up to a terminal event."""
-        state, rows = self.state.run, self.rows
-        count, every = next_chunk(self.run, state.steps, self.pace.begin(), self.block - place)
-        most = rows.iterations[place]  # of the pieces before, where a row takes several
-        status = self._step_on(self.constants, count, every, state, rows[place:])
-        rows.iterations[place] = max(most, rows.iterations[place])
+        state, block_rows = self.state.run, self.rows
+        count, every = next_chunk(self.run, state.steps, self.pace.begin(), self.block - row)
+        earlier_iterations = block_rows.iterations[row]  # of earlier pieces of this row
+        status = self._step_on(self.constants, count, every, state, block_rows[row:])
+        block_rows.iterations[row] = max(earlier_iterations, block_rows.iterations[row])
         self.pace.end(count)
         self.state = CheckpointState(state, status=status)
         self._end_at_event()
@@ -278,20 +283,20 @@ class Recorder:
 
         The writer may give ``reusable`` rows back; whole blocks are not copied.
         """
-        found = self._commit_events()
+        crossings = self._commit_events()
         state, run = self.state, self.run
         count = self._states(state) - self.first
-        place = state.steps // run.every + 1 - self.first  # of a row that is begun
+        row = state.steps // run.every + 1 - self.first  # of a row that is begun
         begun = state.steps % run.every and state.ended_by is None
-        most = int(self.rows.iterations[place]) if begun else 0
-        counts = {one.name: int(n) for one, n in zip(self.events, self.counts, strict=True)}
-        self.counts = self.counts + [len(found.get(name, ())) for name in counts]
-        kept = replace(state, most=most, event_progress=self._event_progress())
-        rows = self.rows
+        iterations_so_far = int(self.rows.iterations[row]) if begun else 0
+        counts = {event.name: int(n) for event, n in zip(self.events, self.counts, strict=True)}
+        self.counts = self.counts + [len(crossings.get(name, ())) for name in counts]
+        checkpoint = replace(state, most=iterations_so_far, event_progress=self._event_progress())
+        block_rows = self.rows
         if count < self.block:  # more rows come into it while these are written
-            rows = rows[:count].copy()
-        writer.put(Batch(self.first, count, rows, pack(self.binding, kept),
-                         self._run_attributes(kept), self.end, counts, found, reusable))
+            block_rows = block_rows[:count].copy()
+        writer.put(Batch(self.first, count, block_rows, pack(self.binding, checkpoint),
+                         self._run_attributes(checkpoint), self.end, counts, crossings, reusable))
 
     def _event_progress(self) -> EventProgress | None:
         """Return the event progress at the state; detection stops behind an end."""
@@ -313,7 +318,7 @@ class Recorder:
             status = FAILED + REASONS[state.status]
         else:
             status = COMPLETE if state.steps == self.run.steps else RUNNING
-        said = {"status": status, "steps_done": state.steps, "states": self._states(state),
-                "report": asdict(self._report(state))}
-        counts = {one.name: int(n) for one, n in zip(self.events, self.counts, strict=True)}
-        return said | ({"events": counts} if counts else {})
+        attributes = {"status": status, "steps_done": state.steps, "states": self._states(state),
+                      "report": asdict(self._report(state))}
+        counts = {event.name: int(n) for event, n in zip(self.events, self.counts, strict=True)}
+        return attributes | ({"events": counts} if counts else {})

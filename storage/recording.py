@@ -115,9 +115,10 @@ class Recording(Trajectory):
                 return self.__dict__.setdefault(name, crossings_in(
                     self.path, self._group, self.manifest, self.attributes["events"]))
             if name in _ATTRIBUTES:
-                whole = self._in_memory(range(self.states))
-                for one in OUTPUTS:
-                    self.__dict__.setdefault(one.attribute, getattr(whole, one.attribute))
+                run_in_memory = self._in_memory(range(self.states))
+                for output in OUTPUTS:
+                    array = getattr(run_in_memory, output.attribute)
+                    self.__dict__.setdefault(output.attribute, array)
                 return self.__dict__[name]
             return super().__getattr__(name)
 
@@ -126,11 +127,12 @@ class Recording(Trajectory):
         return Recording.read, (self.path,)
 
     def __repr__(self) -> str:
-        of = self.attributes["run"]["steps"]
-        return f"<Recording {str(self.path)!r}: {self.status}, {self.steps_done} of {of} steps>"
+        total_steps = self.attributes["run"]["steps"]
+        return (f"<Recording {str(self.path)!r}: {self.status}, {self.steps_done} of {total_steps} "
+                "steps>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: of a run without a state its status."""
+        """Return HTML for notebooks; of a run without a state, its status."""
         if not self.states:
             return card(repr(self)[1:-1], "")
         return super()._repr_html_()
@@ -144,10 +146,10 @@ class Recording(Trajectory):
         if isinstance(row, slice):
             return super().__getitem__(row)
         try:
-            at = range(self.states)[operator.index(row)]
+            index = range(self.states)[operator.index(row)]
         except TypeError:
             return super().__getitem__(row)
-        return self._in_memory(range(at, at + 1))[0]
+        return self._in_memory(range(index, index + 1))[0]
 
     def _attributes(self) -> dict[str, Any]:
         return self.attributes
@@ -163,18 +165,18 @@ class Recording(Trajectory):
 
     def of_states(self, states: States, **changes: Any) -> Trajectory:
         """Return a trajectory in memory with other states; see ``Trajectory``."""
-        kept = {name: getattr(self, name) for name in (
+        fields = {name: getattr(self, name) for name in (
             "dt", "every", "parameters", "report", "manifest", "events", "_stepper")}
-        return Trajectory.of(states, **kept | changes)
+        return Trajectory.of(states, **fields | changes)
 
-    def _rows(self, rows: range) -> Trajectory:
-        found = self._in_memory(rows)
-        return changed(found, events=self._events_within(found, rows))
+    def _rows(self, row_range: range) -> Trajectory:
+        run_in_memory = self._in_memory(row_range)
+        return changed(run_in_memory, events=self._events_within(run_in_memory, row_range))
 
-    def _events_within(self, found: Trajectory, rows: range) -> dict[str, Crossings]:
+    def _events_within(self, run_in_memory: Trajectory, row_range: range) -> dict[str, Crossings]:
         ahead = 1 if self.dt > 0 else -1
-        end = None if rows[-1] + rows.step >= self.states else found.t[-1]
-        return {name: crossings.within(found.t[0], end, ahead)
+        end = None if row_range[-1] + row_range.step >= self.states else run_in_memory.t[-1]
+        return {name: crossings.within(run_in_memory.t[0], end, ahead)
                 for name, crossings in self.events.items()}
 
     def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
@@ -210,12 +212,12 @@ class Recording(Trajectory):
 
     @property
     def rows(self) -> int:
-        """How many states the whole run has, with the start."""
+        """The number of states of the whole run, with the start."""
         return rows_of(self.attributes["run"])
 
     @property
     def _run(self) -> Trajectory:
-        """The states that pictures show: more are not distinguishable."""
+        """The states drawn in pictures; more could not be distinguished."""
         return self[:: max(1, -(-self.states // _SHOWN))] if self.states else self
 
     def dataset(self, **options: Any) -> xarray.Dataset:
@@ -233,19 +235,19 @@ class Recording(Trajectory):
 
         refuse_missing_blocks(self.path, self._group, 0, self.states)
         try:  # reads the times
-            whole = xarray.open_zarr(self.path)
+            stored = xarray.open_zarr(self.path)
         except UNREADABLE as error:
             raise InputError(f"{str(self.path)!r} is damaged: {one_line(error)}.") from error
         counts: dict[str, int] = self.attributes["events"]
-        of_events = [one for name in counts for one in names_of(
+        event_arrays = [array_name for name in counts for array_name in names_of(
             fields_of_event(self.manifest, name))]
-        kept: xarray.Dataset = whole[[*self.attributes["arrays"], *of_events]].isel(
+        dataset: xarray.Dataset = stored[[*self.attributes["arrays"], *event_arrays]].isel(
             time=slice(0, self.states),
             **{f"event_{name}": slice(0, count) for name, count in counts.items()})
-        return kept.assign_coords({
+        return dataset.assign_coords({
             dimension: (dimension, names, {"long_name": meaning})
             for dimension, (names, meaning) in labels_of(self.manifest.system)
-            .items() if dimension in kept.dims})
+            .items() if dimension in dataset.dims})
 
     def failure(self) -> StepFailed:
         """Return the error of a failed run; its trajectory has the last states."""
@@ -258,7 +260,7 @@ class Recording(Trajectory):
         return StepFailed(step=self.steps_done + 1, t=float(t),
                           reason=self.status.removeprefix(FAILED), trajectory=last)
 
-    def _in_memory(self, rows: range) -> Trajectory:
+    def _in_memory(self, row_range: range) -> Trajectory:
         """Return some of the stored states, in memory.
 
         Raises
@@ -269,10 +271,11 @@ class Recording(Trajectory):
         """
         self._refuse_unless_begun()
         group, manifest, run = self._group, self.manifest, self.attributes["run"]
-        first, stop, thin = rows.start, rows.stop, rows.step
+        first, stop, stride = row_range.start, row_range.stop, row_range.step
         refuse_missing_blocks(self.path, group, first, stop)
         stored: list[str] = self.attributes["arrays"]
-        missing = [name for one in OUTPUTS for name in parts(one, manifest) if name not in stored]
+        missing = [name for output in OUTPUTS for name in parts(output, manifest)
+                   if name not in stored]
         if missing:
             raise written_by(self.path, run.get("gyrospark"), f"it has no {listed(missing)}")
         real = REALS[manifest.real]
@@ -282,33 +285,34 @@ class Recording(Trajectory):
             """Return an array's rows in the stepper's type."""
             exact = wide and wide_name(name) in stored
             array = array_of(group, wide_name(name) if exact else name)
-            if thin == 1:
-                values = stored_values(array, first, stop - first, exact, dtype)
+            if stride == 1:
+                array_rows = stored_values(array, first, stop - first, exact, dtype)
             else:
-                values = np.concatenate([
-                    stored_values(array, row, end - row, exact, dtype)[::thin].copy()
+                array_rows = np.concatenate([
+                    stored_values(array, row, end - row, exact, dtype)[::stride].copy()
                     for row, end in spans(array.chunks[0])])
-            return values[1:] if after_start else values
+            return array_rows[1:] if after_start else array_rows
 
         def spans(chunk: int) -> Iterator[tuple[int, int]]:
-            """Yield the first wanted row and the end of each chunk: one is in memory at a time."""
+            """Yield the first selected row and the end of each chunk: one chunk in memory at once.
+            """
             yield first, first  # the type and the width of no row
             for begin in range(first - first % chunk, stop, chunk):
                 row = max(begin, first)
-                row += (first - row) % thin
+                row += (first - row) % stride
                 if row < (end := min(begin + chunk, stop)):
                     yield row, end
 
-        arrays: dict[str, Any] = {one.attribute: together(
-            one, [read(name, after_start=one.of_steps) for name in parts(one, manifest)], len(rows),
-            dtype) for one in OUTPUTS}
+        arrays: dict[str, Any] = {output.attribute: together(
+            output, [read(name, after_start=output.of_steps) for name in parts(output, manifest)],
+            len(row_range), dtype) for output in OUTPUTS}
         return Trajectory(
-            **arrays, dt=self.dt, every=self.every * thin, parameters=dict(self.parameters),
+            **arrays, dt=self.dt, every=self.every * stride, parameters=dict(self.parameters),
             report=self.report, manifest=manifest)
 
 
 def source_of(files: dict[str, str]) -> bytes:
-    """Return the files of a stepper as a store has them."""
+    """Return the files of a stepper as bytes for a store: JSON compressed by zlib."""
     return zlib.compress(json.dumps(files, sort_keys=True).encode(), 9)
 
 
@@ -329,8 +333,8 @@ def group_of(path: Path, *, write: bool = False) -> zarr.Group:
                          "folder that `gyrospark run --out X.zarr` made.") from error
 
 
-def _report(kept: dict[str, Any]) -> Report:
-    """Return a report from JSON, which knows no tuples, and may have more fields than we know."""
+def _report(report_json: dict[str, Any]) -> Report:
+    """Return a report from JSON, which has lists for tuples, and may have unknown fields."""
     report: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
-                              for name, value in known_fields(Report, kept).items()}
+                              for name, value in known_fields(Report, report_json).items()}
     return Report(**report)

@@ -53,17 +53,17 @@ class Levels:
     def of(cls, binding: Binding, manifest: Manifest, events: tuple[Event, ...]) -> Levels:
         """Return them for the events of a stepper's runs."""
         system = manifest.system
-        places = {name: ("p", i) for i, name in enumerate(system.momenta)}
-        places |= {name: ("q", i) for i, name in enumerate(system.coordinates)}
+        columns_by_name = {name: ("p", i) for i, name in enumerate(system.momenta)}
+        columns_by_name |= {name: ("q", i) for i, name in enumerate(system.coordinates)}
         if system.clock is not None:
-            places[system.clock.time] = ("q", binding.n - 1)
-        places |= {name: ("", i) for i, name in enumerate(system.quantities)}
-        columns = tuple(places[one.quantity] for one in events)
-        first = {"q": 0, "p": binding.n, "": 2 * binding.n}
-        levels = np.array([as_real("level", one.level, binding.number) for one in events],
+            columns_by_name[system.clock.time] = ("q", binding.n - 1)
+        columns_by_name |= {name: ("", i) for i, name in enumerate(system.quantities)}
+        columns = tuple(columns_by_name[event.quantity] for event in events)
+        first_column = {"q": 0, "p": binding.n, "": 2 * binding.n}
+        levels = np.array([as_real("level", event.level, binding.number) for event in events],
                           binding.number_type)
         return cls(binding, events, columns, levels,
-                   np.array([column + first[of] for of, column in columns], np.intc),
+                   np.array([column + first_column[kind] for kind, column in columns], np.intc),
                    levels.astype(binding.dtype))
 
     def values(self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array) -> Array:

@@ -363,20 +363,23 @@ def _by_run(
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run by the events' names, along the run."""
     roots = _joined(parts) if parts else _none(stepper)
-    found: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
-    for number, event in enumerate(levels.events):
-        own = _selected(roots, roots.event == number)
-        own = _selected(own, np.lexsort((own.place, own.step, own.owner)))
-        if stepper.binding.clocked and levels.columns[number] == ("q", stepper.binding.n - 1):
-            own.q[:, -1] = levels.rounded[number]  # the time asked for, which roots are next to
-        elapsed = own.step * runs.dt[own.owner] + own.since
-        t = runs.t0[own.owner] + elapsed
-        ends = np.searchsorted(own.owner, np.arange(len(runs) + 1))
-        for crossings, start, end in zip(found, ends[:-1], ends[1:], strict=True):
+    crossings_of_runs: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
+    for event_index, event in enumerate(levels.events):
+        event_roots = _selected(roots, roots.event == event_index)
+        order = np.lexsort((event_roots.place, event_roots.step, event_roots.owner))
+        event_roots = _selected(event_roots, order)
+        if stepper.binding.clocked and levels.columns[event_index] == ("q", stepper.binding.n - 1):
+            # Roots of the time itself: the requested time, to the last bit.
+            event_roots.q[:, -1] = levels.rounded[event_index]
+        elapsed = event_roots.step * runs.dt[event_roots.owner] + event_roots.since
+        t = runs.t0[event_roots.owner] + elapsed
+        ends = np.searchsorted(event_roots.owner, np.arange(len(runs) + 1))
+        for crossings, start, end in zip(crossings_of_runs, ends[:-1], ends[1:], strict=True):
             row = slice(start, end)
-            crossings[event.name] = Crossings(t[row], own.q[row], own.p[row], own.step[row],
-                                              own.rising[row], elapsed[row])
-    return found
+            crossings[event.name] = Crossings(
+                t[row], event_roots.q[row], event_roots.p[row], event_roots.step[row],
+                event_roots.rising[row], elapsed[row])
+    return crossings_of_runs
 
 
 def _none(stepper: Stepper) -> _Roots:

@@ -82,13 +82,13 @@ def observed(
 
 
 def with_row(
-    stepper: Stepper, trajectory: Trajectory, rows: int, times: tuple[Array, Array], row: Rows
+    stepper: Stepper, trajectory: Trajectory, row_count: int, times: tuple[Array, Array], row: Rows
 ) -> Trajectory:
     """Return the first rows of a trajectory and after them one more.
 
     ``times`` are its time and the time since the start, in scaled time both τ.
     """
-    binding, states, steps = stepper.binding, slice(rows), rows - 1
+    binding, states, steps = stepper.binding, slice(row_count), row_count - 1
     (t, elapsed), (q, p) = times, full_states(trajectory)
     begun = trajectory.tau if binding.clocked else trajectory.t
     flat = flat_multipliers(trajectory)[:steps]

@@ -50,8 +50,8 @@ class Crossings:
 
     @property
     def first(self) -> Crossings:
-        """The first of them by itself, or none."""
-        return self._some(np.arange(len(self)) < 1)
+        """The first crossing alone, or none."""
+        return self._selected(np.arange(len(self)) < 1)
 
     def shown(self, binding: Binding) -> Crossings:
         """Return them as users see them: in scaled time t is a coordinate, which q has no more."""
@@ -62,23 +62,23 @@ class Crossings:
                        p=self.p[:, :n].copy())
 
     def until(self, last: Crossings, dt: Any) -> Crossings:
-        """Return those that are no later, in a run with steps dt, than another crossing."""
+        """Return the crossings up to ``last``, in a run with steps dt."""
         step, later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
-        return self._some((self.steps < step) | (self.steps == step) & ~later.astype(bool))
+        return self._selected((self.steps < step) | (self.steps == step) & ~later.astype(bool))
 
     def within(self, begin: Any, end: Any, ahead: int) -> Crossings:
-        """Return those from a time on, up to another unless it is None.
+        """Return the crossings from time ``begin`` to ``end``; None is no end.
 
         ``ahead`` is 1 or −1, the sign of dt.
         """
-        chosen = np.array(ahead * (self.t - begin) >= 0, bool)
+        selected = np.array(ahead * (self.t - begin) >= 0, bool)
         if end is not None:
-            chosen &= np.array(ahead * (self.t - end) <= 0, bool)
-        return self._some(chosen)
+            selected &= np.array(ahead * (self.t - end) <= 0, bool)
+        return self._selected(selected)
 
-    def _some(self, chosen: Array) -> Crossings:
-        return Crossings(self.t[chosen], self.q[chosen], self.p[chosen], self.steps[chosen],
-                         self.rising[chosen], self.elapsed[chosen])
+    def _selected(self, selected: Array) -> Crossings:
+        return Crossings(self.t[selected], self.q[selected], self.p[selected], self.steps[selected],
+                         self.rising[selected], self.elapsed[selected])
 
     def __repr__(self) -> str:
         if not len(self):
@@ -101,14 +101,15 @@ class CrossingsOfMany:
 
     @property
     def count(self) -> Array:
-        """How many each trajectory has."""
-        return np.array([len(one) for one in self._members])
+        """The number of crossings of each trajectory."""
+        return np.array([len(crossings) for crossings in self._members])
 
     @property
     def first(self) -> Array:
-        """The time of the first of each trajectory; NaN where it has none."""
-        none = np.array([np.nan])
-        return np.array([(one.t if len(one) else none)[0] for one in self._members])
+        """The time of the first crossing of each trajectory; NaN without one."""
+        no_time = np.array([np.nan])
+        return np.array([(crossings.t if len(crossings) else no_time)[0]
+                         for crossings in self._members])
 
     def __repr__(self) -> str:
         return f"<CrossingsOfMany {len(self):,} trajectories: {self.count.sum():,}>"

@@ -97,6 +97,6 @@ class Report:
         return self.iterations / self.steps if self.steps else 0.0
 
 
-def known_fields(kind: type, kept: Mapping[str, Any]) -> dict[str, Any]:
+def known_fields(kind: type, entries: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entries for a dataclass's fields: a later version may have written more."""
-    return {field.name: kept[field.name] for field in fields(kind) if field.name in kept}
+    return {field.name: entries[field.name] for field in fields(kind) if field.name in entries}

@@ -32,8 +32,8 @@ _STEADY = 0.5
 class JointMotion:
     """One joint between two bodies a and b; made by ``Trajectory.joint``.
 
-    What is said of force and torque is what a does to b; b does the opposite to a. Every array has
-    a row for each stored state.
+    Force and torque are exerted by a on b; b exerts the opposite on a. Every array has a row for
+    each stored state.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class JointMotion:
         return f"<JointMotion of {self.name} ({ends}): {len(self._run):,} states>"
 
     def position(self) -> Array:
-        """Return where in space the joint's point on b is, shape (N+1, 3), in m.
+        """Return the joint's point on b in space, shape (N+1, 3), in m.
 
         Raises
         ------
@@ -66,16 +66,16 @@ class JointMotion:
     def angle(self, *, degrees: bool = False) -> Array:
         """Return by how much b is turned against a about their axis, shape (N+1,), in rad.
 
-        It grows where b turns in the sense of the axis that the joint was given, without jumps at
-        a full turn. Where the model goes by the angle, in a spring, a motor, a drive, a coupling or
-        a quantity, it is that angle: at the model's start what ``angle=``, 0 by default, or the law
-        of a drive says. Else it is 0 where the axes of both bodies agree, or, where the axis has
-        other components in a than in b, where the axes of b are those of a turned the shortest way
-        that takes the axis from one to the other, and lies in (−π, π] in the first state.
+        The angle increases with rotation of b about the joint's axis, without jumps at full turns.
+        If the model uses the angle, in a spring, a motor, a drive, a coupling or a quantity, it is
+        that angle: at the model's start the value of ``angle=``, 0 by default, or of the drive's
+        law. Otherwise it is 0 where the axes of both bodies agree; if the axis has different
+        components in a and b, where the axes of b are those of a after the shortest rotation of
+        one axis onto the other. It then lies in (−π, π] in the first state.
 
-        Whole turns between two stored states are those of the mean of their rates: a warning says
-        where these do not tell how many there were, for b turns by more than half a turn at a rate
-        that changes. What spins up and stops again between two states is not seen.
+        Whole turns between two stored states follow from the mean of their rates. A warning is
+        given where they are ambiguous: b turns by more than half a turn at a changing rate. A
+        rotation that starts and stops between two states is not seen.
 
         Raises
         ------
@@ -89,40 +89,41 @@ class JointMotion:
         q_a, q_b = self._attitudes()
         if self._at.zero:
             *start, turns = numbers(self._at.zero, self._run.parameters)
-            back = left_matrix(q_a)  # its rows with q_a: the axes of q̄_a x
+            rotation_rows = left_matrix(q_a)  # its rows with q_a: the axes of q̄_a x
             x = _product(q_b, np.array(start))
-            w, v = (q_a * x).sum(1), (back @ x[..., None])[..., 0] @ np.cross(n1, n2)
+            w, v = (q_a * x).sum(1), (rotation_rows @ x[..., None])[..., 0] @ np.cross(n1, n2)
             turn: Array = turns + 2 * np.arctan2(v, w)
         else:
             m = turned(q_b, shortest_rotation(np.cross(n1, n2), of_b, n1) @ n1)
             turn = np.arctan2((turned(q_a, n2) * m).sum(1), (turned(q_a, n1) * m).sum(1))
         # Whole turns between two states are those that the rate between them makes.
         t, rate = self._run.t.astype(float), self._rate(e)
-        made = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
-        turn = np.unwrap(turn - made) + made
-        self._warn_of_turns(np.diff(t), rate, np.diff(turn - made))
+        mean_turn = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
+        turn = np.unwrap(turn - mean_turn) + mean_turn
+        self._warn_of_turns(np.diff(t), rate, np.diff(turn - mean_turn))
         return turn * unit
 
-    def _is_measured(self, what: str) -> bool:
-        """Whether a quantity has the measure, as for joints in a row, which have no common axis."""
-        return not self.has_axis and f"{self.name}_{what}" in self._run.quantities
+    def _is_measured(self, measure: str) -> bool:
+        """Whether a quantity is the measure, as for joints in series without a common axis."""
+        return not self.has_axis and f"{self.name}_{measure}" in self._run.quantities
 
-    def _warn_of_turns(self, spans: Array, rate: Array, off: Array) -> None:
-        """Say where states are too far apart for their rates to tell whole turns.
+    def _warn_of_turns(self, spans: Array, rate: Array, excess_turn: Array) -> None:
+        """Warn if stored states are too far apart to count whole turns from their rates.
 
-        ``off`` is by how much more b has turned in each span than the mean of its rates makes.
+        ``excess_turn`` is the rotation of b in each span beyond the mean of its rates.
         """
         if not len(spans):
             return
-        far = np.abs(spans) * np.abs(rate).max() > np.pi
-        steady = (np.abs(spans * np.diff(rate)) < _STEADY) & (np.abs(off) < _STEADY)
-        if (far & ~steady).any():
-            between, most = np.abs(spans[far & ~steady]).max(), np.pi / 2 / np.abs(rate).max()
+        ambiguous = np.abs(spans) * np.abs(rate).max() > np.pi
+        steady = (np.abs(spans * np.diff(rate)) < _STEADY) & (np.abs(excess_turn) < _STEADY)
+        if (ambiguous & ~steady).any():
+            between = np.abs(spans[ambiguous & ~steady]).max()
+            longest_interval = np.pi / 2 / np.abs(rate).max()
             warn(f"joint({self.name!r}).angle() counts whole turns by the rates of the stored "
                  f"states, and these are up to {between:.3g} s apart where it turns by up to "
                  f"{np.abs(rate).max():.3g} rad/s: it may be off by multiples of 2π. Store a "
-                 f"state every {most:.2g} s or less, by a smaller every, or ask for the angle of "
-                 "run.at(times).")
+                 f"state every {longest_interval:.2g} s or less, by a smaller every, or ask for "
+                 "the angle of run.at(times).")
 
     def rate(self) -> Array:
         """Return the angular velocity of b against a about their axis, shape (N+1,), in rad/s.
@@ -194,7 +195,7 @@ class JointMotion:
         return force, torque
 
     def _direction(self, pull: Pull) -> Array:
-        """Return what a multiplier of 1 does to b, in space axes."""
+        """Return the force or torque on b of a multiplier of 1, in space axes."""
         if pull.kind == "distance":
             on_a, on_b = self._points()
             return 2 * (on_a - on_b)
@@ -224,15 +225,15 @@ class JointMotion:
     # ------------------------------------------------------------ inside
 
     def _points(self) -> tuple[Array, Array]:
-        """Return where the joint's points on a and on b are, which a rod keeps apart."""
+        """Return the joint's points on a and on b in space; a rod's points are apart."""
         if not self._at.on_b:
             raise InputError(f"Joint {self.name!r} has no point: it keeps an axis in common.")
-        found = []
+        points = []
         for name, r in zip(self.bodies, (self._at.on_a, self._at.on_b), strict=True):
             point = numbers(r, self._run.parameters)
-            found.append(self._run.body(name).position(point) if name else
-                         np.broadcast_to(point, (*self._run.q.shape[:-1], 3)))
-        return found[0], found[1]
+            points.append(self._run.body(name).position(point) if name else
+                          np.broadcast_to(point, (*self._run.q.shape[:-1], 3)))
+        return points[0], points[1]
 
     def _attitudes(self) -> tuple[Array, Array]:
         q_a, q_b = (self._run.body(name).attitude if name else
@@ -245,8 +246,8 @@ class JointMotion:
         if not self.has_axis:
             raise InputError(f"Joint {self.name!r} has no axis that its bodies keep in common, so "
                              "no angle; those of revolute and align have.")
-        both = numbers(self._at.axis_a, self._run.parameters)
-        n1, n2 = both[:3], both[3:]
+        normals = numbers(self._at.axis_a, self._run.parameters)
+        n1, n2 = normals[:3], normals[3:]
         e = turned(self._attitudes()[0], np.cross(n1, n2))
         return n1, n2, e, numbers(self._at.axis_b, self._run.parameters)
 
@@ -262,23 +263,25 @@ class JointMotion:
 def multipliers_at_states(trajectory: Trajectory) -> Array:
     """Return λ of every constraint at each stored state, shape (N+1, m); see ``JointMotion.force``.
     """
-    rows = _rows_of_multipliers(trajectory)
-    found = np.full((len(trajectory), rows.shape[2]), np.nan, rows.dtype)
-    if not len(rows):
-        return found
-    begin, end = rows[:, 0], rows[:, -1]
+    step_multipliers = _multipliers_of_steps(trajectory)
+    state_multipliers = np.full((len(trajectory), step_multipliers.shape[2]), np.nan,
+                                step_multipliers.dtype)
+    if not len(step_multipliers):
+        return state_multipliers
+    begin, end = step_multipliers[:, 0], step_multipliers[:, -1]
     clock = trajectory.manifest.system.clock
     if clock is not None:  # those of H in scaled time are σ times those of H
         scale = trajectory.quantity(clock.scale)[:, None]
         begin, end = begin / scale[:-1], end / scale[1:]
-    found[1:] = end
+    state_multipliers[1:] = end
     if _is_whole(trajectory):
-        found[1:-1] = (end[:-1] + begin[1:]) / 2
-        found[0] = begin[0]
-        if rows.shape[1] == 1 and len(rows) > 2:
+        state_multipliers[1:-1] = (end[:-1] + begin[1:]) / 2
+        state_multipliers[0] = begin[0]
+        if step_multipliers.shape[1] == 1 and len(step_multipliers) > 2:
             # One multiplier a step: of the middle, beside a part that alternates; means have none.
-            found[0], found[-1] = 2 * found[1] - found[2], 2 * found[-2] - found[-3]
-    return found
+            for i, j, k in ((0, 1, 2), (-1, -2, -3)):
+                state_multipliers[i] = 2 * state_multipliers[j] - state_multipliers[k]
+    return state_multipliers
 
 
 def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
@@ -287,39 +290,39 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     Raises
     ------
     InputError
-        Where the states are not those after every step: the first one has no multipliers there.
+        If a state after a step is missing: the first state then has no multipliers.
     """
     if trajectory.manifest.system.clock is not None:
         raise InputError("Gradients of forces in joints are not derived in scaled time; give "
                          "cotangents of \"multipliers\", or take a stepper of the system without "
                          "time_scale.")
-    rows, w = _rows_of_multipliers(trajectory), w.copy()
-    if not len(rows) or not _is_whole(trajectory):
+    step_multipliers, w = _multipliers_of_steps(trajectory), w.copy()
+    if not len(step_multipliers) or not _is_whole(trajectory):
         raise InputError("A function of multipliers at states needs the state after every step; "
                          "integrate with every = 1, or give cotangents of \"multipliers\".")
-    if rows.shape[1] == 1 and len(rows) > 2:
+    if step_multipliers.shape[1] == 1 and len(step_multipliers) > 2:
         for end, inner, next_one in ((0, 1, 2), (-1, -2, -3)):
             w[inner] += 2 * w[end]
             w[next_one] -= w[end]
             w[end] = 0 * w[end]
-    found: Array = 0 * rows
-    found[:-1, -1] += w[1:-1] / 2
-    found[1:, 0] += w[1:-1] / 2
-    found[0, 0] += w[0]
-    found[-1, -1] += w[-1]
-    return found.reshape(trajectory.multipliers.shape)
+    cotangents: Array = 0 * step_multipliers
+    cotangents[:-1, -1] += w[1:-1] / 2
+    cotangents[1:, 0] += w[1:-1] / 2
+    cotangents[0, 0] += w[0]
+    cotangents[-1, -1] += w[-1]
+    return cotangents.reshape(trajectory.multipliers.shape)
 
 
-def _rows_of_multipliers(trajectory: Trajectory) -> Array:
+def _multipliers_of_steps(trajectory: Trajectory) -> Array:
     """Return the multipliers of each step, shape (N, nodes, m), at least doubles."""
     m = len(trajectory.manifest.system.constraints)
-    rows = trajectory.multipliers
-    rows = rows.astype(float) if rows.dtype == np.float32 else rows
-    return rows.reshape(len(rows), trajectory.manifest.scheme.multipliers, m)
+    multipliers = trajectory.multipliers
+    multipliers = multipliers.astype(float) if multipliers.dtype == np.float32 else multipliers
+    return multipliers.reshape(len(multipliers), trajectory.manifest.scheme.multipliers, m)
 
 
 def _is_whole(trajectory: Trajectory) -> bool:
-    """Whether a trajectory has the state after every step of its run, and no other."""
+    """Whether a trajectory has exactly the states after every step of its run."""
     scaled = trajectory.manifest.system.clock is not None
     t = (trajectory.tau if scaled else trajectory.t).astype(float)
     dt, count = float(trajectory.dt), len(trajectory)

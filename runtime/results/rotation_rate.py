@@ -1,4 +1,4 @@
-"""How far the fastest body turns in a step, and how far a method can bear."""
+"""The rotation of the fastest body in a step, and the limit of a method."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class FastestRotation:
     ----------
     body : str
     radians : float
-        |Ω Δt|: how far it turns in a step.
-    borne : float
-        How far a method of this order can bear.
+        |Ω Δt|, the rotation in a step.
+    limit : float
+        The largest rotation in a step for a method of this order.
     dt : float
         The time step, in seconds.
     order : int
@@ -69,7 +69,7 @@ class FastestRotation:
     error: float | None = None
 
     def warn(self) -> bool:
-        """Warn where it is more than the method can bear, and return whether it is."""
+        """Warn if the rotation exceeds the limit of the method, and return whether it does."""
         if self.radians <= self.limit:
             return False
         warn(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
@@ -87,9 +87,9 @@ class FastestRotation:
 
 
 class Rotations:
-    """How far the bodies of a stepper turn in a step.
+    """The rotations of a stepper's bodies in a step.
 
-    A co-moving frame needs no resolving of the rotation along it: with one there is no answer.
+    Rotations along a co-moving frame need not be resolved: with a frame there is no limit.
     """
 
     def __init__(self, manifest: Manifest) -> None:
@@ -105,10 +105,12 @@ class Rotations:
         #: Bodies with moments, and those with tensors: names, columns, and inertia in a row.
         self._groups = []
         for entries in (3, 6):
-            some = {name: x for name, x in self.bodies.items() if len(x.inertia) == entries}
-            if some:
-                self._groups.append(([*some], np.array([x.q for x in some.values()]),
-                                     [key for x in some.values() for key in x.inertia]))
+            bodies_of_kind = {name: x for name, x in self.bodies.items()
+                              if len(x.inertia) == entries}
+            if bodies_of_kind:
+                self._groups.append(([*bodies_of_kind],
+                                     np.array([x.q for x in bodies_of_kind.values()]),
+                                     [key for x in bodies_of_kind.values() for key in x.inertia]))
 
     def fastest(
         self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
@@ -123,31 +125,32 @@ class Rotations:
         single = len(q) == 1  # in Python's floats: a quarter of the time
         if single:
             state = [x[0].astype(float, copy=False) for x in (q, p)]
-            rows: Any = [x.tolist() for x in state]
-            number: Any = _only
+            state_columns: Any = [x.tolist() for x in state]
+            as_number: Any = _only
             if len(bodies) > _FEW:
                 bodies = self._fastest_of_many(parameters, *state)
         else:
-            rows = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
-            number = partial(np.asarray, dtype=float)
-        moves = [number(parameters[name]) != 0 for name in self._rates if name in parameters]
-        dt = number(dt)
+            state_columns = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
+            as_number = partial(np.asarray, dtype=float)
+        moves = [as_number(parameters[name]) != 0 for name in self._rates if name in parameters]
+        dt = as_number(dt)
         largest, fastest, step = -1.0, "", 0.0
         # What is not finite is left out.
         with nullcontext() if single else np.errstate(over="ignore", invalid="ignore"):
             for name, body in bodies.items():
-                inertia = [number(parameters[key]) for key in body.inertia]
-                radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in rows)) * dt)
+                inertia = [as_number(parameters[key]) for key in body.inertia]
+                radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in state_columns))
+                              * dt)
                 if moves:
                     radians = np.where(np.any(np.broadcast_arrays(*moves), axis=0), -1.0, radians)
                 if single:
-                    row, found = 0, float(radians)
+                    row, angle = 0, float(radians)
                 else:
                     radians = np.where(np.isfinite(radians), radians, -1.0)
                     row = int(np.argmax(radians))
-                    found = float(radians[row])
-                if largest < found < math.inf:
-                    largest, fastest = found, name
+                    angle = float(radians[row])
+                if largest < angle < math.inf:
+                    largest, fastest = angle, name
                     step = dt if isinstance(dt, float) else float(np.broadcast_to(dt, len(q))[row])
         if not fastest:
             return None
@@ -158,28 +161,28 @@ class Rotations:
         self, parameters: Mapping[str, Any], q: Array, p: Array
     ) -> dict[str, BodyAt]:
         """Return the fastest body in one state of those with moments, and of those with tensors."""
-        found = {}
+        fastest = {}
         for names, places, inertia in self._groups:
-            values = np.array([parameters[key] for key in inertia], float).reshape(len(names), -1)
+            inertias = np.array([parameters[key] for key in inertia], float).reshape(len(names), -1)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                speeds = _speed([*values.T], [*q[places].T], [*p[places].T])
+                speeds = _speed([*inertias.T], [*q[places].T], [*p[places].T])
             name = names[int(np.argmax(np.where(np.isfinite(speeds), speeds, -1.0)))]
-            found[name] = self.bodies[name]
-        return found
+            fastest[name] = self.bodies[name]
+        return fastest
 
     def warn(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> bool:
-        """Warn where a body turns by more than the method can bear, and return whether it does."""
-        found = self.fastest(parameters, dt, q, p)
-        return found is not None and found.warn()
+        """Warn if a body's rotation in a step exceeds the limit, and return whether it does."""
+        fastest = self.fastest(parameters, dt, q, p)
+        return fastest is not None and fastest.warn()
 
     def warn_of(self, trajectory: Trajectory) -> None:
-        """Warn so of some of the stored states of a run behind the start, the last among them."""
+        """Warn as ``warn`` does, for some stored states of a run after the start, with the last."""
         count = len(trajectory) - 1
         if count < 2:  # a step's end is the start of the next call, which looks at it
             return
-        rows = slice(None, 0, -max(1, count // _LOOKED_AT))
-        self.warn(trajectory.parameters, trajectory.time_steps[rows], trajectory.q[rows],
-                  trajectory.p[rows])
+        sampled = slice(None, 0, -max(1, count // _LOOKED_AT))
+        self.warn(trajectory.parameters, trajectory.time_steps[sampled], trajectory.q[sampled],
+                  trajectory.p[sampled])
 
 
 def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:

@@ -32,7 +32,7 @@ QUANTITY = "quantity_"
 
 @dataclass(frozen=True)
 class States:
-    """Stored states of a run, and compiled code to ask about them.
+    """Stored states of a run, and the compiled code that evaluates their outputs.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class States:
 
     @property
     def arrays(self) -> tuple[Array, ...]:
-        """The arrays that are stored."""
+        """The stored arrays."""
         return self.t, self.q, self.p, self.multipliers, self.iterations, self.work
 
     @property  # nothing cached: its lock would be held for ever in a forked child
@@ -89,14 +89,14 @@ class States:
     def step_multipliers(self) -> Array:
         """The multipliers, (…, p+1) or (…, p+1, m) for m > 1 constraints."""
         m, count = self.binding.m, self.binding.multipliers - self.binding.reactions
-        rows = self.multipliers[:, :count]
-        return rows.reshape(len(rows), count // m, m) if m > 1 else rows
+        multipliers = self.multipliers[:, :count]
+        return multipliers.reshape(len(multipliers), count // m, m) if m > 1 else multipliers
 
     @property
     def reactions(self) -> Array:
         """The multipliers of velocity constraints at the stages, (…, s, m')."""
-        rows, count = self.binding.rows, self.binding.reactions
-        return self.multipliers[:, -count:].reshape(-1, count // rows, rows)
+        constraint_count, count = self.binding.rows, self.binding.reactions
+        return self.multipliers[:, -count:].reshape(-1, count // constraint_count, constraint_count)
 
     @property
     def velocities(self) -> Array:
@@ -120,20 +120,20 @@ def _coordinates(manifest: Manifest) -> Inner | None:
 
 
 def _multipliers(manifest: Manifest) -> Inner | None:
-    """Those of a step, of each constraint."""
+    """Multipliers of each constraint at the nodes of a step."""
     m = len(manifest.system.constraints)
     along = [("constraint", m)] if m > 1 else []
     return (("node", manifest.scheme.multipliers), *along) if m else None
 
 
 def _reactions(manifest: Manifest) -> Inner | None:
-    """Those of a step, of each velocity constraint."""
+    """Multipliers of each velocity constraint at the stages of a step."""
     names = manifest.system.velocity_constraint_names
     return (("stage", manifest.scheme.reactions),
             ("velocity_constraint", len(names))) if names else None
 
 
-def _where_forces(manifest: Manifest) -> Inner | None:
+def _with_forces(manifest: Manifest) -> Inner | None:
     """A number a state, of a system with forces."""
     return () if manifest.system.forces else None
 
@@ -143,7 +143,7 @@ def _where_scaled(manifest: Manifest) -> Inner | None:
     return () if manifest.system.clock is not None else None
 
 
-def _where_lagrangian(manifest: Manifest) -> Inner | None:
+def _with_lagrangian(manifest: Manifest) -> Inner | None:
     """One for each coordinate, of a system from its Lagrangian."""
     return _coordinates(manifest) if manifest.system.velocity_names else None
 
@@ -218,8 +218,8 @@ OUTPUTS = (
            "step that ends here", lambda at: at.reactions, _reactions, of_steps=True,
            absent=(0, 0)),
     Output("work", "work", "work of the forces since the start", lambda at: at.work,
-           _where_forces),
-    Output("velocities", "velocities", "velocities", lambda at: at.velocities, _where_lagrangian,
+           _with_forces),
+    Output("velocities", "velocities", "velocities", lambda at: at.velocities, _with_lagrangian,
            labels="velocity_names", absent=(0,)),
     Output("tau", "tau", "scaled time, of which each step has the same length", lambda at: at.t,
            _where_scaled, dtype="f8", absent=(0,)),
@@ -230,63 +230,64 @@ OUTPUTS = (
 )
 
 
-def value_of(one: Output, states: States) -> Array:
-    """Return an output of stored states, in the stepper's own type unless it has one of its own."""
+def value_of(output: Output, states: States) -> Array:
+    """Return an output of stored states, in its own number type or the stepper's."""
     binding = states.binding
-    if one.inner(states.manifest) is None:
-        return binding.new(max(len(states.q) - one.of_steps, 0), *one.absent)
-    found = one.compute(states)
-    return found if one.dtype or found.dtype == binding.dtype else binding.converted(found)
+    if output.inner(states.manifest) is None:
+        return binding.new(max(len(states.q) - output.of_steps, 0), *output.absent)
+    array = output.compute(states)
+    return array if output.dtype or array.dtype == binding.dtype else binding.converted(array)
 
 
-def parts(one: Output, manifest: Manifest) -> list[str]:
-    """Return the names under which files have an output of this stepper; none if it has none."""
-    if one.split:
-        return [QUANTITY + name for name in getattr(manifest.system, one.labels)]
-    return [] if one.inner(manifest) is None else [one.name]
+def parts(output: Output, manifest: Manifest) -> list[str]:
+    """Return the names of an output in files; an empty list if the stepper has no such output."""
+    if output.split:
+        return [QUANTITY + name for name in getattr(manifest.system, output.labels)]
+    return [] if output.inner(manifest) is None else [output.name]
 
 
-def pieces(one: Output, manifest: Manifest, values: Array) -> dict[str, Array]:
-    """Return an output's array as files have it, by name."""
-    names = parts(one, manifest)
-    if one.split:
-        return {name: values[:, i] for i, name in enumerate(names)}
-    return dict.fromkeys(names, values)
+def pieces(output: Output, manifest: Manifest, array: Array) -> dict[str, Array]:
+    """Return an output's array by name in files: one array, or one for each label."""
+    names = parts(output, manifest)
+    if output.split:
+        return {name: array[:, i] for i, name in enumerate(names)}
+    return dict.fromkeys(names, array)
 
 
-def together(one: Output, arrays: Iterable[Array], rows: int, dtype: Any) -> Array:
-    """Return an output's array of so many rows from those that files have of it."""
-    found = list(arrays)
-    if one.split and found:
-        return np.stack(found, axis=1)
-    return found[0] if found else absent(one, rows, dtype)
+def together(output: Output, arrays: Iterable[Array], row_count: int, dtype: Any) -> Array:
+    """Return an output's array from its arrays in a file, the inverse of ``pieces``."""
+    arrays_in_file = list(arrays)
+    if output.split and arrays_in_file:
+        return np.stack(arrays_in_file, axis=1)
+    return arrays_in_file[0] if arrays_in_file else absent(output, row_count, dtype)
 
 
-def absent(one: Output, rows: int, dtype: Any) -> Array:
+def absent(output: Output, row_count: int, dtype: Any) -> Array:
     """Return the empty array of an output that the system does not have."""
-    return np.zeros((rows - one.of_steps, *((0,) if one.split else one.absent)), dtype=dtype)
+    return np.zeros((row_count - output.of_steps, *((0,) if output.split else output.absent)),
+                    dtype=dtype)
 
 
-def about(one: Output, manifest: Manifest, name: str) -> dict[str, str]:
+def about(output: Output, manifest: Manifest, name: str) -> dict[str, str]:
     """Return the attributes of the array of this name: long name and units."""
-    units = one.units or (one.body_units if manifest.system.rigid_body else "")
-    long_name = one.long_name.format(name.removeprefix(QUANTITY))
+    units = output.units or (output.body_units if manifest.system.rigid_body else "")
+    long_name = output.long_name.format(name.removeprefix(QUANTITY))
     return {"long_name": long_name, **({"units": units} if units else {})}
 
 
 def labels_of(system: SystemManifest) -> dict[str, tuple[list[str], str]]:
     """Return the labels of each dimension that has some, and their meaning.
 
-    A momentum stands where the coordinate does to which it belongs.
+    A momentum has the label of its coordinate.
     """
-    found = {"coordinate": (list(system.coordinates), "name of the coordinate")}
+    labels = {"coordinate": (list(system.coordinates), "name of the coordinate")}
     names = list(system.constraint_names)
     if len(names) > 1:
-        found["constraint"] = names, "name of the constraint"
+        labels["constraint"] = names, "name of the constraint"
     if system.velocity_constraint_names:
-        found["velocity_constraint"] = (list(system.velocity_constraint_names),
-                                        "name of the velocity constraint")
-    return found
+        labels["velocity_constraint"] = (list(system.velocity_constraint_names),
+                                         "name of the velocity constraint")
+    return labels
 
 
 def full_states(trajectory: Any) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""The start that a state of a run is for another run."""
+"""The start of another run from a state of a run."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def start_of_row(
     γ and α that are the means γ_m of their moments are left out: a start with other moments has
     other means. ``excess`` is H + e in scaled time.
     """
-    own = {}
+    start_parameters = {}
     for name, value in parameters.items():
         if name in inputs or value != value:  # an input that changes is no one number
             continue
         if has_inertia(name, parameters) and value == gamma_by_rule(name, GAMMA_M, parameters):
             continue
-        own[name] = value
-    start = Start(q, p, own, t, inputs)
+        start_parameters[name] = value
+    start = Start(q, p, start_parameters, t, inputs)
     start._excess = excess
     return start

@@ -149,25 +149,25 @@ class Trajectory(Shown):
 
     def of_states(self, states: States, **changes: Any) -> Trajectory:
         """Return a trajectory with other states, and other values of some fields."""
-        kept = {name: x for name, x in self.__dict__.items() if name not in _OUTPUTS}
-        return self.of(states, **kept | changes)
+        stored = {name: x for name, x in self.__dict__.items() if name not in _OUTPUTS}
+        return self.of(states, **stored | changes)
 
     if not TYPE_CHECKING:  # names that are no field stay errors to a type checker
 
         def __getattr__(self, name: str) -> Array:
-            """Compute an output, and keep it: who changes it changes no other one."""
-            known = self.__dict__
-            if name == "report" and known.get("_read"):
-                return known.setdefault(name, known["_read"]())
-            states = known.get("_states")
+            """Compute an output and store it; it shares no memory with other arrays."""
+            attributes = self.__dict__
+            if name == "report" and attributes.get("_read"):
+                return attributes.setdefault(name, attributes["_read"]())
+            states = attributes.get("_states")
             if states is None or name not in _OUTPUTS:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             if callable(states):
-                states = known["_states"] = states()
-            found = value_of(_OUTPUTS[name], states)
-            if any(np.may_share_memory(found, stored) for stored in states.arrays):
-                found = found.copy()
-            return self.__dict__.setdefault(name, found)
+                states = attributes["_states"] = states()
+            array = value_of(_OUTPUTS[name], states)
+            if any(np.may_share_memory(array, stored) for stored in states.arrays):
+                array = array.copy()
+            return self.__dict__.setdefault(name, array)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -195,20 +195,20 @@ class Trajectory(Shown):
         if isinstance(row, slice):
             return self._rows(_row_range(row, len(self)))
         try:
-            at = range(len(self))[operator.index(row)]
+            index = range(len(self))[operator.index(row)]
         except TypeError:
             raise InputError(f"run[{shown(row)}] is no row; give a whole number, or a slice such "
                              "as run[::10].") from None
         inputs: dict[str, Any] = {}
         if self._inputs is not None and len(self) > 1:
             # Rows at given times lie between steps; their inputs are not known.
-            step = math.ceil(float(self.elapsed[at] / self.dt) - 1e-6) - 1
+            step = math.ceil(float(self.elapsed[index] / self.dt) - 1e-6) - 1
             inputs = dict(zip(self._inputs.names,
                               self._inputs.at(max(step, 0)).tolist(), strict=True))
         clocked = self.manifest.system.clock is not None
-        excess = self.energies[at] + self.time_momentum[at] if clocked else 0.0
-        return start_of_row(self.q[at].copy(), self.p[at].copy(), self.t[at], self.parameters,
-                            inputs, excess)
+        excess = self.energies[index] + self.time_momentum[index] if clocked else 0.0
+        return start_of_row(self.q[index].copy(), self.p[index].copy(), self.t[index],
+                            self.parameters, inputs, excess)
 
     @property
     def grid_end(self) -> Start:
@@ -229,25 +229,26 @@ class Trajectory(Shown):
                              "and its last whole step is not kept; go on from run[-1].")
         return self[-1]
 
-    def _rows(self, rows: range) -> Trajectory:
+    def _rows(self, row_range: range) -> Trajectory:
         """Return the run of some of the states; multipliers are those of the steps that end there.
         """
-        chosen = np.asarray(rows)
-        arrays = {one.attribute: getattr(self, one.attribute)[
-            chosen[1:] - 1 if one.of_steps else chosen] for one in OUTPUTS}
-        ahead, begin = (1 if self.dt > 0 else -1), self.t[rows[0]]
-        end = None if rows[-1] + rows.step >= len(self) else self.t[rows[-1]]
-        events = {name: found.within(begin, end, ahead) for name, found in self.events.items()}
-        return changed(self, **arrays, every=self.every * rows.step, events=events, tangents=None,
-                       _inputs=None, _origin=None, _states=None,
-                       _grid=self._grid if rows[-1] == len(self) - 1 else None)
+        chosen = np.asarray(row_range)
+        arrays = {output.attribute: getattr(self, output.attribute)[
+            chosen[1:] - 1 if output.of_steps else chosen] for output in OUTPUTS}
+        ahead, begin = (1 if self.dt > 0 else -1), self.t[row_range[0]]
+        end = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]
+        events = {name: crossings.within(begin, end, ahead)
+                  for name, crossings in self.events.items()}
+        return changed(self, **arrays, every=self.every * row_range.step, events=events,
+                       tangents=None, _inputs=None, _origin=None, _states=None,
+                       _grid=self._grid if row_range[-1] == len(self) - 1 else None)
 
     def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
-        """Yield the rows in blocks that are in memory, and which rows are the last of each."""
+        """Yield (rows, block) for blocks of the run in memory."""
         yield slice(0, len(self)), self
 
     def _attributes(self) -> dict[str, Any]:
-        """Return what files say of the run beside its arrays, as JSON values."""
+        """Return the attributes of the run in files, as JSON values."""
         return {
             "title": f"{self.manifest.name}: {self.report.steps} steps of {float(self.dt):g} s",
             "run": {"parameters": {name: digits_of(x) for name, x in self.parameters.items()},
@@ -274,9 +275,9 @@ class Trajectory(Shown):
         scaled time they are those of τ.
         """
         times = self.tau if self.manifest.system.clock is not None else self.t
-        known = None if self._states is None else self._states.elapsed
-        found: Array = times - times[0] if known is None else known.copy()
-        return found
+        stored_times = None if self._states is None else self._states.elapsed
+        elapsed: Array = times - times[0] if stored_times is None else stored_times.copy()
+        return elapsed
 
     def __repr__(self) -> str:
         report = self.report
@@ -333,7 +334,7 @@ class Trajectory(Shown):
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """The names that ``quantity`` takes."""
+        """The names of the system's quantities, arguments of ``quantity``."""
         return tuple(self.manifest.system.quantities)
 
     def quantity(self, name: str) -> Array:
@@ -344,8 +345,8 @@ class Trajectory(Shown):
         InputError
             If the system has no quantity of that name.
         """
-        values: Array = self.quantity_values[:, place_of_quantity(self.manifest, name)]
-        return values
+        quantity: Array = self.quantity_values[:, place_of_quantity(self.manifest, name)]
+        return quantity
 
     def constraint_errors(self) -> tuple[Array, Array]:
         """Return |g(q)| and |qᵀp| (or the system's own momentum constraint) of each state."""
@@ -361,7 +362,8 @@ class Trajectory(Shown):
     @property
     def joints(self) -> tuple[str, ...]:
         """The names of the joints, which ``joint`` takes."""
-        return tuple(name for name, at in joints_of(self.manifest).items() if at.constraints)
+        return tuple(name for name, columns in joints_of(self.manifest).items()
+                     if columns.constraints)
 
     def body(self, name: str | None = None) -> BodyMotion:
         """Return the motion of one rigid body: attitude, angles, velocities, momenta.
@@ -381,9 +383,9 @@ class Trajectory(Shown):
         >>> run.body("bus").euler("ZYX", degrees=True)            # doctest: +SKIP
         >>> run.body("bus").angular_velocity(frame="space")       # doctest: +SKIP
         """
-        known, at = body_named(self.manifest, name)
-        return (PlacedMotion(self, known, at) if isinstance(at, PlacedAt) else
-                BodyMotion(self, known, at))
+        body_name, columns = body_named(self.manifest, name)
+        return (PlacedMotion(self, body_name, columns) if isinstance(columns, PlacedAt) else
+                BodyMotion(self, body_name, columns))
 
     def joint(self, name: str | None = None) -> JointMotion:
         """Return one joint: its point, its angle, the force and the torque in it.
@@ -408,7 +410,7 @@ class Trajectory(Shown):
     def angular_velocity(self, body: str | None = None) -> Array:
         """Return Ω in body axes, shape (N+1, 3), in rad/s; see ``BodyMotion.angular_velocity``.
 
-        ``body`` and what is raised are those of ``body``.
+        Takes the same argument and raises the same errors as ``body``.
         """
         return self.body(body).angular_velocity()
 
@@ -466,11 +468,11 @@ class Trajectory(Shown):
         InputError
             Where the stepper is not known, for times outside of the run.
         """
-        found = self._maker(stepper, "at(times, stepper=...)")._at(self, times)
-        return found if np.ndim(times) else found[0]
+        states = self._maker(stepper, "at(times, stepper=...)")._at(self, times)
+        return states if np.ndim(times) else states[0]
 
     def _maker(self, stepper: Maker | None, call: str) -> Maker:
-        """Return the stepper that made this trajectory, known or given."""
+        """Return the stepper of this trajectory: the argument, or the one it was made by."""
         maker: Maker | None = self._stepper if stepper is None else stepper
         if maker is None:
             raise InputError(
@@ -532,13 +534,13 @@ class Trajectory(Shown):
         return maker.hessian(self, cotangents, **options)
 
     def made_by(self, stepper: Maker, origin: Any = None) -> Trajectory:
-        """Return this trajectory, which then knows what made it, and of which arguments."""
+        """Return this trajectory with its stepper and the arguments of its run."""
         return changed(self, _stepper=stepper, _origin=origin)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle the states alone: the code that made them is not theirs."""
-        made = {name: getattr(self, name) for name in (*_OUTPUTS, "report")}
-        return {**self.__dict__, **made, "_stepper": None, "_states": None, "_read": None}
+        """Pickle the arrays without the stepper."""
+        arrays = {name: getattr(self, name) for name in (*_OUTPUTS, "report")}
+        return {**self.__dict__, **arrays, "_stepper": None, "_states": None, "_read": None}
 
     # ------------------------------------------------------------ file
 
@@ -573,21 +575,21 @@ class Trajectory(Shown):
         """
         target = as_path("path", path, "run.npz")
         form = format_of(target, "A run", "states", "store")
-        given = {"columns": columns, "euler": euler, "angular_velocity": angular_velocity}
-        named = [name for name, value in given.items() if value is not None]
+        column_options = {"columns": columns, "euler": euler, "angular_velocity": angular_velocity}
+        named = [name for name, value in column_options.items() if value is not None]
         if not form.tabular and (named or degrees):
             raise InputError(f"{(named or ['degrees'])[0]} is for files of columns, .csv and "
                              f".parquet, and {target.name!r} is none; leave it out.")
         form.require_packages()
         if "trajectory" in form.writers:
-            found: Path = form.function(form.writers["trajectory"])(self, target)
-            return found
+            written_path: Path = form.function(form.writers["trajectory"])(self, target)
+            return written_path
         return save_table(table_of_run(self, euler=euler, degrees=degrees,
                                        angular_velocity=angular_velocity), target, "The run",
                           columns)
 
 
-def _row_range(rows: slice, count: int) -> range:
+def _row_range(row_slice: slice, count: int) -> range:
     """Return the rows that a slice of a run takes, in their order.
 
     Raises
@@ -596,10 +598,10 @@ def _row_range(rows: slice, count: int) -> range:
         For a step below 1 and a slice without rows.
     """
     try:
-        found = range(count)[rows]
+        row_range = range(count)[row_slice]
     except (TypeError, ValueError):
-        found = range(0)
-    if not found or found.step < 1:
-        raise InputError(f"run[{shown(rows)}] is no part of {count:,} states; give whole numbers "
-                         "and a step of at least 1, as in run[100::10].")
-    return found
+        row_range = range(0)
+    if not row_range or row_range.step < 1:
+        raise InputError(f"run[{shown(row_slice)}] is no part of {count:,} states; give whole "
+                         "numbers and a step of at least 1, as in run[100::10].")
+    return row_range
