@@ -80,7 +80,7 @@ _LARGE = 1000
 class Source:
     """The three files of a stepper, as text.
 
-    The C includes headers of the engine; that of profiles ``control`` and ``run`` contains them.
+    The C includes headers of the engine; the C of profiles ``control`` and ``run`` contains them.
     """
 
     name: str
@@ -136,16 +136,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     if derived.second:
         refuse_second(derived)
     element_sums = _elements(derived, elements)
-    lanes: LaneIteration | None = None
-    plain: PlainIteration | None = None
-    refusal = ""
     flows = flows_of(derived) if isinstance(scheme, SplittingScheme) else None
-    if flows is not None and derived.profile == "full":
-        lanes = flow_lanes(derived, flows)
-    elif flows is None and derived.profile == "full":
-        lanes, refusal = lane_iteration(derived, element_sums)
-    elif flows is None:
-        plain = plain_iteration(derived)
+    lanes, plain, refusal = _iterations(derived, element_sums, flows)
     kernels = [] if element_sums else _step_kernels(derived, flows)
     iteration_kernels, renamed = additional_kernels(kernels, plain.kernels if plain else [])
     counted = [*kernels, *(plain.known if plain else []),
@@ -156,6 +148,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters}
                        | {START: f"par->{system.time}"},
                        explicit=derived.profile == "control")
+    # constants of forms that no kernel uses are not computed
     constant_names = frozenset[str]().union(*(kernel.constants for kernel in counted),
                                             element_sums.used_constants if element_sums else ())
     definitions = {e: s for e, s in constants.definitions.items() if str(s) in constant_names}
@@ -169,6 +162,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         called = other_functions.union(*(k.functions for k in derivatives.lanes))
         lanes = replace(lanes, functions=sorted({*lanes.functions, *(called - ON_LANES)}),
                         switches=sorted({*lanes.switches, *(called & ON_LANES)}))
+    # kernels on lanes have lists of functions of their own
     functions = printer.functions.union(
         *(k.functions for k in counted if not k.name.startswith("lanes_")),
         quantities.functions if quantities else (), other_functions)
@@ -237,6 +231,21 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         flows=flows,
         states=states,
     )
+
+
+def _iterations(
+    derived: Derived, elements: Elements | None, flows: Flows | None
+) -> tuple[LaneIteration | None, PlainIteration | None, str]:
+    """Return the iteration on lanes or on plain numbers, and the reason if there is none.
+
+    Compositions of flows solve no equations: their "iteration" is the lanes of many trajectories.
+    """
+    if flows is not None:
+        return (flow_lanes(derived, flows) if derived.profile == "full" else None), None, ""
+    if derived.profile == "full":
+        lanes, refusal = lane_iteration(derived, elements)
+        return lanes, None, refusal
+    return None, plain_iteration(derived), ""
 
 
 def _step_kernels(derived: Derived, flows: Flows | None) -> list[EmittedKernel]:

@@ -68,7 +68,7 @@ class Derived:
 
 @dataclass(frozen=True)
 class Features:
-    """Features that select the compiled branches of ``engine/gyrospark`` (see engine.h)."""
+    """Features of a stepper; they select the compiled branches of ``engine/gyrospark``."""
 
     constrained: bool
     several_constraints: bool
@@ -398,7 +398,7 @@ class Program:
     single_constants: dict[int, str]
     constant_loops: list[ConstantLoop]
     run_constants: list[tuple[str, str]]
-    # Kernels, and what they call.
+    # Kernels, and the functions that they call.
     kernels: list[EmittedKernel]
     compensated: bool
     cardinals: list[str]

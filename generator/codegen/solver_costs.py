@@ -83,7 +83,8 @@ def solver_costs(
     kind = "spark" if isinstance(scheme, SparkScheme) else "mean"
     recipe = (_DENSE if elements is None else _ELEMENTS)[kind]
     kernels = list(kernels)
-    operations = {k.name.removeprefix("lanes_"): k.operations for k in kernels}  # lanes come last
+    # kernels on lanes come last, and replace the scalar ones
+    operations = {k.name.removeprefix("lanes_"): k.operations for k in kernels}
     if isinstance(scheme.system, LagrangianSystem):
         operations |= composed_operations(scheme.system, kernels)
     of_stage, of_node = _dense_cost(operations) if elements is None else _elements_cost(elements)

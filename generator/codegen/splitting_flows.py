@@ -136,6 +136,7 @@ def _composition(composition: Composition, stages: int, real: Real) -> Compositi
     """
     a, b = composition.drifts, composition.kicks
     times = list(accumulate(a))[:-1]
+    # κ_i of a kick by b_i (V + κ_i h² G), as the engine multiplies the gradient with b_i
     ratios = [-c / x if x else Fraction(0) for c, x in zip(composition.gradients, b, strict=True)]
 
     def padded(texts: list[str], count: int, filler: str) -> list[str]:

@@ -87,6 +87,7 @@ class CPrinter:
         if e.is_Rational:
             return self._rational(e)
         if e.is_number and e.is_real and e.is_finite:
+            # an irrational number such as π: 60 digits, rounded once
             text = self.real.literal(Fraction(str(sp.N(e, 60))))
             return text, _SUM if text.startswith("-") else _ATOM
         if e.is_Add:
@@ -155,6 +156,7 @@ class CPrinter:
         numerator: list[sp.Expr] = []
         denominator: list[sp.Expr] = []
         for a in e.args:
+            # x/3 has one rounding error, (1/3) x has two
             if a.is_Rational and a.p == 1 and (a.q & (a.q - 1)):
                 denominator.append(sp.Integer(a.q))
             elif a.is_Pow and a.exp.is_Rational and a.exp < 0:
@@ -189,7 +191,7 @@ class CPrinter:
             return repeated(self._within(base, _ATOM), int(exponent)), _PRODUCT
         if exponent == sp.Rational(1, 2):
             return self._call("sqrt", base), _ATOM
-        if exponent.is_Rational and exponent.q == 2:
+        if exponent.is_Rational and exponent.q == 2:  # x^(5/2) = x² √x, cheaper than pow
             integer_power = self._within(base ** sp.Integer((exponent.p - 1) // 2), _PRODUCT)
             if integer_power.startswith("-"):
                 integer_power = f"({integer_power})"

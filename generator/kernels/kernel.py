@@ -108,8 +108,8 @@ class Constants:
         if not symbols or e.is_Symbol:
             return e
         if symbols <= self._constant_symbols:
-            number, other_args = e.as_coeff_Mul()
-            return number * self._symbol(other_args)
+            coefficient, other_args = e.as_coeff_Mul()
+            return coefficient * self._symbol(other_args)
         if not e.is_Add and self._has_piecewise(e):
             return e  # with constants hoisted, continuity at the switches could not be proved
         if e.is_Mul or e.is_Add:

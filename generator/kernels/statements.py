@@ -115,6 +115,7 @@ def _name_recurring(
             continue
         is_unchanged = all(a is b for a, b in zip(arguments, e.args, strict=True))
         rebuilt = e if is_unchanged else e.func(*arguments)
+        # x and −x need no temporary
         if uses[e] > 1 and not rebuilt.is_Atom and not (-rebuilt).is_Symbol:
             if rebuilt not in names:
                 names[rebuilt] = next(new_symbols)
@@ -187,7 +188,7 @@ def _sort_definitions(
 def _drop_unused(
     shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
-    """Drop temporaries that are aliases of other symbols, or that no output uses."""
+    """Drop temporaries that are aliases of other symbols, and unused temporaries."""
     alias_of: dict[sp.Symbol, sp.Expr] = {}
     remaining: list[tuple[sp.Symbol, sp.Expr]] = []
     for symbol, definition in shared:

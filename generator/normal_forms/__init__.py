@@ -8,6 +8,6 @@
    coordinates as possible (``coordinate_coupling``, ``additive_terms``)
 3. **shorten**   terms → the cheapest form (``shortest_sum``): common factors
    (``common_factors``), products, squares and higher powers of sums (``products_of_sums``). The
-   given form stays where expansion takes too long or costs clearly more
+   original form stays where expansion takes too long or costs clearly more
    (``canonical_expressions``)
 """

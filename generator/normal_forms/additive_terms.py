@@ -1,14 +1,15 @@
 """Additive terms of H and F: sums of expressions in as few coordinates as possible.
 
 An addend is an expression with its terms. ``derived`` addends are computed from the expanded terms
-of H alone; ``given`` addends are the summands of the given expression, expanded no further than
-necessary. For each set of coupled terms, the cheaper of the two is selected.
+of H alone; ``original`` addends are the summands of the user's expression, expanded no further
+than necessary. For each set of coupled terms, the cheaper of the two is selected.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import sympy as sp
 
@@ -32,8 +33,13 @@ from .terms import (
 
 __all__ = ["ForceTerms", "HamiltonianTerms", "Support"]
 
-#: An expression and its terms.
-Addend = tuple[sp.Expr, Terms]
+
+
+class Addend(NamedTuple):
+    """A summand of H or of a row of F."""
+
+    expression: sp.Expr
+    terms: Terms
 
 
 class Support:
@@ -89,13 +95,13 @@ def split(
         terms = forms.terms(addend)
         sums = [a for a in addend.args if a.is_Add] if addend.is_Mul else []
         if is_irreducible(terms):
-            yield forms.normal_form(addend), terms
-        elif sums:
+            yield Addend(forms.normal_form(addend), terms)
+        elif sums:  # a product with a sum: only its first sum is expanded
             other_factors = [a for a in addend.args if a is not sums[0]]
             for a in sums[0].args:
                 yield from split(forms, sp.Mul(*other_factors, a), is_irreducible)
         else:
-            yield from ((term(m, a), {m: a}) for m, a in terms.items())
+            yield from (Addend(term(m, a), {m: a}) for m, a in terms.items())
 
 
 class HamiltonianTerms:
@@ -113,22 +119,23 @@ class HamiltonianTerms:
         """Return H as the sum of its addends."""
         constant = {m: a for m, a in self.terms.items() if is_constant(m)}
         moving = {m: a for m, a in self.terms.items() if m not in constant}
-        addends = [addend for terms, derived, given in self._regions(moving)
-                   for addend in self._select(terms, derived, given)]
+        addends = [addend for terms, derived, original in self._regions(moving)
+                   for addend in self._select(terms, derived, original)]
+        # squares contain shares of the constant: only the remainder is added
         for _, terms in addends:
             for m in filter(is_constant, terms):
                 add_to(constant, m, -terms[m])
         return sp.Add(*(e for e, _ in addends), self.forms.short(constant))
 
-    # ------------------------------------------------------------ derived or given addends
+    # ------------------------------------------------------------ derived or original addends
 
     def _regions(self, moving: Terms) -> Iterator[tuple[Terms, list[Addend], list[Addend]]]:
-        """Yield coupled terms, with their derived and their given addends.
+        """Yield coupled terms, with their derived and their original addends.
 
-        An addend, derived or given, that contains terms of two regions joins them.
+        An addend, derived or original, that contains terms of two regions joins them.
         """
-        given = list(split(self.forms, self.H, self._is_irreducible))
-        addends = [self._derived_addends(), given]
+        original = list(split(self.forms, self.H, self._is_irreducible))
+        addends = [self._derived_addends(), original]
         node_of = self._nodes(moving)
         touched = [[frozenset(node_of(m) for m in terms if not is_constant(m))
                     for _, terms in side] for side in addends]
@@ -142,8 +149,8 @@ class HamiltonianTerms:
             for addend, nodes in zip(side_addends, node_sets, strict=True):
                 if nodes:
                     sides[region_of[min(nodes)]][side].append(addend)
-        for region_terms, (derived, given) in zip(terms, sides, strict=True):
-            yield region_terms, derived, given
+        for region_terms, (derived, original) in zip(terms, sides, strict=True):
+            yield region_terms, derived, original
 
     def _nodes(self, moving: Terms) -> Callable[[Monomial], int]:
         """Return a function term → number; coupled terms have the same number."""
@@ -159,11 +166,14 @@ class HamiltonianTerms:
 
         return node
 
-    def _select(self, terms: Terms, derived: list[Addend], given: list[Addend]) -> list[Addend]:
-        """Return the derived addends, or the given ones if they are equal and cost clearly less."""
-        given_terms = total_of(*(addend_terms for _, addend_terms in given))
-        is_equal = {m: a for m, a in given_terms.items() if not is_constant(m)} == terms
-        return given if is_equal and costs_less([total(given)], [total(derived)]) else derived
+    def _select(self, terms: Terms, derived: list[Addend], original: list[Addend]) -> list[Addend]:
+        """Return the derived addends, or the original ones if these are equal and clearly cheaper.
+
+        Original addends that were not expanded may not add up to the terms: then they are useless.
+        """
+        original_terms = total_of(*(addend_terms for _, addend_terms in original))
+        is_equal = {m: a for m, a in original_terms.items() if not is_constant(m)} == terms
+        return original if is_equal and costs_less([total(original)], [total(derived)]) else derived
 
     def _is_irreducible(self, terms: Terms) -> bool:
         """Whether the terms belong to at most one kinetic block and are all coupled."""
@@ -187,7 +197,7 @@ class HamiltonianTerms:
             kind = kinetic[self.support.kinetic_block(m)] if self.support(m)[0] else (
                 constant if is_constant(m) else potential)
             kind[m] = a
-        addends += [(self.forms.short(kind), kind) for kind in kinetic.values()]
+        addends += [Addend(self.forms.short(kind), kind) for kind in kinetic.values()]
         for kind in self._potentials(potential):
             potential_addends, constant = self._potential(kind, constant)
             addends += potential_addends
@@ -266,11 +276,12 @@ class HamiltonianTerms:
         completion = {merged(outer, m)[0]: -a * factor for m, a in remainder.items()}
         if root and all(0 < quotient(a, constant.get(m, -a)) <= 1 for m, a in completion.items()):
             e = sp.Mul(term(outer, factor), self.forms.short(root) ** 2)
-            return (e, total_of(terms, completion)), total_of(constant, scaled(completion, -1))
-        return (self.forms.short(terms), terms), constant
+            return Addend(e, total_of(terms, completion)), total_of(constant,
+                                                                    scaled(completion, -1))
+        return Addend(self.forms.short(terms), terms), constant
 
     def _with_terms(self, e: sp.Expr) -> Addend:
-        return e, self.forms.terms(e)
+        return Addend(e, self.forms.terms(e))
 
 
 class ForceTerms:
@@ -284,30 +295,32 @@ class ForceTerms:
     def rows(self) -> list[sp.Expr]:
         """Return each row of F as the sum of its addends.
 
-        Derived or given addends are selected for all rows together, as rows share subexpressions.
+        One kind of addends is selected for all rows together, as rows share subexpressions.
         """
         derived: dict[Hashable, dict[int, Terms]] = defaultdict(lambda: defaultdict(dict))
-        given: dict[Hashable, dict[int, list[Addend]]] = defaultdict(lambda: defaultdict(list))
+        original: dict[Hashable, dict[int, list[Addend]]] = defaultdict(lambda: defaultdict(list))
         for row, e in enumerate(self.F):
             for m, a in total_of(*map(self.forms.terms, sp.Add.make_args(e))).items():
                 derived[self.support.classes(m)][row][m] = a
             for addend in split(self.forms, e, self._is_irreducible):
-                if addend[1]:
-                    given[self.support.classes(next(iter(addend[1])))][row].append(addend)
+                if addend.terms:
+                    m = next(iter(addend.terms))  # all terms of an addend have one set of classes
+                    original[self.support.classes(m)][row].append(addend)
         addends: list[list[sp.Expr]] = [[] for _ in self.F]
         for key, row_terms in derived.items():
-            for row, e in zip(row_terms, self._select(row_terms, given[key]), strict=True):
+            for row, e in zip(row_terms, self._select(row_terms, original[key]), strict=True):
                 addends[row].append(e)
         return [sp.Add(*row_addends) for row_addends in addends]
 
     def _select(
-        self, row_terms: dict[int, Terms], given: dict[int, list[Addend]]
+        self, row_terms: dict[int, Terms], original: dict[int, list[Addend]]
     ) -> Iterable[sp.Expr]:
         derived_rows = list(map(self.forms.short, row_terms.values()))
-        given_rows = [total(given[row]) for row in row_terms]
-        is_equal = all(total_of(*(addend_terms for _, addend_terms in given[row])) == terms
+        original_rows = [total(original[row]) for row in row_terms]
+        is_equal = all(total_of(*(addend_terms for _, addend_terms in original[row])) == terms
                        for row, terms in row_terms.items())
-        return given_rows if is_equal and costs_less(given_rows, derived_rows) else derived_rows
+        is_cheaper = is_equal and costs_less(original_rows, derived_rows)
+        return original_rows if is_cheaper else derived_rows
 
     def _is_irreducible(self, terms: Terms) -> bool:
         return len(set(map(self.support.classes, terms))) <= 1

@@ -30,7 +30,7 @@ from .terms import (
 
 __all__ = ["CanonicalForms", "costs_less"]
 
-#: The given form is selected if it costs less than this fraction of the derived one.
+#: The original form is selected if it costs less than this fraction of the derived one.
 _CLEARLY_LESS = 0.7
 #: Limits of the number of products of terms: the minimum, and the increments for each subexpression
 #: that is expanded and for each term of a sum that is shortened. Bodies and springs need a third.
@@ -57,10 +57,10 @@ class CanonicalForms:
         renaming = local_names(e.free_symbols)
         e = e.xreplace(renaming)
         if e not in self._canonical:
-            given_form = self.normal_form(e)
+            original_form = self.normal_form(e)
             derived_form = self._shortest(self.terms(e))
-            is_cheaper = costs_less([given_form], [derived_form])
-            self._canonical[e] = given_form if is_cheaper else derived_form
+            is_cheaper = costs_less([original_form], [derived_form])
+            self._canonical[e] = original_form if is_cheaper else derived_form
         return self._canonical[e].xreplace({x: s for s, x in renaming.items()})
 
     def terms(self, e: sp.Expr) -> Terms:
@@ -104,10 +104,10 @@ class CanonicalForms:
         powers = [x for x in shortest.atoms(sp.Pow, sp.exp) if not x.exp.is_Rational]
         return shortest.xreplace({x: x.as_base_exp()[0] ** self.expression(x.exp) for x in powers})
 
-    # ------------------------------------------------------------ the given form
+    # ------------------------------------------------------------ the original form
 
     def normal_form(self, e: sp.Expr) -> sp.Expr:
-        """Return an expression as given, with its subexpressions in canonical form."""
+        """Return the original expression with its subexpressions in canonical form."""
         if e.is_Add:
             return sp.Add(*map(self.normal_form, e.args))
         if e.is_Mul:
@@ -125,15 +125,16 @@ class CanonicalForms:
             return base**exponent
         factor, coprime_sum = primitive(base)
         factor, n = quotient(Fraction(factor) ** int(exponent), 1), int(exponent)
+        # 2ⁿ (x y)ⁿ becomes (2 x y)ⁿ, as in ``common_factors.doubled``
         if n > 0 and factor.numerator % 2**n == 0 and all(map(is_bilinear, coprime_sum.args)):
             factor, coprime_sum = quotient(factor, 2**n), 2 * coprime_sum
         # evaluated, a number would go into the sum
         return sp.Mul(rational(factor), coprime_sum**exponent, evaluate=False)
 
 
-def costs_less(given: Sequence[sp.Expr], derived: Sequence[sp.Expr]) -> bool:
-    """Whether the given expressions cost clearly less than the derived ones."""
-    return cost(given) < _CLEARLY_LESS * cost(derived)
+def costs_less(original: Sequence[sp.Expr], derived: Sequence[sp.Expr]) -> bool:
+    """Whether the original expressions cost clearly less than the derived ones."""
+    return cost(original) < _CLEARLY_LESS * cost(derived)
 
 
 def is_bilinear(e: sp.Expr) -> bool:

@@ -7,8 +7,8 @@
    potentials of coupled coordinates. A sum over bodies becomes a sum of their terms.
 3. Each addend gets its shortest form (``shortest_sum``), derived from its terms alone.
 
-The given expression matters in one case: where expansion takes too long, or loses a form that costs
-clearly less and is not recovered, the addend stays as given, but for order and numbers
+The user's expression matters in one case: if expansion takes too long, or loses a form that costs
+clearly less and is not recovered, the addend keeps its original form, except for order and numbers
 (``canonical_expressions``).
 """
 
@@ -43,8 +43,8 @@ def canonical(system: System) -> System:
     symbol_of = {p_x: x for x, p_x in placeholders.items()}
     forms = CanonicalForms()
 
-    def with_symbols(e: sp.Expr, given_expression: sp.Expr) -> sp.Expr:
-        return with_floats(e, given_expression).xreplace(symbol_of)
+    def with_symbols(e: sp.Expr, original: sp.Expr) -> sp.Expr:
+        return with_floats(e, original).xreplace(symbol_of)
 
     def canonical_expression(e: sp.Expr) -> sp.Expr:
         return with_symbols(forms.expression(e.xreplace(placeholders)), e)
@@ -55,7 +55,7 @@ def canonical(system: System) -> System:
                *(canonical_expression(e) * x for e, x in zip(row, v, strict=True)))
         for row, affine in zip(system.A, system.a, strict=True))
     g = tuple(map(canonical_expression, system.constraints))
-    # T stays as given: expanded, it would lose its short sums of velocities
+    # T keeps its original form: expanded, it would lose its short sums of velocities
     if isinstance(system, LagrangianSystem):
         return replace(system, constraints=g, velocity_constraints=velocity_constraints)
     q, p = ([placeholders[x] for x in side] for side in (system.q, system.p))
@@ -73,13 +73,13 @@ def canonical(system: System) -> System:
     )
 
 
-def with_floats(e: sp.Expr, given_expression: sp.Expr) -> sp.Expr:
-    """Return e with decimals in place of long fractions, if the given expression has decimals.
+def with_floats(e: sp.Expr, original: sp.Expr) -> sp.Expr:
+    """Return e with decimals in place of long fractions, if the original expression has decimals.
 
     Decimals are exact fractions until then: 0.5 and 1/2 are one number, and a sum of decimals is
     the same in any order.
     """
-    bits = max((x._prec for x in given_expression.atoms(sp.Float)), default=0)
+    bits = max((x._prec for x in original.atoms(sp.Float)), default=0)
     return e if not bits else e.xreplace({
         x: sp.Float(x, precision=bits) for x in e.atoms(sp.Rational)
         if max(abs(x.p), x.q) > _LONGEST})

@@ -92,11 +92,12 @@ def square_root(terms: Terms) -> tuple[Terms, Terms]:
         return {}, terms
     inverse_first = inverse(first[0])
     root, remainder = dict([first]), {m: a for m, a in terms.items() if m != lead}
+    # the square of k terms has about k²/2 terms: a longer root cannot be one of these terms
     while remainder and len(root) ** 2 <= 4 * len(terms):
         m = min(remainder, key=order)
         next_term, a = merged(m, inverse_first)[0], quotient(remainder[m], 2 * first[1])
         if next_term in root or any(n < 0 for _, n in next_term):
-            break
+            break  # not divisible: the division would not end
         for root_term, b in root.items():
             add_to(remainder, merged(next_term, root_term)[0], -2 * a * b)
         add_to(remainder, merged(next_term, next_term)[0], -a * a)

@@ -44,6 +44,7 @@ class CoordinateCoupling:
                 neighbours[a].add(b)
                 neighbours[b].add(a)
         self.neighbours = neighbours
+        # equal sets of neighbours, each with the block itself: the blocks are of one class
         first: dict[IndexSet, int] = {}
         self.class_of = {b: first.setdefault(frozenset(near), b) for b, near in neighbours.items()}
 

@@ -118,12 +118,13 @@ class NormalForm:
     def product(self, factors: Iterable[Terms]) -> Terms:
         """Return the product."""
         product = constant(1)
-        for factor in sorted(factors, key=len):
+        for factor in sorted(factors, key=len):  # short factors first: short intermediate products
             product = self._times(product, factor)
         return product
 
     def power(self, base: Terms, n: int) -> Terms:
         """Return a whole power."""
+        # k terms to the power n have up to C(k + n − 1, n) terms: refuse before computing them
         self.spend(math.comb(len(base) + n - 1, n) if n <= self.allowance else n)
         power = constant(1)
         for bit in f"{n:b}":

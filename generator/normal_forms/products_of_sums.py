@@ -71,6 +71,7 @@ def products_of(terms: Terms) -> list[tuple[Terms, Terms]] | None:
     for count in range(len(other_kinds)):
         for subset in combinations(other_kinds, count):
             a_bases = variable_kinds[0].union(*subset)
+            # both factors must depend on variables
             if any(varies(base) for kind in variable_kinds for base in kind - a_bases):
                 pairs = _decomposition(terms, a_bases)
                 if best is None or len(pairs) < len(best):
@@ -127,7 +128,7 @@ def squares_of(terms: Terms) -> list[tuple[Number, Terms]] | None:
     roots = {frozenset((base, n // 2) for base, n in m): a for m, a in terms.items()
              if not any(n % 2 for _, n in m)}
     if not roots or len(roots) > _MOST_SQUARES or len(roots) == len(terms):
-        return None
+        return None  # without mixed terms there is nothing to combine
     joined: dict[Monomial, list[tuple[Monomial, int]]] = defaultdict(list)
     for t, a in terms.items():
         if any(n % 2 for _, n in t):
@@ -138,6 +139,7 @@ def squares_of(terms: Terms) -> list[tuple[Number, Terms]] | None:
                 joined[m].append((n, sign))
                 joined[n].append((m, sign))
     sums = _connected_sums(roots, joined)
+    # signs were chosen term by term: the squares must give exactly these terms
     remainder = dict(terms)
     for a, root in sums:
         for m, b in root.items():
@@ -258,10 +260,10 @@ class _PowerSplitter:
     def _take_each(self, first: Terms, root: Terms, n: int, second: Terms) -> None:
         """Subtract a (r + s)ⁿ for each a in ``first``, with n a s one term of ``second`` or all."""
         for m in sorted(first, key=order):
-            parts = [{b: second[b]} for b in sorted(second, key=order)]
-            for part in [*parts, second] if len(parts) > 1 else parts:
-                if self._take((m, first[m]), root, n, part):
-                    second = {b: c for b, c in second.items() if b not in part}
+            subsets = [{b: second[b]} for b in sorted(second, key=order)]
+            for subset in [*subsets, second] if len(subsets) > 1 else subsets:
+                if self._take((m, first[m]), root, n, subset):
+                    second = {b: c for b, c in second.items() if b not in subset}
                     break
 
     # ------------------------------------------------------------ lengths √u
@@ -320,7 +322,7 @@ class _PowerSplitter:
                         not momenta.isdisjoint(base.free_symbols) for base, _ in cofactor):
                     break
                 target[cofactor] = self.remainder[m]
-            else:
+            else:  # no break: x occurs as x and x² only, with cofactors free of momenta
                 constants, a = next(iter(square.items()), (ONE, 0))
                 if len(square) == 1 and not self.compact.split(constants)[0] and any(
                         self.compact.split(m)[0] for m in linear):
@@ -354,7 +356,7 @@ class _PowerSplitter:
         x² and y² determine the sign of a.
         """
         if len(by_power) < n - 1:
-            return None
+            return None  # (x ± y)ⁿ has all n − 1 mixed terms
         if n == 2:
             squares = [self.remainder.get(constants | {(z, 2)}, 0) for z in pair]
             if squares[0] * squares[1] <= 0:

@@ -1,7 +1,7 @@
 """The shortest form of a sum of terms, derived from the terms alone.
 
 Candidates are common factors, powers of sums, products, common denominators and coefficients.
-The result depends on the terms only, never on the given expression.
+The result depends on the terms only, never on the user's expression.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def cost(expressions: Iterable[sp.Expr]) -> int:
 
 
 def is_power_of_two(e: sp.Expr) -> bool:
-    """Whether e is ±2ⁿ with n ≥ 0: a product with it is exact, so it costs as much as a sum."""
+    """Whether e is ±2ⁿ with n ≥ 0; ``cost`` counts no product with such a number."""
     return bool(e.is_Integer and abs(int(e)).bit_count() == 1)
 
 
@@ -106,7 +106,7 @@ class Compact:
         self.form.spend(_PRODUCTS_PER_TERM * len(terms))
         outer, content, inner = without_common(terms)
         root, remainder = square_root(inner)
-        if root and not remainder:
+        if root and not remainder:  # a perfect square
             content, root = doubled(content, root, 2)
             return sp.Mul(term(outer, content), self(root) ** 2)
         # 2 (x + y) stays 2 x + 2 y: SymPy multiplies numbers into a sum
@@ -206,7 +206,7 @@ class Compact:
     # ------------------------------------------------------------ common denominators
 
     def _over_common_denominator(self, terms: Terms) -> sp.Expr | None:
-        """Return the terms with those over a common sum b in one fraction; None if none are.
+        """Return the sum with the terms over a sum b combined in one fraction, or None.
 
         A term c bᵏ joins the numerator of bⁿ, n < k, as c bᵏ⁻ⁿ, if the numerator gets at most one
         term longer.
@@ -254,7 +254,7 @@ def grouped(products: Iterable[tuple[Monomial, Monomial, Number]]) -> list[tuple
 def common_coefficients(coefficients: Coefficients) -> list[tuple[Terms, Terms]]:
     """Return the fewest pairs (b_j, P_j) with terms = Σ_j b_j P_j.
 
-    b_j is a basis of the given coefficients: independent ones, the most frequent first, where
+    b_j is a basis of these coefficients: independent ones, the most frequent first, where
     coefficients that differ by a number count as equal.
     """
     counts = Counter(map(line_of, coefficients.values()))

@@ -70,7 +70,7 @@ def fraction(e: sp.Expr) -> Number:
     """Return the exact value of a rational or a decimal, sign · digits · 2^exponent."""
     if e.is_Rational:
         return quotient(int(e.p), int(e.q))
-    sign, digits, exponent, _ = e._mpf_
+    sign, digits, exponent, _ = e._mpf_  # (−1)^sign · digits · 2^exponent
     return quotient((-1) ** sign * int(digits) * 2 ** max(int(exponent), 0), 2 ** max(-exponent, 0))
 
 
@@ -110,9 +110,10 @@ def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Ex
         exponent = plain_exponent(powers.pop(base, 0) + n)
         if (base.is_Add or base.is_Rational) and is_rational(exponent):
             integer_part = math.floor(exponent)
-            if base.is_Rational:
+            if base.is_Rational:  # 2^(1/2) 2^(1/2) = 2
                 number = quotient(number * Fraction(fraction(base)) ** integer_part, 1)
                 exponent = plain_exponent(exponent - integer_part)
+            # u^(1/2) u^(1/2) = u, which the caller expands; u in a denominator stays a base
             elif integer_part > 0 and not (isinstance(n, int) and n > 0):
                 sum_powers.append((base, integer_part))
                 exponent = plain_exponent(exponent - integer_part)

@@ -129,7 +129,7 @@ def parse_quantity(
     text: str, arithmetic: ParserArithmetic[V], example: str, units: Mapping[str, str]
 ) -> V:
     """Return the value of a text with units, in rad and seconds; errors as of ``parse``."""
-    if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):
+    if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):  # no unit, or an error
         return parse(text, arithmetic, example)
     factors = {unit: parse(factor, arithmetic, example) for unit, factor in units.items()}
     parser = _Parser(text, arithmetic)

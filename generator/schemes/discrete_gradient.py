@@ -199,8 +199,8 @@ class _Differences:
             if joint == e:
                 return self._combine_arguments(e)
             self.conditional.add(joint)
-            others = [a for a in e.args if a not in e.func.make_args(joint)]
-            return _combine(e, [self(joint), *map(self, others)])
+            other_arguments = [a for a in e.args if a not in e.func.make_args(joint)]
+            return _combine(e, [self(joint), *map(self, other_arguments)])
         return piecewise(pieces, self(pieces.variable), differentiate)
 
     def _joint_argument(self, e: sp.Expr) -> sp.Expr:

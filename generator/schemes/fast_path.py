@@ -102,7 +102,7 @@ class FastSystem:
         square = self.reduced(sum((a * a for a in g), sp.Integer(0)))
         if square == 0 or not self._is_constant(square):
             return None
-        c = sp.cancel(self.schur[0][0] / square)
+        c = sp.cancel(self.schur[0][0] / square)  # from one entry; all others are checked
         entries = [
             force - c * row[a]
             for a, forces in enumerate(self.forces)

@@ -313,13 +313,14 @@ def splitting_scheme(
                          "other than by isotropic drag; choose order 2, or scheme G-L.")
     symmetric = split(system, symmetric=True)
     symmetric_composition = plain
+    # force gradients only for the default of an order, without forces: their work has order 2
     if (not named and not system.forces and symmetric.has_gradient and _is_local(symmetric)):
         symmetric_composition = composition(order, gradients=True)
     if plain.has_gradients and system.forces:
         raise InputError(f"Composition {plain.name} has force gradients, with which the work of "
                          f"the forces of system {system.name!r} has order 2 only; give an order "
                          "instead.")
-    if splitting.is_exact:
+    if splitting.is_exact:  # for all parameters: one composition is enough
         return SplittingScheme(reduced, splitting, splitting, constants, (symmetric_composition,))
     if named and not _of_strang_steps(plain):
         raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
@@ -328,6 +329,7 @@ def splitting_scheme(
     if not named:
         plain = next(stored for stored in COMPOSITIONS.values()
                      if stored.order == order and _of_strang_steps(stored))
+    # with two compositions, a run selects by ``symmetric.conditions`` at its parameters
     if symmetric_composition is plain or not symmetric.is_exact:
         return SplittingScheme(reduced, splitting, splitting, constants, (plain,))
     return SplittingScheme(reduced, splitting, symmetric, constants, (plain, symmetric_composition))

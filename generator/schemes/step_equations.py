@@ -123,6 +123,7 @@ class SparkScheme:
         size = 2 * self.system.n * self.tableau.s + self.system.m * self.tableau.p
         if not self.system.velocity_count:
             return size
+        # T1 also solves for Λ_p and M_1..M_s
         return size + self.system.m + self.system.velocity_count * self.tableau.s
 
     @property

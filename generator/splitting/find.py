@@ -196,6 +196,7 @@ class _Search:
         V = slots.e
         if V.free_symbols & slots.momenta:
             V = V.xreplace(dict.fromkeys(slots.momenta, _ZERO))
+            # errors name the symbols of the first instance
             coefficients = self._coefficients(slots, V, self._instance_symbols(slots, instances[0]))
             for instance in instances:
                 symbols_of = self._instance_symbols(slots, instance)
@@ -256,6 +257,7 @@ class _Search:
         entries += [("A", y, x) for y in slots.y for x in slots.r]
         for kind, *symbols in entries:
             is_square = kind in "SM" and symbols[0] == symbols[1]
+            # ½ mᵀ S m has the coefficients ½ S_ii of m_i² and S_ij of m_i m_j
             powers = [(symbols[0], 2)] if is_square else [(x, 1) for x in symbols]
             e = remainder.pop(frozenset(powers), None)
             if e is not None:
@@ -288,7 +290,7 @@ class _Search:
         return {monomial: e for monomial, e in sums.items() if not _is_zero(e)}
 
     def _refuse_degree(self, monomial: Monomial, momenta: set[sp.Symbol]) -> None:
-        """Check that a monomial is a polynomial of degree 2 at most in the momenta."""
+        """Refuse a monomial whose degree in the momenta is more than 2, or undefined."""
         degree: int | None = 0
         for x, n in monomial:
             if degree is not None and x in momenta and isinstance(n, int) and n > 0:
@@ -310,6 +312,7 @@ class _Search:
         c = [self.total[("c", x)] for x in m]
         a, main, further = _axes(self.system.name, self.names[b], S, c)
         condition = ()
+        # one further rotation without an offset: d = 0, two equal moments, makes it the identity
         if [axis.c for axis in further] == [0]:
             condition = tuple(sp.numer(sp.together(axis.d)) for axis in further)
         return BodyFlow(self.names[b], self.quaternions[b], self.l[b], a, main, further, drag,
@@ -337,7 +340,7 @@ class _Search:
         A = {(self._momentum_index(y), self.system.q.index(x[0])): e
              for (kind, y, *x), e in self.total.items() if kind == "A" and e != 0}
         for indices in connected([frozenset(entry) for entry in A]):
-            i, j, k = (*sorted(indices), -1, -1)[:3]
+            i, j, k = (*sorted(indices), -1, -1)[:3]  # k = −1: a point that moves in a plane
             if len(indices) not in (2, 3) or not self._is_rotation(sorted(indices), A):
                 y, x = next(entry for entry in A if entry[0] in indices)
                 raise InputError(
@@ -396,6 +399,7 @@ class _Search:
         torque = left_matrix(q) * sp.Matrix(force).xreplace(self._p_by_m) / 2
         k, remainder = self._drag(list(torque), self.m[b], q)
         R = rotation_matrix(q)
+        # a torque that depends on m is evaluated with m = Rᵀ l as temporaries
         if any(e.free_symbols & self._m_by_l.keys() for e in remainder):
             x, y, z = R * sp.Matrix([share(e) for e in substitute(remainder, self._m_by_l)])
         else:
@@ -513,7 +517,7 @@ def _eigenaxes(
             a, axes = x, [(2, z - x), (1, y - x)]
         return a, [(_unit(k), d) for k, d in axes if not _is_zero(d)]
     products = [S[0, 1] * S[0, 2], S[0, 1] * S[1, 2], S[0, 2] * S[1, 2]]
-    if all(e != 0 for e in products):
+    if all(e != 0 for e in products):  # S = a I + b e eᵀ has S_01 S_02/S_12 = b e_0²
         squares = [products[0] / S[1, 2], products[1] / S[0, 2], products[2] / S[0, 1]]
         a = x - squares[0]
         if _is_zero(y - squares[1] - a) and _is_zero(z - squares[2] - a):
@@ -561,12 +565,13 @@ def _is_steady(
     body = splitting.bodies[b]
     if body.further or body.drag != 0 or any(splitting.applied.torques[b]):
         return False
-    for slot in sorted(slots):
-        if (*slot, axis.axis) not in torque_free:
-            template = splitting.templates[slot[0]]
-            axis_in_space = rotation_matrix(template.bodies[slot[1]]) * sp.Matrix(axis.axis)
-            torque_free[*slot, axis.axis] = Quotient(unit_quaternions(template.bodies)).vanishes(
-                axis_in_space.dot(sp.Matrix(template.kick.torques[slot[1]])))
-        if not torque_free[*slot, axis.axis]:
+    for k, slot in sorted(slots):
+        key = k, slot, axis.axis
+        if key not in torque_free:
+            template = splitting.templates[k]
+            axis_in_space = rotation_matrix(template.bodies[slot]) * sp.Matrix(axis.axis)
+            torque_free[key] = Quotient(unit_quaternions(template.bodies)).vanishes(
+                axis_in_space.dot(sp.Matrix(template.kick.torques[slot])))
+        if not torque_free[key]:
             return False
     return True

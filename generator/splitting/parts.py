@@ -138,7 +138,7 @@ class Translation:
 
 @dataclass(frozen=True)
 class SpaceRotation:
-    """The part −ω·J, of a frame that turns: it commutes with every other part of T.
+    """The part −ω·J of a rotating frame, which commutes with every other part of T.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class SpaceRotation:
     bodies : tuple of int
         Indices in ``Splitting.bodies``.
     points : tuple of 3 int each
-        Coordinates of the points that turn, by indices in ``system.q``. A third −1 is none: the
+        Indices in ``system.q`` of the coordinates of the rotated points. A third index −1: the
         point moves in a plane at the rate ω₃.
     """
 

@@ -79,6 +79,7 @@ def _slope(derivative: Any, third: int) -> Any:
     def value(function: type[_Cardinal], z: Any) -> Any:
         if abs(z) < mp.ldexp(1, -mp.mp.prec):
             return third * z / 3
+        # f′(z) − f(z)/z is of the order z²: as many bits cancel
         cancelled_bits = max(0, -2 * mp.frexp(z)[1])
         with mp.workprec(mp.mp.prec + cancelled_bits + 16):
             return (derivative(z) - function.value(z)) / z

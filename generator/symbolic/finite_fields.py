@@ -204,7 +204,7 @@ class Residues:
         """
         p = self.prime
         root = candidate = self._power(x, ((p - 1) // 8 + 1) // 2)
-        for _ in range(3):
+        for _ in range(3):  # (r ζᵏ)² = r² ζ²ᵏ with ζ⁸ = 1: one of four candidates is a root
             candidate = candidate * _eighth_root(p) % p
             root = np.where(candidate * candidate % p == x, candidate, root)
         self._usable &= root * root % p == x

@@ -83,6 +83,7 @@ def _points(
     symbols = sorted(symbols_of(expressions), key=str)
     generator, count = random.Random(1), 0
     for attempt in range(_TRIES):
+        # sizes and signs alternate, as functions may be real in a part of their domain only
         size = (1, Fraction(1, 4), 4)[attempt % 3]
         lowest = -1 if attempt % 2 else Fraction(1, 4)
         point = {}

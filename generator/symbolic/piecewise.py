@@ -25,7 +25,7 @@ __all__ = ["NotPiecewiseError", "PiecewiseForm", "piecewise_form_of", "selects_s
 
 
 class NotPiecewiseError(Exception):
-    """An expression is no continuous piecewise function of one variable; has the reason."""
+    """An expression is no continuous piecewise function of one variable, for the given reason."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,9 @@ def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
     if other_symbols:
         raise NotPiecewiseError(f"it depends on {', '.join(other_symbols)} besides "
                                 f"{_short(variable)}, which its conditions compare")
-    symbol, whole = _in_one_symbol(e, variable, symbols)
-    limits = _sorted_limits(whole, symbol)
-    parts = [_between(whole, symbol, limits, i) for i in range(len(limits) + 1)]
+    symbol, in_symbol = _in_one_symbol(e, variable, symbols)
+    limits = _sorted_limits(in_symbol, symbol)
+    parts = [_between(in_symbol, symbol, limits, i) for i in range(len(limits) + 1)]
     for limit, (below, above) in zip(limits, pairwise(parts), strict=True):
         limit_values = [piece.xreplace({symbol: limit}) for piece in (below, above)]
         if any(limit_value.has(sp.nan, sp.zoo, sp.oo, -sp.oo) for limit_value in limit_values):
@@ -104,7 +104,7 @@ def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
                 f"it jumps from {_short(limit_values[0])} to {_short(limit_values[1])} where "
                 f"{_short(variable)} = {_short(limit)}")
     assumed = [pair for pair in pairwise(limits) if not _is_below(*pair, set())]
-    return PiecewiseForm(variable, symbol, whole, limits, parts, assumed)
+    return PiecewiseForm(variable, symbol, in_symbol, limits, parts, assumed)
 
 
 def _short(e: sp.Expr) -> str:
@@ -175,15 +175,15 @@ def _solutions(
 # ---------------------------------------------------------------- order of the limits
 
 
-def _sorted_limits(whole: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
+def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
     limits: dict[sp.Expr, None] = {}
-    for w in _comparisons([whole], {symbol}):
+    for w in _comparisons([e], {symbol}):
         variable, limit, _ = _split(w, {symbol})
         if variable != symbol:
             raise NotPiecewiseError(f"its conditions compare {_short(w)} with 0, which is not "
                                     "linear in the variable")
         limits.setdefault(sp.expand(limit))
-    before = _order_by_position(whole, symbol)
+    before = _order_by_position(e, symbol)
     unsorted, ordered = list(limits), []
     while unsorted:
         lowest = [a for a in unsorted
@@ -203,13 +203,13 @@ def _is_below(a: sp.Expr, b: sp.Expr, before: set[tuple[sp.Expr, sp.Expr]]) -> b
     return (a, b) in before
 
 
-def _order_by_position(whole: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.Expr]]:
+def _order_by_position(e: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.Expr]]:
     """Return pairs of limits (a, b) with a ≤ b by the nesting of the conditions.
 
     b is tested where the variable is above a, or a condition holds between a and b.
     """
     pairs: set[tuple[sp.Expr, sp.Expr]] = set()
-    for node in parts_of([whole]):
+    for node in parts_of([e]):
         if not isinstance(node, Where):
             continue
         a, b, below, above = node.args
@@ -244,18 +244,19 @@ def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, boo
 # ---------------------------------------------------------------- pieces between the limits
 
 
-def _between(whole: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -> sp.Expr:
+def _between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -> sp.Expr:
     """Return the expression between limits i − 1 and i, both excluded."""
     replacement: dict[sp.Basic, sp.Basic] = {}
-    for node in parts_of([whole]):
+    for node in parts_of([e]):
         arguments = [replacement[a] for a in node.args]
         rebuilt = node.func(*arguments) if arguments else node
         switch = sides(rebuilt) if selects_side(rebuilt, {symbol}) else None
         if switch is not None:
             _, limit, rises = _split(switch[0], {symbol})
+            # above its limit a rising w is positive: the last side
             rebuilt = switch[1 + (rises == (limits.index(sp.expand(limit)) < i))]
         replacement[node] = rebuilt
-    piece: sp.Expr = replacement[whole]
+    piece: sp.Expr = replacement[e]
     if _has_sides(piece, {symbol}):
         raise NotPiecewiseError("it has a condition or a floor that its pieces do not tell")
     return piece

@@ -123,7 +123,7 @@ def frame_of(system: System) -> CoMovingFrame:
     Raises
     ------
     InputError
-        If no symmetry is found that a frame can move along.
+        If the system has no symmetry for a co-moving frame.
     """
     if system.is_time_dependent:
         raise InputError(f"System {system.name!r} has time in H or in a constraint, which a "
@@ -264,13 +264,13 @@ class _SymmetrySearch:
             condition = None if sp.expand(numerator) == 0 else _linear_factor(numerator)
             if condition is None and sp.expand(numerator) != 0:
                 return None
-            if condition is not None:
+            if condition is not None:  # solve for a symbol, which later coefficients contain
                 conditions.append(condition)
                 symbol = _solvable(condition)
                 solution = sp.solve(condition, symbol)[0]
                 solved = {s: x.xreplace({symbol: solution})
                           for s, x in solved.items()} | {symbol: solution}
-            if len(conditions) > _MOST_CONDITIONS:
+            if len(conditions) > _MOST_CONDITIONS:  # too special to occur
                 return None
         special = replace(affected, H=substitute([affected.H], solved)[0],
                           constraints=tuple(substitute(list(affected.constraints), solved)))

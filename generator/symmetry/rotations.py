@@ -59,6 +59,7 @@ def turned(
         for i, e in enumerate(Ax):
             if e == 0 and AAx[i] == 0:
                 continue
+            # A² x = −x in this entry: it becomes cos(aθ) x + sin(aθ) A x/a
             is_perpendicular = _on_unit_axis(AAx[i] + x[i], axis) == 0
             even_part = cosines[a] * x[i] if is_perpendicular else x[i] + (1 - cosines[a]) * AAx[i]
             rotated[i] = even_part + sines[a] * e

@@ -75,7 +75,10 @@ class SymmetrySpace:
         return [field for field in combined if field.weights]
 
     def contains(self, field: LinearField) -> bool:
-        """Whether a field is in the space; it is one of the fields, or these are unit fields."""
+        """Whether a field is in the space.
+
+        It must be one of the fields, unless each of these has one entry only, which is 1.
+        """
         if field in self.fields:
             return self._space.contains([Fraction(int(field is f)) for f in self.fields])
         units = (next(iter(f.weights)) for f in self.fields)
@@ -110,6 +113,7 @@ class SymmetrySpace:
         q = [*(residues[s] for s in self._q), np.ones(count, dtype=np.int64)]
         G = [residues[e] for e in self._G[k]]
         rows = self._combined(prime, lambda i, j: G[i] * q[j] % prime, count)
+        # columns g_k, then fields: eliminating the first ones removes the unknown C
         rows, pivots = reduced(np.column_stack([*(residues[g] for g in related), rows]), prime,
                                len(related))
         return rows[len(pivots) :, len(related) :]

@@ -68,7 +68,7 @@ def complete_tableau(
         if best is None or (tableau.order, -tableau.p) > (best.order, -best.p):
             best = tableau
         if best.order >= best.free_order:
-            break
+            break  # constraints cannot raise the order
     assert best is not None  # p = 1 has M = 1/2
     broken = [line for line in check_tableau(best) if line.required and not line.holds]
     if broken:

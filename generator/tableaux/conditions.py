@@ -239,7 +239,7 @@ def _size(line: Condition) -> str:
 
 
 def _structure(tableau: Tableau) -> list[Condition]:
-    """Check that T1 and T2 separate: Q̃_0 = q_k, Q̃_p = q_{k+1}, and Λ_p occurs only in T2."""
+    """Check the separation of T1 and T2: Q̃_0 = q_k, Q̃_p = q_{k+1}, and Λ_p occurs only in T2."""
     t, basis = tableau, tableau.basis
     a_bar, a_tilde = basis["A_bar"], basis["A_tilde"]
     first, last = t.constraints.at(0), t.constraints.at(-1)
@@ -260,7 +260,7 @@ def _structure(tableau: Tableau) -> list[Condition]:
 
 
 def _multipliers(tableau: Tableau) -> Condition:
-    """Check that the multipliers of T1 are determined: M = Ā Ã is regular."""
+    """Check M = Ā Ã, which is regular if T1 determines the multipliers."""
     size = multiplier_condition(tableau)
     regular = multiplier_inverse(tableau) is not None
     return Condition(
@@ -274,7 +274,7 @@ def _multipliers(tableau: Tableau) -> Condition:
 
 
 def _symplectic(tableau: Tableau) -> list[Condition]:
-    """Check that the map is symplectic; it is required if claimed, and reported otherwise."""
+    """Check symplecticity of the map, which is required if claimed, and reported otherwise."""
     t, basis = tableau, tableau.basis
     lines = [
         ("symplectic, forces", "b_i â_ij + b̂_j a_ji = b_i b̂_j",

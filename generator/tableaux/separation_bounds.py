@@ -1,4 +1,4 @@
-"""Proof that a number with radicals is zero, or is not, by a separation bound.
+"""Separation bounds: a number with radicals is proved zero, or not zero.
 
 Every such number is E = U/(mΛ) with algebraic integers U, Λ and a positive integer m, in a field
 of degree at most D, the product of the degrees of the different roots in E. If all conjugates of

@@ -157,6 +157,7 @@ def _is_nonnegative(polynomial: sp.Poly) -> bool:
     """Whether a polynomial is ≥ 0 for all w ≥ 0: no root of odd order in (0, ∞), and + at ∞."""
     if polynomial.is_zero:
         return True
+    # roots of even order touch zero without a change of sign
     odd = [factor for factor, multiplicity in polynomial.sqf_list()[1] if multiplicity % 2]
     changes_sign = any(factor.count_roots(0, sp.oo) - (factor.TC() == 0) for factor in odd)
     return bool(polynomial.LC() > 0) and not changes_sign
@@ -168,7 +169,7 @@ def _roots_have_positive_real_part(polynomial: sp.Poly) -> bool:
     previous, row = mirrored[::2], mirrored[1::2]
     signs = [previous[0]]
     while row:
-        if row[0] == 0:
+        if row[0] == 0:  # a zero pivot: not all roots have Re z > 0
             return False
         signs.append(row[0])
         padded = [*row, *[0] * (len(previous) - len(row))]
