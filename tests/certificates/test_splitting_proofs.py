@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import islice
 
+import numpy as np
 import pytest
 import sympy as sp
 
@@ -49,6 +50,16 @@ def test_parts_add_up_to_H(name):
     body = found.bodies[0]
     wrong = replace(found, bodies=(replace(body, a=2 * body.a), *found.bodies[1:]))
     assert not proofs.prove_splitting(wrong)[0].holds
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_body_is_symmetric_about_any_axis(axis):
+    top, moments = heavy_top("gamma"), sp.symbols("I1 I2 I3", positive=True)
+    equal, other = (moment for i, moment in enumerate(moments) if i != axis)
+    found = split(replace(top, H=top.H.subs(equal, other)))
+    assert [part.axis for part in found.bodies[0].axes] == [tuple(np.eye(3, dtype=int)[axis])]
+    assert not found.bodies[0].further
+    assert all(line.holds for line in proofs.prove_splitting(found))
 
 
 def test_parts_of_a_charge_in_a_plane_add_up_to_H():

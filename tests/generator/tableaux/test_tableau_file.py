@@ -239,7 +239,7 @@ HOSTILE_FILES: list[tuple[str, Any, str]] = [
     ("utf-16", '{"name": "x"}'.encode("utf-16"), "not UTF-8"),
     ("list", "[]", "a list of 0"),
     ("number", "1", "'1'"),
-    ("null", "null", "null"),
+    ("null", "null", "holds null"), ("true", "true", "holds true"),
     ("empty object", "{}", "'name' is missing"),
     ("deep lists", "[" * 500_000, "nested"),
     ("deep objects", '{"A":' * 200_000, "nested"),
