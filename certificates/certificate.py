@@ -152,7 +152,7 @@ def certify(
                          "is measured; choose double or float.")
     known_model, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real,
                                  energy=energy, order=order, composition=composition)
-    step._refuse_scaled("Certificates are")
+    step._refuse_scaled(certificate="a certificate")
     if step.manifest.system.velocity_names:
         raise InputError(f"System {known_model.system.name!r} is from a Lagrangian, and its H is "
                          "not written out: guarantees are not proved for it. Certify a model with "

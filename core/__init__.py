@@ -10,6 +10,7 @@
     inertia        moments of inertia, attitude and angles of a rigid body, checked
     mesh_files     triangles of STL and OBJ files
     shapes         boxes, spheres, discs, bars and meshes that bodies are drawn with
+    incompatibilities  pairs of features that cannot be combined, with reason and cure
     event          an event: a quantity of a run crosses a level
     start          where a motion starts: state, parameters, time, inputs
     solver         how the equations of a step are solved

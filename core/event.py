@@ -11,7 +11,8 @@ from .arguments import choose, shown
 from .errors import InputError
 from .exact_numbers import decimal, exact
 
-__all__ = ["DIRECTIONS", "Event", "as_events", "event_of_text", "refuse_unusable_names"]
+__all__ = ["DIRECTIONS", "Event", "as_events", "event_of_text", "refuse_unusable_names",
+           "terminal_of"]
 
 #: How a direction is written on the command line and in model files.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
@@ -90,6 +91,11 @@ def as_events(given: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
         raise InputError(f"Two events are named {twice[0]!r}; give one of them another "
                          'name, as in gs.Event(..., name="landing") or --event "landing: x=0".')
     return tuple(events)
+
+
+def terminal_of(events: Sequence[Event]) -> str:
+    """Return what messages call the first terminal event, and "" without one."""
+    return next((f"the terminal event {one.name!r}" for one in events if one.terminal), "")
 
 
 def refuse_unusable_names(events: Sequence[Event], named: str) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..core.arguments import few, listed
-from ..core.errors import InputError, TableauError
+from ..core.arguments import few
+from ..core.errors import TableauError
+from ..core.incompatibilities import refuse_together
 from ..core.inertia import REPS
 from ..core.real_types import REALS
 from ..core.registry import MODELS, SYSTEMS
@@ -16,7 +17,7 @@ from .models.model_file import load_model
 from .multibody.model import Model
 from .normal_forms.canonical_system import canonical
 from .schemes.lagrangian_midpoint import mean_scheme
-from .schemes.named_schemes import SCHEMES, scheme_named
+from .schemes.named_schemes import scheme_named
 from .schemes.splitting_scheme import SplittingScheme, splitting_scheme
 from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_work_of_time
 from .spec import Spec, join_name
@@ -88,27 +89,31 @@ def generate(
     if system is None and spec.model is not None:
         model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
     if spec.order is not None:
-        _refuse_beyond_splitting(spec, model)
+        refuse_together(splitting="scheme splitting", frame=(
+            spec.frame or (model is not None and model.frame)) and "a co-moving frame")
     framed = spec.frame or ("" if system is not None or model is None else model.frame)
-    if framed and spec.profile != "full":
-        raise InputError(f"Profile {spec.profile!r} has no co-moving frame; leave out frame, or "
-                         "take profile 'full'.")
-    for part, asked in (("co-moving frame", framed), ("derivatives", derivatives),
-                        (f"profile {spec.profile!r}", spec.profile != "full")):
-        if spec.energy and asked:
-            raise InputError(f"Steps with exact energy (energy = True) have no {part}; leave out "
-                             "one of the two.")
+    asked = {"profile": spec.profile != "full" and f"profile {spec.profile!r}",
+             "frame": bool(framed) and "a co-moving frame",
+             "derivatives": derivatives and "derivatives of steps and runs",
+             "energy": spec.energy and "exact energy (energy = True)",
+             "structured": bool(structured) and "loops over element templates"}
+    refuse_together(**asked)
     if system is None and spec.model is None and spec.system not in SYSTEMS:
         model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
     system, rep = _system(spec, system, model)
-    _refuse_velocity_constraints(spec, system, own_tableau=tableau is not None)
     if system.velocity_count:
-        _refuse_without_velocity_constraints(spec, system, derivatives, structured)
+        refuse_together(
+            velocity_constraints=f"the velocity constraints "
+                                 f"{few(system.velocity_constraint_names)} of {system.name!r}",
+            other_scheme=_without_velocity_constraints(spec, own_tableau=tableau is not None),
+            **asked)
     if given and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
         warn_of_row_integrals(system)
-    _refuse_beyond_scaled_time(spec, system, framed=bool(framed))
+    if system.time_scale is not None:
+        refuse_together(scaled=f"the time_scale of {system.name!r}",
+                        splitting=spec.order is not None and "scheme splitting", **asked)
     system = scaled(canonical(system))
     frame = frame_of(system) if framed else None
     if frame is not None:
@@ -135,52 +140,11 @@ def generate(
     return Generated(source, scheme, system, coefficients)
 
 
-def _refuse_beyond_splitting(spec: Spec, model: Model | None) -> None:
-    """Refuse what compositions of flows do not have, or do not need."""
-    if spec.frame or (model is not None and model.frame):
-        raise InputError("Scheme splitting has no co-moving frame: each of its flows commutes with "
-                         "the symmetries, so that the motion would be the same; leave out frame.")
-
-
-def _refuse_beyond_scaled_time(spec: Spec, system: System, *, framed: bool) -> None:
-    """Refuse what steps in scaled time do not have."""
-    if system.time_scale is None:
-        return
-    for asked, what in ((spec.order is not None, f"scheme {spec.title}"),
-                        (framed, "co-moving frame"),
-                        (spec.profile != "full", f"profile {spec.profile!r}")):
-        if asked:
-            raise InputError(f"System {system.name!r} has a time_scale, and steps in scaled time "
-                             f"have no {what}; leave out one of the two.")
-
-
-def _refuse_velocity_constraints(spec: Spec, system: System, *, own_tableau: bool) -> None:
-    """Refuse velocity constraints with a scheme that has no equations for them."""
-    own_tableau = own_tableau or spec.tableau is not None
-    if not system.velocity_count or (
-            not own_tableau and scheme_named(spec.scheme).velocity_constraints):
-        return
-    others = [scheme.name for scheme in SCHEMES.values() if scheme.velocity_constraints]
-    cure = f"choose {listed(others)}" if others else "no scheme has; leave them out"
-    what = "A given tableau" if own_tableau else f"Scheme {spec.scheme!r}"
-    raise InputError(
-        f"{what} has no equations for the velocity constraints of {system.name!r}, "
-        f"{few(system.velocity_constraint_names)}; {cure}.")
-
-
-def _refuse_without_velocity_constraints(
-    spec: Spec, system: System, derivatives: bool, structured: bool | None
-) -> None:
-    """Refuse what no stepper with velocity constraints has."""
-    asked = [(spec.profile != "full", f"Profile {spec.profile!r} does", "take profile 'full'"),
-             (derivatives, "Derivatives of steps and runs do", "use differences of runs"),
-             (structured, "Loops over element templates do", "leave out structured"),
-             (spec.energy, "Steps with exact energy do", "leave out energy")]
-    for wanted, what, cure in asked:
-        if wanted:
-            raise InputError(
-                f"{what} not know velocity constraints, and {system.name!r} has "
-                f"{few(system.velocity_constraint_names)}; {cure}.")
+def _without_velocity_constraints(spec: Spec, *, own_tableau: bool) -> str:
+    """Return the name of the scheme where it has no equations for velocity constraints, else ""."""
+    if own_tableau or spec.tableau is not None:
+        return "a given tableau"
+    return "" if scheme_named(spec.scheme).velocity_constraints else f"scheme {spec.scheme!r}"
 
 
 def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:

@@ -75,7 +75,7 @@ class DiscreteFlow:
         if stepper.manifest.real != "double":
             raise InputError(f"{stepper.name} computes in {stepper.manifest.real}, and other "
                              "libraries in double; give a stepper with real=\"double\".")
-        stepper._refuse_scaled("Steps in other libraries are", "run.gradient, or ")
+        stepper._refuse_scaled(interop="steps in another library")
         self.stepper = stepper
         #: Whether second derivatives are exact; else differences.
         self.exact = exact

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..core.arguments import choose, listed, proposal
 from ..core.errors import InputError
-from ..core.event import Event, as_events, refuse_unusable_names
+from ..core.event import Event, as_events, refuse_unusable_names, terminal_of
+from ..core.incompatibilities import refuse_together
 from ..core.real_types import REALS
 from ..runtime.bindings.array_checks import as_positive_count, as_real, as_step
 from ..runtime.bindings.binding import SOLVERS, SolverName
@@ -151,13 +152,9 @@ def checked_study(study: Study) -> Study:
     dt = None if study.varied("dt") else as_step(study.dt)
     choose("solver for sweeps:", study.solver, SOLVERS)
     for stepper_of_scheme in study.steppers:
-        if REALS[stepper_of_scheme.manifest.real].in_mpmath:
-            raise InputError("A sweep's results are doubles: float128 is for single runs; choose "
-                             "long-double, double or float.")
-        if study.solver == "fixed-point" and not stepper_of_scheme.binding.lanes:
-            raise InputError(f"{stepper_of_scheme.name} has no solver fixed-point: "
-                             f"{stepper_of_scheme.manifest.fast_path.reason}; choose auto or "
-                             "newton.")
+        refuse_together(sweep="a sweep", float128=REALS[stepper_of_scheme.manifest.real].in_mpmath
+                        and "numbers of type float128")
+        stepper_of_scheme._refuse_solver(study.solver)
     return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt,
                    events=_events(study))
 
@@ -165,11 +162,7 @@ def checked_study(study: Study) -> Study:
 def _events(study: Study) -> tuple[Event, ...]:
     """Return the events; refuse terminal ones, and names that results cannot have."""
     events = as_events(study.events, study.steppers[0].manifest.system.event_quantities)
-    for event in events:
-        if event.terminal:
-            raise InputError(f"The event {event.name!r} is terminal: it ends single runs. The "
-                             "cells of a sweep go on to their ends; ask for it without "
-                             "terminal=True, or stop, and look at its first time.")
+    refuse_together(sweep="a sweep", terminal=terminal_of(events))
     refuse_unusable_names(events, "results of a sweep")
     return events
 

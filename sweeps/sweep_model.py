@@ -50,7 +50,7 @@ def resolve(
                          "itself.")
     steppers_and_starts = [_stepper(model, scheme, rep, real, frame) for scheme in schemes]
     first, defaults = steppers_and_starts[0]
-    first._refuse_scaled("Sweeps are", "integrate_ensemble, or ")
+    first._refuse_scaled(sweep="a sweep")
     return [stepper for stepper, _ in steppers_and_starts], defaults
 
 

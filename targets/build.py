@@ -13,6 +13,7 @@ from ..api import consistent, load_model, text_of
 from ..core.arguments import as_items, as_path, choose, shown, unknown
 from ..core.errors import InputError
 from ..core.exact_numbers import Number
+from ..core.incompatibilities import refuse_together
 from ..core.inertia import RepName
 from ..core.manifest import Manifest
 from ..core.real_types import RealName
@@ -232,9 +233,8 @@ def _options(
     """Return the numbers of the start, each checked."""
     system = stepper.manifest.system
     name, n = system.name, len(system.coordinates)
-    if model is not None and model.events:
-        raise InputError(f"{name} has the event {model.events[0].name!r}, which no artefact looks "
-                         "for; leave [events] out.")
+    refuse_together(artefact=f"an artefact of {name}", events=model is not None
+                    and bool(model.events) and f"its event {model.events[0].name!r}")
     dt = dt if dt is not None or model is None else model.dt
     if dt is None:
         raise InputError(f"dt is not given and {name} names none; give one such as 1e-3 "

@@ -31,7 +31,7 @@ def started(
         chosen = entry.make(**options)
         return chosen, _stepper(chosen, choice), RunDefaults.of_problem(chosen)
     step, defaults = _model(problem, entry, options, settings, reference, choice)
-    step._refuse_scaled("Runs by commands are", "integrate(..., dtau=...) of Python, or ")
+    step._refuse_scaled(command="a run by commands")
     return None, step, defaults
 
 

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...core.errors import InputError
+from ...core.incompatibilities import LARGEST, refuse_together
 from ...core.real_types import Real
 from ..kernels.c_printer import CPrinter
 from ..kernels.kernel import EmittedKernel, Target, emit_kernel
@@ -25,8 +25,6 @@ __all__ = ["additional_kernels", "plain_iteration"]
 
 #: Backward differences of past steps that extrapolate the starting values.
 _ORDERS = 8
-#: Largest number of coordinates; the kernels have no loops over elements.
-_LARGEST = 28
 
 
 def plain_iteration(derived: Derived) -> PlainIteration:
@@ -85,23 +83,15 @@ def plain_iteration(derived: Derived) -> PlainIteration:
 
 
 def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) -> None:
-    if isinstance(scheme.system, LagrangianSystem):
-        raise InputError(f"Profile {profile} takes systems with an H, not yet those from a "
-                         "Lagrangian: profile full, of Python, takes them.")
-    if profile == "control" and real.name not in ("float", "double"):
-        raise InputError(f"Profile control is for float and double, not for {real.name}; choose "
-                         "one of these, or profile run or full.")
-    if scheme.system.n > _LARGEST:
-        raise InputError(f"Profile {profile} writes a system out in full, up to {_LARGEST} "
-                         f"coordinates, and {scheme.system.name} has {scheme.system.n}: profile "
-                         "full, of Python, takes it.")
-    if scheme.system.is_time_dependent:
-        raise InputError(f"Profile {profile} takes time in forces, not in H or constraints; "
-                         f"{scheme.system.name} has it there: profile full, of Python, takes it.")
+    system = scheme.system
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None
-    if refusal is not None:
-        raise InputError(f"Profile {profile} solves by fixed-point iteration, which this tableau "
-                         f"does not permit: {refusal}; profile full, of Python, takes it.")
+    refuse_together(
+        profile=f"profile {profile!r}", control=profile == "control" and "profile 'control'",
+        lagrangian=isinstance(system, LagrangianSystem) and f"the Lagrangian of {system.name}",
+        long_numbers=real.name not in ("float", "double") and f"numbers of type {real.name}",
+        large=system.n > LARGEST and f"the {system.n} coordinates of {system.name}",
+        time=system.is_time_dependent and f"time in H or in a constraint of {system.name}",
+        newton_only=refusal is not None and f"a tableau without that iteration ({refusal})")
 
 
 def additional_kernels(

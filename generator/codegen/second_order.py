@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ...core.errors import InputError
+from ...core.incompatibilities import LARGEST, refuse_together
 from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Target, emit_kernel
 from ..kernels.statements import Kernel
@@ -19,10 +19,9 @@ from ..symbolic.phases import START
 from ..systems.lagrangian import LagrangianSystem
 from .program import Derived, DualKernels
 
-__all__ = ["LARGEST", "dual_kernels", "refuse_second"]
+__all__ = ["dual_kernels", "refuse_second"]
 
 #: Coordinates up to which systems of element templates are written out in full.
-LARGEST = 28
 
 #: The derivative of each function of <math.h> at x, where f is its value; "MATH(...)" of the type.
 _SLOPES = {
@@ -50,18 +49,12 @@ def refuse_second(derived: Derived) -> None:
     InputError
         For systems of a Lagrangian, co-moving frames and large systems.
     """
-    system = derived.system
-    reason = None
-    if isinstance(system, LagrangianSystem):
-        reason = "it is of a Lagrangian, whose mass matrix is factorised for numbers alone"
-    elif derived.frame is not None:
-        reason = "it moves with a frame"
-    elif system.n > LARGEST:
-        reason = (f"it has {system.n} coordinates, and systems are written out in full up to "
-                  f"{LARGEST}")
-    if reason is not None:
-        raise InputError(f"{derived.name} has no second derivatives: {reason}; take differences of "
-                         "its gradients, which are exact.")
+    system, name = derived.system, derived.name
+    refuse_together(
+        second=f"second derivatives of {name}",
+        lagrangian=isinstance(system, LagrangianSystem) and "a Lagrangian",
+        frame=derived.frame is not None and "a co-moving frame",
+        large=system.n > LARGEST and f"{system.n} coordinates")
 
 
 def dual_kernels(

@@ -31,6 +31,7 @@ from sympy.polys.matrices import DomainMatrix
 
 from ...core.arguments import few
 from ...core.errors import InputError
+from ...core.incompatibilities import refuse_together
 from ..symbolic.bounded_algebra import is_small
 from ..symbolic.derivatives import derivative
 from ..symbolic.finite_fields import exactly, identically_zero
@@ -125,16 +126,12 @@ def frame_of(system: System) -> CoMovingFrame:
     InputError
         If the system has no symmetry for a co-moving frame.
     """
-    if system.is_time_dependent:
-        raise InputError(f"System {system.name!r} has time in H or in a constraint, which a "
-                         "co-moving frame does not know; leave out frame, or time.")
-    if system.velocity_count:
-        raise InputError(f"System {system.name!r} has the velocity constraints "
-                         f"{few(system.velocity_constraint_names)}, which a co-moving frame does "
-                         "not know; leave out frame.")
-    if isinstance(system, LagrangianSystem):
-        raise InputError(f"System {system.name!r} is from a Lagrangian, and its H is not written "
-                         "out: leave out frame, or take the system that its legendre() returns.")
+    refuse_together(
+        frame="a co-moving frame",
+        time=system.is_time_dependent and f"time in H or in a constraint of {system.name!r}",
+        velocity_constraints=system.velocity_count > 0 and f"the velocity constraints "
+        f"{few(system.velocity_constraint_names)} of {system.name!r}",
+        lagrangian=isinstance(system, LagrangianSystem) and f"the Lagrangian of {system.name!r}")
     search = _SymmetrySearch(system)
     groups = [*search.bodies(), *search.space(), *search.others()]
     if not groups:

@@ -19,6 +19,7 @@ import sympy as sp
 
 from ...core.arguments import few
 from ...core.errors import InputError
+from ...core.incompatibilities import refuse_together
 from .lagrangian import LagrangianSystem
 from .moving_frame import TransformedSystem
 from .system import System
@@ -96,18 +97,12 @@ def refuse_unscalable(system: System) -> None:
     scale = system.time_scale
     assert scale is not None
     about = f"time_scale of system {system.name!r}"
-    for present, what, cure in (
-            (system.velocity_count > 0,
-             f"velocity constraints, {few(system.velocity_constraint_names)}",
-             "with_row_integrals() makes constraints on positions of those that are integrable"),
-            (bool(system.inputs),
-             f"inputs, {few(system.inputs)}, which are held over steps of t",
-             "make them parameters, or functions of time"),
-            (isinstance(system, LagrangianSystem), "a Lagrangian in place of H",
-             "give H(q, p) to System(...)")):
-        if present:
-            raise InputError(f"{about}: the system has {what}, which steps in scaled time do not "
-                             f"take; {cure}, or leave time_scale out.")
+    refuse_together(
+        scaled=about,
+        velocity_constraints=system.velocity_count > 0
+        and f"velocity constraints, {few(system.velocity_constraint_names)}",
+        inputs=bool(system.inputs) and f"inputs, {few(system.inputs)}",
+        lagrangian=isinstance(system, LagrangianSystem) and "a Lagrangian in place of H")
     allowed = {*system.q, *system.p, *system.parameters, *filter(None, (system.time,))}
     unknown = scale.free_symbols - allowed
     if unknown:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
+from ...core.incompatibilities import refuse_together
 
 if TYPE_CHECKING:
     from ..integration.manifest_symmetries import Symmetry
@@ -69,8 +69,8 @@ class FrameMotion:
             turned = self._binding.constraint_derivatives(
                 parameters, z[:n].copy(), z[n:].copy())[0][:, :n] @ S[:n, :n]
             if float(np.abs(turned - G).max()) > 1e-6 * float(np.abs(G).max()):
-                raise InputError("Multipliers turn with this co-moving frame and have no "
-                                 "derivatives in it; take a stepper without frame.")
+                refuse_together(multiplier_derivatives="derivatives of multipliers",
+                                turning_frame="this co-moving frame")
 
     def in_space(self, k: int, z: Array, dz: Array, tangents: Array) -> tuple[Array, Array]:
         """Return a state z of the frame after k steps, and directions there, in space.

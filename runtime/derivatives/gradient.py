@@ -21,6 +21,7 @@ from ...core.arguments import as_items, as_mapping, choose, few, shown, unknown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
+from ...core.incompatibilities import refuse_together
 from ...core.registry import function_of
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.run_memory import RunState
@@ -478,9 +479,8 @@ def _reversed(
     stepper: Stepper, run: RunArguments, end: tuple[Array, Array] | None
 ) -> Iterator[KeptSteps]:
     """Yield the steps from the last on; states come of steps of −Δt, and nothing is stored."""
-    if run.inputs is not None or stepper.symmetries:
-        raise InputError("memory=\"none\" runs backwards, which runs with inputs or with a frame "
-                         "cannot; give memory=\"256 MB\".")
+    refuse_together(reversed="memory = \"none\"", inputs=run.inputs is not None and "inputs",
+                    frame=bool(stepper.symmetries) and "a co-moving frame")
     if end is None:
         last = stepper._run(replace(run, every=max(run.steps, 1)))
         end = last.q[-1], last.p[-1]

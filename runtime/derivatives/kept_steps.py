@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import GyrosparkError, InputError
+from ...core.incompatibilities import refuse_together
 from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
 from .binding import KeptSteps
@@ -48,12 +49,9 @@ def split(steps: KeptSteps, at: Array) -> list[KeptSteps]:
 
 
 def refuse_run(run: RunArguments) -> None:
-    """Refuse runs whose steps are not all alike."""
-    if run.stored_steps is not None:
-        raise InputError("There are no derivatives at the steps that are stored here; give every.")
-    if run.tolerance is not None:
-        raise InputError(f"tolerance = {run.tolerance} stops a step before its equations hold, and "
-                         "derivatives are those of the equations; leave tolerance out.")
+    """Refuse runs whose steps do not solve their equations."""
+    refuse_together(derivatives="derivatives",
+                    tolerance=run.tolerance is not None and f"tolerance = {run.tolerance}")
 
 
 def multiplier_shape(stepper: Stepper) -> tuple[int, ...]:

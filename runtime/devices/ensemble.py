@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...core.arguments import choose
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.incompatibilities import LARGEST, refuse_together
 from ..bindings.binding import REASONS
 from .device import Device, View, is_on_card
 from .trajectories import Trajectories, Window
@@ -28,9 +29,6 @@ Array = NDArray[Any]
 #: Where ``integrate_ensemble`` runs.
 DeviceName = Literal["cpu", "cuda"]
 DEVICES: tuple[DeviceName, ...] = ("cpu", "cuda")
-
-#: Coordinates of the largest system that profile control is written for.
-_LARGEST = 28
 
 
 @explain_arguments
@@ -108,27 +106,20 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
     InputError
         In one sentence: what it is, and what to do instead.
     """
-    cure = "leave device out, and the trajectories run on the CPU"
     manifest, n = stepper.manifest, stepper.n
-    real, scheme = manifest.real, manifest.scheme
-    for name, value in absent.items():
-        if value is not None and not (isinstance(value, tuple | list) and not value):
-            raise InputError(f"device = 'cuda' has no {name}; leave {name} out, or {cure}.")
-    if solver not in ("auto", "fixed-point"):
-        raise InputError(f"device = 'cuda' has no solver {solver!r}: a step is iterated to a fixed "
-                         f"point there; choose auto or fixed-point, or {cure}.")
-    refused = [
-        (real not in ("float", "double"), f"numbers of type {real}: a card has float and double"),
-        (n > _LARGEST, f"systems of {n} coordinates: the largest has {_LARGEST}"),
-        (bool(stepper.symmetries), "co-moving frames"),
-        (stepper.binding.clocked, "time_scale"),
-        (bool(stepper.binding.rows), "velocity constraints"),
-        (bool(scheme.exact_energy), "steps of exact energy"),
-        (stepper.binding.solves and not manifest.fast_path.available,
-         f"fixed-point iteration for {stepper.name}: {manifest.fast_path.reason}")]
-    for holds, what in refused:
-        if holds:
-            raise InputError(f"device = 'cuda' has no {what}; {cure}.")
+    asked = {name: value is not None and not (isinstance(value, tuple | list) and not value)
+             and name for name, value in absent.items()}
+    iterated = manifest.fast_path.available or not stepper.binding.solves
+    refuse_together(
+        cuda="device = 'cuda'", **asked, newton=solver == "newton" and f"solver {solver!r}",
+        long_numbers=manifest.real not in ("float", "double")
+        and f"numbers of type {manifest.real}",
+        large=n > LARGEST and f"systems of {n} coordinates",
+        frame=bool(stepper.symmetries) and "co-moving frames",
+        scaled=stepper.binding.clocked and "a time_scale",
+        velocity_constraints=bool(stepper.binding.rows) and "velocity constraints",
+        energy=bool(manifest.scheme.exact_energy) and "steps of exact energy",
+        newton_only=not iterated and f"{stepper.name}: {manifest.fast_path.reason}")
 
 
 def views_of(device: Device, stepper: Stepper, q: Any, p: Any) -> tuple[View, View]:

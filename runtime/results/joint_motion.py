@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...core.arguments import as_flag, choose
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.incompatibilities import refuse_together
 from ...core.warnings import warn
 from ..compilation.body_columns import JointAt, Pull, numbers
 from ..rigid_body.quaternion import left_matrix
@@ -292,10 +293,8 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     InputError
         If a state after a step is missing: the first state then has no multipliers.
     """
-    if trajectory.manifest.system.clock is not None:
-        raise InputError("Gradients of forces in joints are not derived in scaled time; give "
-                         "cotangents of \"multipliers\", or take a stepper of the system without "
-                         "time_scale.")
+    refuse_together(joint_gradients="gradients of forces in joints",
+                    scaled=trajectory.manifest.system.clock is not None and "a time_scale")
     step_multipliers, w = _multipliers_of_steps(trajectory), w.copy()
     if not len(step_multipliers) or not _is_whole(trajectory):
         raise InputError("A function of multipliers at states needs the state after every step; "

@@ -15,6 +15,7 @@ from ...core.arguments import as_flag, as_mapping, choose, shown, unknown
 from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Number
+from ...core.incompatibilities import refuse_together
 from ...core.registry import function_of
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart
@@ -118,9 +119,8 @@ class Differentiation(Evaluation):
         first = self._derivative_binding()
         with self._deriving:
             if not self._second_bindings:
-                if self.symmetries:
-                    raise InputError(f"Stepper {self.name} moves with a frame, which has no second "
-                                     "derivatives; leave the frame out.")
+                refuse_together(second=f"second derivatives of {self.name}",
+                                frame=bool(self.symmetries) and "its co-moving frame")
                 derive = self._derive.of_others if self._derive is not None else None
                 if derive is None:
                     raise InputError(
@@ -389,7 +389,7 @@ class Differentiation(Evaluation):
             in a co-moving frame, or of more than 28 coordinates.
         """
         names = names_of(self, wrt)  # type: ignore[arg-type]
-        self._refuse_scaled("Second derivatives are", "differences of gradients, or ")
+        self._refuse_scaled(second="second derivatives")
         choose("solver", solver, ["auto", "newton", "fixed-point"])
         if (cotangents is None) == (loss is None):
             raise InputError("Give either cotangents or loss.")

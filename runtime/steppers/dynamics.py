@@ -259,7 +259,7 @@ class Dynamics(Differentiation):
 
     def _motion_binding(self) -> MotionBinding:
         """Calls of accelerations, derived and compiled when first called."""
-        self._refuse_scaled("Accelerations, mass matrices and inverse dynamics are")
+        self._refuse_scaled(accelerations="accelerations, mass matrices and inverse dynamics")
         if not self.binding.solves:
             self._refuse_unless_solving("accelerations")
         with self._deriving:

@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_path, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError, StepFailed, Stopped
-from ...core.event import Event, as_events
+from ...core.event import Event, as_events, terminal_of
 from ...core.exact_numbers import Number
 from ...core.file_formats import format_of
 from ...core.html import card, table
+from ...core.incompatibilities import refuse_together
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.progress import log_progress
 from ...core.records import changed
@@ -316,11 +317,7 @@ def _integrate_on(
 def _levels(stepper: Stepper, events: Any) -> Levels | None:
     """Return the levels of a caller's events, none of which ends a run; None without events."""
     asked = as_events(events, stepper.manifest.system.event_quantities)
-    ending = [one.name for one in asked if one.terminal]
-    if ending:
-        raise InputError(f"The event {ending[0]!r} is terminal: it ends single runs. The "
-                         "trajectories of an ensemble have one length; ask for it without "
-                         "terminal=True and look at events[...].first.")
+    refuse_together(ensemble="an ensemble", terminal=terminal_of(asked))
     return Levels.of(stepper.binding, stepper.manifest, asked) if asked else None
 
 

@@ -13,6 +13,7 @@ from ...core.arguments import as_flag
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ...core.frozen_dict import NO_PARAMETERS
+from ...core.incompatibilities import refuse_together
 from ...core.projection import Projection, project, report
 from ...core.real_types import REALS, RealName
 from ...core.shapes import Shape
@@ -264,11 +265,10 @@ class Evaluation:
 
     # ------------------------------------------------------------ inside
 
-    def _refuse_scaled(self, calls: str, cure: str = "") -> None:
-        """Refuse what is not derived for systems in scaled time."""
-        if self.binding.clocked:
-            raise InputError(f"{calls} not derived for systems with a time_scale; take {cure}a "
-                             "stepper of the system without time_scale.")
+    def _refuse_scaled(self, **features: str) -> None:
+        """Refuse features that are not derived for systems in scaled time."""
+        refuse_together(scaled=self.binding.clocked and f"the time_scale of {self.name}",
+                        **features)
 
     def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
         as_array = self.binding.array

@@ -23,6 +23,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import AbsentError, InputError, StepFailed, Stopped
 from ...core.exact_numbers import Number
 from ...core.frozen_dict import FrozenDict
+from ...core.incompatibilities import refuse_together
 from ...core.interrupts import catch_ctrl_c
 from ...core.manifest import Manifest
 from ...core.records import changed
@@ -204,9 +205,8 @@ class RecordingRun(AdvancingRun):
 
     def set_parameters(self, parameters: dict[str, Any]) -> None:
         """Refuse other values of the parameters: a trajectory has one of each."""
-        raise InputError("A simulation that records keeps its parameters, for its trajectory has "
-                         "one value of each; declare what changes as an input, System(..., "
-                         "inputs=...), and give it to advance, or start without record=True.")
+        refuse_together(recording="a simulation with record=True",
+                        new_parameters="other values of its parameters")
 
     @property
     def image(self) -> tuple[Any, ...]:

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_flag, as_mapping, few
 from ...core.calls import explain_arguments
-from ...core.errors import InputError
 from ...core.event import Event, as_events
 from ...core.exact_numbers import Number, Numbers
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
+from ...core.incompatibilities import refuse_together
 from ...core.progress import Progress, log_progress
 from ...core.records import changed
 from ...core.registry import function_of
@@ -423,9 +423,8 @@ class Stepper(Dynamics):
         """
         state = merged_starts(self, starts, p, parameters)
         dt = step_argument(self.binding, dt, dtau)
-        if self.binding.clocked and t_end is not None:
-            raise InputError("Trajectories in scaled time come to t_end after numbers of steps of "
-                             "their own; give steps, or integrate each of them to t_end.")
+        refuse_together(ensemble="an ensemble", open_end=self.binding.clocked
+                        and t_end is not None and "t_end in scaled time")
         return integrate_members(
             self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs,
             tangents, device, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
@@ -470,12 +469,8 @@ class Stepper(Dynamics):
             For any that is unusable, but for the parameters.
         """
         method = as_solver(solver)
-        if not self.binding.solves and method.kind != "auto":
-            raise InputError(f"{self.name} composes exact flows and solves no equations; leave out "
-                             f"solver = {method.kind!r}.")
-        if method.kind == "fixed-point" and not self.binding.lanes:
-            raise InputError(f"{self.name} has no solver fixed-point: "
-                             f"{self.manifest.fast_path.reason}; choose auto or newton.")
+        if method.kind != "auto":
+            self._refuse_solver(method.kind)
         number = self.binding.number
         bound = None if method.tolerance is None else as_real("tolerance", method.tolerance, number)
         count = as_positive_count("steps", steps)
@@ -488,6 +483,15 @@ class Stepper(Dynamics):
             parameters=self._parameters_with_inputs(parameters, fed), solver=method.kind,
             tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t", t0, number),
             inputs=fed, excess=0.0 if excess is None else excess)
+
+    def _refuse_solver(self, kind: SolverName) -> None:
+        """Raise InputError for a solver that the steps do not have."""
+        refuse_together(
+            splitting=not self.binding.solves and f"the scheme splitting of {self.name}",
+            solver=kind != "auto" and f"solver = {kind!r}",
+            fixed_point=kind == "fixed-point" and "solver = 'fixed-point'",
+            newton_only=not self.binding.lanes
+            and f"{self.name} ({self.manifest.fast_path.reason})")
 
     def _resolved(self, run: RunArguments) -> RunArguments:
         """Return a run with numbers for parameters that its model leaves to a search, checked."""
@@ -522,18 +526,12 @@ class Stepper(Dynamics):
 
 def _storable(run: RunArguments, t_eval: Any, tangents: Any) -> RunArguments:
     """Return a run as stores have it, or refuse what they do not have."""
-    for name, value in (("t_eval", t_eval), ("tangents", tangents)):
-        if value is not None:
-            raise InputError(f"{name} is not for a stored run: leave out out, or ask the stored "
-                             f"run, run.at(times) and run.gradient(...).")
-    if run.steps == OPEN:
-        raise InputError("A store has room for a number of steps, and steps in scaled time adapt: "
-                         "give steps in place of t_end, or an event that ends the run.")
-    if run.inputs is None:
-        return run
-    if any(value != value for value in run.inputs.throughout.values()):
-        raise InputError("The inputs change along the run, and stores have one value of each; "
-                         "leave out out, and save the run.")
+    inputs = run.inputs
+    changing = inputs is not None and any(x != x for x in inputs.throughout.values())
+    refuse_together(stored="a stored run (out)", t_eval=t_eval is not None and "t_eval",
+                    tangents=tangents is not None and "tangents",
+                    changing_inputs=changing and "inputs that change along the run",
+                    open_end=run.steps == OPEN and "t_end in scaled time")
     return replace(run, inputs=None)
 
 

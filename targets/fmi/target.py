@@ -7,7 +7,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from ...core.errors import GyrosparkError, InputError
+from ...core.errors import GyrosparkError
+from ...core.incompatibilities import refuse_together
 from ...core.manifest import Manifest
 from ..artefact import MARKER, Built, Options, refuse_names
 from ..native import native_bits
@@ -49,9 +50,8 @@ class Fmu:
         InputError
             For another type than double, and for numbers that an FMU cannot hold.
         """
-        if manifest.real != "double":
-            raise InputError(f"An FMU holds numbers of type double, and {manifest.name} is of "
-                             f"type {manifest.real}; choose real='double'.")
+        refuse_together(fmu=f"an FMU of {manifest.name}", not_double=manifest.real != "double"
+                        and f"numbers of type {manifest.real}")
         refuse_names(manifest, _MACROS, "core.h of an FMU")
         version, name = self.version, manifest.name
         variables = variables_of(manifest, options)

@@ -387,7 +387,7 @@ def test_time_is_rounded_once(small):
 
 @pytest.mark.parametrize(("options", "said"), [
     (["--profile", "contrl"], "'contrl'; choose control, run or full"),
-    (["--profile", "control", "--real", "long-double"], "float and double"),
+    (["--profile", "control", "--real", "long-double"], "float or double"),
     (["--all", "--profile", "control"], "--all"),
 ])
 def test_bad_choices_end_in_a_sentence(options, said, gyrospark, tmp_path):

@@ -244,24 +244,6 @@ def test_what_a_card_does_not_have_is_refused(card, step, arguments, said):
     assert not card.launches
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    ({"real": "float128"}, "float128"), ({"n": 29}, "29 coordinates"), ({"frame": [1]}, "frames"),
-    ({"rows": 1}, "velocity constraints"), ({"exact_energy": True}, "exact energy"),
-    ({"fast_path": {"available": False, "reason": "its tableau"}}, "its tableau"),
-])
-def test_steppers_that_no_card_has_are_refused(change, said):
-    of = {"real": "double", "n": 4, "frame": [], "rows": 0, "exact_energy": False,
-          "fast_path": {"available": True, "reason": None}} | change
-    stepper = SimpleNamespace(
-        name="own", n=of["n"], symmetries=of["frame"],
-        binding=SimpleNamespace(rows=of["rows"], solves=True),
-        manifest=SimpleNamespace(
-            real=of["real"], scheme=SimpleNamespace(exact_energy=of["exact_energy"]),
-            fast_path=SimpleNamespace(**of["fast_path"])))
-    with pytest.raises(InputError, match=re.escape(said)):
-        devices.refuse_on_device(stepper, "auto")
-
-
 @pytest.mark.parametrize(("q", "p", "device", "said"), [
     (OnCard(MANY[0]), MANY[1], None, "one library"),
     (*map(OnCard, MANY), "cpu", "NumPy"),

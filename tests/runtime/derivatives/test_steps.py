@@ -139,19 +139,6 @@ def test_a_step_has_the_derivatives_of_a_run(top):
     assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
 
 
-def test_multipliers_that_turn_with_a_frame_are_refused():
-    """Two points at one place: the constraints turn with the plane."""
-    q, p = sp.symbols("x1 y1 x2 y2", real=True), sp.symbols("p1 p2 p3 p4", real=True)
-    H = sum(part**2 for part in p) / 2 + (q[0]**2 + q[1]**2) / 2
-    step = gs.stepper("G-L", stages=1, frame="symmetries", system=gs.System(
-        q, p, (), H, [q[0] - q[2], q[1] - q[3]], name="joined"))
-    rates = {symmetry.name: 0.5 for symmetry in step.symmetries}
-    assert rates
-    with pytest.raises(gs.InputError, match="frame"):
-        step.integrate([1, 0, 1, 0], [0, 1, 0, 1], dt=0.1, steps=3, parameters=rates,
-                       tangents=gs.Tangents(multipliers=True))
-
-
 def test_inputs_and_moving_constraints():
     """A length moves the start too; each row of inputs has its gradient; by differences."""
     step = systems.differentiable("driven_pendulum")
