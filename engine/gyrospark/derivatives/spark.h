@@ -107,9 +107,9 @@ static int TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NU
     NUMBER dz1[2*N], NUMBER *multipliers)
 {
     const NUMBER h = l->h, zero = TYPED(broadcast)(0);
-    NUMBER dc[E], dq1[N], dp1[N], dq[S][N], dp[S][N], dQ[P + 1][N];
+    NUMBER dq1[N], dp1[N], dq[S][N], dp[S][N], dQ[P + 1][N];
 #if GS_CONSTRAINED
-    NUMBER dF[P][N];
+    NUMBER dc[E], dF[P][N];
     for (int k = 0; k < P; ++k) {
         for (int a = 0; a < N; ++a) {
             dQ[k][a] = dz[a] + l->node_rate[k][a]*dz[DH];
