@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 
 import pytest
@@ -71,6 +72,17 @@ def test_the_picture_is_drawn_from_the_imports(request):
     if request.config.getoption("--update"):
         ARCHITECTURE.write_text(drawn, encoding="utf-8")
     assert ARCHITECTURE.read_text(encoding="utf-8") == drawn
+
+
+def test_each_step_names_a_function_to_open_first():
+    """Of the module that it names; the text is one that is read at once."""
+    text = ARCHITECTURE.read_text(encoding="utf-8")
+    first = re.findall(r"^\*\*(\d)\. .*?\(`(\w+)`\s+in\s+`([\w/.]+)`\)", text, flags=re.M | re.S)
+    assert [int(number) for number, _, _ in first] == [1, 2, 3, 4, 5, 6]
+    for _, name, module in first:
+        tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
+        assert name in {getattr(node, "name", None) for node in tree.body}, (module, name)
+    assert text.count("\n") <= 160
 
 
 def test_every_package_is_documented():
