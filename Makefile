@@ -12,7 +12,7 @@ LARGE := distributed, h5netcdf, matplotlib.pyplot, pandas, scipy.spatial.transfo
 
 demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
-	    --dt 1e-3 --steps 2000 --plot demo.png --view demo.html
+	    --dt 1e-3 --steps 2000 --plot demo.png --show demo.html
 
 # What a file derives and makes is made once. Files go in the order of their folders and names, for
 # by default files of few tests come last, and the longest are among them.

@@ -74,10 +74,11 @@ def stepper(
     Parameters
     ----------
     scheme : SchemeName
-        ``"IMS"``, ``"EMS"``, ``"G-L"``, ``"LIIIA-B"``, ``"Radau-L"``, ``"splitting"``; left out
-        when a tableau is given.
+        ``"IMS"``, ``"EMS"``, ``"G-L"`` (default), ``"LIIIA-B"``, ``"Radau-L"``, ``"splitting"``;
+        left out when a tableau is given.
     stages : int
-        Stages of a scheme that has a choice of them: G-L and Radau-L (from 1) or LIIIA-B (from 2).
+        Stages of a scheme that has a choice of them: G-L and Radau-L (from 1) or LIIIA-B (from 2);
+        3 by default.
     rep : {"gamma", "alpha"}
         Inertia representation of the named systems and of model files.
     system : str, path, System or Model

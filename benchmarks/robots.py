@@ -295,8 +295,8 @@ length one, is a third of the median.
 These commands show a model, and a file:
 
 ```
-gyrospark run delta_robot --view delta.html
-gyrospark run cassie.xml --set ignore=all --set keyframe=home --view cassie.html
+gyrospark run delta_robot --show delta.html
+gyrospark run cassie.xml --set ignore=all --set keyframe=home --show cassie.html
 ```
 """
 

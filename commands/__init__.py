@@ -26,6 +26,7 @@ import click
 from .._version import __version__
 from ..core.arguments import choose
 from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed
+from ..core.former_names import FORMER_OPTIONS
 from ..core.progress import terminal_messages
 
 __all__ = ["main", "main_generate"]
@@ -97,7 +98,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
         click.echo(error.format_message(), err=True)
         sys.exit(2)
     except click.ClickException as error:
-        _fail(name, _one_line(error.format_message()), 2)
+        _fail(name, _one_line(_former_option(error) or error.format_message()), 2)
     except (click.Abort, KeyboardInterrupt):
         logging.getLogger("asyncio").disabled = True  # it would name the reads that Zarr had begun
         _fail(name, "Interrupted.", 130)
@@ -116,6 +117,15 @@ def _call(command: click.Command, name: str) -> NoReturn:
             sys.exit(1)
         where = "standard output" if error.filename is None else repr(error.filename)
         _fail(name, f"Reading or writing {where} failed: {error.strerror or error}.", 2)
+
+
+def _former_option(error: click.ClickException) -> str | None:
+    """Return a sentence with the present form of an option that a command had."""
+    if not isinstance(error, click.NoSuchOption) or error.ctx is None:
+        return None
+    option = f"{error.ctx.command.name} {error.option_name}"
+    cure = FORMER_OPTIONS.get(option)
+    return f"gyrospark {option} is no option any more: {cure}." if cure else None
 
 
 @contextlib.contextmanager

@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from ..core.file_formats import format_of
-from .options import check_writable, euler_options
-from .run.outputs import Angles
+from .options import check_writable
 
 __all__ = ["export"]
 
@@ -19,7 +18,10 @@ __all__ = ["export"]
 @click.option("--columns", metavar="NAME,...",
               help="Of a .csv file, beside the time: headings, patterns such as 'wheel*', and "
                    "arrays: q, p, multipliers, quantities (default: all).")
-@euler_options
+@click.option("--euler", metavar="AXES",
+              help="Euler angles of every body as columns of a .csv file: ZYX and the like about "
+                   "the axes of the body, zyx about those of space.")
+@click.option("--degrees", is_flag=True, help="Write these angles in degrees.")
 def export(
     store: Path, target: Path, columns: str | None, euler: str | None, degrees: bool
 ) -> int:
@@ -35,7 +37,6 @@ def export(
     from ..storage.recording import open_recording
 
     format_of(target, "A run", "states").require_packages()
-    Angles.checked(euler, target, degrees=degrees)
     check_writable("FILE", target)
     recording = open_recording(store)
     wanted = None if columns is None else [name.strip() for name in columns.split(",")]

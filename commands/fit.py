@@ -17,10 +17,10 @@ from ..core.registry import MODELS, PROBLEMS
 from .options import (
     completing,
     json_option,
+    method_options,
     real_number,
+    start_option,
     start_time,
-    stepper_options,
-    with_default_scheme,
 )
 from .run.starts import start_of, started
 
@@ -35,7 +35,7 @@ __all__ = ["fit"]
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
 @click.argument("data", metavar="DATA.csv", type=click.Path(path_type=Path))
-@stepper_options
+@method_options
 @click.option("--observe", metavar="NAME,...", default="attitude", show_default=True,
               help="What is measured: attitude (of all bodies), 'upper attitude' (of one), q, p, "
                    "or names of coordinates and momenta.")
@@ -45,18 +45,17 @@ __all__ = ["fit"]
 @click.option("--dt", metavar="DT",
               help="Time step in seconds; it divides the times of all samples (default: the "
                    "smallest distance of two).")
-@click.option("--t0", metavar="T", default="0", show_default=True,
-              help="Time of the start in seconds, at most that of the first sample.")
+@start_option
 @click.option("--sigma", metavar="SIGMA",
               help="One standard deviation of the noise, of attitudes in rad (default: that of the "
                    "residuals).")
-@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
+@click.option("--set", metavar="KEY=VALUE", multiple=True,
               help="As of gyrospark run: first guesses of the parameters of a model file, and keys "
                    "such as start.angular_velocity='[0, 0, 40]'.")
 @json_option
 def fit(
     problem: str, data: Path, observe: str, free: str | None, fixed: str | None, dt: str | None,
-    t0: str, sigma: str | None, settings: tuple[str, ...], as_json: bool, **choice: Any,
+    t: str, sigma: str | None, set: tuple[str, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Fit parameters and the start of PROBLEM to measured data: one of the paper's problems,
     (PROBLEMS); one of gs.models, (MODELS); or a model file (.toml), whose values are the first
@@ -76,19 +75,17 @@ def fit(
     from ..runtime.analysis.fit import fit as fitted
     from ..runtime.analysis.observations import observation_of
 
-    choice, note = with_default_scheme(choice)
-    _, step, start = started(problem, settings, choice)
+    _, step, start = started(problem, set, choice)
     observed = _names(observe)
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
-    state, _ = start_of(step, start, start_time(t0))
+    state, _ = start_of(step, start, start_time(t))
     found = fitted(
         step, state, times, rows, observe=observed,
         dt=None if dt is None else real_number("--dt", dt),
         free=None if free is None else _names(free), fixed=_names(fixed or ""),
         sigma=None if sigma is None else real_number("--sigma", sigma))
-    text = "\n".join([*note, repr(found)[1:-1]])
-    click.echo(json.dumps(_result(found), indent=2) if as_json else text)
+    click.echo(json.dumps(_result(found), indent=2) if as_json else repr(found)[1:-1])
     return 0 if found.converged else 1
 
 

@@ -26,7 +26,6 @@ from .options import (
     frame_option,
     spec_from,
     stepper_options,
-    with_default_scheme,
 )
 
 if TYPE_CHECKING:
@@ -78,8 +77,6 @@ def generate(
             raise InputError("--all takes every stepper of the paper; leave out the other choices.")
         specs = list(PAPER_SPECS)
     else:
-        choice, note = with_default_scheme(choice)
-        click.echo("".join(f"{said}\n" for said in note), nl=False)
         specs = [spec_from(**choice).with_profile(profile)]
     check_no_file("--out", out)
     if check:

@@ -14,10 +14,10 @@ from .options import (
     check_picture,
     completing,
     json_option,
+    method_options,
+    start_option,
     start_time,
-    stepper_options,
     whole_number,
-    with_default_scheme,
 )
 from .run.choices import steps_for
 from .run.command import progress_bar
@@ -34,25 +34,24 @@ _BAR_FROM = 5_000
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
-@stepper_options
+@method_options
 @click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--t-end", metavar="T",
               help="Time of the last state in seconds, in place of --steps.")
-@click.option("--t0", metavar="T", default="0", show_default=True,
-              help="Time at the start in seconds, for forces that depend on it.")
+@start_option
 @click.option("--every", metavar="R", default="10", show_default=True,
               help="Steps between two QR decompositions.")
 @click.option("--count", metavar="K", help="How many exponents, the largest first (default: all).")
-@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
+@click.option("--set", metavar="KEY=VALUE", multiple=True,
               help="As of gyrospark run: an argument of the problem, or of a model file a "
                    "parameter or a key.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw the running exponents and MEGNO (.png, .svg, .pdf).")
 @json_option
 def lyapunov(
-    problem: str, dt: str | None, steps: str | None, t_end: str | None, t0: str, every: str,
-    count: str | None, settings: tuple[str, ...], plot: Path | None, as_json: bool, **choice: Any,
+    problem: str, dt: str | None, steps: str | None, t_end: str | None, t: str, every: str,
+    count: str | None, set: tuple[str, ...], plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
     """Compute the Lyapunov exponents of PROBLEM: one of the paper's, (PROBLEMS); one of gs.models,
     (MODELS); or a model file (.toml). Statistical errors, MEGNO (2 where a motion is regular, λ t/2
@@ -70,12 +69,8 @@ def lyapunov(
         check_picture(plot)
     between = whole_number("--every", every)
     wanted = None if count is None else whole_number("--count", count)
-    choice, note = with_default_scheme(choice)
-    _, step, start = started(problem, settings, choice)
-    if not as_json:
-        for line in note:
-            click.echo(line)
-    begin = start_time(t0)
+    _, step, start = started(problem, set, choice)
+    begin = start_time(t)
     state, _ = start_of(step, start, begin)
     size, number = steps_for(start, begin, {"dt": dt, "steps": steps, "t_end": t_end})
     with progress_bar(number, quiet=as_json, least=_BAR_FROM) as progress:

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import click
 
-from ..core.arguments import listed
+from ..core.arguments import choose, listed, proposal
 from ..core.errors import InputError
 from ..core.exact_numbers import Rounded, decimal
 from ..core.file_formats import ending_of, endings
@@ -23,14 +23,15 @@ from ..core.inertia import REPS
 from ..core.progress import TERMINAL
 from ..core.real_types import REALS
 from ..core.registry import FRAMES, MODELS, SYSTEMS
+from ..core.solver import Solver, SolverName
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..generator.spec import Spec
 from ..generator.tableaux.compositions import COMPOSITIONS
 
 __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
-           "check_writable", "completing", "euler_options", "frame_option", "json_option",
-           "real_number", "spec_from", "start_time", "stepper_options", "whole_number",
-           "with_default_scheme"]
+           "check_writable", "completing", "frame_option", "json_option",
+           "method_options", "real_number", "solver_from", "spec_from", "start_option",
+           "start_time", "stepper_options", "whole_number"]
 
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
@@ -39,23 +40,26 @@ _FILES = (".c", ".h", ".json", ".html", ".csv", *endings("picture"))
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --scheme, --stages, --order, --composition, --rep, --system, --tableau, --real, --energy.
-    """
+    """Add the options of ``gs.stepper`` but --frame."""
+    return method_options(click.option(
+        "--system", metavar="NAME or FILE", shell_complete=completing([*SYSTEMS, *MODELS]),
+        help=f"{', '.join(SYSTEMS)}, one of gs.models, or a model file (TOML); default: "
+             f"{next(iter(SYSTEMS))}.")(function))
+
+
+def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of ``gs.stepper`` but --system and --frame: of commands with a PROBLEM."""
     options = [
         click.option("--scheme", metavar="NAME", shell_complete=completing(SCHEMES),
                      help=f"{listed(SCHEMES)} (default: {DEFAULT})."),
         click.option("--stages", metavar="S", help="Stages of " + " or ".join(
             f"{scheme.name} ({scheme.fewest}..)" for scheme in SCHEMES.values() if scheme.counted)
-            + "."),
+            + f" (default: {DEFAULT_STAGES})."),
         click.option("--order", metavar="N", help="Order of splitting: 2, 4, 6, 8 or 10."),
         click.option("--composition", metavar="NAME", shell_complete=completing(COMPOSITIONS),
                      help="Composition of splitting by name, instead of --order."),
         click.option("--rep", metavar="NAME", shell_complete=completing(REPS),
                      help="Inertia: gamma (default) or alpha."),
-        click.option("--system", metavar="NAME or FILE",
-                     shell_complete=completing([*SYSTEMS, *MODELS]),
-                     help=f"{', '.join(SYSTEMS)}, one of gs.models, or a model file (TOML); "
-                          f"default: {next(iter(SYSTEMS))}."),
         click.option("--tableau", metavar="FILE", type=click.Path(path_type=Path),
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
         click.option("--real", metavar="TYPE", shell_complete=completing(REALS),
@@ -88,13 +92,11 @@ class Grouped(click.Command):
             formatter.write_dl([*left.values()])
 
 
-def euler_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --euler and --degrees, of commands that write tables."""
-    function = click.option("--degrees", is_flag=True, help="Write these angles in degrees.")(
-        function)
+def start_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --t, the time of a start."""
     return click.option(
-        "--euler", metavar="AXES", help="Euler angles of every body as columns of a .csv file: "
-        "ZYX and the like about the axes of the body, zyx about those of space.")(function)
+        "--t", metavar="T", default="0.0", show_default=True,
+        help="Time of the start in seconds, for forces that depend on it.")(function)
 
 
 def frame_option(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -135,15 +137,6 @@ def spec_from(
     return spec.with_frame(frame).with_energy(energy)
 
 
-def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Return the options with a scheme where none is named, and the line that says so."""
-    if any(choice[key] is not None for key in ("scheme", "tableau", "order", "composition")):
-        return choice, []
-    stages = choice["stages"] or str(DEFAULT_STAGES)
-    said = f"scheme: {DEFAULT_SCHEME} with {stages} stages; --scheme chooses another"
-    return {**choice, "scheme": DEFAULT_SCHEME, "stages": stages}, [said]
-
-
 def completing(names: Iterable[str]) -> Callable[..., list[str]]:
     """Return the shell completion of an option's text to one of the names."""
     return lambda context, parameter, text: [name for name in names if name.startswith(text)]
@@ -168,11 +161,26 @@ def real_number(name: str, text: str) -> float:
     return number if isinstance(number, float) else Rounded(number)
 
 
+def solver_from(text: str) -> Solver:
+    """Return the solver that an option's text says: ``newton,tolerance=1e-12,max_iterations=20``.
+    """
+    kind, *parts = (part.strip() for part in text.split(","))
+    read = {"tolerance": real_number, "max_iterations": whole_number}
+    given: dict[str, Any] = {}
+    for part in parts:
+        name, sign, value = (x.strip() for x in part.partition("="))
+        if not sign or name in given or name not in read:
+            raise InputError(f"--solver {text!r} has {part!r}; write NAME,KEY=VALUE with KEY once "
+                             f"among {listed(read)}{proposal(name, read)}.")
+        given[name] = read[name](f"--solver {name}", value)
+    return Solver(choose("solver", kind, get_args(SolverName)), **given)
+
+
 def start_time(text: str) -> float:
-    """Return the time of a start that --t0 says."""
-    number = real_number("--t0", text)
+    """Return the time of a start that --t says."""
+    number = real_number("--t", text)
     if isinstance(number, float) and not math.isfinite(number):
-        raise InputError(f"--t0 {text!r} is not finite; write for example 0.5.")
+        raise InputError(f"--t {text!r} is not finite; write for example 0.5.")
     return number
 
 
@@ -213,10 +221,9 @@ def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
 
 
 def check_film(path: Path) -> None:
-    """Refuse a file of --animate that no film can be written to."""
+    """Refuse a file of --show that no film can be written to."""
     from ..runtime.plotting.animation import check_film
 
-    check_writable("--animate", path)
     check_film(path)
 
 

@@ -21,12 +21,12 @@ from ..generator.tableaux.compositions import COMPOSITIONS, Composition, composi
 from ..generator.tableaux.compositions import composition as composition_of
 from .options import (
     check_picture,
+    frame_option,
     json_option,
     real_number,
     spec_from,
     stepper_options,
     whole_number,
-    with_default_scheme,
 )
 
 if TYPE_CHECKING:
@@ -47,8 +47,7 @@ SPLITTING = "splitting"
               help="Check what a run of this model keeps: a problem such as fast-top, or a TOML "
                    "file.")
 @stepper_options
-@click.option("--frame", "moving", is_flag=True,
-              help="With --model: in the co-moving frame of the start's least squares.")
+@frame_option
 @click.option("--dt", metavar="DT", help="With --model: time step in seconds (default: its own).")
 @click.option("--steps", metavar="N",
               help="With --model: number of steps (default: its own, or 1000).")
@@ -58,7 +57,7 @@ SPLITTING = "splitting"
 @json_option
 def verify(
     target: str | None,
-    model: str | None, moving: bool, dt: str | None, steps: str | None, plot: Path | None,
+    model: str | None, frame: str | None, dt: str | None, steps: str | None, plot: Path | None,
     as_json: bool, **choice: Any,
 ) -> int:
     """Check every condition of a tableau exactly, its order, and the compiled coefficients.
@@ -83,9 +82,9 @@ def verify(
     gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000 --plot order.png
     """
     if model is not None:
-        return _certify(model, target, dt, steps, plot, choice, moving=moving, as_json=as_json)
+        return _certify(model, target, dt, steps, plot, choice, frame=frame, as_json=as_json)
     for option, value in (("--dt", dt), ("--steps", steps), ("--plot", plot),
-                          ("--frame", moving or None)):
+                          ("--frame", frame)):
         if value is not None:
             raise InputError(f"{option} belongs to --model; name the model, or leave it out.")
     from ..certificates.verification import verify_composition, verify_stepper
@@ -126,7 +125,7 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
     if target is None and not any(choice.values()):
         return list(PAPER_SPECS)
     if target is None:
-        return [spec_from(**with_default_scheme(choice)[0])]
+        return [spec_from(**choice)]
     if is_model_file(target):
         raise InputError(f"{target!r} is a model file, no stepper and no tableau; give it as "
                          "--model (a certificate) or --system (the tableau's conditions), with "
@@ -170,7 +169,7 @@ def spec_of_name(name: str) -> Spec:
 
 def _certify(
     name: str, target: str | None, dt: str | None, steps: str | None, plot: Path | None,
-    choice: dict[str, Any], *, moving: bool, as_json: bool,
+    choice: dict[str, Any], *, frame: str | None, as_json: bool,
 ) -> int:
     """Print the certificate of a model; 0 if no guarantee is missed."""
     if target is not None:
@@ -182,7 +181,6 @@ def _certify(
                              "and is checked in double.")
     if plot is not None:
         check_picture(plot)
-    choice, note = with_default_scheme(choice)
     count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
     spec = spec_from(**choice)
     from ..certificates.certificate import certify
@@ -195,7 +193,7 @@ def _certify(
         found = certify(
             model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
-            frame="symmetries" if moving else None, energy=choice["energy"],
+            frame=frame, energy=choice["energy"],
             dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
             order=None if spec.composition else spec.order, composition=spec.composition or None,
         )
@@ -206,7 +204,6 @@ def _certify(
     if as_json:
         click.echo(json.dumps(found.as_dict() | drawn, indent=2, allow_nan=False))
     else:
-        click.echo("".join(f"{said}\n" for said in note), nl=False)
         _print_certificate(found)
         click.echo("".join(f"wrote {path}\n" for path in [drawn.get("plot")] if path), nl=False)
     return 0 if found.holds else 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-__all__ = ["FORMER_MEMBERS", "FORMER_NAMES", "former_argument"]
+__all__ = ["FORMER_MEMBERS", "FORMER_NAMES", "FORMER_OPTIONS", "former_argument"]
 
 _ERRORS = ("CompilerError", "InputWarning", "MissingDependencyError", "Stopped", "StorageError",
            "TableauError")
@@ -84,6 +84,32 @@ _ARGUMENTS = {
     "fit.step": "the stepper goes first, without a name",
     "sweep.tolerance": _OF_STARTS["tolerance"],
     "sweep.max_iterations": _OF_STARTS["max_iterations"],
+}
+
+_SHOW = "--show FILE writes by its ending: .html, .png, .gif, .mp4, .glb"
+_SOLVER = "a solver has it: --solver newton,tolerance=1e-12,max_iterations=20"
+_TABLE = "gyrospark export RUN.zarr TABLE.csv --euler ZYX --degrees writes angles"
+_SYSTEM = "the problem is the system; give a name or a file in its place"
+_TIME = "the time of the start is --t"
+#: Command and former option → the present form.
+FORMER_OPTIONS = {
+    "fit --system": _SYSTEM,
+    "fit --t0": _TIME,
+    "lyapunov --system": _SYSTEM,
+    "lyapunov --t0": _TIME,
+    "run --animate": _SHOW,
+    "run --degrees": _TABLE,
+    "run --error": "--step-error E, without --dt, searches the time step",
+    "run --euler": _TABLE,
+    "run --max-iterations": _SOLVER,
+    "run --picture": _SHOW,
+    "run --reference": "a run with more stages is a reference",
+    "run --round": "--t-end may lie between two steps",
+    "run --seed": "nothing used it",
+    "run --system": _SYSTEM,
+    "run --t0": _TIME,
+    "run --tolerance": _SOLVER,
+    "run --view": _SHOW,
 }
 
 

@@ -9,7 +9,7 @@ import gyrospark as gs
 
 model = gs.load_model("examples/control_c/satellite.toml")
 step = gs.stepper("G-L", 2, system=model)
-sim = step.start(model.q0, model.p0, dt=0.02, parameters=model.parameters)
+sim = step.start(model, dt=0.02)
 seen = []  # attitude error in degrees, at each sample
 
 for _ in range(6000):

@@ -54,5 +54,5 @@ if __name__ == "__main__":
     for scheme in ("Radau-L", "G-L"):
         model = governor(slider_speed=0.05)
         run = gs.stepper(scheme, 2, system=model).integrate(
-            model.q0, model.p0, dt=2.5e-3, steps=8, parameters=model.parameters)
+            model, dt=2.5e-3, steps=8)
         print(f"{scheme:8} slider's speed:", *(f"{v:9.5f}" for v in run.quantity("speed")))

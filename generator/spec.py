@@ -13,7 +13,14 @@ from ..core.real_types import REALS, RealName
 from ..core.registry import FRAMES, MODELS, SYSTEMS, unknown_name
 from .codegen.profiles import PROFILES, ProfileName
 from .parsing.text_file import MODEL_FILES
-from .schemes.named_schemes import MAX_STAGES, SCHEMES, Scheme, scheme_named
+from .schemes.named_schemes import (
+    DEFAULT_SCHEME,
+    DEFAULT_STAGES,
+    MAX_STAGES,
+    SCHEMES,
+    Scheme,
+    scheme_named,
+)
 from .tableaux.compositions import composition, composition_named
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
@@ -108,9 +115,8 @@ class Spec:
                 )
             return cls.of_tableau(rep, system, real, tableau)
         if scheme is None:
-            scheme = "splitting" if order is not None or composition is not None else scheme
-        if scheme is None:
-            raise InputError(f"No scheme is given; choose {listed(SCHEMES)}.")
+            splits = order is not None or composition is not None
+            scheme = "splitting" if splits else DEFAULT_SCHEME
         record = scheme_named(scheme)
         count = _stages(record, stages)
         chosen_order, composed = _composition(record, order, composition)
@@ -194,10 +200,8 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
         return None
     allowed = f"{scheme.name} takes {scheme.fewest}" + (
         f" to {scheme.most}" if scheme.counted else " and no other number")
-    if stages is None and not scheme.counted:
-        return scheme.fewest
     if stages is None:
-        raise InputError(f"The number of stages is not given; {allowed}.")
+        return DEFAULT_STAGES if scheme.counted else scheme.fewest
     count = whole(stages)
     if count is None:
         raise InputError(f"Stages {shown(stages)} is not a whole number; {allowed}.")

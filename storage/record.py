@@ -12,7 +12,6 @@ from typing import Any
 
 import zarr
 
-from ..core.arguments import shown, whole
 from ..core.errors import InputError
 from ..core.event import Event, refuse_unusable_names
 from ..core.exact_numbers import Number
@@ -49,7 +48,7 @@ _AS_FILE = "The run is then written by run.save('run.csv')."
 
 def record(
     stepper: Stepper, run: RunArguments, events: tuple[Event, ...], out: str | Path, *,
-    resume: bool = False, seed: int | None = None, progress: Progress = None,
+    resume: bool = False, progress: Progress = None,
 ) -> Recording:
     """Stream the states of a checked run to a Zarr store; see ``Stepper.integrate(..., out=...)``.
 
@@ -58,8 +57,6 @@ def record(
     resume : bool
         Resume the run in the store; begin it if there is none. It may have more steps than before,
         finished or not.
-    seed : int, optional
-        Of the random numbers that made this start: stored with the run, not used.
 
     Raises
     ------
@@ -72,12 +69,12 @@ def record(
     Stopped
         After SIGINT, SIGTERM or SIGHUP, with everything computed in the store.
     """
-    path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
+    path = new_store_path(out, _AS_FILE)
     as_progress(progress)
     refuse_unusable_names(events, "arrays of a store")
     warned = stepper._warned(run)
     with writer_lock(path):
-        group = _opened(stepper, run, events, path, resume, drawn)
+        group = _opened(stepper, run, events, path, resume)
         if group.attrs["status"] == RUNNING:
             with log_progress(f"recording {stepper.name}", run.steps, progress) as report:
                 Recorder(stepper, run, events, path, group).run_to_end(report)
@@ -150,7 +147,6 @@ def resume(
 
 def _opened(
     stepper: Stepper, run: RunArguments, events: tuple[Event, ...], path: Path, resume: bool,
-    seed: int | None,
 ) -> zarr.Group:
     """Return the store's group, existing or new."""
     identity = identity_of(stepper, run, events)
@@ -159,7 +155,6 @@ def _opened(
     about = _run_attributes(stepper, run, identity) | {
         **({"events": dict.fromkeys(identity["events"], 0)} if events else {}),
         "steps_done": 0,
-        "seed": seed,
         "versions": versions(),
         "manifest": stepper.manifest.as_json(),
     }
@@ -212,12 +207,3 @@ def _run_attributes(
         "states": kept.steps_done // run.every + 1 if kept is not None and begun else 0,
         "run": identity,
     }
-
-
-def _as_seed(seed: Any) -> int | None:
-    """Return a seed as a whole number."""
-    drawn = None if seed is None else whole(seed)
-    if seed is not None and drawn is None:
-        raise InputError(f"seed = {shown(seed)} is no whole number; give the one that the start "
-                         "was drawn with, or leave it out.")
-    return drawn

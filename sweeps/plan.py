@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..core.arguments import as_mapping, listed, shown, whole
+from ..core.arguments import as_mapping, shown, whole
 from ..core.errors import InputError
 from ..core.real_types import REALS
 from ..core.warnings import warn
-from ..generator.schemes.named_schemes import SCHEMES
+from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.steppers.stepper import Stepper
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
@@ -41,9 +41,9 @@ def plan(
             raise InputError("scheme varies along an axis; leave out scheme and stages.")
         labels = list(value_axis(SCHEME, over[SCHEME]).labels)
     else:
-        if scheme is None:
-            raise InputError(f"scheme is not given; choose {listed(SCHEMES)}, or let an axis vary "
-                             'it: {"scheme": ["EMS", "G-L 2"]}.')
+        scheme = DEFAULT_SCHEME if scheme is None else scheme
+        if stages is None and isinstance(scheme, str):
+            stages = DEFAULT_STAGES if scheme in SCHEMES and SCHEMES[scheme].counted else None
         count = whole(stages)
         if stages is not None and count is None:
             raise InputError(f"stages = {shown(stages)} is not a whole number.")

@@ -19,7 +19,7 @@ from ..core.manifest import Manifest
 from ..core.real_types import RealName
 from ..core.registry import MEANS, MODELS, SYSTEMS, entry_named
 from ..core.start import Rule
-from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
+from ..generator.schemes.named_schemes import SCHEMES
 from ..generator.spec import Spec, is_model_file
 from ..runtime.bindings.array_checks import as_array, as_step
 from ..runtime.integration.run_arguments import as_parameters
@@ -187,8 +187,6 @@ def _schemes(
         name = text if stage_prefix is None else text[stage_prefix.end():]
         scheme = SCHEMES[choose("scheme", name, SCHEMES)]
         count = int(stage_prefix[1]) if stage_prefix else stages if scheme.counted else None
-        if scheme.counted and count is None:
-            count = DEFAULT_STAGES
         scheme_arguments.append((name, count,
                                  *((order, composition) if scheme.composed else (None, None))))
     return scheme_arguments
@@ -198,8 +196,6 @@ def _spec(
     scheme: Any, stages: Any, order: Any, composition: Any, rep: Any, real: Any, system: Any
 ) -> Spec:
     """Return the checked spec of one stepper, of profile control."""
-    if scheme is None and order is None and composition is None:
-        scheme, stages = DEFAULT_SCHEME, DEFAULT_STAGES if stages is None else stages
     named = system.system if isinstance(system, Problem) else (
         system if isinstance(system, str) else None)
     return Spec.checked(scheme, stages, rep, named, real, None, order, composition

@@ -85,19 +85,17 @@ def tuned(
 ) -> tuple[Start, Any, dict[str, Any], Tuned | None]:
     """Return the start with numbers that ``gs.tune`` has found, dt, ``steps`` or t_end, and why.
 
-    ``given`` are the options dt, error, steps and t_end, ``search`` arguments of ``gs.tune``.
+    ``given`` are the options dt, step_error, steps and t_end, ``search`` arguments of ``gs.tune``.
     """
     from ...runtime.tuning.tune import tune
 
-    if (given["dt"] == "auto") != (given["error"] is not None):
-        raise InputError(f"--error {given['error']} is for --dt auto, which needs it and --t-end, "
-                         "such as --error 1e-9 --t-end 1; give all of them, or none.")
-    if given["error"] is not None:
-        t_end = None if given["t_end"] is None else real_number("--t-end", given["t_end"])
-        found = tune(step, state, step_error=real_number("--error", given["error"]), t_end=t_end,
-                     steps=None if given["steps"] is None else whole_number(
-                         "--steps", given["steps"]), **search)
-        dt, span = found.dt, _whole({"t_end": t_end}, t0, found.dt)
+    if given["step_error"] is not None:
+        numbers: dict[str, Any] = {
+            name: (whole_number if name == "steps" else real_number)(
+                f"--{name.replace('_', '-')}", text)
+            for name, text in given.items() if text is not None}
+        found = tune(step, state, **numbers, **search)
+        dt, span = found.dt, _whole({"t_end": numbers["t_end"]}, t0, found.dt)
     else:
         dt, span = _span(defaults, given)
         span = _whole(span, t0, dt)
@@ -137,6 +135,8 @@ def _span(start: RunDefaults, given: Mapping[str, str | None]) -> tuple[float, d
     if dt is None and start.dt is None:
         raise InputError(f"--dt is not given and {start.name} names none; write for example "
                          "--dt 1e-3.")
+    if dt == "auto":
+        raise InputError("--dt auto is --step-error E now, with --t-end and without --dt.")
     size = real_number("--dt", dt) if dt is not None else start.dt or 0.0
     if t_end is not None:
         if steps is not None:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
 import click
 
-from ...core.arguments import choose, listed
+from ...core.arguments import listed
 from ...core.errors import GyrosparkError, StepFailed, Stopped
 from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
 from ...core.registry import MODELS, PROBLEMS, RULES
-from ...core.solver import Solver
 from ...core.warnings import capture_warnings, warn
 from ...runtime.bindings.binding import SOLVERS
 from ...runtime.plotting.scene import check_bodies
@@ -23,16 +22,15 @@ from ..options import (
     DEFAULT,
     Grouped,
     completing,
-    euler_options,
     json_option,
-    real_number,
+    method_options,
+    solver_from,
+    start_option,
     start_time,
-    stepper_options,
     whole_number,
-    with_default_scheme,
 )
 from .choices import steps_of, tuned, with_options
-from .outputs import Angles, check_targets, events_of, integrate_to, stored_location
+from .outputs import check_targets, events_of, integrate_to, stored_location
 from .report import (
     about_tuning,
     as_text,
@@ -53,21 +51,18 @@ class RunCommand(Grouped):
     """``gyrospark run``."""
 
     groups: ClassVar = {
-        "What runs": ("settings", "system", "scheme", "stages", "order", "composition",
-                      "rep", "tableau", "real", "energy"),
-        "Steps": ("dt", "error", "steps", "t_end", "t0"),
-        "Inertia and frame": ("gamma", "alpha", "frames"),
-        "What is looked for": ("watched_for", "reference"),
-        "What is written": ("out", "every", "euler", "degrees", "resume", "seed", "plot", "page",
-                            "film", "as_json"),
-        "How a step is solved": ("solver", "tolerance", "max_iterations"),
+        "What runs": ("set", "scheme", "stages", "order", "composition", "rep", "tableau", "real",
+                      "energy"),
+        "Steps": ("dt", "step_error", "steps", "t_end", "t", "solver", "events"),
+        "Inertia and frame": ("gamma", "alpha", "frame"),
+        "What is written": ("out", "every", "resume", "plot", "show", "as_json"),
     }
 
 
 @click.command(cls=RunCommand, no_args_is_help=True,
                context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
-@stepper_options
+@method_options
 @click.option("--gamma", metavar=f"{{{','.join(RULES)},NUMBER}}",
               shell_complete=completing(RULES),
               help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); auto: "
@@ -75,76 +70,60 @@ class RunCommand(Grouped):
                    "worse; auto-energy: smallest energy error.")
 @click.option("--alpha", metavar=f"{{{','.join(RULES)},NUMBER}}", shell_complete=completing(RULES),
               help="The same for --rep alpha.")
-@click.option("--frame", "frames", metavar="{auto,start,NAME=RATE,...}", multiple=True,
+@click.option("--frame", metavar="{auto,start,NAME=RATE,...}", multiple=True,
               help="Integrate in a co-moving frame along the system's symmetries: auto searches "
                    "for its rates in short pilot runs (with --gamma auto for both at once), start "
                    "takes the least squares of the start; or rates in rad/s, omega_body=75.4.")
-@click.option("--dt", metavar="{DT,auto}",
-              help="Time step in seconds (default: the model file's); auto: for --error and "
-                   "--t-end, by pilot runs of ever halved steps.")
-@click.option("--error", metavar="E",
-              help="Of --dt auto: the largest error of the motion on the way to --t-end, attitudes "
-                   "in rad, points in parts of their reach.")
-@click.option("--t0", metavar="T", default="0", show_default=True,
-              help="Time at the start in seconds, for forces that depend on it.")
+@click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
+@click.option("--step-error", metavar="E",
+              help="In place of --dt: search the step for which the motion's error up to --t-end "
+                   "is at most E, attitudes in rad, points in parts of their reach.")
+@start_option
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--t-end", metavar="T",
               help="Time of the last state in seconds, in place of --steps.")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
-@click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
-              help="auto (fixed point, Newton as fallback), fixed-point, newton, python.")
-@click.option("--tolerance", metavar="TOL", help="Of the Newton increment (default: round-off).")
-@click.option("--max-iterations", metavar="N", default="50", show_default=True,
-              help="Iterations of one step.")
-@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
+@click.option("--solver", metavar="NAME[,KEY=VALUE,...]", default="auto", show_default=True,
+              shell_complete=completing(SOLVERS),
+              help="auto (fixed point, Newton as fallback), fixed-point, newton; with tolerance "
+                   "and max_iterations: newton,tolerance=1e-12,max_iterations=20.")
+@click.option("--set", metavar="KEY=VALUE", multiple=True,
               help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8; of a "
                    "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'; of "
                    "a robot where it starts, elbow='30 deg', elbow.rate=1, base=floating, and what "
                    "of its file to do without, ignore=limits,collision or ignore=all.")
-@click.option("--event", "watched_for", metavar="TEXT", multiple=True,
+@click.option("--event", "events", metavar="TEXT", multiple=True,
               help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
                    '"height=0 down", "x=1.5 up stop" (the run ends there); with a name '
                    '"landing: height=0". Beside [events] of a model file.')
-@click.option("--reference", is_flag=True,
-              help="Integrate a reference for the axis errors if there is no closed form.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
               help="Write the states: .zarr (streamed, for runs of any length), .npz, .csv, .nc.")
-@euler_options
 @click.option("--resume", is_flag=True,
               help="Go on with the run in --out NAME.zarr (.csv, .nc), to the same bits; also to "
                    "more --steps. Begin it if there is none.")
-@click.option("--seed", metavar="N",
-              help="Kept with a stored run: of the random numbers that made its start.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
-@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE",
-              help="Draw the bodies in space at the time of their largest extent (.png).")
-@click.option("--view", "page", type=click.Path(path_type=Path), metavar="FILE",
-              help="Write a page that moves, of bodies, joints and energy (.html), or a 3-D model "
-                   "that moves, for Blender and other viewers (.glb).")
-@click.option("--animate", "film", type=click.Path(path_type=Path), metavar="FILE",
-              help="Write a film of bodies and energy, six seconds long (.gif; .mp4 with ffmpeg).")
+@click.option("--show", type=click.Path(path_type=Path), metavar="FILE", multiple=True,
+              help="Show the bodies: a page that moves (.html), a picture at the time of their "
+                   "largest extent (.png), a film (.gif; .mp4 with ffmpeg), or a 3-D model that "
+                   "moves, for Blender and other viewers (.glb).")
 @json_option
 def run(
-    problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
-    dt: str | None, error: str | None, t0: str, steps: str | None, t_end: str | None,
-    every: str, solver: str, tolerance: str | None, max_iterations: str,
-    settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
-    euler: str | None, degrees: bool,
-    resume: bool, seed: str | None, plot: Path | None, picture: Path | None, page: Path | None,
-    film: Path | None, as_json: bool,
-    **choice: Any,
+    problem: str, gamma: str | None, alpha: str | None, frame: tuple[str, ...], dt: str | None,
+    step_error: str | None, t: str, steps: str | None, t_end: str | None, every: str, solver: str,
+    set: tuple[str, ...], events: tuple[str, ...], out: Path | None, resume: bool,
+    plot: Path | None, show: tuple[Path, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
     (.toml); or a robot (.urdf, .xml, .sdf). Without a scheme by (DEFAULT).
 
     \b
-    gyrospark run double_pendulum --view pendulum.html
-    gyrospark run double_top --picture tops.png
+    gyrospark run double_pendulum --show pendulum.html
+    gyrospark run double_top --show tops.png
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
     gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --t-end 10
-    gyrospark run fast-top --scheme G-L --stages 4 --dt auto --error 1e-9 --t-end 2
+    gyrospark run fast-top --scheme G-L --stages 4 --step-error 1e-9 --t-end 2
     gyrospark run fast-top --scheme G-L --stages 3 --frame auto --dt 1e-2 --steps 1000
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
     gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
@@ -152,47 +131,40 @@ def run(
     gyrospark run fast-top --scheme G-L --stages 4 --dt 1e-3 --steps 1000000000 --every 1000 \\
         --out night.zarr --resume
     gyrospark run examples/satellite.toml --scheme G-L --stages 3
-    gyrospark run double_pendulum --dt 1e-3 --steps 5000 --event "px1=0 up"
+    gyrospark run double_pendulum --dt 1e-3 --steps 5000 --event "b_x=0.2 up"
     gyrospark run examples/crane.urdf --set ignore=all --set "luffing=45 deg"
     gyrospark run examples/pendulum.toml --scheme EMS --dt 1e-3 --steps 1000 --json
     gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
         --set inertia=0.002,0.0013,0.0008 --set angular_velocity=30,-40,100
     gyrospark run free-body --dt 0.01 --t-end 20 --set inertia=1,2,3 \\
-        --set angular_velocity=0.01,5,0.01 --animate flip.gif
+        --set angular_velocity=0.01,5,0.01 --show flip.gif
     """
-    check_targets(out, plot, picture, page, film, resume=resume)
-    angles = Angles.checked(euler, out, degrees=degrees)
-    choice, note = with_default_scheme(choice)
-    choice["frame"] = "symmetries" if frames else None
-    chosen, step, start = started(problem, settings, choice, reference=reference)
-    if page is not None or picture is not None:
+    check_targets(out, plot, show, resume=resume)
+    choice["frame"] = "symmetries" if frame else None
+    chosen, step, start = started(problem, set, choice)
+    if show:
         check_bodies(step.manifest)
-    angles.check_bodies(step.manifest)
     if not as_json:  # before a step is taken
-        for line in (*note, *map(": ".join, step.manifest.warnings)):
+        for line in map(": ".join, step.manifest.warnings):
             click.echo(line)
-    defaults, search = with_options(step, start, gamma, alpha, frames)
+    defaults, search = with_options(step, start, gamma, alpha, frame)
     # The problem's start is on the constraints to double only, a file's to its own digits.
-    begin = start_time(t0)
+    begin = start_time(t)
     state, moved = start_of(step, defaults, begin,
                             project=chosen is None or REALS[step.manifest.real].wide)
-    method = Solver(choose("solver", solver, SOLVERS),
-                    None if tolerance is None else real_number("--tolerance", tolerance),
-                    whole_number("--max-iterations", max_iterations))
+    method = solver_from(solver)
     state, size, span, found = tuned(
         step, state, defaults, begin,
-        {"dt": dt, "error": error, "steps": steps, "t_end": t_end}, search)
+        {"dt": dt, "step_error": step_error, "steps": steps, "t_end": t_end}, search)
     arguments: dict[str, Any] = {
         "dt": size, **span, "every": whole_number("--every", every),
-        "solver": method, **events_of(watched_for, start.events, step),
+        "solver": method, **events_of(events, start.events, step),
     }
-    drawn = None if seed is None else whole_number("--seed", seed)
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
             count = steps_of(span, begin, size)
             with progress_bar(count, quiet=as_json) as progress, capture_warnings() as captured:
-                done = integrate_to(step, state, out, arguments,
-                                    resume=resume, seed=drawn, progress=progress, angles=angles)
+                done = integrate_to(step, state, out, arguments, resume=resume, progress=progress)
             trouble = done.trouble
             if isinstance(trouble, StepFailed):
                 trouble.add_note("Everything before it is reported and saved.")
@@ -206,18 +178,15 @@ def run(
                 result["start_moved"] = moved
             if found is not None:
                 result |= about_tuning(found)
-            if chosen is not None and (reference or chosen.exact is not None):
-                with suppress(Stopped):  # a reference is a run as well
-                    result |= axis_errors(chosen, step, done.trajectory)
-            for key, target in (("plot", plot), ("picture", picture), ("view", page),
-                                ("animate", film)):
-                if target is None:
-                    continue
-                try:
-                    (done.trajectory.plot if key == "plot" else done.trajectory.show)(target)
-                    result[key] = str(target)
-                except GyrosparkError as error:  # the numbers are still printed
-                    trouble = trouble or error
+            if chosen is not None and chosen.exact is not None:
+                result |= axis_errors(chosen.exact, done.trajectory)
+            for key, targets in (("plot", [] if plot is None else [plot]), ("show", show)):
+                for target in targets:
+                    try:
+                        getattr(done.trajectory, key)(target)
+                        result[key] = [*result.get(key, []), str(target)]
+                    except GyrosparkError as error:  # the numbers are still printed
+                        trouble = trouble or error
             warn_of_rest(done.trajectory, problem)
             click.echo(json_text(result) if as_json else as_text(result, step.manifest.system))
         except KeyboardInterrupt:  # the second signal

@@ -14,9 +14,7 @@ from ...core.arguments import why_unwritable
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ...core.event import Event, as_events, event_of_text
 from ...core.file_formats import ending_of, endings, format_of
-from ...core.manifest import Manifest
-from ...runtime.compilation.body_columns import bodies_of
-from ...runtime.rigid_body.euler_angles import check_sequence
+from ...runtime.plotting.show import ENDINGS
 from ..options import check_ending, check_film, check_picture, check_writable
 from .choices import steps_of
 
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
     from ...runtime.steppers.stepper import Stepper
     from ...storage.recording import Recording
 
-__all__ = ["Angles", "RunOutcome", "check_targets", "events_of", "integrate_to", "stored_location"]
+__all__ = ["RunOutcome", "check_targets", "events_of", "integrate_to", "stored_location"]
 
 #: States in memory for pictures and errors of a stored run: more are not distinguishable.
 _SHOWN = 20_000
@@ -61,38 +59,8 @@ class RunOutcome:
     ended_by: str | None = None
 
 
-@dataclass(frozen=True)
-class Angles:
-    """Euler angles that a .csv file is to have beside the states."""
-
-    euler: str | None = None
-    degrees: bool = False
-
-    @classmethod
-    def checked(cls, euler: str | None, out: Path | None, *, degrees: bool) -> Angles:
-        """Return what the options ask for, or refuse it before a long run."""
-        if euler is None and not degrees:
-            return cls()
-        if out is None:
-            raise InputError("Euler angles are columns of a file; say which, --out NAME.csv.")
-        if euler is None:
-            raise InputError("Degrees are for Euler angles; give their axes too, such as ZYX.")
-        check_sequence(euler)
-        if not format_of(out, "A run", "states", "store").tabular:
-            raise InputError("Euler angles are columns of .csv and .parquet files, and "
-                             f"{out.name!r} is none; choose such a name, or leave them out.")
-        return cls(euler, degrees)
-
-    def check_bodies(self, manifest: Manifest) -> None:
-        """Refuse angles of a system without bodies."""
-        if self.euler is not None and not bodies_of(manifest):
-            raise InputError(f"System {manifest.system.name!r} has no rigid body, so no "
-                             "Euler angles; leave out --euler.")
-
-
 def check_targets(
-    out: Path | None, plot: Path | None, picture: Path | None, page: Path | None,
-    film: Path | None, *, resume: bool
+    out: Path | None, plot: Path | None, show: Sequence[Path], *, resume: bool
 ) -> None:
     """Refuse unwritable files before a long run."""
     if out is not None:
@@ -100,14 +68,11 @@ def check_targets(
         check_ending("--out", out, endings("states", "store"))
     if plot is not None:
         check_picture(plot)
-    if picture is not None:
-        check_writable("--picture", picture)
-        check_ending("--picture", picture, (".png",))
-    if page is not None:
-        check_writable("--view", page)
-        check_ending("--view", page, endings("page", "model"))
-    if film is not None:
-        check_film(film)
+    for path in show:
+        check_writable("--show", path)
+        check_ending("--show", path, [*ENDINGS])
+        if ending_of(path) in endings("film"):
+            check_film(path)
     if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
         raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
                          "the file that it shall become, NAME.csv or NAME.nc.")
@@ -147,22 +112,22 @@ def _is_exported(out: Path, *, resume: bool) -> bool:
 
 def integrate_to(
     step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any], *, resume: bool,
-    seed: int | None, progress: Callable[[int], None] | None, angles: Angles,
+    progress: Callable[[int], None] | None,
 ) -> RunOutcome:
     """Integrate and write the states; an error comes with all states before it."""
     between = "t_end" in arguments  # the last row of a store is the end of a step
     streamed = out is not None and (
         _is_store(out) or (not between and _is_exported(out, resume=resume)))
     if out is None or not streamed:
-        return _in_memory(step, start, out, arguments, progress, angles)
+        return _in_memory(step, start, out, arguments, progress)
     if _is_store(out):
-        return _stored(step, start, out, str(out), arguments, progress, resume=resume, seed=seed)
-    return _exported(step, start, out, arguments, progress, angles, resume=resume, seed=seed)
+        return _stored(step, start, out, str(out), arguments, progress, resume=resume)
+    return _exported(step, start, out, arguments, progress, resume=resume)
 
 
 def _exported(
     step: Stepper, start: Start, out: Path, arguments: dict[str, Any],
-    progress: Callable[[int], None] | None, angles: Angles, *, resume: bool, seed: int | None,
+    progress: Callable[[int], None] | None, *, resume: bool,
 ) -> RunOutcome:
     """Integrate into a store beside ``out``, which stays until its run has ended and is exported.
 
@@ -172,7 +137,7 @@ def _exported(
     if not resume:
         _remove(store)
     try:
-        done = _stored(step, start, store, str(out), arguments, progress, resume=resume, seed=seed)
+        done = _stored(step, start, store, str(out), arguments, progress, resume=resume)
     except StorageError as error:
         if not resume and _steps_in(store) == 0:
             _remove(store)
@@ -182,7 +147,7 @@ def _exported(
                 "is left: free some space, or choose another place.") from error
         raise StorageError(f"{error} {stored_location(out)}") from error
     try:
-        _open(store).save(out, **vars(angles))
+        _open(store).save(out)
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         saved = StorageError(f"{error} The states are in {_hidden(store)}: the same command with "
                              "--resume, or gyrospark export, writes them and removes both.")
@@ -239,7 +204,7 @@ def _remove(store: Path) -> None:
 
 def _in_memory(
     step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any],
-    progress: Callable[[int], None] | None, angles: Angles,
+    progress: Callable[[int], None] | None,
 ) -> RunOutcome:
     trouble: GyrosparkError | Stopped | None = None
     written = None
@@ -253,7 +218,7 @@ def _in_memory(
     seconds = time.perf_counter() - started
     try:
         if out is not None:
-            written = str(trajectory.save(out, **vars(angles)))
+            written = str(trajectory.save(out))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = trouble or error
     if isinstance(trouble, Stopped):
@@ -281,7 +246,7 @@ def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopp
 
 def _stored(
     step: Stepper, start: Start, store: Path, name: str, arguments: dict[str, Any],
-    progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
+    progress: Callable[[int], None] | None, *, resume: bool,
 ) -> RunOutcome:
     from ...runtime.integration.run_arguments import step_count
     from ...storage.record import record
@@ -296,7 +261,7 @@ def _stored(
             "parameters": start.parameters, "t0": start.t,
             **{name: x for name, x in arguments.items() if name != "events"}}))
         events = as_events(arguments.get("events", ()), step.manifest.system.event_quantities)
-        recording = record(step, run, events, store, resume=resume, seed=seed, progress=progress)
+        recording = record(step, run, events, store, resume=resume, progress=progress)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, _open(store)
     seconds = time.perf_counter() - started

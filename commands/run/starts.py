@@ -22,15 +22,20 @@ __all__ = ["arguments_of", "settings_of", "start_of", "started"]
 
 
 def started(
-    problem: str, settings: tuple[str, ...], choice: dict[str, Any], *, reference: bool = False
+    problem: str, settings: tuple[str, ...], choice: dict[str, Any]
 ) -> tuple[Problem | None, Stepper, RunDefaults]:
     """Return the problem if it is one of the paper's, the stepper, and the numbers of the start."""
+    from ...api import model_stepper, stepper_of
+
     entry = None if is_model_file(problem) else entry_named(problem)
     options = {} if entry is None else arguments_of(entry, settings)
     if entry is not None and entry.kind == "problem":
         chosen = entry.make(**options)
-        return chosen, _stepper(chosen, choice), RunDefaults.of_problem(chosen)
-    step, defaults = _model(problem, entry, options, settings, reference, choice)
+        return (chosen, stepper_of(spec_from(**choice, system=chosen.system)),
+                RunDefaults.of_problem(chosen))
+    spec = spec_from(**choice, system=problem if entry is None else entry.name)
+    step, defaults = (model_stepper(spec, settings=settings_of(settings)) if entry is None else
+                      model_stepper(spec, options=options))
     step._refuse_scaled(command="a run by commands")
     return None, step, defaults
 
@@ -58,34 +63,6 @@ def _file_like(name: str) -> str:
     own = f"examples/{name}.toml"
     there = Path(__file__).parents[2].joinpath(own).is_file()
     return own if there else "such as examples/pendulum.toml"
-
-
-def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
-    """Return the stepper of a built-in problem."""
-    from ...api import stepper_of
-
-    spec = spec_from(**{**choice, "system": choice["system"] or problem.system})
-    if spec.model is not None:
-        raise InputError(f"--system {str(spec.model)!r} has a start of its own; run it in place of "
-                         f"{problem.name}.")
-    return stepper_of(spec)
-
-
-def _model(
-    name: str, entry: Entry | None, options: dict[str, Any], settings: tuple[str, ...],
-    reference: bool, choice: dict[str, Any],
-) -> tuple[Stepper, RunDefaults]:
-    """Return the stepper of a named model, or of a model file, and the numbers of it."""
-    from ...api import model_stepper
-
-    if choice["system"] is not None:
-        raise InputError(f"--system {choice['system']!r} is given besides {name!r}; give one.")
-    if reference:
-        raise InputError(f"--reference is for the problems of the paper, not for {name!r}; run it "
-                         "with more stages and compare.")
-    if entry is not None:
-        return model_stepper(spec_from(**{**choice, "system": entry.name}), options=options)
-    return model_stepper(spec_from(**{**choice, "system": name}), settings=settings_of(settings))
 
 
 def settings_of(settings: tuple[str, ...]) -> dict[str, str]:

@@ -109,7 +109,7 @@ SCHEMES: dict[SchemeName, Scheme] = {
                sources={"mclachlan2002": "splitting methods"}),
     )
 }
-#: Default of the command line: order 6, symplectic.
+#: Taken where no scheme, or no number of stages, is named: order 6, symplectic.
 DEFAULT_SCHEME: SchemeName = "G-L"
 DEFAULT_STAGES = 3
 

@@ -141,7 +141,8 @@ def table_of_run(
         For another sequence of axes or another frame, and where these are asked for and there is
         no body.
     """
-    as_flag("degrees", degrees)
+    if as_flag("degrees", degrees) and euler is None:
+        raise InputError("degrees is for Euler angles; give their axes too, such as euler='ZYX'.")
     if euler is not None:
         check_sequence(euler)
     if not run.bodies and (euler is not None or angular_velocity is not None):

@@ -31,7 +31,7 @@ def test_exit_codes_of_processes(tmp_path):
     assert json.loads(good.stdout)["steps"] == 5
     bad = cli("run", "fast-top", "--scheme", "RK4", "--dt", "1", "--steps", "1", cwd=tmp_path)
     assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
-    failed = cli(*FAILS, "--max-iterations", "1", "--json", cwd=tmp_path)
+    failed = cli(*FAILS, "--solver", "auto,max_iterations=1", "--json", cwd=tmp_path)
     assert (failed.returncode, failed.stderr.count("\n")) == (1, 1)
     assert json.loads(failed.stdout)["failed"]["step"] == 1
 

@@ -212,11 +212,9 @@ def test_paths_that_are_no_file(bounded, tmp_path):
 @pytest.mark.parametrize(("arguments", "fragments"), [
     (["--gamma", "m"], ["--gamma", "no body"]),
     (["--rep", "gamma"], ["rep 'gamma'", "[body]"]),
-    (["--system", "heavy_top"], ["--system", "give one"]),
     (["--set", "mm=2"], ["'mm'", "choose", "m?"]),
     (["--set", "m"], ["--set 'm'", "KEY=VALUE"]),
     (["--set", "m=0"], ["m", "divides"]),
-    (["--reference"], ["--reference"]),
     (["--stages", "2"], ["IMS", "no stages"]),
 ])
 def test_options_that_do_not_fit_a_model(arguments, fragments, bounded):

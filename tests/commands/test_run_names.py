@@ -47,19 +47,17 @@ def test_a_model_that_ran_needs_no_sympy(gyrospark):
     assert python(code).splitlines()[-1] == "False"
 
 
-def test_without_a_scheme_it_says_which(gyrospark, generate):
+def test_scheme_and_stages_have_defaults(gyrospark, generate):
+    """As ``gs.stepper`` has them."""
     run = ["run", "fast-top", "--dt", "1e-3", "--steps", "5"]
     answer = gyrospark(*run)
     assert answer.code == 0
-    said = answer.stdout.splitlines()
-    assert said[0].startswith("scheme: G-L ")
-    assert "--scheme" in said[0]
-    assert "heavy_top_gl3_gamma" in said[1]
+    assert "heavy_top_gl3_gamma" in answer.stdout.splitlines()[0]
     assert gyrospark(*run, "--json").document["stepper"] == "heavy_top_gl3_gamma"
     assert gyrospark(*run, "--stages", "2", "--json").document["stepper"] == "heavy_top_gl2_gamma"
-    assert "scheme:" not in gyrospark(*run, "--scheme", "IMS").stdout
+    assert gs.stepper().name == gs.stepper("G-L").name == "heavy_top_gl3_gamma"
+    assert gs.stepper(stages=2).name == "heavy_top_gl2_gamma"
     answer = generate("--rep", "alpha", "--no-compile", "--out", "made")
-    assert answer.stdout.startswith("scheme: G-L ")
     assert "heavy_top_gl3_alpha: order 6" in answer.stdout
     answer = gyrospark("verify", "--model", "fast-top", "--steps", "4", "--json")
     assert answer.document["stepper"] == "heavy_top_gl3_gamma"
@@ -68,7 +66,7 @@ def test_without_a_scheme_it_says_which(gyrospark, generate):
 @pytest.mark.parametrize(("text", "count"), [("10.0", 10), ("1.5e1", 15), ("1E+1", 10)])
 def test_whole_numbers_as_everybody_writes_them(text, count, gyrospark):
     answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", text,
-                       "--max-iterations", "5e1", "--json")
+                       "--solver", "auto, max_iterations = 5e1", "--json")
     assert answer.document["steps"] == count
 
 
@@ -80,7 +78,7 @@ def test_counts_in_python_and_files(gl3, tmp_path):
     q, p = [TOP.q0] * 2, [TOP.p0] * 2
     assert gl3.integrate_ensemble(q, p, steps=4.0, every=2.0, workers=1.0, **run).q.shape == (2, 3,
                                                                                              4)
-    assert record(gl3, TOP.q0, TOP.p0, steps=1e1, every=5.0, seed=3.0,
+    assert record(gl3, TOP.q0, TOP.p0, steps=1e1, every=5.0,
                      out=tmp_path / "a.zarr", **run).report.steps == 10
     assert int(gs.sweep(TOP, {"mgl": [0.3]}, scheme="IMS", dt=1e-3, steps=4.0).steps_done[0]) == 4
     assert gs.certify(TOP, "IMS", dt=1e-3, steps=2.0).steps == 2

@@ -125,8 +125,10 @@ def scaled_model():
 def from_command():
     """Start the run of a model file whose system is in scaled time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(starts, "_model", lambda *given: (systems.stepper("eccentric"), None))
-        starts.started("model.toml", (), {})
+        patch.setattr("gyrospark.api.model_stepper",
+                      lambda spec, **given: (systems.stepper("eccentric"), None))
+        starts.started("model.toml", (), dict.fromkeys(
+            ("scheme", "stages", "rep", "tableau", "real")))
 
 
 def watched():

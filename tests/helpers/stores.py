@@ -77,12 +77,12 @@ def small_blocks(monkeypatch, rows, seconds=0.0):
 def record(stepper, *start, **options):
     """Return the stored run from a start, or from q and p, also as keys of ``options``."""
     names = dict(zip("qp", start, strict=False))
-    if {"resume", "seed"}.isdisjoint(options):
+    if "resume" not in options:
         return by_names(stepper.integrate, **names, **options)
     return by_names(_recorded_by_a_command, stepper, **names, **options)
 
 
-def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, seed=None, progress=None,
+def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, progress=None,
                            events=(), parameters=None, dt=None, dtau=None, steps, every=1,
                            solver="auto"):
     """Begin a run in a store, or resume it, as the command line does."""
@@ -91,7 +91,7 @@ def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, seed=No
         state.q, state.p, dt=step_argument(stepper.binding, dt, dtau), steps=steps, every=every,
         parameters=state.parameters, t0=state.t, solver=solver, excess=state.excess))
     asked = as_events(events, stepper.manifest.system.event_quantities)
-    return recording_of(stepper, run, asked, out, resume=resume, seed=seed, progress=progress)
+    return recording_of(stepper, run, asked, out, resume=resume, progress=progress)
 
 
 def recorded(stepper, out, **arguments):

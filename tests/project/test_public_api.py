@@ -6,6 +6,7 @@ diff shows what was added or removed (docs/stability.md says what each means).
 
 from __future__ import annotations
 
+import ast
 import difflib
 import inspect
 from collections.abc import Iterator
@@ -107,6 +108,21 @@ def test_a_stepper_has_few_public_attributes():
 def test_integrate_has_few_arguments():
     """Those of the call with a start: p is the other part of an array q."""
     assert len({*inspect.signature(gs.Stepper.integrate).parameters} - {"self", "p"}) <= 14
+
+
+def test_there_are_few_public_names():
+    assert len([name for name in gs.__all__ if not name.startswith("_")]) <= 45
+
+
+def test_the_first_program_of_the_readme_is_short():
+    """No γ, q or p, and no more than five lines."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    program = readme.split("```python\n")[1].split("```")[0]
+    assert len([line for line in program.splitlines() if line]) <= 5
+    named = {node.attr if isinstance(node, ast.Attribute) else node.id
+             for node in ast.walk(ast.parse(program))
+             if isinstance(node, ast.Attribute | ast.Name)}
+    assert named.isdisjoint({"gamma", "q", "p", "q0", "p0", "parameters"})
 
 
 class Changed:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+PROGRAMS = sorted((ROOT / "tests" / "data" / "programs").glob("*.py"))
 RIGHT = """
 from fractions import Fraction
 import numpy as np
@@ -30,17 +31,38 @@ step.integrate_ensemble([top, top], dt=1e-3, steps=3, parameters={"gamma": "auto
 gs.tune(step, top, dt=1e-3, gamma="fast")
 gs.gamma(top.inertia, "fast")
 gs.Start([1.0], [0.0], {"m": "1"})
+step.integrate(top, dt=1e-3, tend=1)
+step.integrate(top, dt=1e-3, t_end=1, parameter={"mgl": 0.3})
+step.integrate(top, dt=1e-3, t_end=1, solver="newtn")
+step.integrate([1, 0, 0, 0], dt=1e-3, steps=1)
+step.integrate(top, dt=1e-3, steps=1, t0=0.5)
+gs.Solver("newton", tol=1e-9)
+gs.stepper("GL", stages=3)
+gs.record(step, top, dt=1e-3, steps=1, out="x.zarr")
 """
 
 
 @pytest.mark.slow  # mypy reads the package
-def test_text_in_place_of_numbers_is_flagged(tmp_path):
+def test_right_programs_pass_and_each_wrong_line_is_flagged(tmp_path):
     program = tmp_path / "program.py"
     program.write_text(RIGHT + WRONG, encoding="utf-8")
     source = Path(sys.prefix, "src")
     mypy = [sys.executable, "-m", "mypy", "--strict", "--config-file", ROOT / "pyproject.toml"]
-    done = subprocess.run([*mypy, program], cwd=source, env=os.environ | {"MYPYPATH": str(source)},
+    done = subprocess.run([*mypy, program, *PROGRAMS], cwd=source,
+                          env=os.environ | {"MYPYPATH": str(source)},
                           capture_output=True, text=True, check=False)
-    flagged = {int(line) for line in re.findall(r"program\.py:(\d+): error", done.stdout)}
+    flagged = re.findall(r"(\w+\.py):(\d+): error", done.stdout)
     first = RIGHT.count("\n") + 2
-    assert flagged == set(range(first, first + len(WRONG.strip().splitlines()))), done.stdout
+    lines = range(first, first + len(WRONG.strip().splitlines()))
+    assert {(name, int(line)) for name, line in flagged} == {
+        ("program.py", line) for line in lines}, done.stdout
+
+
+@pytest.mark.slow  # derives and compiles ten systems
+@pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.stem)
+def test_right_programs_run(path, tmp_path):
+    if path.stem == "gradient":
+        pytest.importorskip("jax", reason="pip install gyrospark[jax]")
+    if path.stem == "robot":
+        pytest.importorskip("mujoco", reason="pip install gyrospark[robots]")
+    subprocess.run([sys.executable, path], cwd=tmp_path, check=True, capture_output=True)

@@ -50,7 +50,7 @@ ENTRANCES = {
         k: v for k, v in a.items() if k != "steps"}).advance(a["steps"]), {*STATE, *RUN}),
     "step": (lambda step, a: by_names(step.step, **a), {*STATE, "t0", "solver", "tolerance"}),
     "record": (lambda step, a: record(step, out="run.zarr", **a),
-               {*STATE, *RUN, "every", "progress", "events", "seed"}),
+               {*STATE, *RUN, "every", "progress", "events"}),
     "sweep": (lambda step, a: gs.sweep(TOP, {"I3": [1e-3]}, scheme="G-L", stages=2, **a),
               {"dt", "parameters", "steps", "solver", "every", "progress", "workers"}),
     "residual": (lambda step, a: by_names(step.residual, np.zeros(18), **a), {*STATE}),
@@ -72,7 +72,6 @@ TABLE = [
     ("workers", [-1, 0, 1.5, "2"], "workers = "),
     ("progress", [3, "bar"], "progress = .*function"),
     ("events", ["q1", 3], r"events = .*gs\.Event"),
-    ("seed", ["7", 1.5, [1]], "seed.*whole number"),
     ("parameters", [3, [1, 2], "gamma"], "parameters = "),
     ("parameters", [PARAMETERS | {"alpha": 1}], "'alpha'.*I1"),
     *(("parameters", [PARAMETERS | {name: bad} for bad in NUMBERS], f"(arameter )?{name}")
@@ -137,7 +136,7 @@ COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "2"]
 
 @pytest.mark.parametrize(("option", "values"), [
     ("--dt", ["0", "-0.0", "nan", "inf", "1e400", "soon", ""]),
-    ("--t0", ["nan", "inf", "soon"]),
+    ("--t", ["nan", "inf", "soon"]),
     ("--t-end", ["nan", "soon"]),
     ("--steps", ["-1", "2.5", "many", "1e30"]),
     ("--every", ["0", "-1", "2.5", "x"]),

@@ -83,10 +83,9 @@ def test_failed_step(failures, tmp_path, monkeypatch):
 
 
 def test_about_a_recording(gl3, tmp_path):
-    found = record(gl3, **START, out=tmp_path / "run.zarr", steps=20, every=5, seed=7)
+    found = record(gl3, **START, out=tmp_path / "run.zarr", steps=20, every=5)
     assert "run.zarr" in repr(found)
     assert "complete, 20 of 20" in repr(found)
-    assert found.attributes["seed"] == 7
     assert found.manifest == gl3.manifest
     assert found.attributes["run"]["parameters"] == PARAMETERS
     assert found.attributes["run"]["code"] == gl3._provenance

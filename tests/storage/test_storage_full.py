@@ -13,7 +13,7 @@ import pytest
 import gyrospark as gs
 import systems
 from calls import PARAMETERS, TOP
-from gyrospark.commands.run.outputs import Angles, integrate_to
+from gyrospark.commands.run.outputs import integrate_to
 from gyrospark.storage.durable_files import write_durably
 from stores import START, assert_same_bytes, record, recorded, small_blocks
 
@@ -94,7 +94,7 @@ def test_what_a_command_leaves_on_a_full_disk_is_named(every, gl3, tmp_path, mon
     out, arguments = tmp_path / "run.csv", {
         "dt": 1e-3, "steps": 20, "every": 2}
     begin = gs.Start(TOP.q0, TOP.p0, PARAMETERS)
-    options = {"resume": False, "seed": None, "progress": None, "angles": Angles()}
+    options = {"resume": False, "progress": None}
     disk, left = Disk(monkeypatch, errno.ENOSPC), set()
     for good in itertools.count(0, every):
         for path in tmp_path.iterdir():

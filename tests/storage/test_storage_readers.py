@@ -18,7 +18,7 @@ from stores import START, assert_same_bytes, record, small_blocks
 
 @pytest.fixture
 def opened(gl3, tmp_path):
-    record(gl3, **START, steps=20, every=3, t0=1.0, out=tmp_path / "run.zarr", seed=7)
+    record(gl3, **START, steps=20, every=3, t0=1.0, out=tmp_path / "run.zarr")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         yield xarray.open_zarr(tmp_path / "run.zarr")
@@ -56,7 +56,6 @@ def test_attributes(opened, gl3):
     assert about["manifest"] == gl3.manifest.as_json()
     assert about["run"]["parameters"] == PARAMETERS
     assert about["run"]["q0"] == list(TOP.q0)
-    assert about["seed"] == 7
     assert about["versions"]["gyrospark"] == gs.__version__
     assert about["versions"]["zarr"] == zarr.__version__
     assert (about["status"], about["steps_done"], about["states"]) == ("complete", 20, 8)

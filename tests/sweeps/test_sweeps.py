@@ -217,7 +217,6 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ({"start": {"q": [[1, 0, 0, 0]], "p": [[0, 0, 0]]}}, {}, ["shapes"]),
     ({"start": {"q": [[1, 0, 0]], "p": [[0, 0, 0]]}}, {}, ["3 numbers"]),
     ({"scheme": ["EMS"]}, {}, ["leave", "scheme"]),
-    ({"gamma": [1e-3]}, {"scheme": None}, ["scheme", "given"]),
     ({"gamma": [1e-3]}, {"scheme": "G-L x"}, ["G-L x"]),
     ({"gamma": [1e-3]}, {"steps": None}, ["steps", "duration"]),
     ({"gamma": [1e-3]}, {"duration": 1.0}, ["steps", "duration"]),

@@ -273,12 +273,12 @@ def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):
 
 def test_error_of_ours_says_where_the_states_are(monkeypatch, tmp_path):
     """A traceback ends with the store that it leaves."""
-    from gyrospark.commands.run.outputs import Angles, integrate_to
+    from gyrospark.commands.run.outputs import integrate_to
     from gyrospark.storage.recording import Recording
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Recording, "save", lambda *arguments, **columns: {}["time"])
     with pytest.raises(KeyError) as error:
         integrate_to(gs.stepper("EMS"), TOP.start, tmp_path / "x.csv", {**RUN, "steps": 3},
-                     resume=False, seed=None, progress=None, angles=Angles())
+                     resume=False, progress=None)
     assert "gyrospark export" in error.value.__notes__[0]

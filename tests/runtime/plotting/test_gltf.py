@@ -127,9 +127,9 @@ def test_a_state_alone_is_a_model_that_rests(gl3, tmp_path):
 
 def test_on_the_command_line(gyrospark, tmp_path):
     run = ["run", "fast-top", "--dt", "1e-3", "--steps", "20"]
-    said = gyrospark(*run, "--view", "top.glb", "--json")
+    said = gyrospark(*run, "--show", "top.glb", "--json")
     assert said.code == 0
-    assert said.document["view"] == "top.glb"
+    assert said.document["show"] == ["top.glb"]
     content, arrays = read(tmp_path / "top.glb")
     _, animated = motion(content, arrays, "body")
     assert len(animated["rotation"][0]) == 21

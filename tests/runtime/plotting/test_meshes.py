@@ -200,7 +200,7 @@ def test_links_look_as_their_file_says(robot):
 def test_a_page_has_the_meshes_and_names_those_that_it_has_not(robot, gyrospark):
     options = ["--scheme", "IMS", "--dt", "1e-3", "--steps", "2"]
     page = robot.parent / "page.html"
-    said = gyrospark("run", str(robot), *options, "--view", str(page))
+    said = gyrospark("run", str(robot), *options, "--show", str(page))
     assert said.code == 0
     assert re.search(r"b\.dae.*convert", said.stderr + said.stdout)
     scene = json.loads(re.search(r'id="scene">(.*?)</script>', page.read_text(encoding="utf-8"),
@@ -209,7 +209,7 @@ def test_a_page_has_the_meshes_and_names_those_that_it_has_not(robot, gyrospark)
     assert scene["ground"][0]["mesh"] == scene["bodies"][0]["shapes"][0]["mesh"] == 0
     assert scene["bodies"][1]["shapes"][0]["kind"] != "mesh"
     assert any("b.dae" in remark for remark in scene["remarks"])
-    assert gyrospark("run", str(robot), *options, "--view", str(page.with_suffix(".glb"))).code == 0
+    assert gyrospark("run", str(robot), *options, "--show", str(page.with_suffix(".glb"))).code == 0
     assert page.with_suffix(".glb").stat().st_size > 1000
 
 

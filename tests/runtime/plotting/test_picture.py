@@ -211,7 +211,7 @@ def test_files_that_are_no_pictures(top, tmp_path):
 
 
 def test_a_picture_on_the_command_line(gyrospark, tmp_path):
-    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "4", "--picture"]
+    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "4", "--show"]
     said = gyrospark(*run, "top.png")
     assert (said.code, "wrote top.png" in said.stdout) == (0, True)
     assert decoded((tmp_path / "top.png").read_bytes()).shape == (480, 640, 3)

@@ -92,15 +92,15 @@ def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
 def test_a_film_on_the_command_line(gyrospark, tmp_path):
     from PIL import Image
 
-    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "1", "--animate"]
+    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "1", "--show"]
     said = gyrospark(*run, "flip.gif")
     assert said.code == 0
     assert "wrote flip.gif" in said.stdout
     with Image.open(tmp_path / "flip.gif") as film:
         assert film.n_frames == 2
-    said = gyrospark(*run, "flip.png")
+    said = gyrospark(*run, "flip.avi")
     assert said.code == 2
-    assert "'flip.png'" in said.stderr
+    assert "'flip.avi'" in said.stderr
 
 
 def test_what_is_no_film(tops, tmp_path, monkeypatch):

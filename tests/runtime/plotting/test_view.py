@@ -209,12 +209,12 @@ def test_jupyter_shows_it_in_a_frame(tops, tmp_path):
 
 def test_on_the_command_line(gyrospark, tmp_path):
     run = ["run", "fast-top", "--dt", "1e-3", "--steps", "20"]
-    said = gyrospark(*run, "--view", "top.html", "--json")
+    said = gyrospark(*run, "--show", "top.html", "--json")
     assert said.code == 0
-    assert said.document["view"] == "top.html"
+    assert said.document["show"] == ["top.html"]
     page = (tmp_path / "top.html").read_text(encoding="utf-8")
     assert len(floats(scene_in(page)["t"])) == 21
-    said = gyrospark("run", ROOT / "examples/pendulum.toml", "--view", "p.html")
+    said = gyrospark("run", ROOT / "examples/pendulum.toml", "--show", "p.html")
     assert said.code == 2
     assert "'pendulum'" in said.stderr
     assert not (tmp_path / "p.html").exists()

@@ -86,17 +86,17 @@ def test_wrong_use_is_refused(more, said, gl3):
 
 
 def test_the_command_reports_what_was_measured(gyrospark):
-    document = gyrospark(*COMMAND, "--dt", "auto", "--error", "1e-8").document
+    document = gyrospark(*COMMAND, "--step-error", "1e-8").document
     assert document["tuned"]["error"] <= 1e-8
     assert document["steps"] * document["dt"] == pytest.approx(0.4)
     assert document["tuned"]["dt"] == document["dt"]
 
 
 @pytest.mark.parametrize(("more", "said"), [
-    (("--dt", "auto"), "--error"),
-    (("--dt", "auto", "--error", "1e-6", "--steps", "3"), "steps"),
-    (("--dt", "1e-3", "--error", "1e-6"), "--error 1e-6"),
-    (("--dt", "auto", "--error", "tiny"), "--error 'tiny'"),
+    (("--dt", "auto"), "--step-error"),
+    (("--step-error", "1e-6", "--steps", "3"), "steps"),
+    (("--dt", "1e-3", "--step-error", "1e-6"), "dt"),
+    (("--step-error", "tiny"), "--step-error 'tiny'"),
 ])
 def test_wrong_options_are_refused(more, said, gyrospark):
     refused_by_command(gyrospark(*COMMAND, *more), said)

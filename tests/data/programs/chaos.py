@@ -1,0 +1,8 @@
+"""A Poincaré section, and Lyapunov exponents."""
+
+import gyrospark as gs
+
+model = gs.models.double_pendulum()
+step = gs.stepper(system=model)
+found = gs.section(step, [model], event=gs.Event("b_x", 0.5), dt=2e-3, t_end=4)
+print(found.q.shape, gs.lyapunov(step, model, dt=2e-3, t_end=2, count=2).exponents)
