@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..core.manifest import Manifest
 from ..runtime.bindings.real_numbers import as_bytes
-from ..runtime.bindings.run_memory import Rows
+from ..runtime.bindings.run_memory import ParameterStruct, Rows
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.results.crossings import Crossings
 from ..runtime.results.run_arrays import OUTPUTS, States, parts, pieces, value_of
@@ -140,7 +140,8 @@ class Writer:
 
 
 def stored_arrays(
-    binding: Binding, manifest: Manifest, run: RunArguments, parameters: Any, batch: Batch
+    binding: Binding, manifest: Manifest, run: RunArguments, parameters: ParameterStruct,
+    batch: Batch
 ) -> dict[str, Array]:
     """Return every array of a batch by the field's name."""
     filled = slice(0, batch.count)

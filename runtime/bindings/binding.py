@@ -207,13 +207,17 @@ class Binding(Compiled):
         widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
         for i in range(sets):
             own = [array + i * width for array, width in zip(arrays, widths, strict=True)]
-            function(cast(Any, parameters) + i, rows, *self._times(None), *own)
+            function(self.set_of(parameters, i), rows, *self._times(None), *own)
         return g, f
 
     def sets(self, parameters: ParameterStruct) -> int:
         """Return of how many runs these are the parameters."""
         is_array = self.ffi.typeof(parameters).kind == "array"
         return len(cast(Any, parameters)) if is_array else 1
+
+    def set_of(self, parameters: ParameterStruct, i: int) -> ParameterStruct:
+        """Return the parameters of run i of an array of parameter structs."""
+        return ParameterStruct(cast(Any, parameters) + i)
 
     def project(self, parameters: ParameterStruct, q: Array, p: Array) -> int:
         """Move (q, p) onto the constraints in place; return the status."""

@@ -54,7 +54,9 @@ class DerivativeBinding:
         return self.own.ffi.cast("void *", self.own.ffi.from_buffer(
             keep := aligned(self._size))), keep
 
-    def constraint_derivatives(self, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
+    def constraint_derivatives(
+        self, parameters: ParameterStruct, q: Array, p: Array
+    ) -> tuple[Array, Array]:
         """Return the derivatives of g and f, m rows each, by the rows of a direction."""
         own, (memory, _keep) = self.own, self.memory()
         g, f = own.new(own.m, self.rows), own.new(own.m, self.rows)
@@ -64,7 +66,7 @@ class DerivativeBinding:
         return g, f
 
     def quantity_derivatives(
-        self, parameters: Any, t: Any, q: Array, p: Array, *, energy: bool = False
+        self, parameters: ParameterStruct, t: Any, q: Array, p: Array, *, energy: bool = False
     ) -> Array | None:
         """Return the derivatives of each quantity of a state by the rows of a direction.
 
@@ -83,14 +85,16 @@ class DerivativeBinding:
         found[:, : size - 1], found[:, -1] = rows[:, : size - 1], rows[:, -1]
         return found[: len(own.quantity_names)] if not energy else found[-1:]
 
-    def energy_derivatives(self, parameters: Any, q: Array, p: Array) -> Array:
+    def energy_derivatives(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return the derivatives of H(q, p, t) in scaled time by the rows of a direction."""
         found = self.quantity_derivatives(parameters, 0.0, q, p, energy=True)
         assert found is not None
         row: Array = found[0]
         return row
 
-    def count_switches(self, run: RunArguments, parameters: Any, steps: KeptSteps) -> int:
+    def count_switches(
+        self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps
+    ) -> int:
         """Return how many of these steps end on another side of a switch of H or the forces."""
         own = self.own
         if not self._has("count_switches"):
@@ -119,7 +123,7 @@ class DerivativeBinding:
             run.state.work))
 
     def tangent(
-        self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, dz: Array,
+        self, parameters: ParameterStruct, dt: Any, q: Array, p: Array, x: Array, dz: Array,
         multipliers: Array,
     ) -> tuple[int, Array]:
         """Return the status and the directions of the end, rows q and p, a column each.
@@ -134,7 +138,8 @@ class DerivativeBinding:
         return int(status), ends
 
     def adjoint(
-        self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, w: Array, multipliers: Array
+        self, parameters: ParameterStruct, dt: Any, q: Array, p: Array, x: Array, w: Array,
+        multipliers: Array
     ) -> tuple[int, Array]:
         """Return the status and the cotangent of the start.
 
@@ -148,8 +153,8 @@ class DerivativeBinding:
         return int(status), z_bar
 
     def integrate_tangent(
-        self, run: RunArguments, parameters: Any, steps: KeptSteps, dz: Array, every: int,
-        rows: Array, multipliers: Array, tangents: Array,
+        self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, dz: Array,
+        every: int, rows: Array, multipliers: Array, tangents: Array,
     ) -> int:
         """Advance ``tangents`` by kept steps; each ``every``-th state has a row in ``rows``.
 
@@ -163,8 +168,8 @@ class DerivativeBinding:
             own.pointer(tangents), memory))
 
     def integrate_adjoint(
-        self, run: RunArguments, parameters: Any, steps: KeptSteps, cotangents: Array, every: int,
-        multipliers: Array, w: Array, z_bar: Array, inputs_bar: Array,
+        self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, cotangents: Array,
+        every: int, multipliers: Array, w: Array, z_bar: Array, inputs_bar: Array,
     ) -> int:
         """Take ``w`` backwards through kept steps and add to ``z_bar``.
 

@@ -27,6 +27,7 @@ from ...core.errors import InputError
 from ...core.manifest import Manifest
 from ..bindings.binding import REASONS, Binding
 from ..bindings.real_numbers import aligned
+from ..bindings.run_memory import ParameterStruct
 from ..compilation.body_columns import BodyAt, JointAt, bodies_of, joints_of, numbers
 from ..rigid_body.quaternion import rotation_matrix
 
@@ -50,7 +51,9 @@ class MotionBinding:
         keep = aligned(self._size)
         return self.own.ffi.cast("void *", self.own.ffi.from_buffer(keep)), keep
 
-    def accelerations(self, parameters: Any, q: Array, p: Array) -> tuple[int, list[Array]]:
+    def accelerations(
+        self, parameters: ParameterStruct, q: Array, p: Array
+    ) -> tuple[int, list[Array]]:
         """Return the status, and v, ṗ, q̈ and λ of a state."""
         own, (memory, _keep) = self.own, self._memory()
         found = [own.new(own.n), own.new(own.n), own.new(own.n), own.new(own.m)]
@@ -58,7 +61,7 @@ class MotionBinding:
             parameters, own.pointer(q), own.pointer(p), *map(own.pointer, found), memory)
         return int(status), found
 
-    def inverse_mass(self, parameters: Any, q: Array, p: Array) -> Array:
+    def inverse_mass(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return H_pp of a state, in doubles."""
         own, (memory, _keep) = self.own, self._memory()
         found = own.new(own.n, own.n)
@@ -66,7 +69,7 @@ class MotionBinding:
                                      own.pointer(found), memory)
         return found.astype(float)
 
-    def constraint_jacobian(self, parameters: Any, q: Array, p: Array) -> Array:
+    def constraint_jacobian(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return g_q of a state, in doubles."""
         own, (memory, _keep) = self.own, self._memory()
         g, f = (own.new(own.m, 2 * own.n + len(own.parameter_names) + 2) for _ in range(2))
@@ -76,7 +79,7 @@ class MotionBinding:
         return g[:, : own.n].astype(float)
 
     def quantity_rates(
-        self, parameters: Any, t: Any, q: Array, p: Array, dq: Array, dp: Array, dt: int
+        self, parameters: ParameterStruct, t: Any, q: Array, p: Array, dq: Array, dp: Array, dt: int
     ) -> dict[str, Any]:
         """Return the derivative of each quantity along (dq, dp, dt)."""
         own = self.own

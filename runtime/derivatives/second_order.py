@@ -23,6 +23,7 @@ from ...core.arguments import few, shown
 from ...core.errors import InputError
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
+from ..bindings.run_memory import ParameterStruct
 from ..integration.run_arguments import RunArguments
 from .binding import DerivativeBinding, KeptSteps
 from .gradient import Cotangents, as_bytes
@@ -55,8 +56,8 @@ class SecondBinding:
             keep := aligned(self._size))), keep
 
     def integrate_second(
-        self, run: RunArguments, parameters: Any, steps: KeptSteps, tangents: Array, dz: Array,
-        cotangents: tuple[Array, Array], every: int, w: tuple[Array, Array],
+        self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, tangents: Array,
+        dz: Array, cotangents: tuple[Array, Array], every: int, w: tuple[Array, Array],
         z_bar: tuple[Array, Array], inputs: tuple[Array, Array, Array],
     ) -> int:
         """Take ``w`` and its slope backwards through kept steps, and add to ``z_bar``.
@@ -73,7 +74,7 @@ class SecondBinding:
             *map(own.pointer, (*w, *z_bar)), memory))
 
     def constraint_slopes(
-        self, parameters: Any, q: Array, p: Array, dz: Array
+        self, parameters: ParameterStruct, q: Array, p: Array, dz: Array
     ) -> tuple[Array, Array]:
         """Return how the derivatives of g and f by the rows of a direction change along dz."""
         own, (memory, _keep) = self.own, self._memory()
@@ -85,8 +86,8 @@ class SecondBinding:
 
 
 def pulled_back_slope(
-    second: SecondBinding, space: TangentSpace, parameters: Any, q: Array, p: Array, dz: Array,
-    z_bar: Array, z_bar_slope: Array,
+    second: SecondBinding, space: TangentSpace, parameters: ParameterStruct, q: Array, p: Array,
+    dz: Array, z_bar: Array, z_bar_slope: Array,
 ) -> Array:
     """Return the derivative of ``space.pulled_back(z_bar)`` along dz, which is tangent."""
     found = z_bar_slope.copy()
@@ -251,7 +252,8 @@ def _directions(
 
 
 def _tangents(
-    first: DerivativeBinding, run: RunArguments, parameters: Any, blocks: list[KeptSteps], D: Array
+    first: DerivativeBinding, run: RunArguments, parameters: ParameterStruct,
+    blocks: list[KeptSteps], D: Array
 ) -> tuple[Array, list[Array]]:
     """Return the directions of stored states, and those at the start of each block."""
     own, count, size = first.own, D.shape[1], 2 * first.n

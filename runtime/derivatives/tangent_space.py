@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_flag, as_items, as_text, shown, unknown
 from ...core.errors import InputError
 from ..bindings.array_checks import as_numbers
+from ..bindings.run_memory import ParameterStruct
 
 if TYPE_CHECKING:
     from .binding import DerivativeBinding
@@ -92,7 +93,7 @@ class TangentSpace:
     """Directions at a consistent state (q, p), in rows q, p, parameters, dt, start time."""
 
     def __init__(
-        self, binding: DerivativeBinding, parameters: Any, q: Array, p: Array,
+        self, binding: DerivativeBinding, parameters: ParameterStruct, q: Array, p: Array,
         constraint_names: Sequence[str],
     ) -> None:
         self.binding, self.n = binding, binding.n

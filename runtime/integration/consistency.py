@@ -22,6 +22,7 @@ from ...core.errors import InputError
 from ...core.manifest import Manifest
 from ...core.projection import project
 from ..bindings.binding import Binding, CompiledConstraints
+from ..bindings.run_memory import ParameterStruct
 
 if TYPE_CHECKING:
     from .run_arguments import RunArguments
@@ -54,7 +55,7 @@ class Defects:
 
 
 def defects_of_starts(
-    binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array
+    binding: Binding, keeps_f: bool, parameters: ParameterStruct, q: Array, p: Array, dt: Array
 ) -> Defects:
     """Return the defects of rows of q and p; there must be a constraint.
 
@@ -97,7 +98,7 @@ def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments)
 
 
 def _cure(
-    binding: Binding, manifest: Manifest, parameters: Any, run: RunArguments
+    binding: Binding, manifest: Manifest, parameters: ParameterStruct, run: RunArguments
 ) -> str:
     """Return how a start gets onto the constraints, or why it does not."""
     q, p = run.q.copy(), run.p.copy()
@@ -196,7 +197,9 @@ def _draws(n: int) -> _Moves:
     return _Moves(q_moves, p_moves, _forth_and_back, 0.5)
 
 
-def _is_plainly_consistent(binding: Binding, parameters: Any, q: Array, p: Array) -> bool:
+def _is_plainly_consistent(
+    binding: Binding, parameters: ParameterStruct, q: Array, p: Array
+) -> bool:
     """Whether one state is within the bounds by few moves: in half of the time of ``_judged``."""
     moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
     double, states = binding.dtype is np.float64, []
@@ -227,7 +230,8 @@ def _scales(binding: Binding) -> tuple[float, float]:
 
 
 def _judged(
-    binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array, moves: _Moves
+    binding: Binding, keeps_f: bool, parameters: ParameterStruct, q: Array, p: Array, dt: Array,
+    moves: _Moves
 ) -> Defects:
     """Return |g| and |f| of each row, and their bounds by these moves."""
     nudge, epsilons = _scales(binding)
@@ -237,7 +241,7 @@ def _judged(
     g_bound, f_bound = (epsilons * change for change in changes)
     for i in np.flatnonzero(f > f_bound):
         row = slice(i, i + 1)
-        own = parameters + i if binding.sets(parameters) > 1 else parameters
+        own = binding.set_of(parameters, int(i)) if binding.sets(parameters) > 1 else parameters
         x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
         if keeps_f:  # near rest a step rounds what forces add to p, and constraints take away
             kick = float(np.abs(x[binding.kicks]).max(initial=0))
@@ -253,7 +257,8 @@ def _judged(
 
 
 def _sizes(
-    binding: Binding, parameters: Any, q: Array, p: Array, dq: Array, dp: Array, moves: _Moves
+    binding: Binding, parameters: ParameterStruct, q: Array, p: Array, dq: Array, dp: Array,
+    moves: _Moves
 ) -> list[Array]:
     """Return the largest |g|, |f|, and changes of g and of f in each row, in one compiled call."""
     states = [np.ascontiguousarray((x[:, None] + step[:, None, None] * move).reshape(-1, binding.n),

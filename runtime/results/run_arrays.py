@@ -17,6 +17,7 @@ from ...core.arguments import proposal, shown
 from ...core.errors import InputError
 from ...core.manifest import Manifest, SystemManifest
 from ..bindings.binding import Binding
+from ..bindings.run_memory import ParameterStruct
 
 __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect_sizes",
            "flat_multipliers", "full_states", "labels_of", "parts", "pieces", "place_of_quantity",
@@ -49,7 +50,7 @@ class States:
 
     binding: Binding
     manifest: Manifest
-    parameters: Any
+    parameters: ParameterStruct
     t: Array
     q: Array
     p: Array
@@ -308,7 +309,7 @@ def flat_multipliers(trajectory: Any) -> Array:
 
 
 def defect_sizes(
-    binding: Binding, parameters: Any, q: Array, p: Array, t: Array | None = None
+    binding: Binding, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
 ) -> tuple[Array, Array]:
     """Return the largest |g| and the largest momentum-constraint error of each row."""
     g, f = binding.defects(parameters, q, p, t)

@@ -21,6 +21,7 @@ from ...core.start import HasStart
 from ...engine.amalgamate import complete
 from ..bindings.array_checks import as_real, as_step
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
+from ..bindings.run_memory import ParameterStruct
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
 from ..integration.manifest_symmetries import symmetries_of
@@ -248,7 +249,9 @@ class Evaluation:
         before, after = ((x[: self.n], y[: self.n]) for x, y in (old, new))
         return report(numeric, before, after, (g[0], g[1]), (f[1], f[2]))
 
-    def _projected(self, q: Array, p: Array, parameters: Any) -> tuple[Array, Array]:
+    def _projected(
+        self, q: Array, p: Array, parameters: ParameterStruct
+    ) -> tuple[Array, Array]:
         """Return the projected state: by compiled code, else by damped steps from Python."""
         q_near, p_near = q.copy(), p.copy()
         status = self.binding.project(parameters, q_near, p_near)
