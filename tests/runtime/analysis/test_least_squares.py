@@ -23,7 +23,7 @@ def test_steps_are_no_longer_than_they_may_be(longest):
 
     found = minimise(
         np.array([3.3, -1.7]), lambda x: A @ x - B, lambda x: Linear(A @ x - B, A, np.ones(2)),
-        moved, lambda x, y: np.linalg.norm(y) / longest, tolerance=1e-20, most=60)
+        moved, lambda x, y: np.linalg.norm(y) / longest, tolerance=1e-20, iteration_limit=60)
     assert found.converged
     assert np.abs(found.point - np.linalg.solve(A.T @ A, A.T @ B)).max() < 1e-9
     assert max(lengths) <= longest * (1 + 1e-15)
