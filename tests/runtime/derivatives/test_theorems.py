@@ -32,9 +32,12 @@ def some(few, pairs):
 
 
 def space_at(step, name, q, p, t):
-    """Return the tangent space of the constraints at a state of a case."""
-    own = step._derivative_binding().own
-    numbers = {k: own.number(x) for k, x in case_of(name).parameters.items()}
+    """Return the tangent space of the constraints at a state of a case.
+
+    Rates of a frame are 0 where the case has none.
+    """
+    own, parameters = step._derivative_binding().own, case_of(name).parameters
+    numbers = {k: own.number(parameters.get(k, 0.0)) for k in own.parameter_names}
     return TangentSpace(step._derivative_binding(), own.parameters(numbers, own.number(t)), q, p,
                         step.constraint_names)
 
