@@ -69,6 +69,19 @@ def test_structured_code_computes_what_dense_code_does():
     compare(loops, dense, start_of_beads(dense, 0.4), BEADS, 0.4)
 
 
+def test_what_dampers_couple_lies_close_together():
+    """Points on springs of their own, with a damper from each to the next."""
+    q, p = sp.symbols("x0:8", real=True), sp.symbols("y0:8", real=True)
+    pulls = [p[i + 1] - p[i] for i in range(7)]
+    forces = [after - before for after, before in zip([*pulls, 0], [0, *pulls], strict=True)]
+    H = sum(y**2 for y in p) / 2 + sum(x**4 for x in q) / 4
+    structure = Structure(hoisted(System(q, p, (), H, forces=forces, name="dampers"))[0])
+    for pair in ({("q", i), ("q", i + 1)} for i in range(7)):
+        assert any(pair <= nodes for nodes in structure.coupled)
+    place = {node: i for i, node in enumerate(structure.band_order)}
+    assert max(abs(place["q", i + 1] - place["q", i]) for i in range(7)) == 1
+
+
 def test_structured_ems_balances_energy_and_work():
     """An identity of its own differences, so that no dense code is needed; by each solver."""
     step = made_beads("EMS", None, True)
