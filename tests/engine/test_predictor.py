@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import integrate
 from resumed_stores import check
 
@@ -82,6 +83,8 @@ def test_prediction_saves_iterations():
     assert run.report.constraint_max <= 4 * np.finfo(float).eps
     assert run.iterations[:8].mean() > run.iterations[30:60].mean() + 4
     assert run.iterations[100:].mean() < 0.8 * 14.0
+    short = systems.run("heavy_top", systems.stepper("heavy_top"), 1000, dt=1e-3)
+    assert short.report.iterations_mean < 4  # 3.3; 10.8 without its long recurrence
 
 
 @pytest.mark.slow  # a hundred thousand steps of eight tops

@@ -18,7 +18,7 @@ from calls import RUN, TOP, integrate
 from command_line import RUN as COMMAND
 from gyrospark.core.interrupts import catch_ctrl_c, catch_signals
 from gyrospark.runtime.bindings.compiled_module import Compiled
-from gyrospark.runtime.integration import step_loop
+from gyrospark.runtime.integration import dense_output, step_loop
 from gyrospark.sweeps.results import NOT_COMPUTED
 from processes import PATIENCE, catches, environment, gyrospark_command, wait_for
 from stores import START, assert_same, assert_same_states
@@ -71,6 +71,15 @@ def test_a_search_for_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
         with pytest.raises(gs.errors.Stopped, match="first step") as error:
             call()
         assert error.value.trajectory is None
+
+
+def test_a_run_whose_states_between_steps_were_asked_for_is_complete(gl3, monkeypatch):
+    run, fill = integrate(gl3, **START, steps=20), dense_output.fill_ensemble
+    monkeypatch.setattr(dense_output, "fill_ensemble",
+                        lambda *arguments: (fill(*arguments), interrupt())[0])
+    with pytest.raises(gs.errors.Stopped, match="complete") as error:
+        run.at(run.t[:-1] + 1e-4)
+    assert error.value.trajectory is run
 
 
 def test_own_handler_is_left_alone(gl3):
