@@ -32,8 +32,8 @@ def distance(a: Any, b: Any, power: float | sp.Expr = 1.5) -> sp.Expr:
 
     Parameters
     ----------
-    a, b : bodies, or sequences of expressions of equal length
-        Points; of a body its origin.
+    a, b : sequences of Expr, of equal length
+        Points; a body stands for its origin.
     power : float or Expr
         A positive number.
 

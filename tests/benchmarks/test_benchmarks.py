@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
 from benchmarks import (
+    adaptive,
     attitudes,
     bodies,
     events,
@@ -392,6 +393,26 @@ def test_scales_grow():
         assert not row.failed
         assert all(number > 0 for name, number in row.numbers.items() if name[0] != "|")
     assert {law.case for law in scale.laws(found)} == set(scale.SIZES)
+
+
+# ---------------------------------------------------------------- eccentric orbits
+
+
+@pytest.mark.parametrize("e", [0.3, 0.9])
+def test_orbits_are_in_closed_form(e):
+    """Half a period leads to the apocentre; a quarter in E, and the law of areas."""
+    position = adaptive._kepler(e, quick=True).position
+    assert np.abs(position(np.pi) - [-1 - e, 0.0]).max() < 1e-13
+    assert np.abs(position(np.pi / 2 - e) - [-e, np.sqrt(1 - e**2)]).max() < 1e-13
+
+
+def test_orbits_are_rows():
+    """The scaled ones are nearer than the constant ones, which need as many steps."""
+    rows = adaptive.adaptive(Choice(("gyrospark",), quick=True, rounds=1, only="e = 0.9"))
+    scaled, constant = ([row.numbers["error"] for row in rows if kind in row.setting]
+                        for kind in ("scaled", "constant"))
+    assert not any(row.failed for row in rows)
+    assert max(scaled) < 1e-6 < min(constant)
 
 
 # ---------------------------------------------------------------- events, gradients

@@ -1,0 +1,223 @@
+"""Eccentric orbits and Arenstorf's orbit: steps in scaled time and constant ones, heyoka, SciPy.
+
+σ is r^(3/2), and (r1⁻³ + μ/(1 − μ) r2⁻³ + 1/100)^(−1/2) near two masses. The end of Kepler's
+orbits, after a number of periods that is not whole, is known in closed form; the reference for
+Arenstorf's orbit is heyoka at a tolerance of 1e-18. SciPy's right-hand side is compiled by numba.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import mpmath
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+import gyrospark as gs
+
+from .peers.optional import need
+from .rows import Choice, Entry, Prepared, Row, contest
+from .timing import Sample
+
+__all__ = ["adaptive"]
+
+Array = NDArray[Any]
+
+_X, _Y, _U, _V = sp.symbols("x y u v", real=True)
+#: Of Arenstorf's orbit: the mass of the Moon, the start, the period.
+_MU = 0.012277471
+_ARENSTORF = (0.994, -2.00158510637908252240537862224, 17.0652165601579625588917206249)
+_ECCENTRICITIES = (0.3, 0.6, 0.9, 0.99)
+#: Periods of Kepler's orbits: 2π each.
+_PERIODS = 100.37
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A planar motion of unit mass.
+
+    Attributes
+    ----------
+    name : str
+    system : System
+        With its time scale.
+    q, p : tuple of float
+        The start.
+    t_end, tau_end : float
+        t and τ of the end; τ = 0 where a run is to tell it.
+    periods : float
+        The same in periods.
+    position : callable
+        (x, y) at a time.
+    constant, scaled : sequence
+        (stages, number of steps a period) in constant steps and in scaled time.
+    """
+
+    name: str
+    system: gs.System
+    q: tuple[float, float]
+    p: tuple[float, float]
+    t_end: float
+    tau_end: float
+    periods: float
+    position: Callable[[float], Array]
+    constant: Sequence[tuple[int, float]]
+    scaled: Sequence[tuple[int, float]]
+
+
+def adaptive(choice: Choice) -> list[Row]:
+    """Return the rows of each orbit."""
+    orbits = [*(_kepler(e, choice.quick) for e in _ECCENTRICITIES), _arenstorf(choice.quick)]
+    return [row for orbit in orbits if choice.only in orbit.name
+            for row in contest(orbit.name, list(_entries(orbit)), choice)]
+
+
+# ---------------------------------------------------------------- orbits
+
+
+def _kepler(e: float, quick: bool) -> Orbit:
+    r = sp.sqrt(_X**2 + _Y**2)
+    system = gs.System((_X, _Y), (_U, _V), (), (_U**2 + _V**2) / 2 - 1 / r, name="orbit",
+                       time_scale=gs.scales.distance((_X, _Y), (0, 0)))
+    periods = 2.37 if quick else _PERIODS
+    # τ of a period: ∫ dt / r^(3/2) = ∫ (1 − e cos E)^(−1/2) dE
+    tau = float(np.mean((1 - e * np.cos(np.linspace(0, 2 * np.pi, 4096, endpoint=False))) ** -0.5)
+                * 2 * np.pi)
+    # Constant steps as long as the shortest of 4, 8 and 16 scaled ones.
+    constant = [round(n * 2 * np.pi / (1 - e) ** 1.5 / tau, 2) for n in (4, 8, 16)]
+    return Orbit(f"Kepler, e = {e}", system, (1 - e, 0.0), (0.0, float(np.sqrt((1 + e) / (1 - e)))),
+                 periods * 2 * np.pi, periods * tau, periods, partial(_on_ellipse, e),
+                 [(6, n) for n in constant],
+                 [(6, n) for n in (8.37, 10.37, 12.37, 14.37, 16.37, 20.37, 24.37)]
+                 + [(8, n) for n in (8.3, 10.3, 12.3, 14.3)])
+
+
+def _on_ellipse(e: float, t: float) -> Array:
+    """E − e sin E = t, r = (cos E − e, √(1 − e²) sin E)."""
+    with mpmath.workdps(30):
+        M = mpmath.fmod(mpmath.mpf(t), 2 * mpmath.pi)
+        E = mpmath.findroot(lambda E: E - e * mpmath.sin(E) - M, (M - e, M + e), solver="anderson",
+                            tol=1e-25)
+        return np.array([float(mpmath.cos(E) - e),
+                         float(mpmath.sqrt(1 - mpmath.mpf(e) ** 2) * mpmath.sin(E))])
+
+
+def _arenstorf(quick: bool) -> Orbit:
+    mu = sp.Float(str(_MU), 20)
+    r1, r2 = sp.sqrt((_X + mu) ** 2 + _Y**2), sp.sqrt((_X - 1 + mu) ** 2 + _Y**2)
+    H = (_U**2 + _V**2) / 2 + _Y * _U - _X * _V - (1 - mu) / r1 - mu / r2
+    scale = gs.scales.rates(r1 ** sp.Rational(-3, 2), sp.sqrt(mu / (1 - mu)) * r2 **
+                            sp.Rational(-3, 2), sp.Rational(1, 10))
+    system = gs.System((_X, _Y), (_U, _V), (), H, name="arenstorf", time_scale=scale)
+    x, v, period = _ARENSTORF
+    return Orbit("Arenstorf", system, (x, 0.0), (0.0, v + x), period, 0.0, 1.0, _on_arenstorf,
+                 [(6, n) for n in (4000.0, 16000.0)],
+                 [(6, n) for n in (60.0, 80.0, 120.0, 160.0, 240.0)])
+
+
+def _on_arenstorf(t: float) -> Array:
+    heyoka = need("heyoka")
+    x, v, _ = _ARENSTORF
+    motion = heyoka.taylor_adaptive(_equations(heyoka, "Arenstorf"), [x, 0.0, 0.0, v + x],
+                                    tol=1e-18)
+    motion.propagate_until(t)
+    end: Array = motion.state[:2].copy()
+    return end
+
+
+def _equations(heyoka: Any, name: str) -> list[Any]:
+    x, y, u, v = heyoka.make_vars("x", "y", "u", "v")
+    if name != "Arenstorf":
+        cube = (x**2 + y**2) ** -1.5
+        return [(x, u), (y, v), (u, -x * cube), (v, -y * cube)]
+    one, two = ((x + a) ** 2 + y**2 for a in (_MU, _MU - 1))
+    pull, push = (1 - _MU) * one**-1.5, _MU * two**-1.5
+    return [(x, u + y), (y, v - x), (u, v - pull * (x + _MU) - push * (x - 1 + _MU)),
+            (v, -u - (pull + push) * y)]
+
+
+# ---------------------------------------------------------------- entries
+
+
+def _entries(orbit: Orbit) -> list[Entry]:
+    rows = [Entry("gyrospark", f"{s}-G-L scaled, {n:g} steps", partial(_scaled, orbit, s, n),
+                  quick=s == 6 and i < 2) for i, (s, n) in enumerate(orbit.scaled)]
+    rows += [Entry("gyrospark", f"{s}-G-L constant, {n:g} steps", partial(_constant, orbit, s, n),
+                   quick=i < 1) for i, (s, n) in enumerate(orbit.constant)]
+    rows += [Entry("heyoka", f"tol {tol}" if tol else "default", partial(_heyoka, orbit, tol),
+                   quick=not tol) for tol in ("", "1e-12", "1e-9", "1e-6")]
+    rows += [Entry("scipy", f"DOP853 numba, tol {tol}", partial(_dop853, orbit, float(tol)),
+                   quick=False) for tol in ("1e-8", "1e-11", "1e-13")]
+    return rows
+
+
+def _costs(orbit: Orbit) -> Callable[[Mapping[str, Sample]], Mapping[str, float]]:
+    return lambda times: {"CPU µs/period": times["run"].median / orbit.periods * 1e6}
+
+
+def _scaled(orbit: Orbit, stages: int, steps: float) -> Prepared:
+    step = gs.stepper("G-L", stages, system=orbit.system)
+    start = gs.Start(orbit.q, orbit.p)
+    tau = orbit.tau_end
+    if not tau:
+        tau = float(step.integrate(start, dtau=0.01, t_end=orbit.t_end).tau[-1])
+    dtau = tau / orbit.periods / steps
+    count = round(tau / dtau)
+    return _measured(orbit, lambda: step.integrate(start, dtau=dtau, steps=count, every=count))
+
+
+def _constant(orbit: Orbit, stages: int, steps: float) -> Prepared:
+    step = gs.stepper("G-L", stages, system=orbit.system.with_time_scale(None))
+    start, count = gs.Start(orbit.q, orbit.p), round(orbit.periods * steps)
+    dt = orbit.t_end / count
+    return _measured(orbit, lambda: step.integrate(start, dt=dt, steps=count, every=count))
+
+
+def _measured(orbit: Orbit, run: Callable[[], gs.Trajectory]) -> Prepared:
+    end = run()
+    iterations = end.report.iterations / orbit.periods
+    return Prepared({"error": _error(orbit, end.q[-1], float(end.t[-1])),
+                     "iterations/period": iterations}, {"run": run}, _costs(orbit))
+
+
+def _error(orbit: Orbit, position: Array, t: float) -> float:
+    return float(np.abs(position - orbit.position(t)).max())
+
+
+def _heyoka(orbit: Orbit, tol: str) -> Prepared:
+    heyoka = need("heyoka")
+    start = np.array([*orbit.q, *orbit.p])
+    motion = heyoka.taylor_adaptive(_equations(heyoka, orbit.name), start,
+                                    **({"tol": float(tol)} if tol else {}))
+
+    def run() -> Array:
+        motion.time, motion.state[:] = 0.0, start
+        motion.propagate_until(orbit.t_end)
+        end: Array = motion.state.copy()
+        return end
+
+    return Prepared({"error": _error(orbit, run()[:2], orbit.t_end)}, {"run": run}, _costs(orbit))
+
+
+def _dop853(orbit: Orbit, tol: float) -> Prepared:
+    numba, integrate = need("numba"), need("scipy.integrate", "scipy")
+    t, z = sp.Symbol("t"), sp.Tuple(_X, _Y, _U, _V)
+    rates = sp.Tuple(*orbit.system.H_p, *(-e for e in orbit.system.H_q))
+    function = numba.njit(sp.lambdify([t, z], rates, "math", cse=True))
+
+    @numba.njit  # type: ignore[untyped-decorator]
+    def derivative(t: float, z: Array) -> Array:
+        return np.array(function(t, (z[0], z[1], z[2], z[3])))
+
+    start = np.array([*orbit.q, *orbit.p])
+
+    def run() -> Any:
+        return integrate.solve_ivp(derivative, (0.0, orbit.t_end), start, method="DOP853",
+                                   rtol=tol, atol=tol)
+
+    return Prepared({"error": _error(orbit, run().y[:2, -1], orbit.t_end)}, {"run": run},
+                    _costs(orbit))
