@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import difflib
 import inspect
+import re
 from collections.abc import Iterator
 
 import click
@@ -17,6 +18,7 @@ import pytest
 import gyrospark as gs
 from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
+from gyrospark.core.former_names import FORMER_MEMBERS, FORMER_NAMES, FORMER_OPTIONS
 from processes import ROOT
 from result_classes import RESULT_CLASSES, result_class
 
@@ -123,6 +125,14 @@ def test_the_first_program_of_the_readme_is_short():
              for node in ast.walk(ast.parse(program))
              if isinstance(node, ast.Attribute | ast.Name)}
     assert named.isdisjoint({"gamma", "q", "p", "q0", "p0", "parameters"})
+
+
+def test_the_table_of_the_changelog_has_every_former_name():
+    lines = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()
+    table = "\n".join(line.split(" | ")[0] for line in lines if line.startswith("| "))
+    former = [*FORMER_NAMES, *(name for names in FORMER_MEMBERS.values() for name in names),
+              *(option.split()[1] for option in FORMER_OPTIONS)]
+    assert [name for name in former if not re.search(rf"{name}\b", table)] == []
 
 
 class Changed:
