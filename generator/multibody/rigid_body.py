@@ -225,7 +225,8 @@ def body_system(
         name=name,
         forces=tuple(body_force(torques)) if torques else (),
         time=time if torques or quantities or any(
-            as_expression(e).has(time) for e in (potential, time_scale or 0)) else None,
+            as_expression(e).has(time) for e in (potential, time_scale)
+            if e is not None) else None,
         quantities=quantities,
         time_scale=time_scale,
         rigid_body=True,

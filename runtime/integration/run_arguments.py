@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
-from ...core.errors import InputError
+from ...core.errors import ArgumentError, InputError
 from ...core.event import Event
 from ...core.exact_numbers import Rounded, as_double, exact
 from ...core.manifest import ClockManifest
@@ -178,7 +178,7 @@ def step_argument(binding: Binding, dt: Any, dtau: Any) -> Any:
                          "no time_scale; give dt.")
     name, step = ("dtau", dtau) if binding.clocked else ("dt", dt)
     if step is None:
-        raise InputError(f"{name} = None is no step; give a number.")
+        raise ArgumentError(f"{name} = None is no step; give a number.")
     return step
 
 

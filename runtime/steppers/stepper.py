@@ -332,8 +332,8 @@ class Stepper(Dynamics):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        state = merged_start(self, start, p, parameters)
         dt = step_argument(self.binding, dt, dtau)
+        state = merged_start(self, start, p, parameters)
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver), "excess": state.excess}
         asked = as_events(events, self.manifest.system.event_quantities)
@@ -421,10 +421,10 @@ class Stepper(Dynamics):
 
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
-        state = merged_starts(self, starts, p, parameters)
         dt = step_argument(self.binding, dt, dtau)
         refuse_together(ensemble="an ensemble", open_end=self.binding.clocked
                         and t_end is not None and "t_end in scaled time")
+        state = merged_starts(self, starts, p, parameters)
         return integrate_members(
             self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs,
             tangents, device, steps=steps_of_all(steps, t_end, state.t, dt), every=every,

@@ -127,6 +127,7 @@ def calls(tmp_path: Path) -> list[Call]:
     step = Later(lambda: systems.stepper("heavy_top"))
     q, p = TOP.q0, TOP.p0
     run = {"dt": 1e-3, "parameters": PARAMETERS}
+    either = run | {"dtau": None}
     state = {"start": q, "p": p}
     made = Later(lambda: resolve(step).integrate(q, p, steps=3, **run))
     many = Later(lambda: resolve(step).integrate_ensemble([q, q], [p, p], steps=3, workers=1,
@@ -178,11 +179,11 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("stewart_platform", gs.models.stewart_platform, rep="gamma"),
         plain("chain", gs.models.chain, count=1, rep="gamma"),
         plain("step", step.step, **state, **run, solver="auto", inputs=None),
-        plain("integrate", step.integrate, **state, **run, steps=3, every=1,
+        plain("integrate", step.integrate, **state, **either, steps=3, every=1,
               solver=gs.Solver(tolerance=1e-12), progress=None, events=gs.Event("q1"), inputs=None,
               t_eval=[0.001, 0.0025], t_end=None, tangents=None,
               out=None),
-        plain("integrate", step.integrate, start=TOP, p=None, **run, steps=None, every=1,
+        plain("integrate", step.integrate, start=TOP, p=None, **either, steps=None, every=1,
               solver="auto", progress=None, events=(), inputs=None, t_eval=None, t_end=0.003,
               tangents=gs.Tangents(), out=None),
         plain("Tangents", gs.Tangents, start="all", parameters=["I1"], dt=True, t0=False,
@@ -209,12 +210,12 @@ def calls(tmp_path: Path) -> list[Call]:
               every=20, inputs=None, solver="auto", covariant=False, progress=None),
         plain("periodic_orbit", gs.periodic_orbit, stepper=step, **state, **run, steps=40,
               fix="energy", free=None, max_iterations=2),
-        plain("integrate_ensemble", step.integrate_ensemble, starts=[q, q], p=[p, p], **run,
+        plain("integrate_ensemble", step.integrate_ensemble, starts=[q, q], p=[p, p], **either,
               steps=3, t_end=None, every=1, solver=gs.Solver(), workers=1,
               events=gs.Event("q1"), inputs=None, tangents=gs.Tangents(), device="cpu"),
         plain("at", made.at, times=[0.0015], stepper=step),
         plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
-        plain("start", step.start, **state, **run, solver="auto", record=False),
+        plain("start", step.start, **state, **either, solver="auto", record=False),
         plain("advance", Later(lambda: resolve(step).start(q, p, **run)).advance, steps=2,
               inputs=None),
         plain("Start", gs.Start, q=q, p=p, parameters=PARAMETERS, t=0.0, inputs={}),
@@ -231,9 +232,9 @@ def calls(tmp_path: Path) -> list[Call]:
               real="double", set=None, **robot, keyframe=None),
         plain("from_file", gs.Multibody.from_file, path=str(tmp_path / "none.urdf"), rep="gamma",
               **robot),
-        plain("residual", step.residual, x=np.zeros(18), **state, **run, t=0.0),
-        plain("jacobian", step.jacobian, x=np.zeros(18), **state, **run, t=0.0),
-        plain("guess", step.guess, **state, **run, t=0.0),
+        plain("residual", step.residual, x=np.zeros(18), **state, **either, t=0.0),
+        plain("jacobian", step.jacobian, x=np.zeros(18), **state, **either, t=0.0),
+        plain("guess", step.guess, **state, **either, t=0.0),
         plain("energy", step.energy, **state, parameters=PARAMETERS, t=0.0, of_motion=False),
         plain("accelerations", step.accelerations, **state, parameters=PARAMETERS, t=0.0),
         plain("mass_matrix", step.mass_matrix, **state, joints=None, parameters=PARAMETERS, t=0.0),
@@ -278,11 +279,12 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
               quantities={"z": x}, rigid_body=False, bodies=(), inputs=(), joints=(),
-              velocity_constraints=(), velocities=(), velocity_constraint_names=()),
+              velocity_constraints=(), velocities=(), velocity_constraint_names=(),
+              time_scale=1 + x**2),
         Call("from_mechanics", lambda: (gs.from_mechanics, {
             "method": free_particle(), "name": "a", "inputs": (), "bodies": False})),
         plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),
-              parameters=(), torque=(), quantities={}, tensor=False),
+              parameters=(), torque=(), time_scale=None, quantities={}, tensor=False),
         plain("Multibody", gs.Multibody, name="a", gravity=(0, 0, -9.81), dt=0.1, steps=3,
               description=""),
         Call("certify", lambda: (gs.certify, {
@@ -420,6 +422,7 @@ def multibody_calls() -> Iterator[Call]:
     yield of("input", name="k", value=1.0)
     yield of("force", body="body", force=(0, 0, 1), on_body=(0, 0, 1))
     yield of("torque", body="body", torque=(0, 0, 1))
+    yield of("time_scale", expression=2)
     yield of("quantity", name="k", expression=sp.Integer(1))
     yield of("visual", body="body", shape=gs.Shape("box", (1.0, 1.0, 1.0)))
     yield of("model", without=(), redundant="refuse")
