@@ -318,9 +318,11 @@ class Assembly:
                 p = self._momenta_at(poses)
             masses = {body: self.components.values[str(body.mass)]
                       for body in self.components.bodies}
-            p = Velocities(self.components.bodies, poses, self.components.inertia, masses).keep(
-                numbers, [copy for link, copy in self.connections.items()
-                          if link not in self.components.placed], q, p)
+            velocities = Velocities(
+                self.components.bodies, poses, self.components.inertia, masses)
+            p = velocities.keep(numbers, [copy for link, copy in self.connections.items()
+                                          if link not in self.components.placed], q, p)
+            velocities.warn_of_moved(p)
             return report(
                 numbers, (self.q0, self.p0), (q, p), (numbers.g(self.q0), numbers.g(q)),
                 (numbers.f(q, self.p0), numbers.f(q, p)))

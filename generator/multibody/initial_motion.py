@@ -368,6 +368,24 @@ class Velocities:
         self._refuse_missed(targets, inverse @ total, R @ total - d, d, scale)
         return np.asarray(self.B @ (inverse @ total))
 
+    def warn_of_moved(self, p: Array) -> None:
+        """Warn of velocities, other than 0, by rates of a robot's joints that p does not have."""
+        u = np.linalg.lstsq(self.B, p, rcond=None)[0]
+        size = ROUNDING * max(np.abs(self.u).max(), np.abs(u).max())
+        u = np.where(np.abs(u) > size, u, 0.0)
+        moved = []
+        for (body, what), at in self.slots.items():
+            change = float(np.abs(u[at] - self.u[at]).max())
+            if (self.bodies[body].is_placed and not isinstance(body, FlywheelBody)
+                    and self.u[at].any() and change > size):
+                name = "velocity" if what == "v" else "angular velocity"
+                moved.append((change, f"the {name} of {body.name!r} in space is {_text(u[at])} "
+                              f"({_text(self.u[at])} by the rates of joints)"))
+        if moved:
+            more = f", and {len(moved) - 1} more like it" if len(moved) > 1 else ""
+            warn(f"The loops move the start: {max(moved)[1]}{more}. Give rates that the loops "
+                 "allow, of all joints.")
+
     def _refuse_missed(
         self, targets: Sequence[_Target], u: Array, off: Array, d: Array, scale: float
     ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 
 import numpy as np
@@ -276,10 +277,25 @@ def test_welds_hold(tmp_path):
 def test_the_example_is_what_it_says():
     """A loop, a motor that holds a speed against its armature, and shapes; no mesh."""
     build = gs.Multibody.from_file("examples/pumpjack.xml", keyframe="running")
+    build.model(redundant="leave out")  # the loop moves nothing of its start
     assert {link.name for link in build._components.connections} >= {
         "crank", "pin", "saddle", "rope", "loop", "crank_rotor", "drive_motor"}
     assert build._components.values["drive"] == 2.0
     assert [shape.kind for shape in build._visuals["beam"]] == ["bar", "box"]
+
+
+@pytest.mark.parametrize(("rates", "said"), [
+    ("2 1", None), ("0 0", None), ("2 0", r"'a' in space is \[0, 1\.6, 0\] \(\[0, 2, 0\]")])
+def test_rates_that_loops_move_are_warned_of(tmp_path, recwarn, rates, said):
+    """Of a = 2 b and equal inertias least squares take 4/5 of the rate of a."""
+    body = '<body name="{0}"><joint name="{0}" axis="0 1 0"/><geom size=".1"/></body>'
+    path = written(tmp_path, f'<worldbody>{body.format("a")}{body.format("b")}</worldbody>'
+                   '<equality><joint joint1="a" joint2="b" polycoef="0 2 0 0 0"/></equality>'
+                   f'<keyframe><key qpos="0 0" qvel="{rates}"/></keyframe>')
+    gs.load_model(path, keyframe=0, ignore="contact")
+    told = [str(warning.message) for warning in recwarn]
+    assert len(told) == (said is not None)
+    assert re.search(said or "", " ".join(told))
 
 
 # ---------------------------------------------------------------- files
