@@ -70,7 +70,7 @@ def test_the_nearest_name_is_proposed(gl3):
 
 
 def test_missing_and_surplus_arguments_are_named(gl3):
-    for call, named in ((lambda: gl3.integrate(TOP.q0), "dt"),
+    for call, named in ((lambda: gl3.step(TOP.q0, TOP.p0), "dt"),
                         (lambda: gl3.integrate(TOP.q0, TOP.p0, 1e-3, 3), "2 .* 4"),
                         (lambda: gl3.integrate(TOP.q0, q=TOP.q0), "without names"),
                         (lambda: gs.Start.of_body(TOP.q0, attitude=TOP.q0), "'attitude' twice")):

@@ -285,7 +285,7 @@ def test_the_example_is_what_it_says():
 
 
 @pytest.mark.parametrize(("rates", "said"), [
-    ("2 1", None), ("0 0", None), ("2 0", r"'a' in space is \[0, 1\.6, 0\] \(\[0, 2, 0\]")])
+    ("2 1", None), ("0 0", None), ("2 0", r"'a'.*\[0, 1\.6, 0\].*\[0, 2, 0\]")])
 def test_rates_that_loops_move_are_warned_of(tmp_path, recwarn, rates, said):
     """Of a = 2 b and equal inertias least squares take 4/5 of the rate of a."""
     body = '<body name="{0}"><joint name="{0}" axis="0 1 0"/><geom size=".1"/></body>'
