@@ -22,6 +22,7 @@ from ...core.arguments import as_items, shown, unknown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, as_double
+from ...core.html import card, table
 from ...core.progress import log_progress
 from ...core.start import HasStart, Rule
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
@@ -122,6 +123,11 @@ class Fit:
         for words, times in Counter(map(spelt, self.undetermined)).items():
             lines.append(f"  undetermined: {words}" + f" ({times} directions)" * (times > 1))
         return "\n".join(lines) + ">"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the parameters with a standard deviation, and the report."""
+        heading, *rows = repr(self)[1:-1].splitlines()
+        return card(heading, table([row.strip().split(" = ", 1) for row in rows]))
 
 
 def with_sigma(value: float, sigma: float) -> str:

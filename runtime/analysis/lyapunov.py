@@ -25,6 +25,7 @@ from ...core.arguments import as_flag, few, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
+from ...core.html import card, table
 from ...core.progress import Progress, as_progress, log_progress
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart
@@ -116,6 +117,13 @@ class Lyapunov:
                         for value, error in zip(self.exponents, self.errors, strict=True))
         return (f"<Lyapunov of {self.name}: {exponents} /s over {self.times[-1]:.6g} s; MEGNO "
                 f"{self.megno:.4g}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the exponents, and MEGNO."""
+        rows = [(f"λ{i}", f"{value:.6g}", f"{error:.2g}") for i, (value, error) in enumerate(
+            zip(self.exponents, self.errors, strict=True), 1)]
+        return card(f"Lyapunov exponents of {self.name}", table(
+            [*rows, ("MEGNO", f"{self.megno:.4g}", "")], ("", "1/s", "standard error")))
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw the running exponents and MEGNO against time.

@@ -35,6 +35,7 @@ from ...core.arguments import as_items, few, shown, unknown
 from ...core.calls import explain_arguments
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
+from ...core.html import card, table
 from ...core.start import HasStart, Start
 from ..bindings.array_checks import as_positive_count
 from ..derivatives.tangent_space import Tangents
@@ -117,6 +118,13 @@ class PeriodicOrbit:
         return (f"<PeriodicOrbit of {self._stepper.name}: period {float(self.period):.12g} s, "
                 f"{self.steps:,} steps; multipliers {multipliers}; closed to "
                 f"{self.residuals[-1]:.1e} after {self.iterations} iterations>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the period, the multipliers and the last defect."""
+        multipliers = few(_text(value) for value in self.multipliers if value.imag >= 0)
+        return card(f"Periodic orbit of {self._stepper.name}", table([
+            ("period", f"{float(self.period):.12g} s"), ("steps", f"{self.steps:,}"),
+            ("multipliers", multipliers), ("defect", f"{self.residuals[-1]:.1e}")]))
 
     def run(self, periods: int = 1, every: int = 1) -> Trajectory:
         """Return the trajectory of so many revolutions."""

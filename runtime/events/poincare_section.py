@@ -15,6 +15,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Number, Numbers
+from ...core.html import card, table
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart, Start
 from ..integration.starts import merged_starts, steps_of_all
@@ -65,6 +66,12 @@ class Section:
         return (f"<Section of {self._stepper.name}: {len(self):,} points of "
                 f"{len(self._parameters):,} trajectories at {self.event.quantity} = "
                 f"{float(self.event.level):g}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the event, and the numbers of points and trajectories."""
+        return card(f"Section of {self._stepper.name}", table([
+            ("event", f"{self.event.quantity} = {float(self.event.level):g}"),
+            ("points", f"{len(self):,}"), ("trajectories", f"{len(self._parameters):,}")]))
 
     def values(self, name: str) -> Array:
         """Return a coordinate, a momentum or a quantity at each point, shape (K,).

@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import proposal, shown
+from ...core.arguments import few, proposal, shown
 from ...core.calls import explain_arguments
 from ...core.errors import AbsentError, InputError, StepFailed, Stopped
 from ...core.exact_numbers import Number
 from ...core.frozen_dict import FrozenDict
+from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.interrupts import catch_ctrl_c
 from ...core.manifest import Manifest
@@ -260,6 +261,13 @@ class Simulation:
         size = f"{float(self.dt):.6g} s" + " of τ" * self._held.binding.clocked
         return (f"<Simulation by {self._stepper.name}: {self.steps:,} steps of {size}, "
                 f"t = {float(self.t):.6g} s>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the time, the state and the errors so far."""
+        rows = [("t", f"{float(self.t):.6g} s"), ("steps", f"{self.steps:,}"),
+                *((name, few(f"{float(x):.6g}" for x in values))
+                  for name, values in (("q", self.q), ("p", self.p)))]
+        return card(f"Simulation by {self._stepper.name}", table(rows))
 
     # ------------------------------------------------------------ stepping
 

@@ -155,3 +155,23 @@ def test_completion_offers_public_names(run):
     offered = {name for name in dir(run.body()) if not name.startswith("_")}
     assert {"attitude", "euler", "angular_velocity", "position", "momentum"} <= offered
     assert not {"np", "run", "at"} & offered
+
+
+def test_results_of_analyses_and_simulations_have_cards(gl3):
+    """With the numbers of the object."""
+    step = systems.differentiable("pendulum")
+    start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
+    simulation = gl3.start(TOP, dt=1e-3)
+    simulation.advance(3)
+    assert shown(simulation).cells[1::2][:2] == ["0.003 s", "3"]
+    run = step.integrate(start, dt=0.01, steps=20)
+    name = next(iter(start.parameters))
+    fit = gs.fit(step, start, run.t[1:], run.q[1:], dt=0.01, observe="q", free=[name])
+    assert name in shown(fit).cells
+    found = gs.lyapunov(step, start, dt=0.01, steps=20, count=2)
+    assert len(shown(found).cells) == 9
+    level = float(run.q[10, 0])
+    section = gs.section(step, [start], event=gs.Event(step.manifest.system.coordinates[0], level),
+                         dt=0.01, steps=20)
+    assert shown(section).cells[-3] == f"{len(section)}"
+    assert len(section) > 0

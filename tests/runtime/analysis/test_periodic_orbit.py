@@ -44,6 +44,7 @@ def test_energy():
     assert closed(found) < 1e-13
     assert np.prod(found.multipliers) == pytest.approx(1, abs=1e-12)
     assert "2.805" in repr(found)
+    assert "2.805" in found._repr_html_()
     left, right = found.plot().axes
     assert left.get_xlabel() == "t [s]"
     assert all(abs(np.ptp(line.get_ydata()[[0, -1]])) < 1e-13 for line in left.get_lines())
