@@ -82,6 +82,7 @@ _ARGUMENTS = {
     "integrate.error": "gs.tune(step, start, step_error=1e-9, t_end=1).dt is the step for it",
     "integrate.round": "t_end may lie between two steps",
     "fit.step": "the stepper goes first, without a name",
+    "sweep.duration": "t_end, the time of the end of every cell, is in its place",
     "sweep.tolerance": _OF_STARTS["tolerance"],
     "sweep.max_iterations": _OF_STARTS["max_iterations"],
 }

@@ -99,7 +99,7 @@ def _seconds_a_step(study: Study, tile: Tile) -> float:
         short = replace(study, every=None)
         _time(short, tile)  # for caches
         return _time(short, tile) / study.steps / math.prod(tile.shape)
-    once, twice = (replace(study, steps=n, duration=None, every=None)
+    once, twice = (replace(study, steps=n, t_end=None, every=None)
                    for n in (_STEPS, 2 * _STEPS))
     _time(once, tile)  # for caches
     seconds = max(_time(twice, tile) - _time(once, tile), 0.0)

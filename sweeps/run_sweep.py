@@ -64,7 +64,7 @@ def sweep(
     parameters: Mapping[str, Number] | None = None,
     dt: float | None = None,
     steps: int | None = None,
-    duration: float | None = None,
+    t_end: float | None = None,
     every: int | None = None,
     solver: SolverName | Solver = "auto",
     events: Any = (),
@@ -91,9 +91,11 @@ def sweep(
     scheme, stages, rep, real, frame
         As for ``gyrospark.stepper``, where no axis varies them.
     parameters : mapping, optional
-        Beside the model's own; γ or α may be "m", "h", "mt", "ht" (default "m").
-    dt, steps, duration : float, int, float
-        Of every cell; ``duration``, in seconds, in place of steps.
+        Beside the model's own; γ and α that are not given are γ_m, another mean is
+        ``gyrospark.gamma(inertia, "h")``.
+    dt, steps, t_end : float, int, float
+        Of every cell; ``t_end``, in seconds from the start at t = 0, in place of steps: a cell
+        ends with the whole step that is nearest to it.
     every : int, optional
         Keep every so many states of each cell, as ``q_samples`` and ``p_samples``.
     solver : str or Solver
@@ -135,7 +137,7 @@ def sweep(
     """
     method = as_solver(solver)
     study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
-                 frame=frame, parameters=parameters, dt=dt, steps=steps, duration=duration,
+                 frame=frame, parameters=parameters, dt=dt, steps=steps, t_end=t_end,
                  every=every, solver=method.kind, tolerance=method.tolerance,
                  max_iterations=method.max_iterations, events=events)
     return run_study(study, keep=keep, out=out, resume=resume, workers=workers, dask=dask,
@@ -287,7 +289,7 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
             "q": None if study.varied("q") else [digits_of(x) for x in study.q],
             "p": None if study.varied("p") else [digits_of(x) for x in study.p],
             "dt": None if study.varied("dt") else study.dt,
-            "steps": study.steps, "duration": study.duration, "every": study.every,
+            "steps": study.steps, "t_end": study.t_end, "every": study.every,
             "t0": study.t0, "solver": study.solver, "tolerance": study.tolerance,
             "max_iterations": study.max_iterations, "results": [f.name for f in fields],
         } | _events(study),

@@ -51,8 +51,8 @@ class Study:
         Where no axis varies it.
     steps : int or None
         Of every cell; or
-    duration : float or None
-        Seconds of every cell, whose steps are the nearest number.
+    t_end : float or None
+        Time of the end of every cell, whose steps are the nearest number.
     every : int or None
         Keep every so many states of each cell; None keeps none but the last.
     events : tuple of Event
@@ -69,7 +69,7 @@ class Study:
     p: Array
     dt: float | None = None
     steps: int | None = None
-    duration: float | None = None
+    t_end: float | None = None
     every: int | None = None
     solver: SolverName = "auto"
     tolerance: float | None = None
@@ -101,7 +101,7 @@ class Study:
         """Return the number of steps of cells with these time steps."""
         if self.steps is not None:
             return np.full(dt.shape, self.steps, dtype=np.int64)
-        return np.maximum(np.rint(abs((self.duration or 0.0) / dt)), 1).astype(np.int64)
+        return np.maximum(np.rint(((self.t_end or 0.0) - self.t0) / dt), 1).astype(np.int64)
 
     @property
     def time_steps(self) -> Array:
@@ -135,28 +135,39 @@ def checked_study(study: Study) -> Study:
     doubles = as_parameters(trial, stepper.parameter_domains, symmetries=stepper.symmetries)
     warn_of_negative(doubles)
     _refuse_broken_frames(study, doubles)
-    if (study.steps is None) == (study.duration is None):
-        raise InputError("Give a sweep either steps, the number for every cell, or duration, the "
-                         "seconds of every cell.")
+    if (study.steps is None) == (study.t_end is None):
+        raise InputError("Give a sweep either steps, the number for every cell, or t_end, the "
+                         "time of the end of every cell.")
     names_of_counts = [name for name in ("steps", "every", "max_iterations")
                        if getattr(study, name) is not None or name == "max_iterations"]
     counts: dict[str, Any] = {name: as_positive_count(name, getattr(study, name), least=1)
                               for name in names_of_counts}
     study = replace(study, **counts)
-    if study.duration is not None and as_real("duration", study.duration) <= 0:
-        raise InputError(f"duration = {study.duration} is not positive; give seconds above 0.")
     if study.tolerance is not None and as_real("tolerance", study.tolerance) <= 0:
         raise InputError(f"tolerance = {study.tolerance} is not positive; give none for round-off.")
     if study.every is not None and study.steps is None:
-        raise InputError("every needs steps: with a duration cells have different numbers of them.")
+        raise InputError("every needs steps: with t_end cells have different numbers of them.")
     dt = None if study.varied("dt") else as_step(study.dt)
+    t_end = _checked_end(replace(study, dt=dt))
     choose("solver for sweeps:", study.solver, SOLVERS)
     for stepper_of_scheme in study.steppers:
         refuse_together(sweep="a sweep", float128=REALS[stepper_of_scheme.manifest.real].in_mpmath
                         and "numbers of type float128")
         stepper_of_scheme._refuse_solver(study.solver)
     return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt,
-                   events=_events(study))
+                   t_end=t_end, events=_events(study))
+
+
+def _checked_end(study: Study) -> float | None:
+    """Return t_end as a double; refuse one that the time step of a cell does not lead to."""
+    if study.t_end is None:
+        return None
+    t_end = float(as_real("t_end", study.t_end))
+    away = study.time_steps[(t_end - study.t0) * study.time_steps <= 0]
+    if len(away):
+        raise InputError(f"t_end = {t_end} is not {'after' if away[0] > 0 else 'before'} the "
+                         f"start, t = {study.t0:g}, where dt = {away[0]:g} leads.")
+    return t_end
 
 
 def _events(study: Study) -> tuple[Event, ...]:

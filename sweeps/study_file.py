@@ -3,7 +3,7 @@
     name = "gamma-dt"                # of the picture; the file's name by default
     model = "fast-top"               # or a model file, relative to this one
     scheme = "G-L 2"                 # or an axis
-    steps = 1000                     # or duration = 1.0
+    steps = 1000                     # or t_end = 1.0
     keep = ["energy_error_max"]      # results; all by default
 
     [settings]                       # arguments of a built-in problem
@@ -32,6 +32,7 @@ from typing import Any
 from ..core.arguments import proposal, whole
 from ..core.errors import InputError
 from ..core.event import Event, event_of_text
+from ..core.former_names import former_argument
 from ..core.registry import RULES
 from ..core.start import Rule
 from ..generator.models.toml_tables import load_toml
@@ -45,7 +46,7 @@ __all__ = ["StudyFile", "load_study", "parse_study"]
 _MOST_BYTES = 2**24
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "scheme": (str,), "stages": (int,), "rep": (str,), "real": (str,), "frame": (str,),
-    "dt": (int, float), "steps": (int,), "duration": (int, float), "every": (int,),
+    "dt": (int, float), "steps": (int,), "t_end": (int, float), "every": (int,),
     "solver": (str,), "tolerance": (int, float), "max_iterations": (int,),
 }
 _KEYS = {"name", "model", "keep", "settings", "parameters", "grid", "events", *_OPTIONS}
@@ -84,6 +85,8 @@ def parse_study(text: str, path: Path) -> StudyFile:
     where = f"The study file {str(path)!r}"
     content = dict(load_toml(text, path, "study file").content)
     for key in content:
+        if key not in _KEYS and (cure := former_argument("sweep", key, ())):
+            raise InputError(f"{where} has the key {key!r} of earlier versions; {cure}.")
         if key not in _KEYS:
             raise InputError(f"{where} has the unknown key {key!r}; it may have "
                              f"{', '.join(sorted(_KEYS))}{proposal(key, _KEYS)}.")

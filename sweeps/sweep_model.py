@@ -123,7 +123,8 @@ def base_parameters(
 def _by_rule(name: str, rule: str, inertia: Any) -> float:
     if rule not in MEANS:
         raise InputError(f"{name} = {rule!r} is chosen for the motion of one run, and a sweep has "
-                         f"many; give {name} a number, m, h, mt or ht, or make it an axis.")
+                         f"many; give {name} a number, such as gyrospark.gamma(inertia, 'h'), or "
+                         "make it an axis.")
     return mean_inertia(inertia, rule)
 
 

@@ -27,7 +27,7 @@ dt = [1e-3, 2e-3]
 """,
     """model = "free-body"
 scheme = "IMS"
-duration = 0.1
+t_end = 0.1
 rep = "alpha"
 tolerance = 1e-12
 [settings]

@@ -300,7 +300,7 @@ def calls(tmp_path: Path) -> list[Call]:
         Call("sweep", lambda: (gs.sweep, {
             "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
             "rep": "gamma", "real": "double", "frame": None, "parameters": {}, "dt": 1e-3,
-            "steps": 2, "duration": None, "every": None, "solver": "auto", "keep": None,
+            "steps": 2, "t_end": None, "every": None, "solver": "auto", "keep": None,
             "out": None, "resume": False, "workers": 1, "dask": None, "progress": None,
             "events": gs.Event("q1")})),
     ]

@@ -64,6 +64,7 @@ def test_dry_run_computes_nothing_and_is_about_right(tmp_path, gyrospark, monkey
     (STUDY.replace("steps", "keep = 3\nsteps"), ["keep"]),
     (STUDY.replace("steps", "settings = { x = 1 }\nsteps"), ["setting", "'x'", "fast-top"]),
     (STUDY.replace("steps", "name = 1\nsteps"), ["name"]),
+    (STUDY.replace("steps = 100", "duration = 1.0"), ["'duration'", "t_end"]),
     (STUDY.replace("[grid]", "[grid]\nstart = { q = 1 }"), ["start"]),
 ])
 def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path, gyrospark):

@@ -59,7 +59,7 @@ def test_first_times_and_counts_are_those_of_the_closed_form() -> None:
 def test_cells_find_what_single_runs_find(real: str, solver: str) -> None:
     """To the bit, in wide types and by Newton's method, whatever the lengths of the cells."""
     step, event = systems.stepper("heavy_top", real=real), gs.Event("q1", level=0.2)
-    result = gs.sweep("fast-top", {"dt": [1e-3, 8e-4]}, scheme="G-L", stages=2, duration=0.2,
+    result = gs.sweep("fast-top", {"dt": [1e-3, 8e-4]}, scheme="G-L", stages=2, t_end=0.2,
                       parameters={"gamma": PARAMETERS["gamma"]}, real=real, solver=solver,
                       events=event)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)

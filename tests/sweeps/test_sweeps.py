@@ -110,9 +110,11 @@ def test_no_fast_path_no_constraint_no_parameter():
     assert np.array_equal(result.q[2], run.q[-1])
 
 
-def test_a_duration_gives_each_step_its_number():
-    result = gs.sweep(TOP, {"dt": [1e-3, 3e-4, 7e-3]}, scheme="EMS", duration=0.02)
+def test_t_end_gives_each_step_its_number():
+    result = gs.sweep(TOP, {"dt": [1e-3, 3e-4, 7e-3]}, scheme="EMS", t_end=0.02)
     assert list(result.steps_done) == [20, 67, 3]
+    back = gs.sweep(TOP, {"dt": [-1e-3, -3e-4]}, scheme="EMS", t_end=-0.02)
+    assert list(back.steps_done) == [20, 67]
 
 
 @settings(max_examples=5)
@@ -218,10 +220,14 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ({"start": {"q": [[1, 0, 0]], "p": [[0, 0, 0]]}}, {}, ["3 numbers"]),
     ({"scheme": ["EMS"]}, {}, ["leave", "scheme"]),
     ({"gamma": [1e-3]}, {"scheme": "G-L x"}, ["G-L x"]),
-    ({"gamma": [1e-3]}, {"steps": None}, ["steps", "duration"]),
-    ({"gamma": [1e-3]}, {"duration": 1.0}, ["steps", "duration"]),
-    ({"gamma": [1e-3]}, {"steps": None, "duration": -1.0}, ["duration"]),
-    ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0, "every": 2}, ["every needs"]),
+    ({"gamma": [1e-3]}, {"steps": None}, ["steps", "t_end"]),
+    ({"gamma": [1e-3]}, {"t_end": 1.0}, ["steps", "t_end"]),
+    ({"gamma": [1e-3]}, {"steps": None, "t_end": -1.0}, ["t_end = -1.0", "dt = 0.001"]),
+    ({"dt": [1e-3, -2e-3]}, {"steps": None, "t_end": 1.0}, ["t_end = 1.0", "dt = -0.002"]),
+    ({"gamma": [1e-3]}, {"steps": None, "t_end": "late"}, ["t_end", "late"]),
+    ({"gamma": [1e-3]}, {"steps": None, "t_end": 1.0, "every": 2}, ["every needs"]),
+    ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0}, ["'duration'", "t_end"]),
+    ({"mgl": [0.3]}, {"parameters": {"gamma": "h"}}, ["gamma = 'h'", "gyrospark.gamma("]),
     ({"gamma": [1e-3]}, {"solver": "magic"}, ["magic"]),
     ({"gamma": [1e-3]}, {"scheme": "G-L 2", "real": "float128"}, ["float128"]),
     ({"gamma": [1e-3]}, {"keep": ["energy"]}, ["'energy'", "energy_error_max"]),
