@@ -15,6 +15,7 @@ from .._version import __version__
 from ..core.arguments import shown
 from ..core.calls import explain_arguments
 from ..core.errors import InputError
+from ..core.html import card, table
 from ..core.manifest import Manifest, SchemeManifest
 from ..generator.schemes.named_schemes import SCHEMES
 from ..runtime.compilation.body_columns import bodies_of
@@ -164,6 +165,10 @@ class Citations:
 
     def __repr__(self) -> str:
         return f"<Citations: {', '.join(self.reasons)}; print them, or take .bibtex()>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: each work, and the reason to cite it."""
+        return card("Citations", table(zip(self, self.reasons.values(), strict=True)))
 
 
 def cite(stepper: Any) -> Citations:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from .calls import explain_arguments
 from .errors import InputError
+from .html import card, table
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -115,6 +116,16 @@ class Projection:
         return (f"<Projection of {len(self.q)} coordinates onto {len(self.before)} constraints: "
                 f"{_moved('q', self.q_moved, self.q_name)}, "
                 f"{_moved('p', self.p_moved, self.p_name)}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the moves, and each constraint before and after."""
+        rows = [(name, *(f"{part[name]:.1e}" if name in part else "" for part in (
+            self.before, self.after, self.hidden_before, self.hidden_after)))
+            for name in self.hidden_before]
+        moves = [[_moved("q", self.q_moved, self.q_name)],
+                 [_moved("p", self.p_moved, self.p_name)]]
+        return card("Projection", table(moves), table(
+            rows, ("constraint", "|g| before", "after", "|g_q H_p| before", "after")))
 
     def __str__(self) -> str:
         lines = [_moved("q", self.q_moved, self.q_name), _moved("p", self.p_moved, self.p_name)]

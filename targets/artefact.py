@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._version import __version__
+from ..core.arguments import few
 from ..core.calls import explain_arguments
 from ..core.errors import GyrosparkError, InputError
+from ..core.html import card, table
 from ..core.manifest import Manifest
 
 if TYPE_CHECKING:
@@ -120,6 +122,13 @@ class Built:
 
     def __repr__(self) -> str:
         return f"<Built {self.target.name} of {self.stepper.name}: {str(self.path)!r}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: where it is, its files and its start."""
+        return card(f"Built {self.target.name} of {self.stepper.name}", table([
+            ("path", self.path), ("files", few(self.files)), ("platforms", few(self.platforms)),
+            ("step", f"{self.options.dt:g} s"), ("parameters", few(
+                f"{name} = {x:g}" for name, x in self.options.parameters.items()))]))
 
     def check(self) -> str:
         """Load the artefact again and compare its bits with those of the same C compiled here.

@@ -26,6 +26,7 @@ from ...core.arguments import (
     whole,
 )
 from ...core.errors import InputError
+from ...core.html import card, table
 from ...core.inertia import (
     Inertia,
     RepName,
@@ -197,6 +198,15 @@ class Multibody:
         return (f"<Multibody {self.name}: "
                 f"bodies {few(body.name for body in self._components.bodies)}; "
                 f"joints {few(link.name for link in self._components.connections)}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the names of all that was added."""
+        parts = self._components
+        return card(f"Multibody {self.name}", table([
+            ("about", self._about["description"] or self.name), ("gravity", few(self.gravity)),
+            ("bodies", few(body.name for body in parts.bodies)),
+            ("joints", few(link.name for link in parts.connections)),
+            ("parameters", few(f"{name} = {x:g}" for name, x in parts.values.items()))]))
 
     @property
     def gravity(self) -> tuple[sp.Expr, ...]:

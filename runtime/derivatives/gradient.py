@@ -21,6 +21,7 @@ from ...core.arguments import as_items, as_mapping, choose, few, shown, unknown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
+from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.registry import function_of
 from ..bindings.array_checks import as_numbers, as_real
@@ -106,6 +107,12 @@ class Gradient:
     def __repr__(self) -> str:
         value = "" if self.value is None else f" of a function with the value {self.value:.6g}"
         return f"<Gradient{value} by {few(self.wrt)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the function, and its derivative by each name of ``wrt``."""
+        rows = [(name, few(f"{float(x):.6g}" for x in np.ravel(self[name]))) for name in self.wrt]
+        value = [] if self.value is None else [("value", f"{self.value:.6g}")]
+        return card("Gradient", table([*value, *rows]))
 
     @property
     def basis(self) -> Array:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import few, shown
 from ...core.errors import InputError
+from ...core.html import card, table
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
 from ..bindings.run_memory import ParameterStruct
@@ -142,6 +143,12 @@ class Hessian:
 
     def __repr__(self) -> str:
         return f"<Hessian by {few(self.names)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the gradient and the first columns of the matrix."""
+        rows = [(name, f"{float(slope):.6g}", few(f"{float(x):.6g}" for x in row)) for
+                name, slope, row in zip(self.names, self.gradient, self.matrix, strict=True)]
+        return card("Hessian", table(rows, ("", "gradient", "second derivatives")))
 
 
 def hessian_of(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from ...core.arguments import choose
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.html import card, table
 from ...core.incompatibilities import LARGEST, refuse_together
 from ..bindings.binding import REASONS
 from .device import Device, View, is_on_card
@@ -21,8 +23,8 @@ from .trajectories import Trajectories, Window
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["DEVICES", "DeviceEnsemble", "DeviceName", "device_for", "refuse_on_device",
-           "shared_ensemble", "views_of"]
+__all__ = ["DEVICES", "DeviceEnsemble", "DeviceName", "device_for", "ensemble_card",
+           "refuse_on_device", "shared_ensemble", "views_of"]
 
 Array = NDArray[Any]
 
@@ -65,6 +67,18 @@ class DeviceEnsemble:
     def __repr__(self) -> str:
         return (f"<DeviceEnsemble of {self._name}: {len(self):,} trajectories of "
                 f"{self.t.shape[1]:,} states, {len(self.failures):,} failed>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: how many there are, and which failed, the first ones."""
+        return ensemble_card(f"DeviceEnsemble of {self._name}", self.t, self.failures)
+
+
+def ensemble_card(title: str, t: Array, failures: Mapping[int, object]) -> str:
+    """Return a card of trajectories: their numbers, and the first reasons of failures."""
+    rows: list[tuple[str, object]] = [("trajectories", f"{len(t):,} of {t.shape[1]:,} states"),
+                                      ("failed", f"{len(failures):,}")]
+    return card(title, table([*rows, *((f"trajectory {i}", failure) for i, failure in
+                                       islice(failures.items(), 3))]))
 
 
 def open_card(number: int | None) -> Device:

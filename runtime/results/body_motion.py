@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_flag, choose, shown
+from ...core.arguments import as_flag, choose, few, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.html import card, table
 from ...core.inertia import inertia_matrix, real_array
 from ..compilation.body_columns import BodyAt, PlacedAt, bodies_of, numbers
 from ..rigid_body import quaternion
@@ -51,6 +52,13 @@ class BodyMotion:
     def __repr__(self) -> str:
         return (f"<BodyMotion of {self.name} in {self._run.manifest.name}: "
                 f"{len(self._run):,} states>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the states, with attitude and position of the last."""
+        last = ((name, few(f"{x:.6g}" for x in rows[-1].astype(float))) for name, rows in (
+            ("last attitude", self.attitude), ("last position in m", self._origin())))
+        return card(f"Body {self.name} of {self._run.manifest.name}", table([
+            *self._run._extent(), *last]))
 
     # ------------------------------------------------------------ attitude
 

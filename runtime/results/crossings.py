@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.calls import explain_arguments
+from ...core.html import card, table
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["Crossings", "CrossingsOfMany"]
 
 Array = NDArray[Any]
+#: Crossings that notebooks show.
+_SHOWN = 10
 
 
 @explain_arguments
@@ -85,6 +88,13 @@ class Crossings:
             return "<Crossings: none>"
         return (f"<Crossings: {len(self):,}, from t = {float(self.t[0]):.6g} to "
                 f"{float(self.t[-1]):.6g} s>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the time and the direction of the first crossings."""
+        rows = [(f"{float(t):.9g}", f"{steps:,}", "up" if rising else "down") for t, steps, rising
+                in zip(self.t[:_SHOWN], self.steps, self.rising, strict=False)]
+        return card(f"Crossings: {len(self):,}",
+                    table(rows, ("t / s", "steps before", "direction")))
 
 
 @dataclass(frozen=True, eq=False)

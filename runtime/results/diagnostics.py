@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from ...core.calls import explain_arguments
+from ...core.html import card, table
 from ...core.records import changed
 
 if TYPE_CHECKING:
@@ -65,6 +66,16 @@ class Report:
                 f"{self.constraint_max:.2e}, momentum {self.momentum_constraint_max:.2e}\n"
                 f"  mean errors: energy {self.energy_error_mean:.2e}, constraint "
                 f"{self.constraint_mean:.2e}, momentum {self.momentum_constraint_mean:.2e}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: iterations, and the largest and mean error of each kind."""
+        errors = [(name, f"{largest:.2e}", f"{mean:.2e}") for name, largest, mean in (
+            ("energy", self.energy_error_max, self.energy_error_mean),
+            ("constraint", self.constraint_max, self.constraint_mean),
+            ("momentum", self.momentum_constraint_max, self.momentum_constraint_mean))]
+        iterations = ("iterations a step", self.iterations_max, f"{self.iterations_mean:.1f}")
+        return card(f"Report of {self.steps:,} steps",
+                    table([iterations, *errors], ("", "largest", "mean")))
 
     @classmethod
     def read(cls, record: Any, q: Array, p: Array, binding: Binding) -> Report:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...core.arguments import as_flag, choose
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.warnings import warn
 from ..compilation.body_columns import JointAt, Pull, numbers
@@ -51,6 +52,12 @@ class JointMotion:
     def __repr__(self) -> str:
         ends = ", ".join(name or "ground" for name in self.bodies)
         return f"<JointMotion of {self.name} ({ends}): {len(self._run):,} states>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the bodies and the states."""
+        return card(f"Joint {self.name} of {self._run.manifest.name}", table([
+            *zip("ab", (name or "ground" for name in self.bodies), strict=True),
+            *self._run._extent()]))
 
     def position(self) -> Array:
         """Return the joint's point on b in space, shape (N+1, 3), in m.

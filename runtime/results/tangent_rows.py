@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...core.arguments import choose, few
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.html import card, table
 
 __all__ = ["EventTangents", "TangentRows"]
 
@@ -69,6 +70,13 @@ class TangentRows:
 
     def __repr__(self) -> str:
         return (f"<TangentRows of {len(self.q):,} states along {few(self.names)}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the size of each direction, in the first and last state."""
+        rows = [(name, *(f"{np.linalg.norm(self[name][i].astype(float)):.6g}" for i in (0, -1)))
+                for name in self.names] if len(self.q) else []
+        return card(f"Tangents of {len(self.q):,} states",
+                    table(rows, ("direction", "norm of the first", "norm of the last")))
 
     def __getitem__(self, name: str) -> Array:
         """Return the derivatives of (q, p) by one name, shape (rows, 2 n)."""

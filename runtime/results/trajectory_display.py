@@ -31,13 +31,18 @@ class Shown:
     def _run(self) -> Trajectory:
         return cast("Trajectory", self)
 
+    def _extent(self) -> list[tuple[str, str]]:
+        """Return how many states there are, and their times, as rows of a card."""
+        run, t = self._run, self._run.t.astype(float)
+        return [("states", f"{len(run):,} of {run.report.steps:,} steps of {float(run.dt):g} s"),
+                ("time", f"{t[0]:.6g} to {t[-1]:.6g} s")]
+
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the report, and the energy error over time."""
         run = self._run
         report, t = run.report, run.t.astype(float)
         work_term = " − W" if run.manifest.system.forces else ""
-        report_rows = [("states", f"{len(run):,} of {report.steps:,} steps of {float(run.dt):g} s"),
-                       ("time", f"{t[0]:.6g} to {t[-1]:.6g} s"),
+        report_rows = [*self._extent(),
                        ("bodies", ", ".join(run.bodies) or "none"),
                        ("iterations",
                         f"{report.iterations_mean:.1f} a step, {report.iterations_max} "

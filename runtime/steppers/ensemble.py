@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -19,7 +18,6 @@ from ...core.errors import InputError, StepFailed, Stopped
 from ...core.event import Event, as_events, terminal_of
 from ...core.exact_numbers import Number
 from ...core.file_formats import format_of
-from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.progress import log_progress
@@ -35,6 +33,7 @@ from ..devices.ensemble import (
     DeviceEnsemble,
     DeviceName,
     device_for,
+    ensemble_card,
     refuse_on_device,
     shared_ensemble,
     views_of,
@@ -125,11 +124,7 @@ class Ensemble:
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: how many there are, and which failed, the first ones."""
-        rows: list[tuple[str, object]] = [
-                ("trajectories", f"{len(self):,} of {self.t.shape[1]:,} states"),
-                ("failed", f"{len(self.failures):,}")]
-        rows += [(f"trajectory {i}", failure) for i, failure in islice(self.failures.items(), 3)]
-        return card(f"Ensemble of {self._name}", table(rows))
+        return ensemble_card(f"Ensemble of {self._name}", self.t, self.failures)
 
     def table(self, columns: str | Iterable[str] | None = None) -> pandas.DataFrame:
         """Return all states as a pandas DataFrame by trajectory and time, as ``Trajectory.table``.

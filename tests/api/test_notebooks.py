@@ -18,6 +18,7 @@ from gyrospark.certificates.certificate import Certificate
 from gyrospark.certificates.measured_properties import CertificateLine
 from gyrospark.core.arguments import few
 from gyrospark.core.html import curve, table
+from result_classes import RESULT_CLASSES, result_class
 
 HOSTILE = "<script>alert(1)</script> & \"x\""
 
@@ -175,3 +176,62 @@ def test_results_of_analyses_and_simulations_have_cards(gl3):
                          dt=0.01, steps=20)
     assert shown(section).cells[-3] == f"{len(section)}"
     assert len(section) > 0
+
+def test_every_result_has_a_card():
+    """Classes whose objects calls return, and builders."""
+    builders = (gs.Ensemble, gs.Model, gs.Multibody, gs.Simulation, gs.Start, gs.Stepper, gs.System,
+                gs.Trajectory)
+    for cls in (*map(result_class, RESULT_CLASSES), *builders):
+        assert hasattr(cls, "_repr_html_"), cls
+
+
+def test_parts_of_a_run_have_cards(gl3, run):
+    report = run.report
+    cells = shown(report).cells
+    assert cells[:3] == ["iterations a step", str(report.iterations_max),
+                         f"{report.iterations_mean:.1f}"]
+    assert cells[cells.index("energy") + 1] == f"{report.energy_error_max:.2e}"
+    body = shown(run.body()).cells
+    assert body[body.index("last attitude") + 1] == few(f"{x:.6g}" for x in run.q[-1])
+    double = systems.stepper("double_top")
+    begin = gs.models.double_top()
+    joint = next(iter(double.manifest.system.joints))
+    pair = double.integrate(begin, dt=1e-3, steps=2)
+    assert shown(pair.joint(joint)).cells[5] == "3 of 2 steps of 0.001 s"
+    level = gs.Event("q1", float(run.q[300, 1]))
+    crossings = gl3.integrate(TOP, dt=RUN["dt"], steps=400, events=level).events[level.name]
+    cells = shown(crossings).cells
+    assert len(cells) == 3 * min(10, len(crossings)) > 0
+    assert float(cells[0]) == pytest.approx(float(crossings.t[0]), rel=1e-8)
+    assert cells[2] == ("up" if crossings.rising[0] else "down")
+
+
+def test_a_gradient_and_a_projection_have_cards(gl3):
+    names = ("mgl", "I1")
+    found = gl3.integrate(TOP, dt=1e-3, steps=3).gradient({"q": [1.0, 0.0, 0.0, 0.0]}, wrt=names)
+    assert shown(found).cells == [c for name in names for c in (name, f"{found[name]:.6g}")]
+    moved = gl3.consistent(2 * TOP.q0, TOP.p0, parameters=TOP.parameters)
+    (name,) = moved.before
+    second = gl3.hessian(gl3.integrate(TOP, dt=1e-3, steps=3), {"q": [1.0, 0.0, 0.0, 0.0]},
+                         wrt=["mgl"])
+    assert shown(second).cells == ["mgl", f"{second.gradient[0]:.6g}",
+                                   f"{second.matrix[0, 0]:.6g}"]
+    along = gl3.integrate(TOP, dt=1e-3, steps=3, tangents=gs.Tangents(parameters=["mgl"])).tangents
+    assert shown(along).cells[-3:] == ["mgl", "0", f"{np.linalg.norm(along['mgl'][-1]):.6g}"]
+    assert shown(moved).cells[2:5] == [name, f"{moved.before[name]:.1e}",
+                                       f"{moved.after[name]:.1e}"]
+
+
+def test_builders_artefacts_and_citations_have_cards(gl3, tmp_path):
+    arm = gs.Multibody("arm", description=HOSTILE)
+    upper = arm.body("upper", mass=1.5, inertia=(0.1, 0.1, 0.01))
+    arm.fixed_point("shoulder", upper, on_body=(0, 0, 0.5), at=(0, 0, 0))
+    cells = shown(arm).cells
+    assert cells[1] == HOSTILE
+    assert cells[cells.index("bodies") + 1] == "upper"
+    assert cells[cells.index("joints") + 1] == "shoulder"
+    assert "upper_m = 1.5" in cells[cells.index("parameters") + 1]
+    made = gs.build("cpp", TOP, scheme="EMS", dt=1e-3, out=tmp_path / "built")
+    assert shown(made).cells[1] == str(made.path)
+    cited = gs.cite(gl3)
+    assert shown(cited).cells[1::2] == list(cited.reasons.values())
