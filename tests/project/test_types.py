@@ -38,7 +38,13 @@ step.integrate([1, 0, 0, 0], dt=1e-3, steps=1)
 step.integrate(top, dt=1e-3, steps=1, t0=0.5)
 gs.Solver("newton", tol=1e-9)
 gs.stepper("GL", stages=3)
+gs.stepper("G-L", stages="3")
 gs.record(step, top, dt=1e-3, steps=1, out="x.zarr")
+gs.load_mjcf("arm.xml")
+gs.sweep(top, {"mgl": [0.3]}, dt=1e-3, duration=1.0)
+gs.lyapunov(step, top, dt=1e-3, t_end=2, cuont=2)
+step.start(top, dt=1e-3).advance("10")
+run.view("top.html")
 """
 
 

@@ -162,6 +162,22 @@ def test_what_is_no_start_or_solver_is_refused(call, says):
         call()
 
 
+@pytest.mark.parametrize("call", [
+    lambda long, short: top().integrate_ensemble([long, short], **STEP),
+    lambda long, short: top().integrate_ensemble([short, long], **STEP),
+    lambda long, short: top().integrate_ensemble([long.q, short.q], [long.p, short.p], **STEP),
+    lambda long, short: top().integrate(long.q, short.p, **STEP),
+    lambda long, short: top().start(short, dt=STEP["dt"]),
+    lambda long, short: gs.section(top(), [long, short], event=gs.Event("q1"), **STEP),
+    lambda long, short: gs.sweep("fast-top", {"start": {"q": [long.q, short.q],
+                                                        "p": [long.p, short.p]}}, **STEP),
+])
+def test_starts_of_different_lengths_are_refused(call):
+    short = gs.Start([1.0, 0.0, 0.0], [0.0, 0.0, 0.0], TOP.parameters)
+    with pytest.raises(gs.InputError, match=r"^(The start|[qp]) .*\.$"):
+        call(TOP.start, short)
+
+
 def test_a_start_is_copied_and_pickled_and_changes_with_nobody():
     q = np.array(TOP.q0)
     begin = gs.Start(q, TOP.p0, TOP.parameters, 0.5)
