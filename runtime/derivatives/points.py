@@ -121,19 +121,21 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
     run = replace(run.until(done), stored_steps=None)
     events: dict[str, list[Point]] = {}
     refused: dict[str, str] = {}
+    crossings = trajectory.events | trajectory._end_event
     for event in origin.events:
         try:
-            events[event.name] = _of_event(stepper, run, event, trajectory.events[event.name])
+            events[event.name] = _of_event(stepper, run, event, crossings[event.name])
         except InputError as error:
             refused[event.name] = str(error)
+    asked = {name: points for name, points in events.items() if name in trajectory.events}
     if origin.between:
         times = trajectory.tau if stepper.binding.clocked else trajectory.t
         return RunRows(replace(run, every=max(done, 1)), _at_times(stepper, run, times), True,
-                       events, refused)
+                       asked, refused)
     found = RunRows(run, [], False, events, refused)
-    last = ending(origin.events, trajectory.events, run.dt)
+    last = ending(origin.events, crossings, run.dt)
     if last is not None:
-        return replace(found, points=found.event(last)[-1:])
+        return replace(found, points=found.event(last)[-1:], events=asked)
     return replace(found, points=[Point(done, origin.rest)]) if origin.rest else found
 
 

@@ -43,9 +43,11 @@ _MOST = 2**14
 
 def observed(
     stepper: Stepper, run: RunArguments, events: tuple[Event, ...],
-    progress: Callable[[int], None] | None,
+    progress: Callable[[int], None] | None, end_event: str = "",
 ) -> Trajectory:
     """Return the trajectory of a run with its events, up to the first terminal one.
+
+    ``end_event`` names the event of t_end in scaled time, which users did not ask for.
 
     Raises
     ------
@@ -73,8 +75,9 @@ def observed(
     if end is not None:
         row = replace(end.row, work=trajectory.report.work + end.row.work)
         trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed), row)
-    trajectory = changed(trajectory, events={
-        name: crossings.shown(stepper.binding) for name, crossings in found.items()})
+    events_by_name = {name: crossings.shown(stepper.binding) for name, crossings in found.items()}
+    ends = {name: events_by_name.pop(name) for name in [*events_by_name] if name == end_event}
+    trajectory = changed(trajectory, events=events_by_name, _end_event=ends)
     if trouble is None:
         return trajectory
     trouble.trajectory = trajectory

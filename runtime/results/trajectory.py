@@ -124,6 +124,8 @@ class Trajectory(Shown):
     quantity_values: Array
     #: Where its events happened, by their names; see ``gyrospark.Event``.
     events: dict[str, Crossings] = field(default_factory=dict, repr=False)
+    #: The event that ends a run at t_end in scaled time, by its name.
+    _end_event: dict[str, Crossings] = field(default_factory=dict, repr=False)
     #: Derivatives of the stored states, where ``integrate(tangents=...)`` was asked for them.
     tangents: Any = field(default=None, repr=False)
     #: What inputs its steps had, where it is known: of what ``integrate`` returned.
@@ -145,7 +147,8 @@ class Trajectory(Shown):
 
         States, and a report by ``_read`` in place of ``report``, may be made when asked for.
         """
-        return changed(object.__new__(cls), **{"events": {}, **others, "_states": states})
+        return changed(object.__new__(cls), **{
+            "events": {}, "_end_event": {}, **others, "_states": states})
 
     def of_states(self, states: States, **changes: Any) -> Trajectory:
         """Return a trajectory with other states, and other values of some fields."""

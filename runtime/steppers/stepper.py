@@ -337,9 +337,10 @@ class Stepper(Dynamics):
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver), "excess": state.excess}
         asked = as_events(events, self.manifest.system.event_quantities)
-        clock = self.manifest.system.clock
+        clock, end_event = self.manifest.system.clock, ""
         if clock is not None and steps is None and t_end is not None:
-            asked = (*asked, end_of_run(clock, asked, state.t, t_end, dt))
+            end = end_of_run(clock, asked, state.t, t_end, dt)
+            asked, end_event = (*asked, end), end.name
             steps, t_end = OPEN, None
         count, span = span_of(steps, t_end, state.t, dt)
         fed: Any = as_inputs(inputs, self.binding, count + 1) if span else inputs
@@ -355,7 +356,7 @@ class Stepper(Dynamics):
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, rest))
         warned = not run.steps or self._warned(run) or run.rows < 2
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
-            found = observed(self, run, asked, report)
+            found = observed(self, run, asked, report, end_event)
         run = run.until(found.report.steps) if run.steps == OPEN else run
         if not warned:
             self.rotations.warn_of(found)

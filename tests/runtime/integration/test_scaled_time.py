@@ -94,6 +94,7 @@ def test_times_are_met(name, direction):
     t_end, dtau = entry.t0 + direction * 0.9, direction * entry.dt
     run = to(name, t_end, dtau=dtau)
     assert run.t[-1] == t_end
+    assert not run.events
     asked = entry.t0 + direction * np.array([0.0, 0.31, 0.3, 0.9])
     between = run.at(asked)
     assert np.array_equal(between.t, asked)
@@ -107,6 +108,7 @@ def test_times_are_met(name, direction):
     assert np.abs(every.q - between.q).max() <= 1e3 * EPS * size
     event = gs.Event(step.manifest.system.clock.time, level=asked[1], name="at")
     crossing = to(name, t_end, dtau=dtau, events=event).events["at"]
+    assert to(name, t_end, dtau=dtau, events=event).events.keys() == {"at"}
     assert np.abs(crossing.t - asked[1]).max() <= 8 * EPS * (1 + abs(asked[1]))
     assert np.abs(crossing.q[0] - between.q[1]).max() <= 1e3 * EPS * size
 
@@ -154,6 +156,7 @@ def test_gradients_at_a_time_are_differences(name):
     found = run.gradient(cotangents, wrt=["start", *entry.parameters])
     tangents = step.integrate(begin, t_end=t_end, tangents=gs.Tangents(
         start="all", parameters=[*entry.parameters]), **arguments(name)).tangents
+    assert not tangents.events
 
     def value(q, p, **parameters):
         end = step.integrate(gs.Start(q, p, t=entry.t0), t_end=t_end, dtau=entry.dt,
