@@ -80,6 +80,8 @@ class RunArguments:
     stored_steps: Array | None = None
     #: H + e at the start, in scaled time.
     excess: Any = 0.0
+    #: Whether an event alone ends the run: its steps are not counted beforehand.
+    open_end: bool = False
 
     def constants(self, binding: Compiled) -> RunConstants:
         """Return what compiled code takes for all of its steps."""
@@ -95,7 +97,7 @@ class RunArguments:
     def pilot(self, steps: int) -> Self:
         """Return the arguments of a short run from the same start, with the default solver."""
         return replace(self, steps=steps, every=1, solver="auto", tolerance=None,
-                       max_iterations=50,
+                       max_iterations=50, open_end=False,
                        inputs=None if self.inputs is None else self.inputs.of_steps(steps))
 
     def refined(self, factor: int) -> Self:
@@ -120,9 +122,10 @@ class RunArguments:
     def until(self, steps: int) -> RunArguments:
         """Return its first steps as a run."""
         if self.stored_steps is None:
-            return replace(self, steps=steps)
+            return replace(self, steps=steps, open_end=False)
         stored = np.unique(np.minimum(self.stored_steps, steps))
-        return replace(self, steps=steps, stored_steps=stored[stored > 0])
+        return replace(self, steps=steps, stored_steps=stored[stored > 0],
+                       open_end=False)
 
     def stored(self, done: int) -> int:
         """Return how many of them there are after so many steps."""

@@ -20,7 +20,7 @@ from ..results.diagnostics import Report
 from ..results.run_arrays import States
 from ..results.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
-from .run_arguments import OPEN, RunArguments
+from .run_arguments import RunArguments
 
 if TYPE_CHECKING:
     from ..events.detection import EventDetector
@@ -116,7 +116,7 @@ def course(
 ) -> tuple[Trajectory, int, RunState]:
     """Return a run up to its end, to a step that fails, or until it shall stop; status and state.
     """
-    rows = Rows.allocate(binding, FIRST_STEPS if run.steps == OPEN else run.rows + 1)
+    rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
     rows.q[0], rows.p[0] = run.q, run.p
     state = RunState.at_start(binding, run.q, run.p, binding.works.take())
     if observer is None:

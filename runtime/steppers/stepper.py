@@ -346,6 +346,7 @@ class Stepper(Dynamics):
         fed: Any = as_inputs(inputs, self.binding, count + 1) if span else inputs
         run = self._resolved(self._run_arguments(
             state.q, state.p, dt=dt, steps=count, every=every, inputs=fed, **given))
+        run = replace(run, open_end=bool(end_event))
         rest: Any = self.binding.number(span) if span else 0
         if out is not None:
             step_count(steps, t_end, state.t, dt)
@@ -357,7 +358,7 @@ class Stepper(Dynamics):
         warned = not run.steps or self._warned(run) or run.rows < 2
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
             found = observed(self, run, asked, report, end_event)
-        run = run.until(found.report.steps) if run.steps == OPEN else run
+        run = run.until(found.report.steps) if run.open_end else run
         if not warned:
             self.rotations.warn_of(found)
             if found.report.newton_steps and run.solver == "auto" and not self.rotations.bodies:
@@ -532,7 +533,7 @@ def _storable(run: RunArguments, t_eval: Any, tangents: Any) -> RunArguments:
     refuse_together(stored="a stored run (out)", t_eval=t_eval is not None and "t_eval",
                     tangents=tangents is not None and "tangents",
                     changing_inputs=changing and "inputs that change along the run",
-                    open_end=run.steps == OPEN and "t_end in scaled time")
+                    open_end=run.open_end and "t_end in scaled time")
     return replace(run, inputs=None)
 
 
