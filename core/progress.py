@@ -179,9 +179,9 @@ def log_progress(
     total : int
         All its steps.
     progress : callable or bool, optional
-        Of the caller: a function is yielded as it is; True shows the share that is done, False does
-        not. By default it is shown on the command line, in an interactive Python and in a notebook,
-        after a second.
+        Of the caller: a function is yielded as it is; True shows the share that is done. With False
+        and with a function nothing is shown, tasks within included. By default it is shown on the
+        command line, in an interactive Python and in a notebook, after a second.
 
     Raises
     ------
@@ -189,11 +189,9 @@ def log_progress(
         For what is none of these.
     """
     as_progress(progress)
-    if progress is not None and not isinstance(progress, bool):
-        yield progress
-        return
-    if progress is False:
-        yield None
+    if callable(progress) or progress is False:
+        with hide_tasks():
+            yield progress or None
         return
     with terminal_messages(asked=True) if progress else contextlib.nullcontext():
         _install()
@@ -244,6 +242,9 @@ def terminal_messages(*, asked: bool = False) -> Iterator[None]:
 @contextlib.contextmanager
 def hide_tasks() -> Iterator[None]:
     """Show no tasks within: a progress bar is there already."""
+    if threading.current_thread() is not threading.main_thread():  # whose tasks are not shown
+        yield
+        return
     before = TERMINAL.level
     TERMINAL.setLevel(logging.CRITICAL)
     try:

@@ -23,7 +23,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, as_double
 from ...core.html import card, table
-from ...core.progress import log_progress
+from ...core.progress import Progress, as_progress, log_progress
 from ...core.start import HasStart, Rule
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
 from ..bindings.inputs import InputRows, Inputs, as_inputs
@@ -289,7 +289,7 @@ def fit(
     inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
     observe: str | Sequence[str] | Observe = "attitude", free: Sequence[str] | None = None,
     fixed: Sequence[str] = (), sigma: ArrayLike | None = None,
-    horizons: Sequence[int] | None = None, max_iterations: int = 50,
+    horizons: Sequence[int] | None = None, max_iterations: int = 50, progress: Progress = None,
 ) -> Fit:
     """Fit parameters and the start of a motion to data: minimise Σ ((prediction − data)/σ)².
 
@@ -331,6 +331,8 @@ def fit(
         are unknowns, twice as many, and so on up to all. ``[]``: all at once.
     max_iterations : int
         Of the last horizon.
+    progress : callable or bool, optional
+        As of ``integrate``; a function is called with the number of horizons done.
 
     Returns
     -------
@@ -371,6 +373,7 @@ def fit(
     first_guess = merged_start(stepper, start, None, parameters)
     observation = observation_of(stepper, observe)
     iteration_limit = as_positive_count("max_iterations", max_iterations, least=1)
+    as_progress(progress)
     times = as_numbers("t", t)
     if times.ndim != 1 or not len(times):
         raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
@@ -391,7 +394,7 @@ def fit(
         fitting.sigma = _sigma(sigma, fitting, point)
     counts = _horizons(horizons, len(times), fitting.fewest(point))
     iterations = 0
-    with log_progress(f"fitting {stepper.name}", len(counts)) as report:
+    with log_progress(f"fitting {stepper.name}", len(counts), progress) as report:
         for horizon, count in enumerate(counts):
             is_last = count == counts[-1]
             fitting.samples = count
@@ -401,6 +404,8 @@ def fit(
                                fitting.excess, _TOLERANCE if is_last else _EARLY_TOLERANCE,
                                iteration_limit if is_last else _EARLY, fitting.truncation(point))
             point, iterations = minimum.point, iterations + minimum.iterations
+        if report is not None:
+            report(len(counts))
     return _result(fitting, point, iterations, counts, minimum.converged,
                    sigma_known=sigma is not None)
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -36,6 +36,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ...core.html import card, table
+from ...core.progress import Progress, log_progress
 from ...core.start import HasStart, Start
 from ..bindings.array_checks import as_positive_count
 from ..derivatives.tangent_space import Tangents
@@ -146,6 +147,7 @@ def periodic_orbit(
     stepper: Stepper, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
     steps: int, parameters: Mapping[str, Number] | None = None,
     fix: str | Sequence[str] | None = "energy", free: str | None = None, max_iterations: int = 20,
+    progress: Progress = None,
 ) -> PeriodicOrbit:
     """Return the periodic orbit z = Φ_h^N(z) near a start, with a period near steps · dt.
 
@@ -168,6 +170,8 @@ def periodic_orbit(
         A parameter that is solved for too.
     max_iterations : int
         Newton iterations, each one run of N steps with tangents, and more where it is damped.
+    progress : callable or bool, optional
+        As of ``Stepper.integrate``; a function is called with the number of iterations done.
 
     Raises
     ------
@@ -183,7 +187,9 @@ def periodic_orbit(
                          "returned.")
     search = OrbitSearch(stepper, merged_start(stepper, start, p, parameters), dt=dt,
                          steps=as_positive_count("steps", steps, least=1), fix=fix, free=free)
-    return search.orbit(as_positive_count("max_iterations", max_iterations, least=1))
+    limit = as_positive_count("max_iterations", max_iterations, least=1)
+    with log_progress(f"closing an orbit of {stepper.name}", limit, progress) as report:
+        return search.orbit(limit, report)
 
 
 @dataclass(frozen=True)
@@ -224,12 +230,16 @@ class OrbitSearch:
                              if name != "period"}
         self.epsilon = float(stepper.binding.epsilon)
 
-    def orbit(self, iteration_limit: int) -> PeriodicOrbit:
-        """Return the orbit."""
+    def orbit(
+        self, iteration_limit: int, report: Callable[..., Any] | None = None
+    ) -> PeriodicOrbit:
+        """Return the orbit; ``report`` is called with the iterations done."""
         start = self.start
         guess = self._evaluate(start.q, start.p, start.dt, dict(start.parameters))
         gaps = [guess.size]
         while not self._closed(guess, gaps):
+            if report is not None:
+                report(len(gaps) - 1)
             next_guess = self._newton_step(guess) if len(gaps) <= iteration_limit else None
             near = self.phase_fixed and guess.size < _NEAR * self._scale(guess)
             if next_guess is None and not near:
@@ -240,6 +250,8 @@ class OrbitSearch:
             if next_guess is not None:
                 guess = next_guess
                 gaps.append(guess.size)
+        if report is not None:
+            report(len(gaps) - 1)
         path_length = float(np.linalg.norm(self._tangents(guess)[2]) * abs(float(guess.dt)))
         if not self.time_dependent and path_length <= _STILL * self._scale(guess):
             raise GyrosparkError("Newton's method came to an equilibrium, which is no orbit; fix "

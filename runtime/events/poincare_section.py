@@ -16,6 +16,7 @@ from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Number, Numbers
 from ...core.html import card, table
+from ...core.progress import Progress
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart, Start
 from ..integration.starts import merged_starts, steps_of_all
@@ -118,7 +119,7 @@ def section(
     t_end: Number | None = None, steps: int | None = None,
     parameters: Mapping[str, Numbers] | Sequence[Mapping[str, Number]] | None = None,
     tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
-    workers: int | None = None,
+    workers: int | None = None, progress: Progress = None,
 ) -> Section:
     """Return the Poincaré section of the motions from starts, or from rows of q and p.
 
@@ -145,7 +146,7 @@ def section(
     ensemble = stepper.integrate_ensemble(
         Start(state.q, state.p, t=state.t), dt=dt, steps=count, every=max(count, 1),
         parameters=state.parameters, solver=solver, workers=workers, events=event,
-        tangents=tangents)
+        tangents=tangents, progress=progress)
     crossings = [ensemble.events[event.name][i] for i in range(len(ensemble))]
     return Section(
         event, np.concatenate([crossing.t for crossing in crossings]),

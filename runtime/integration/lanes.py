@@ -34,7 +34,7 @@ Array = NDArray[Any]
 
 #: Coordinates in all steps up to which a run takes less time than the start of threads.
 _FEW_NUMBERS = 2**14
-#: Seconds between two numbers of stored states that are reported.
+#: Seconds between two numbers of steps that are reported.
 _REPORTED = 0.5
 #: Batches of short runs that are integrated in one call.
 _TOGETHER = 16
@@ -100,6 +100,11 @@ class EnsembleStates:
         done = [int(self.report(i).steps) for i in range(len(self.runs))]
         rows = {steps: self.runs.first.stored(steps) + 1 for steps in set(done)}
         return [rows[steps] for steps in done]
+
+    @property
+    def steps_done(self) -> int:
+        """The steps that all trajectories together have done."""
+        return sum(int(self.report(i).steps) for i in range(len(self.runs)))
 
     def fill(self, batches: Iterable[int], stop: Callable[[], bool]) -> None:
         """Integrate the trajectories of some batches in this thread, until they shall stop.
@@ -176,16 +181,19 @@ def fill_ensemble(
     """Integrate all batches: each thread takes the next one until there is none.
 
     Where threads would cost more than they gain, the calling one takes all. It calls ``report``
-    with the number of states that are stored.
+    with the number of steps that are done.
     """
     workers, first = min(threads, len(computed.reports)), computed.runs.first
     if workers == 1 or len(computed.runs) * first.steps * computed.binding.n < _FEW_NUMBERS:
         def stop_and_report() -> bool:
             if report is not None:
-                report(sum(computed.stored))
+                report(computed.steps_done)
             return stop()
 
-        return computed.fill(range(len(computed.reports)), stop_and_report)
+        computed.fill(range(len(computed.reports)), stop_and_report)
+        if report is not None:
+            report(computed.steps_done)
+        return
     batches, broken = SimpleQueue[int | None](), threading.Event()
     for batch in (*range(len(computed.reports)), *[None] * workers):
         batches.put(batch)
@@ -203,6 +211,6 @@ def fill_ensemble(
                 for future in ended:
                     future.result()
                 if report is not None:
-                    report(sum(computed.stored))
+                    report(computed.steps_done)
         finally:  # where memory ran out, say, the others are not finished for nobody
             broken.set()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -20,7 +21,7 @@ from ...core.exact_numbers import Number
 from ...core.file_formats import format_of
 from ...core.incompatibilities import refuse_together
 from ...core.interrupts import Interrupts, catch_ctrl_c
-from ...core.progress import log_progress
+from ...core.progress import Progress, as_progress, log_progress
 from ...core.records import changed
 from ...core.start import Rule
 from ..bindings.array_checks import as_numbers, as_positive_count
@@ -220,25 +221,26 @@ def integrate_members(
     inputs: Any = None,
     tangents: Tangents | None = None,
     device: DeviceName | None = None,
+    progress: Progress = None,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
+    as_progress(progress)
     card = device_for(device, q, p)
     if card is not None:
         refuse_on_device(stepper, options["solver"].kind, events=events, inputs=inputs,
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
-        return cast(Ensemble, _integrate_on(card, stepper, q, p, dt, t0, parameters, options))
+        return cast(Ensemble, _integrate_on(card, stepper, q, p, dt, t0, parameters, options,
+                                            progress))
     runs = _checked(stepper, q, p, dt, t0, parameters, options, inputs)
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
-    with (log_progress(f"integrating {len(runs):,} times {stepper.name}",
-                       len(runs) * (runs.first.rows + 1)) as report,
-          catch_ctrl_c() as interrupts):
-        def fill(some: EnsembleStates) -> None:
+    with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
+        def fill(some: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
             fill_ensemble(some, threads_of(workers), lambda: interrupts.requested, report)
 
-        fill(computed)
+        fill(computed, report)
         crossings = [] if levels is None else crossings_of(
             stepper, levels, runs, [one.final_brackets() for one in computed.detectors], fill)
         found = _ensemble(stepper, computed, crossings, () if levels is None else levels.events)
@@ -248,6 +250,13 @@ def integrate_members(
     if interrupts.requested:
         raise _stopped(interrupts, sum(computed.stored), found, found.t.size)
     return found
+
+
+def _progress_of(
+    stepper: Stepper, runs: EnsembleArguments, progress: Progress
+) -> AbstractContextManager[Callable[..., Any] | None]:
+    return log_progress(f"integrating {len(runs):,} times {stepper.name}",
+                        len(runs) * runs.first.steps, progress)
 
 
 def _stopped(
@@ -284,7 +293,7 @@ def _checked(
 
 def _integrate_on(
     device: Device, stepper: Stepper, q: Any, p: Any, dt: Any, t0: Any, parameters: Any,
-    options: dict[str, Any],
+    options: dict[str, Any], progress: Progress,
 ) -> Ensemble | DeviceEnsemble:
     """Integrate each row of q and p on a card; arrays that lie there stay there."""
     try:
@@ -297,12 +306,16 @@ def _integrate_on(
         q, p = np.split(device.get(state).T, 2, axis=1)
     runs = _checked(stepper, q, p, dt, t0, parameters, options)
     there = Trajectories(device, name, text, stepper.binding, runs, state)
-    with catch_ctrl_c() as interrupts:
+    with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def stop() -> bool:
+            if report is not None:
+                report(int(there.done.sum()))
             return interrupts.requested
 
         found = (_ensemble(stepper, there.states(stepper.binding, stop), [], ()) if state is None
                  else shared_ensemble(stepper, there, like, stop))
+        if report is not None:
+            report(int(there.done.sum()))
     if interrupts.requested:
         stored = int(sum(runs.first.stored(done) + 1 for done in there.done.tolist()))
         raise _stopped(interrupts, stored, found, len(runs) * (runs.first.rows + 1))

@@ -388,6 +388,7 @@ class Stepper(Dynamics):
         solver: SolverName | Solver = "auto",
         workers: int | None = None,
         device: DeviceName | None = None,
+        progress: Progress = None,
     ) -> Ensemble:
         """Integrate many trajectories: from several starts, or from rows of q and p.
 
@@ -421,6 +422,8 @@ class Stepper(Dynamics):
         ``DeviceEnsemble`` of arrays of their library comes back. See docs/cuda.md for what a card
         does not have.
 
+        ``progress`` is that of ``integrate``, with the steps of all trajectories together.
+
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         dt = step_argument(self.binding, dt, dtau)
@@ -429,7 +432,7 @@ class Stepper(Dynamics):
         state = merged_starts(self, starts, p, parameters)
         return integrate_members(
             self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs,
-            tangents, device, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
+            tangents, device, progress, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
             solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside

@@ -235,3 +235,25 @@ def test_builders_artefacts_and_citations_have_cards(gl3, tmp_path):
     assert shown(made).cells[1] == str(made.path)
     cited = gs.cite(gl3)
     assert shown(cited).cells[1::2] == list(cited.reasons.values())
+
+
+def test_progress_of_ensembles_sections_and_fits(gl3):
+    """What is done grows up to the end, and is the same that the results say."""
+    step = systems.differentiable("pendulum")
+    start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
+    run = step.integrate(start, dt=0.01, steps=20)
+    for workers in (1, 2):
+        done = []
+        gl3.integrate_ensemble([TOP.q0] * 64, [TOP.p0] * 64, steps=100, **RUN, workers=workers,
+                               events=gs.Event("q1"), progress=done.append)
+        assert done == sorted(done)
+        assert done[-1] == 64 * 100
+    done = []
+    gs.section(step, [start], event=gs.Event(step.manifest.system.coordinates[0]), dt=0.01,
+               steps=20, progress=done.append)
+    assert done[-1] == 20
+    done = []
+    gs.fit(step, start, run.t[1:], run.q[1:], dt=0.01, observe="q", free=[next(iter(
+        start.parameters))], horizons=[10, 15], progress=done.append)
+    assert sorted(set(done)) == [0, 1, 2, 3]
+    assert done == sorted(done)

@@ -45,7 +45,7 @@ ENTRANCES = {
     "integrate": (lambda step, a: by_names(step.integrate, **a), {*STATE, *RUN, "every", "progress",
                                                         "events"}),
     "integrate_ensemble": (lambda step, a: by_names(step.integrate_ensemble, **a),
-                           {*STATE, *RUN, "every", "workers", "events"}),
+                           {*STATE, *RUN, "every", "workers", "events", "progress"}),
     "start": (lambda step, a: by_names(step.start, **{
         k: v for k, v in a.items() if k != "steps"}).advance(a["steps"]), {*STATE, *RUN}),
     "step": (lambda step, a: by_names(step.step, **a), {*STATE, "t0", "solver", "tolerance"}),

@@ -28,9 +28,11 @@ def closed(found):
 
 def test_energy():
     """1e-14 after five iterations that double the digits; multipliers on the unit circle."""
-    found = orbit()
+    done = []
+    found = orbit(progress=done.append)
     q, p = released(1.0, 1.4142 * 0.95)
     assert found.iterations == 5
+    assert done == [*range(6)]
     assert found.residuals[-1] < 1e-14
     assert all(after < before**1.5 for before, after in zip(found.residuals[1:-2],
                                                            found.residuals[2:-1], strict=True))
