@@ -22,6 +22,8 @@ LOGGER = logging.getLogger("gyrospark")
 def fresh(monkeypatch):
     """Restore the handlers and the level of the logger; a task is shown at once."""
     monkeypatch.setattr(LOGGER, "handlers", [])
+    # --json of a command that CliRunner invokes leaves it higher
+    monkeypatch.setattr(progress.TERMINAL, "level", logging.NOTSET)
     monkeypatch.setattr(progress, "_FIRST", 0.0)
     monkeypatch.setattr(progress, "_NEXT", 0.0)
     level = LOGGER.level
