@@ -244,7 +244,7 @@ class Examination:
         value = max(reversed_run.q_error / sizes[0], reversed_run.p_error / sizes[1])
         measured = f"q {reversed_run.q_error:.1e}, p {reversed_run.p_error:.1e}"
         if not self.guarantees.symmetric:
-            why = "θ is not that of the way back" if self._scheme.exact_energy else \
+            why = "the reversed step has another θ" if self._scheme.exact_energy else \
                 "the tableau is not symmetric"
             return reported(quantity, measured, "not guaranteed", why, value)
         jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)

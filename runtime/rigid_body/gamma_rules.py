@@ -97,7 +97,7 @@ def inertia_names(name: str) -> tuple[list[str], list[str]]:
 
 
 def gamma_by_rule(name: str, rule: Rule, parameters: Mapping[str, Any]) -> float:
-    """Return γ or α by a mean, from the inertia among the parameters, or that of the rule.
+    """Return γ or α as a mean of the inertia among the parameters, else of the inertia of the rule.
 
     Raises
     ------

@@ -130,7 +130,7 @@ def test_a_long_run_to_a_time_grows_its_arrays():
 
 
 def test_a_run_goes_on_from_its_end():
-    """Bits of one run: H + e is that of the first start."""
+    """A run that goes on has the bits of one run: it keeps H + e of the first start."""
     step = stepper("scaled_pendulum")
     whole = systems.run("scaled_pendulum", step, 30)
     half = systems.run("scaled_pendulum", step, 11)
