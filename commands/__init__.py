@@ -101,6 +101,9 @@ def _call(command: click.Command, name: str) -> NoReturn:
         _fail(name, _one_line(_former_option(error) or error.format_message()), 2)
     except (click.Abort, KeyboardInterrupt):
         logging.getLogger("asyncio").disabled = True  # it would name the reads that Zarr had begun
+        # Where text was being executed, as by lambdify, Python keeps that it was interrupted, and
+        # ``python -m`` would end by the signal instead of with 130: other text takes that back.
+        exec("")
         _fail(name, "Interrupted.", 130)
     except StepFailed as error:
         _fail(name, " ".join([f"{error.summary}.", *getattr(error, "__notes__", ())]), 1)

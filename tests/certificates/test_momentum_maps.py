@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -254,7 +255,7 @@ def test_directions_that_are_no_fractions_are_not_proved():
     (J,) = momentum_maps(system, {"m1": 1.0, "angle": 0.3}, [0.6, 0, 0.8], [0.8, 0.3, -0.6])
     assert J.name == "angular momentum about (0.29552, 0, 0.955336)"
     assert not J.everywhere
-    assert J.broken < 1e-15
+    assert J.broken < 100 * sys.float_info.epsilon  # sums of some tens of terms
 
 
 def test_constraints_that_turn_into_one_another():

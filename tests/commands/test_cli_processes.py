@@ -202,6 +202,17 @@ def test_interrupt_of_derivation(tmp_path):
         assert path.name not in whole or path.read_text("utf-8") == whole[path.name]
 
 
+def test_interrupt_of_text_that_is_executed(tmp_path):
+    """Python keeps an interrupt of ``exec``, which SymPy calls, until its own end."""
+    (tmp_path / "interrupted.py").write_text(
+        "from gyrospark import commands\n"
+        "def main(**options): exec('raise KeyboardInterrupt')\n"
+        "commands.gyrospark.main = main\n"
+        "commands.main()\n", "utf-8")
+    done = call([sys.executable, "-m", "interrupted"], cwd=tmp_path)
+    assert (done.returncode, done.stderr.strip()) == (130, "gyrospark: Interrupted.")
+
+
 @pytest.mark.parametrize("call", ["write_text", "replace"])
 def test_interrupt_of_a_write_leaves_no_part_of_a_file(tmp_path, monkeypatch, call):
     """Ctrl-C at any instant: between the writing of a file and its renaming, too."""

@@ -1,8 +1,8 @@
 """The budget of a case: one CPU second, children included, but for what the catalogue builds.
 
 A plugin of pytest. The summary lists the cases beyond the budget and counts what was compiled; a
-case beyond ``LIMIT`` fails unless it is marked ``slow`` with a reason. CPU seconds of a busy or an
-old machine are longer, so the limit is not the budget.
+case beyond ``LIMIT`` fails unless it is marked ``slow`` with a reason. A busy machine takes up to
+eight times as long for the same case, so the limit finds only what has grown out of hand.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gyrospark.runtime.compilation import verified_build
 __all__ = ["shared"]
 
 #: CPU seconds that a case may use on an idle machine, and at which it fails on any.
-BUDGET, LIMIT = 1.0, 8.0
+BUDGET, LIMIT = 1.0, 30.0
 
 _spent = {"shared": 0.0, "builds": 0, "total": 0.0}
 _beyond: list[tuple[float, str]] = []
