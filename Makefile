@@ -38,9 +38,9 @@ lint: .venv/ready
 docs: .venv/docs
 	$(BIN)/sphinx-build -W --keep-going --quiet -j auto docs build/site
 
-# Bring the checked-in steppers up to date.
+# Bring the checked-in steppers and the outputs in README up to date.
 generated: .venv/ready
-	$(BIN)/pytest -q tests/golden/test_generated.py -k up_to_date --update
+	$(BIN)/pytest -q tests/golden/test_generated.py tests/docs/test_readme_outputs.py -k up_to_date --update
 
 # The one is a part of the other, in whatever order they are made.
 .venv/demo: pyproject.toml

@@ -57,10 +57,10 @@ PROGRAMS = {"gyrospark": ["-m", "gyrospark"],
 
 
 #: What the blocks of a page have made: files, and names that are looked at after them.
-MADE = {"README.md": {"top.html"}, "python.md": {"top.npz", "top.png"},
+MADE = {"README.md": {"double_top.html"}, "python.md": {"top.npz", "top.png"},
         "long_runs.md": {"evening.zarr"}, "sweeps.md": {"spins.zarr"}}
 CHECKS = {"README.md": """
-assert run.q.shape == (2001, 4) and pendulum.name == "pendulum" and swing.q.shape == (501, 2)
+assert run.q.shape == (3001, 11) and pendulum.name == "pendulum" and swing.q.shape == (501, 2)
 """, "python.md": """
 assert trajectory.q.shape == (2001, 4) and trajectory.axis().shape == (2001, 3)
 assert trajectory.angular_velocity().shape == (2001, 3)
