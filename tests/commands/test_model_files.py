@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import gyrospark as gs
 from command_line import CONTRACT, refused
-from processes import ROOT
+from processes import PATIENCE, ROOT
 
 EPS = float(np.finfo(float).eps)
 EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
@@ -174,14 +174,14 @@ def bounded(gyrospark):
     resource = pytest.importorskip("resource")
 
     def impatient(number, frame):
-        raise TimeoutError("a minute has gone by")
+        raise TimeoutError("no end")
 
     before = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     taken = pages * resource.getpagesize()
     handler = signal.signal(signal.SIGALRM, impatient)
     resource.setrlimit(resource.RLIMIT_AS, (taken + (3 << 30), before[1]))
-    signal.alarm(60)
+    signal.alarm(PATIENCE)
     yield gyrospark
     signal.alarm(0)
     resource.setrlimit(resource.RLIMIT_AS, before)

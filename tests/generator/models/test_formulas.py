@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import pytest
 import sympy as sp
@@ -150,10 +149,8 @@ REFUSED = [
 
 @pytest.mark.parametrize(("text", "reason"), REFUSED)
 def test_refused_at_once(text: str, reason: str) -> None:
-    started = time.perf_counter()
     with pytest.raises(InputError, match=reason) as caught:
         read(text)
-    assert time.perf_counter() - started < 2
     message = str(caught.value)
     assert len(message) < 1000
     assert message.endswith(".")

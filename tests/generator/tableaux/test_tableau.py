@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import time
 from fractions import Fraction
 from functools import cache
 
@@ -245,9 +244,7 @@ def test_order_is_proved_in_rational_arithmetic_alone(family, s, monkeypatch):
     tableau = dataclasses.replace(make(family, s))  # not proved before
     for name in ("conditions.vanishes_to", "node_algebra.enclosure"):
         monkeypatch.setattr(f"gyrospark.generator.tableaux.{name}", None)
-    start = time.process_time()
     assert tableau.order == (2 * s if family == "gl" else 2 * s - 2)
-    assert time.process_time() - start < 2  # 0.2 s where nothing else runs
 
 
 @nodes_of_each

@@ -15,6 +15,7 @@ from gyrospark import api
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation import newton_library, object_files, stepper_module
 from gyrospark.runtime.compilation.build_cache import CacheError
+from processes import PATIENCE
 
 RUN = {"dt": 0.02, "steps": 3, "parameters": {"k": 4.0}}
 
@@ -74,7 +75,7 @@ def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cac
     results = context.Queue()
     child = context.Process(target=forked, args=(step, results))
     child.start()
-    found = results.get(timeout=120)
+    found = results.get(timeout=PATIENCE)
     child.join()
     assert len(list(own_cache.glob(libraries))) == 2
     own = by_newton(step)

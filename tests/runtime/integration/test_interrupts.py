@@ -125,11 +125,10 @@ def test_ensemble_comes_with_what_it_has(solver, count, gl3):
     """Each member as far as it came; those that were not begun have their start."""
     q, p = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
     assert gl3._binding_of_many.lanes  # compiled before, not meanwhile
-    timer = threading.Timer(0.3, interrupt)
-    timer.start()
+    presses = [interrupt]  # a second one would be raised at once
     with pytest.raises(gs.errors.Stopped, match=r"\.ensemble") as error:
-        gl3.integrate_ensemble(q, p, **RUN, steps=10**8, every=10**6, solver=solver, workers=2)
-    timer.join()
+        gl3.integrate_ensemble(q, p, **RUN, steps=10**8, every=10**6, solver=solver, workers=2,
+                               progress=lambda done: presses.pop()() if done and presses else None)
     found = error.value.ensemble
     assert len(found) == count
     assert found.q.shape == (count, 101, 4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import os
 import pickle
 import runpy
 import signal
@@ -19,7 +18,7 @@ import systems
 from calls import LATE, PARAMETERS, RUN, TOP, refused
 from gyrospark.runtime.results.run_arrays import OUTPUTS
 from gyrospark.runtime.steppers import simulation
-from processes import ROOT
+from processes import PATIENCE, ROOT
 from strategies import EPS
 
 
@@ -250,29 +249,33 @@ def test_wrong_use_is_refused(gl3):
     assert sim.steps == 5
 
 
-def test_one_thread_at_a_time(gl3):
-    sim, said = begun(gl3), []
-    long = threading.Thread(target=lambda: sim.advance(100_000))
+def before_each_piece(sim, action, monkeypatch):
+    """Do something before each piece of a long call."""
+    advance = sim._held.advance
+    monkeypatch.setattr(sim._held, "advance", lambda steps: (action(), advance(steps))[1])
+
+
+def test_one_thread_at_a_time(gl3, monkeypatch):
+    sim, inside, ended = begun(gl3), threading.Event(), threading.Event()
+    before_each_piece(sim, lambda: (inside.set(), ended.wait(PATIENCE)), monkeypatch)
+    long = threading.Thread(target=lambda: sim.advance(1000))
     long.start()
-    while not sim._in_use.locked() and long.is_alive():
-        pass
+    assert inside.wait(PATIENCE)
     for use in (sim.advance, sim.copy, lambda: pickle.dumps(sim)):
         with refused("thread"):
             use()
-        said.append(long.is_alive())
+    ended.set()
     long.join()
-    assert any(said)
-    assert sim.steps == 100_000
+    assert sim.steps == 1000
 
 
-def test_ctrl_c_ends_a_long_call_at_a_step(gl3):
+def test_ctrl_c_ends_a_long_call_at_a_step(gl3, monkeypatch):
     """The simulation stands where it was ended, and goes on from there to the bit."""
     sim = begun(gl3)
-    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
+    before_each_piece(sim, lambda: sim.steps and signal.raise_signal(signal.SIGINT), monkeypatch)
     with pytest.raises(gs.errors.Stopped, match=r"step [\d,]+ of 100,000,000") as stopped:
         sim.advance(100_000_000)
-    timer.join()
+    monkeypatch.undo()
     assert stopped.value.signal == signal.SIGINT
     other = begun(gl3)
     other.advance(sim.steps)
