@@ -44,13 +44,13 @@ def count_of(event: str) -> str:
 
 
 def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
-                    group: Array) -> CellEnds:
-    """Integrate cells of equal scheme and number of steps, and locate their events.
+                    group: Array, q: Array, p: Array) -> CellEnds:
+    """Integrate cells of equal scheme and number of steps from q and p, and locate their events.
 
     Event detection does not change the bits of the states. It runs on the caller's thread.
     """
     every = study.every or steps
-    runs = _runs(study, stepper, steps, every, cells, group)
+    runs = _runs(study, stepper, steps, every, cells, group, q, p)
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
     ensemble_states = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     _fill(ensemble_states)
@@ -77,7 +77,8 @@ def _fill(ensemble_states: EnsembleStates) -> None:
 
 
 def _runs(
-    study: Study, stepper: Stepper, steps: int, every: int, cells: Cells, group: Array
+    study: Study, stepper: Stepper, steps: int, every: int, cells: Cells, group: Array, q: Array,
+    p: Array,
 ) -> EnsembleArguments:
     """Return the cells as runs, in the number type of single runs."""
     binding = stepper.binding
@@ -86,7 +87,7 @@ def _runs(
         typed: Array = np.array(values).astype(binding.number_type)
         return typed
 
-    q, p = (array[group].astype(binding.dtype) for array in (cells.q, cells.p))
+    q, p = (x.astype(binding.dtype) for x in (q, p))
     dt, t0 = column(cells.dt[group]), column(np.full(len(group), study.t0))
     parameters = {name: column(array[group]) for name, array in cells.parameters.items()}
     first = RunArguments(q[0], p[0], dt[0], steps, every,

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.errors import GyrosparkError
 from ..core.interrupts import Interrupts
+from ..core.real_types import REALS
 from ..runtime.integration.consistency import defects_of_starts
 from ..runtime.steppers.stepper import Stepper
 from ..storage.array_layout import QUANTITY, StoredField
@@ -58,10 +60,13 @@ def _run(
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
     structs = _structs(study, stepper, cells, group)
     with np.errstate(all="ignore"):
-        ends = (run_with_events(study, stepper, steps, cells, group) if study.events else
+        equal_constraints = _groups_of_constraints(study, stepper, cells, group)
+        if not study.varied("q") or REALS[stepper.manifest.real].wide:
+            _project_starts(study, stepper, equal_constraints, structs, q0, p0)
+        ends = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
                 _run_without_events(study, stepper, steps, structs, dt, q0, p0))
         q, p, reports, status = ends.q, ends.p, ends.reports, ends.status
-        off_constraints = ~_consistent(study, stepper, cells, group, structs, q0, p0, dt)
+        off_constraints = ~_consistent(study, stepper, equal_constraints, structs, q0, p0, dt)
         status[off_constraints], reports["steps"][off_constraints] = BAD_START, 0
         results = _report_results(reports) | {"q": q, "p": p, STATUS: status}
         results |= _quantities(study, stepper, structs, reports, dt, q, p) | ends.event_results
@@ -145,28 +150,42 @@ def _struct(stepper: Stepper, row: Array) -> Any:
     return stepper.binding.ffi.from_buffer(f"{stepper.binding.name}_parameters *", row)
 
 
+def _project_starts(
+    study: Study, stepper: Stepper, equal_constraints: list[Array], structs: Array, q: Array,
+    p: Array,
+) -> None:
+    """Move the starts onto the constraints of their cells, in place.
+
+    A start that cannot be moved stays, and the check of the starts finds it.
+    """
+    for group_rows in equal_constraints:
+        for rows in group_rows[:, None] if study.varied("q") else [group_rows]:
+            first = rows[0]
+            try:
+                q[rows], p[rows] = stepper._projected(q[first], p[first],
+                                                      _struct(stepper, structs[first]))
+            except GyrosparkError:
+                continue
+
+
 def _consistent(
-    study: Study, stepper: Stepper, cells: Cells, group: Array, structs: Array, q: Array,
+    study: Study, stepper: Stepper, equal_constraints: list[Array], structs: Array, q: Array,
     p: Array, dt: Array,
 ) -> Array:
     """Return whether each cell's start is on the constraints.
 
-    Cells with equal parameters of the constraints are checked together, and by one of them if the
+    Cells with equal constraints are checked together, and by one of them if the
     start does not vary. A scheme that lets the momentum constraint oscillate accepts larger
     errors: cells that fail are then checked again one by one, with their own dt.
     """
-    consistent = np.ones(len(group), dtype=bool)
-    if not stepper.m:
-        return consistent
+    consistent = np.ones(len(q), dtype=bool)
 
     def check(rows: Array, keeps_f: bool) -> Array:
         parameters = _struct(stepper, structs[rows[0]])
         return defects_of_starts(stepper.binding, keeps_f, parameters, q[rows], p[rows],
                                  dt[rows]).consistent
 
-    varied = [cells.parameters[name][group]
-              for name in stepper.manifest.system.start_parameters if study.varied(name)]
-    for group_rows in _groups_of_equal_rows(varied, len(group)):
+    for group_rows in equal_constraints:
         consistent[group_rows] = check(group_rows if study.varied("q") else group_rows[:1], True)
     if not stepper.manifest.scheme.keeps_momentum_constraint:
         for i in np.flatnonzero(~consistent):
@@ -174,10 +193,16 @@ def _consistent(
     return consistent
 
 
-def _groups_of_equal_rows(columns: list[Array], count: int) -> list[Array]:
-    """Return the indices of rows that agree in all columns, one array per group."""
+def _groups_of_constraints(
+    study: Study, stepper: Stepper, cells: Cells, group: Array
+) -> list[Array]:
+    """Return the indices of cells whose constraints have equal parameters, an array per group."""
+    if not stepper.binding.conditions:
+        return []
+    columns = [cells.parameters[name][group]
+               for name in stepper.manifest.system.start_parameters if study.varied(name)]
     if not columns:
-        return [np.arange(count)]
+        return [np.arange(len(group))]
     group_index = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
     return np.split(np.argsort(group_index, kind="stable"),
                     np.cumsum(np.bincount(group_index))[:-1])

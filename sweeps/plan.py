@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..core.arguments import as_mapping, shown, whole
 from ..core.errors import InputError
-from ..core.real_types import REALS
 from ..core.warnings import warn
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..runtime.bindings.array_checks import as_positive_count
@@ -68,7 +66,8 @@ def plan(
         name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
         common_parameters, np.array(start.q0), np.array(start.p0), start.dt if dt is None else dt,
         seed=seed, **options))
-    return _on_constraints(study)
+    _warn_of_moved_start(study, common_parameters | study.parameters)
+    return study
 
 
 def _points(name: str, table: Any) -> tuple[Axis, int | None]:
@@ -94,35 +93,16 @@ def _warn_of_moved(stepper: Stepper, original: Any, moved: Any, kind_of_names: s
              f"furthest, to {new[k]:.9g}.")
 
 
-def _on_constraints(study: Study) -> Study:
-    """Return the study with the model's start moved onto the constraints, to round-off.
+def _warn_of_moved_start(study: Study, parameters: dict[str, float]) -> None:
+    """Warn if the model's start is off the constraints, at the model's own parameters.
 
-    The projection has the parameters of the first cell; a cell for which the start is off the
-    constraints then gets that status. States of an axis are the caller's and stay, except in wider
-    number types, in which they are off by the round-off of a double.
+    Cells move it onto the constraints of their parameters. States of an axis are the caller's.
     """
+    if study.varied("q"):
+        return
     stepper = study.steppers[0]
-    parameters = study.parameters | {name: float(axis.columns[name][0]) for axis in study.axes
-                                     for name in axis.columns if name in stepper.parameter_domains}
-    wide = REALS[stepper.manifest.real].wide
-
-    def moved(q: Any, p: Any) -> tuple[Any, Any]:
-        return stepper.project(q, p, parameters=parameters, t=study.t0)
-
-    if not study.varied("q"):
-        q, p = moved(study.q, study.p)
-        _warn_of_moved(stepper, study.q, q, "coordinates")
-        _warn_of_moved(stepper, study.p, p, "momenta")
-        kind = q.dtype if wide else np.float64
-        return replace(study, q=q.astype(kind), p=p.astype(kind))
-    if not wide:
-        return study
-    axes = []
-    for axis in study.axes:
-        if "q" in axis.columns:
-            projected = [moved(q, p)
-                         for q, p in zip(axis.columns["q"], axis.columns["p"], strict=True)]
-            axis = replace(axis, columns={"q": np.stack([q for q, _ in projected]),
-                                          "p": np.stack([p for _, p in projected])})
-        axes.append(axis)
-    return replace(study, axes=axes)
+    own_parameters = {name: float(axis.columns[name][0]) for axis in study.axes
+                      for name in axis.columns if name in stepper.parameter_domains}
+    q, p = stepper.project(study.q, study.p, parameters=own_parameters | parameters, t=study.t0)
+    _warn_of_moved(stepper, study.q, q, "coordinates")
+    _warn_of_moved(stepper, study.p, p, "momenta")

@@ -51,6 +51,7 @@ __all__ = [
     "MemorySink",
     "Sink",
     "StoreSink",
+    "count_of_each",
     "count_statuses",
     "create_store",
     "done_tiles",
@@ -275,9 +276,14 @@ def count_statuses(study: Study, path: Path) -> dict[int, int]:
     array = array_of(open_group(path), STATUS)
     counts: Counter[int] = Counter()
     for tile in tiles_of(study):
-        statuses, cell_counts = np.unique(np.asarray(array[tile.slices]), return_counts=True)
-        counts.update(dict(zip(statuses.tolist(), cell_counts.tolist(), strict=True)))
+        counts.update(count_of_each(np.asarray(array[tile.slices])))
     return dict(counts)
+
+
+def count_of_each(statuses: Array) -> dict[int, int]:
+    """Return the number of cells with each of some statuses."""
+    distinct, cell_counts = np.unique(statuses, return_counts=True)
+    return dict(zip(distinct.tolist(), cell_counts.tolist(), strict=True))
 
 
 def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:

@@ -19,6 +19,7 @@ from ..core.interrupts import catch_ctrl_c, catch_signals
 from ..core.progress import Progress, as_progress, log_progress
 from ..core.real_types import RealName
 from ..core.solver import Solver, SolverName, as_solver
+from ..core.warnings import warn
 from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.real_numbers import as_bytes
@@ -32,13 +33,17 @@ from .plan import plan
 from .results import (
     CURE,
     FORMAT,
+    STATUS,
     MemorySink,
     Sink,
     StoreSink,
+    count_of_each,
+    count_statuses,
     create_store,
     done_tiles,
     fields_of,
     load_sweep,
+    meanings,
 )
 from .study import Study
 from .tiles import Tile, cells_of, tile_shape, tiles_of
@@ -123,8 +128,10 @@ def sweep(
     -------
     xarray.Dataset
         Along the axes: largest and mean errors, iterations, the state at the end, and ``status``:
-        0, or why a cell is NaN (``Dataset.status.attrs``). A cell's bits depend on its own numbers
-        alone, not on neighbours, workers or interruptions.
+        0, or why a cell is NaN (``Dataset.status.attrs``); a warning has the number of failed
+        cells. A cell's bits depend on its own numbers alone, not on neighbours, workers or
+        interruptions. The model's q and p are moved onto the constraints of each cell, as by
+        ``Stepper.project`` with the parameters of the cell.
 
     Raises
     ------
@@ -167,6 +174,7 @@ def run_study(
         except Stopped as stopped:
             stopped.dataset = memory.dataset(attributes)
             raise
+        _warn_of_failures(count_of_each(memory.arrays[STATUS]))
         return memory.dataset(attributes)
     path = new_store_path(out, _AS_FILE)
     with writer_lock(path):
@@ -176,7 +184,18 @@ def run_study(
                  progress, path)
         with storage_errors(path, CURE):
             remove_parts(path)
+    _warn_of_failures(count_statuses(study, path))
     return load_sweep(path)
+
+
+def _warn_of_failures(statuses: Mapping[int, int]) -> None:
+    """Warn of the cells of a complete sweep that failed, with their number for each reason."""
+    failures = {status: count for status, count in statuses.items() if status != 0}
+    if failures:
+        reasons = ", ".join(f"{count:,} with status {status} ({meanings()[status]})"
+                            for status, count in sorted(failures.items()))
+        warn(f"{sum(failures.values()):,} of {sum(statuses.values()):,} cells of the sweep failed "
+             f"and are NaN: {reasons}. The result's status has the reason of each cell.")
 
 
 def _warn_of_fast_rotation(study: Study) -> None:

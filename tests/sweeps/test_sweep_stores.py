@@ -14,7 +14,7 @@ from gyrospark.sweeps.cost_estimate import estimate
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import NOT_COMPUTED, done_tiles, fields_of
 from interruption import differences
-from sweep_studies import OVER, TOP
+from sweep_studies import FAILURES, OVER, TOP
 
 
 @pytest.fixture
@@ -161,6 +161,7 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
+@FAILURES
 def test_every_tile_has_a_file_of_every_result(tmp_path, small_tiles):
     """Zeros and NaN too: the dry run counts them, and what is missing is lost, not zero."""
     path = tmp_path / "s.zarr"

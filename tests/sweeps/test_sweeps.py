@@ -9,16 +9,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import budget
 import gyrospark as gs
 import systems
 from gyrospark.sweeps import compute_tile, tiles
 from gyrospark.sweeps.axes import value_axis
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import BAD_START, StoreSink, fields_of, meanings
-from sweep_studies import GAMMAS, OVER, STEPS, TOP
+from sweep_studies import FAILURES, GAMMAS, OVER, STEPS, TOP
+
+EPS = np.finfo(float).eps
 
 
 def model_of(name):
@@ -140,6 +144,7 @@ def test_tiles_cover_every_cell_once_and_change_nothing(rows, columns, workers, 
 # ---------------------------------------------------------------- cells that fail
 
 
+@FAILURES
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_diverging_cell_is_nan_with_its_reason_and_the_others_stay():
     over = {"gamma": [1.6e-3], "dt": [1e-3, 0.3, 2e-3, 50.0]}
@@ -157,6 +162,7 @@ def test_a_diverging_cell_is_nan_with_its_reason_and_the_others_stay():
         "not_converged", "singular_matrix", "not_finite")
 
 
+@FAILURES
 @pytest.mark.parametrize("scheme", ["G-L 2", "EMS"])
 def test_a_start_off_the_constraints_is_reported(scheme):
     q = np.array([TOP.q0, 1.001 * TOP.q0, TOP.q0])
@@ -175,11 +181,48 @@ def test_a_model_that_starts_off_its_constraints_is_moved_with_a_warning():
     assert result.status.values.tolist() == [0, 0]
 
 
-def test_a_start_is_checked_with_the_parameters_of_its_cell():
-    """g of the pendulum has l in it: the start fits one length only."""
+def two_masses():
+    """Return a moving rod with a mass at each end, whose momenta fit m = 1 alone."""
+    q, p = sp.symbols("x1 y1 x2 y2"), sp.symbols("px1 py1 px2 py2")
+    m = sp.Symbol("m", positive=True)
+    H = (p[0]**2 + p[1]**2) / (2 * m) + (p[2]**2 + p[3]**2) / 2
+    rod = (q[0] - q[2])**2 + (q[1] - q[3])**2 - 1
+    system = gs.System(q, p, (m,), H, [rod], name="two_masses")
+    with budget.shared():
+        step = gs.stepper("G-L", 2, system=system)
+        _ = step._binding_of_many
+    return step, gs.Model(system, {"m": 1.0}, (1, 0, 0, 0), (0.3, 1.0, 0.3, -1.0))
+
+
+@pytest.mark.parametrize("masses", [[1.0, 1.5, 2.0], [2.0, 1.5, 1.0]])
+@pytest.mark.parametrize("events", [(), gs.Event("y1", level=10.0, name="far")])
+def test_a_start_is_projected_with_the_parameters_of_its_cell(masses, events):
+    """Its bits are those of a run alone, whichever cell comes first."""
+    step, model = two_masses()
+    result = gs.sweep(model, {"m": masses}, scheme="G-L", stages=2, steps=5, dt=0.1,
+                      events=events)
+    assert not result.status.any()
+    for i, m in enumerate(masses):
+        q, p = step.project(model, parameters={"m": m})
+        assert abs(p[0] / m - p[2]) < 8 * EPS
+        run = alone(step, {"m": m}, 0.1, 5, q, p)
+        assert np.array_equal(result.q[i], run.q[-1])
+        assert np.array_equal(result.p[i], run.p[-1])
+
+
+def test_a_length_moves_the_start_of_its_cell():
+    """g of the pendulum has l in it: the model's start fits one length only."""
     model = model_of("pendulum")
     result = gs.sweep(model, {"l": [1.0, 1.5], "g": [1.0, 2.0]}, scheme="G-L", stages=2, steps=5)
-    assert result.status.values.tolist() == [[0, 0], [BAD_START, BAD_START]]
+    assert not result.status.any()
+    assert np.allclose(np.hypot(*np.moveaxis(result.q.values, -1, 0)), [[1.0] * 2, [1.5] * 2],
+                       atol=1e-14)
+
+
+def test_cells_that_fail_are_counted_in_a_warning():
+    states = {"q": [TOP.q0, 1.001 * TOP.q0], "p": [TOP.p0, TOP.p0]}
+    with pytest.warns(gs.errors.InputWarning, match="1 of 2 .*status 4"):
+        gs.sweep(TOP, {"start": states}, scheme="EMS", dt=1e-3, steps=5)
 
 
 @pytest.mark.parametrize("count", [2, 3, 50])
