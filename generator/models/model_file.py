@@ -169,7 +169,8 @@ def _read(
     for key, value in settings.items():
         _set(content, key, value)
     kinds = [kind for kind in KINDS
-             if kind in content or (kind == "bodies" and "point_masses" in content)]
+             if kind in content or (kind == "bodies" and (
+                 "point_masses" in content or "beams" in content))]
     shown = ", ".join(f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS)
     if len(kinds) != 1:
         found = " and ".join(f"[{kind}]" for kind in kinds) or "neither of them"

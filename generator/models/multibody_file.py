@@ -28,8 +28,11 @@ a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_om
 and t, besides the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
 Point masses are tables [[point_masses]] with name, mass, position and velocity; wheels in
 [[rotors]] with name, bodies, mass, inertia = [along, across], axis, at or on_body, and rate: its
-bearing is the joint NAME_bearing. ``axis`` is in space at the start, ``axis_on_body`` in the axes
-of the first body. What acts on joints has ``joints`` in place of bodies:
+bearing is the joint NAME_bearing. Beams are tables [[beams]] whose keys are arguments of
+``Multibody.beam``; their frames are NAME_first, NAME_last and the segments NAME_1, NAME_2, …, and
+symbols of an end are NAME_last_x, _y, _z and _R11.._R33. ``axis`` is in space at the start,
+``axis_on_body`` in the axes of the first body. What acts on joints has ``joints`` in place of
+bodies:
 
     [[joints]]
     name = "mesh"
@@ -55,6 +58,7 @@ import sympy as sp
 from ...core.errors import InputError
 from ...core.inertia import REPS, RepName
 from ...core.warnings import warn
+from ..multibody.beam import Beam, BeamEnd
 from ..multibody.body import Body, Frame, Particle
 from ..multibody.initial_poses import Attitude
 from ..multibody.model import Model
@@ -68,11 +72,15 @@ from .toml_tables import TomlTable
 __all__ = ["finished", "join", "read_bodies", "telling"]
 
 MAX_BODIES = 100
+MAX_SEGMENTS = 1000
 POINTS = ("on_a", "on_b")
 
 #: Type of a joint → all arguments of the method that makes it.
 JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters
           for kind in (*KINDS, "gear", "couple", "flywheel")}
+#: Keys of a table of [[beams]].
+BEAM = {key: one for key, one in inspect.signature(Multibody.beam).parameters.items()
+        if key != "self"}
 #: Type of a force → its keys besides name, type and bodies, or joints.
 FORCES = {
     "spring": ("stiffness", "length", "damping", *POINTS),
@@ -84,7 +92,8 @@ FORCES = {
 #: Types that act on so many joints.
 ON_JOINTS = {"gear": 2, "couple": 2, "flywheel": 1, "joint_spring": 1, "motor": 1}
 #: Keys whose text may have a unit.
-WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "turning": RATES, "angle": ANGLES}
+WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "turning": RATES, "angle": ANGLES,
+              "twist": ANGLES}
 
 
 def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
@@ -95,9 +104,9 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     InputError
         With file, key and cure; for redundant constraints with a smallest set to leave out.
     """
-    content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "joints",
-                  "forces", "gravity", "potential", "without", "redundant", "parameters", "inputs",
-                  "run", "quantities", "points", "drives", "events", "units",
+    content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "beams",
+                  "joints", "forces", "gravity", "potential", "without", "redundant", "parameters",
+                  "inputs", "run", "quantities", "points", "drives", "events", "units",
                   "time_scale")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
@@ -105,6 +114,9 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     for kind, make in (("point_masses", _point_mass), ("rotors", _rotor)):
         for table in content.tables(kind):
             bodies[table.text("name", "")] = telling(table, partial(make, builder, bodies), table)
+    for table in content.tables("beams"):
+        beam = telling(table, lambda table: _beam(builder, table, rep), table)
+        bodies |= {frame.name: frame for frame in (*beam.segments, beam.first, beam.last)}
     points = content.tables("points")
     if points:
         _parameters(builder, formulas)
@@ -164,10 +176,15 @@ def _drive(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
 
 def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str, Frame]:
     tables = content.tables("bodies")
-    count = len(tables) + sum(len(content.tables(kind)) for kind in ("point_masses", "rotors"))
+    count = len(tables) + sum(len(content.tables(kind))
+                              for kind in ("point_masses", "rotors", "beams"))
     if not 1 <= count <= MAX_BODIES:
-        raise content.error("bodies", f"has {count} tables with point_masses and rotors; write 1 "
-                                      f"to {MAX_BODIES}.")
+        raise content.error("bodies", f"has {count} tables with point_masses, rotors and beams; "
+                                      f"write 1 to {MAX_BODIES}.")
+    segments = sum(table.count("count") for table in content.tables("beams") if "count" in table)
+    if segments > MAX_SEGMENTS:
+        raise content.error("beams", f"have {segments} segments; write a count of at most "
+                                     f"{MAX_SEGMENTS} for all together.")
     found: dict[str, Frame] = {"ground": builder.ground}
     for table in tables:
         table.allow("name", "mass", "inertia", "rep", *REPS, "position", *ATTITUDES, "velocity",
@@ -212,6 +229,24 @@ def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) ->
         **cast("dict[str, Any]", vectors))
 
 
+def _beam(builder: Multibody, table: TomlTable, rep: str | None) -> Beam:
+    """Add a beam or cable."""
+    table.allow(*BEAM)
+    table.require(*(key for key, one in BEAM.items() if one.default is one.empty))
+    values: dict[str, Any] = {
+        key: table.vector(key, 3, RATES if key == "angular_velocity" else {}) if (
+            "ArrayLike" in str(one.annotation)) else table.number(key, WITH_UNITS.get(key, {}))
+        for key, one in BEAM.items()
+        if key in table and key not in ("name", "count", "bending", "points", "rep")}
+    values["bending"] = table.vector("bending", 2) if isinstance(
+        table.content["bending"], list) else table.number("bending")
+    if "points" in table:
+        values["points"] = table.rows("points", 3)
+    values["rep"] = table.choice("rep", REPS, "gamma") if rep is None else rep
+    return builder.beam(table.symbol("name", table.text("name")), count=table.count("count"),
+                        **values)
+
+
 def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlTable) -> Any:
     """Call a builder and add the table to its error."""
     try:
@@ -229,18 +264,26 @@ def _names(
     place: dict[str, sp.Expr] = {}
     motion: dict[str, sp.Expr] = {"t": builder.time}
     for name, body in bodies.items():
-        if isinstance(body, Particle):
+        if isinstance(body, BeamEnd):
+            place |= {f"{name}_{x}": e for x, e in zip("xyz", body.point(), strict=True)}
+            place |= _axes(name, body.segment)
+        elif isinstance(body, Particle):
             place |= {str(x): x for x in body.x}
             motion |= {str(x): x for x in body.p_x}
         elif isinstance(body, Body):
-            R = body.rotation
             place |= {str(x): x for x in (*body.q, *body.x)}
-            place |= {f"{name}_R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
+            place |= _axes(name, body)
             motion |= {str(x): x for x in (*body.p, *body.p_x)}
             motion |= {f"{name}_omega{i}": e for i, e in enumerate(body.angular_velocity, 1)}
     for what, symbols in builder.measured(taken).items():
         (place if what in ("angle", "travel") else motion).update(symbols)
     return place, place | motion
+
+
+def _axes(name: str, body: Body) -> dict[str, sp.Expr]:
+    """Return the symbols of the entries of a rotation matrix."""
+    R = body.rotation
+    return {f"{name}_R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
 
 
 def join(
@@ -286,7 +329,7 @@ def _force(
         return
     table.require(kind)
     (body,) = _frames(table, bodies, 1)
-    if not isinstance(body, Body):
+    if not isinstance(body, Body | BeamEnd):
         raise table.error("bodies", "is the ground, which nothing moves; name a body.")
     entries = formulas.read_all(table, kind, motion, count=3)
     getattr(builder, kind)(body, entries, **points)

@@ -189,9 +189,14 @@ class TomlTable:
 
     def matrix(self, key: str, count: int) -> list[list[float]]:
         """Return so many rows of as many numbers."""
-        rows = TomlTable(dict(enumerate_rows(key, self._list(key, count, f"{count} rows"))),
+        self._list(key, count, f"{count} rows")
+        return self.rows(key, count)
+
+    def rows(self, key: str, width: int) -> list[list[float]]:
+        """Return any number of rows of so many numbers."""
+        rows = TomlTable(dict(enumerate_rows(key, self._list(key, None, f"rows of {width}"))),
                          self.where, self.file_error, self.constants)
-        return [rows.vector(row, count) for row in rows.content]
+        return [rows.vector(row, width) for row in rows.content]
 
     def items(self) -> Iterator[str]:
         """Yield the keys."""

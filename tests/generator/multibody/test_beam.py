@@ -11,6 +11,7 @@ import sympy as sp
 
 import budget
 import gyrospark as gs
+from gyrospark.generator.models.model_file import parse_model
 from gyrospark.generator.multibody.initial_poses import rotation
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 
@@ -318,6 +319,100 @@ def test_what_starts_on_a_turning_shaft_turns_with_it():
     build.fixed("root", shaft, beam.first)
     model = build.model()
     assert model.p0[-3:] == pytest.approx([0, 3 * 0.75 * 0.5, 0], abs=16 * EPS)
+
+
+# ---------------------------------------------------------------- model files
+
+FILE = """
+name = "mast"
+[[bodies]]
+name = "hub"
+mass = 2
+inertia = [1, 1, 1]
+position = [0, 0, 3.1]
+[[beams]]
+name = "mast"
+points = [[0, 0, 0], [0, 0, "1/2"], [0, 0.1, 2], [0, 0, 3]]
+count = 3
+mass = 0.4
+bending = [5, 7]
+twisting = 2
+stretching = 900
+shearing = 400
+damping = 0
+rest = [0, 0, 0.1]
+normal = [1, 0, 0]
+twist = "10 deg"
+radius = 0.01
+inertia = [0.01, 0.02, 0.03]
+velocity = [0, 1, 0]
+angular_velocity = [0, 0, "60 rpm"]
+rep = "alpha"
+[[joints]]
+name = "top"
+type = "ball"
+bodies = ["mast_last", "hub"]
+on_b = [0, 0, -0.1]
+[[forces]]
+type = "force"
+bodies = ["mast_last"]
+force = ["2", "0", "sin(t)"]
+[quantities]
+lean = "mast_last_y + mast_2_x + mast_first_R33"
+"""
+
+
+def test_files_have_beams():
+    model = parse_model(FILE, "mast.toml")
+    build = gs.Multibody("mast")
+    hub = build.body("hub", mass=2, inertia=(1, 1, 1), position=(0, 0, 3.1))
+    beam = build.beam(
+        "mast", points=[(0, 0, 0), (0, 0, 0.5), (0, 0.1, 2), (0, 0, 3)], count=3, mass=0.4,
+        bending=(5, 7), twisting=2, stretching=900, shearing=400, rest=(0, 0, 0.1),
+        normal=(1, 0, 0), twist=np.radians(10), radius=0.01, inertia=(0.01, 0.02, 0.03),
+        velocity=(0, 1, 0), angular_velocity=(0, 0, 2 * np.pi), rep="alpha")
+    build.ball("top", beam.last, hub, on_b=(0, 0, -0.1))
+    build.force(beam.last, (2, 0, sp.sin(build.time)))
+    build.quantity("lean", beam.last.point()[1] + beam.segments[1].x[0] + beam.first.direction(
+        (0, 0, 1))[2])
+    same = build.model()
+    assert model.system.H == same.system.H
+    assert model.system.forces == same.system.forces
+    assert model.system.quantities == same.system.quantities
+    assert np.abs(model.q0 - same.q0).max() <= 4 * EPS
+    assert np.abs(model.p0 - same.p0).max() <= 64 * EPS
+    assert dict(model.parameters) == pytest.approx(dict(same.parameters), rel=4 * EPS)
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("count = 3", "count = 1", ("beams", "count", "2")),
+    ("count = 3", "count = 100000", ("100000", "1000")),
+    ("count = 3", "count = -1", ("count", "-1")),
+    ("damping = 0", "damping = -2", ("damping", "-2")),
+    ("twisting = 2", "", ("twisting", "missing")),
+    ("twisting = 2", "twisting = 0", ("twisting", "0")),
+    ("twisting = 2", "torsion = 2", ("torsion", "twisting")),
+    ("shearing = 400", "", ("shearing",)),
+    ("bending = [5, 7]", "bending = [5, 7, 9]", ("bending", "3")),
+    ("bending = [5, 7]", 'bending = "stiff"', ("bending",)),
+    ("[0, 0.1, 2]", "[0, 0.1]", ("points, row 3", "3 numbers")),
+    ("[0, 0.1, 2]", "3", ("points, row 3",)),
+    ("[0, 0.1, 2]", '[0, 0, "1/2"]', ("coincide",)),
+    ('rep = "alpha"', 'rep = "beta"', ("rep", "alpha")),
+    ('"mast_last", "hub"', '"mast_end", "hub"', ("mast_end", "mast_last")),
+])
+def test_files_with_other_beams(old, new, words):
+    assert old in FILE
+    with pytest.raises(gs.InputError) as refusal:
+        parse_model(FILE.replace(old, new), "mast.toml")
+    assert all(word in str(refusal.value) for word in ("mast.toml", *words))
+
+
+def test_clamps_inside_are_refused_in_files():
+    text = FILE.replace('type = "ball"', 'type = "fixed"').replace(
+        '["mast_last"', '["mast_2"', 1)
+    with pytest.raises(gs.InputError, match=r"mast\.toml.*first"):
+        parse_model(text, "mast.toml")
 
 
 # ---------------------------------------------------------------- refusals
