@@ -19,8 +19,8 @@ from .real_types import RealName
 
 __all__ = ["BodyManifest", "ClockManifest", "ConstraintForceManifest", "Domain", "Entry",
            "FastPathManifest", "FrameManifest", "JointManifest", "Manifest", "NumberManifest",
-           "PlacedManifest", "SchemeManifest", "SymmetryManifest", "SystemManifest",
-           "TableauManifest", "VelocityConstraintsManifest"]
+           "PlacedManifest", "SchemeManifest", "SectionManifest", "SymmetryManifest",
+           "SystemManifest", "TableauManifest", "VelocityConstraintsManifest"]
 
 #: An entry of a vector: the name of a parameter, or a number.
 Entry = str | float
@@ -62,6 +62,22 @@ class ConstraintForceManifest:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SectionManifest:
+    """A section of a beam (``generator.systems.body_layout.SectionLayout``)."""
+
+    beam: str
+    arc: float
+    ratio: float
+    spacing: Entry
+    stiffness: tuple[Entry, ...]
+    rest: tuple[Entry, ...]
+    holder: Literal["a", "b", ""] = ""
+    turn: tuple[Entry, ...] = ()
+    extension: tuple[Entry, ...] = ()
+    damping: Entry = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class JointManifest:
     """A joint: names of its bodies, "" for the ground, vectors in their axes, constraints.
 
@@ -75,6 +91,7 @@ class JointManifest:
     axis_b: tuple[Entry, ...] = ()
     zero: tuple[Entry, ...] = ()
     constraints: Mapping[str, ConstraintForceManifest | None]
+    section: SectionManifest | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,6 +26,7 @@ API = {
     "runs": [
         "stepper", "Stepper", "Start", "Solver", "Inputs", "Trajectory",
         "runtime.results.body_motion.BodyMotion", "runtime.results.joint_motion.JointMotion",
+        "runtime.results.beam_motion.BeamMotion",
         "runtime.results.diagnostics.Report", "Simulation", "Ensemble",
         "runtime.devices.ensemble.DeviceEnsemble", "Event", "runtime.results.crossings.Crossings",
         "section", "runtime.events.poincare_section.Section", "GyrosparkError", "InputError",

@@ -18,6 +18,7 @@ from ...core.manifest import (
     Manifest,
     PlacedManifest,
     SchemeManifest,
+    SectionManifest,
     SymmetryManifest,
     SystemManifest,
     TableauManifest,
@@ -28,7 +29,7 @@ from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme
 from ..symbolic.shared_subexpressions import text_of
 from ..symmetry.frame_symmetries import CoMovingFrame
-from ..systems.body_layout import BodyLayout, ConstraintForce, Entry, JointLayout
+from ..systems.body_layout import BodyLayout, ConstraintForce, Entry, JointLayout, SectionLayout
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import energy_of
 from ..systems.smoothness import Switching
@@ -240,10 +241,18 @@ def _joint(joint: JointLayout) -> JointManifest:
         kind=pull.kind, **_vectors(pull, "on_a", "on_b"))
         for name, pull in joint.constraint_forces}
     return JointManifest(bodies=(joint.a, joint.b), constraints=pulls,
+                         section=None if joint.section is None else _section(joint.section),
                          **_vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero"))
 
 
-def _vectors(one: JointLayout | ConstraintForce, *names: str) -> dict[str, Any]:
+def _section(one: SectionLayout) -> SectionManifest:
+    spacing, damping = _entries([one.spacing, one.damping])
+    return SectionManifest(
+        beam=one.beam, arc=one.arc, ratio=one.ratio, spacing=spacing, holder=one.holder,
+        damping=damping, **_vectors(one, "stiffness", "rest", "turn", "extension"))
+
+
+def _vectors(one: JointLayout | SectionLayout | ConstraintForce, *names: str) -> dict[str, Any]:
     """Return its vectors of these names; () where it has none."""
     return {name: _entries(getattr(one, name) or ()) for name in names}
 

@@ -23,11 +23,19 @@ from ...core.errors import InputError
 from ...core.inertia import inverse_entries, moments_of
 from ...core.projection import Projection, project_coordinates, report
 from ...core.warnings import warn
-from ..systems.body_layout import BodyLayout, ConstraintForce, Entries, Entry, JointLayout
+from ..systems.body_layout import (
+    BodyLayout,
+    ConstraintForce,
+    Entries,
+    Entry,
+    JointLayout,
+    SectionLayout,
+)
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from ..systems.redundant_constraints import Redundancy, find_redundant
 from ..systems.system import System
 from ..systems.velocity_coefficients import coefficients_of
+from .beam import BeamJoint
 from .body import GROUND, Body, Frame, MovingPoint, Particle, dot
 from .components import TIME, Components
 from .coordinates import Arm, BallFlywheel, Coordinate, Law, Slide
@@ -409,7 +417,23 @@ def joint_at(
                    _entries(on_b, kept, values), _entries(axis_a, kept, values),
                    _entries(axis_b, kept, values),
                    _entries(zero, kept, {**values, **store} if zero else values),
-                   tuple(constraint_forces))
+                   tuple(constraint_forces), _section(link, kept, values))
+
+
+def _section(
+    link: Connection, kept: set[sp.Symbol], values: Mapping[str, float]
+) -> SectionLayout | None:
+    """Return the section of a joint of a beam; None of another joint."""
+    if not isinstance(link, BeamJoint):
+        return None
+    store: Store = {}
+    one = link.section(store)
+    values = {**values, **store}
+    stiffness, rest, turn, extension = (
+        _entries(entries, kept, values)
+        for entries in (one.stiffness, one.rest, one.turn, one.extension))
+    return replace(one, spacing=_entry(one.spacing, kept, values), stiffness=stiffness, rest=rest,
+                   turn=turn, extension=extension, damping=_entry(one.damping, kept, values))
 
 
 def _name(frame: Frame) -> str:

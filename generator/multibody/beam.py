@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import shown, whole
 from ...core.errors import InputError
 from ...core.inertia import real_array
+from ..systems.body_layout import SectionLayout
 from ..systems.expression_arguments import as_expression
 from .body import Body, Frame, GeneralisedForce, Vector, cross, dot
 from .initial_poses import conjugate, finite, onto, positive, product, rotation, vector
@@ -217,15 +218,33 @@ class BeamJoint(Joint):
                                    zip(B, u, rest, strict=True)))
         return bending + self._stretching(store) if self.gap else bending
 
-    def _extension(self, store: Store) -> tuple[sp.Expr, sp.Expr, Vector, list[Vector]]:
-        """Return GA/h, EA/h, P_b − P_a in space, and the tangents of a and b."""
+    def section(self, store: Store) -> SectionLayout:
+        """Return where it is along the beam, and what its strains are and meet."""
+        before, after = self.turns(store)
+        holder: Literal["a", "b", ""] = "" if self.factor == 2 else (
+            "b" if self.a in self.beam.segments else "a")
+        return SectionLayout(
+            self.beam.name, self.arc, float(self.factor),
+            named_number(f"{self.beam.name}_spacing", self.beam.spacing, store),
+            self.beam.stiffness(store),
+            named_vector(f"{self.name}_rest", self.rest.tolist(), store), holder,
+            tuple(after if self.arc else before) if holder else (),
+            self._stretched(store) if self.gap else (),
+            named_number(f"{self.beam.name}_damping", self.beam.damping, store))
+
+    def _stretched(self, store: Store) -> Vector:
+        """Return GA, EA and the length that the joint stands for."""
         names = ("shearing", "stretching")[: len({*self.beam.extension})]
         C = [named_number(f"{self.beam.name}_{name}", x, store, ())
              for name, x in zip(names, self.beam.extension, strict=False)]
         end = "gap" if self.gap == self.beam.spacing else "end_gap"
-        length = named_number(f"{self.beam.name}_{end}", self.gap, store)
+        return C[0], C[-1], named_number(f"{self.beam.name}_{end}", self.gap, store)
+
+    def _extension(self, store: Store) -> tuple[sp.Expr, sp.Expr, Vector, list[Vector]]:
+        """Return GA/h, EA/h, P_b − P_a in space, and the tangents of a and b."""
+        across, along, length = self._stretched(store)
         point_a, point_b = self.points(store)
-        return (C[0] / length, C[-1] / length, difference(point_b, point_a),
+        return (across / length, along / length, difference(point_b, point_a),
                 [frame.direction((0, 0, 1)) for frame in (self.a, self.b)])
 
     def _stretching(self, store: Store) -> sp.Expr:

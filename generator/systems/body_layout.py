@@ -10,7 +10,8 @@ from typing import Any, Literal, TypeAlias
 
 import sympy as sp
 
-__all__ = ["BodyLayout", "ConstraintForce", "Entries", "Entry", "JointLayout"]
+__all__ = ["BodyLayout", "ConstraintForce", "Entries", "Entry", "JointLayout",
+           "SectionLayout"]
 
 #: A symbol, or a float.
 Entry: TypeAlias = Any
@@ -72,6 +73,39 @@ class ConstraintForce:
 
 
 @dataclass(frozen=True)
+class SectionLayout:
+    """A section of a beam between two segments, or at a clamp; equations of ``multibody.beam``.
+
+    Attributes
+    ----------
+    beam : str
+    arc : float
+        Distance from the start along the beam.
+    ratio, spacing : float and entry
+        f and h of the curvature κ = (f/h) u.
+    stiffness, rest : three entries each
+        EI₁, EI₂, GJ, and u without moment.
+    holder, turn : "a", "b" or "", and four entries or ()
+        Of a clamp: the side that holds the beam, and the attitude of the section in its axes.
+    extension : three entries, or ()
+        GA, EA and the length that stretches; () where a ball joins the segments.
+    damping : entry
+        Retardation time τ.
+    """
+
+    beam: str
+    arc: float
+    ratio: float
+    spacing: Entry
+    stiffness: Entries
+    rest: Entries
+    holder: Literal["a", "b", ""] = ""
+    turn: Entries = ()
+    extension: Entries = ()
+    damping: Entry = 0.0
+
+
+@dataclass(frozen=True)
 class JointLayout:
     """A connection of two bodies.
 
@@ -90,6 +124,8 @@ class JointLayout:
         (w, v e) = q̄_a q_b c: the four of c, and the turns, a multiple of 2π.
     constraint_forces : tuple of (str, ConstraintForce or None)
         Name of each of its constraints and its force, None if unknown; empty for a spring.
+    section : SectionLayout, optional
+        Of a joint of a beam.
     """
 
     name: str
@@ -101,3 +137,4 @@ class JointLayout:
     axis_b: Entries = ()
     zero: Entries = ()
     constraint_forces: tuple[tuple[str, ConstraintForce | None], ...] = ()
+    section: SectionLayout | None = None

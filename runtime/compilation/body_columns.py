@@ -17,10 +17,16 @@ from ...core.arguments import choose
 from ...core.errors import InputError
 from ...core.inertia import Inertia, as_moments, tensor_of_inverse
 from ...core.json_records import UnfitError
-from ...core.manifest import ConstraintForceManifest, Entry, Manifest, SystemManifest
+from ...core.manifest import (
+    ConstraintForceManifest,
+    Entry,
+    Manifest,
+    SectionManifest,
+    SystemManifest,
+)
 
-__all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "bodies_of", "body_named", "joint_named",
-           "joints_of", "numbers", "placed_of"]
+__all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "beam_named", "bodies_of", "body_named",
+           "joint_named", "joints_of", "numbers", "placed_of"]
 
 Array = NDArray[np.float64]
 #: Vectors of a joint, where it has them, and how many entries they have.
@@ -110,6 +116,8 @@ class JointAt:
         None where it is not known how each of its constraints acts.
     constraints : int
         How many it has: none of a spring.
+    section : SectionManifest, optional
+        Of a joint of a beam.
     """
 
     a: str
@@ -121,6 +129,7 @@ class JointAt:
     zero: list[Entry]
     pulls: list[Pull] | None
     constraints: int
+    section: SectionManifest | None = None
 
 
 def numbers(entries: list[Entry], parameters: Mapping[str, Any]) -> Array:
@@ -182,8 +191,44 @@ def joints_of(manifest: Manifest) -> dict[str, JointAt]:
         a, b = joint.bodies
         joints[name] = JointAt(
             a=a, b=b, **vectors, pulls=known if len(known) == len(pulls) else None,
-            constraints=len(pulls))
+            constraints=len(pulls), section=_section(system, place, joint.section))
     return joints
+
+
+def beam_named(manifest: Manifest, name: Any) -> tuple[str, list[JointAt]]:
+    """Return a beam and its sections from its start on; None is the name of a single one.
+
+    Raises
+    ------
+    InputError
+        Where there is no beam, or several and none is named.
+    """
+    system, beams = manifest.system.name, dict[str, list[JointAt]]()
+    for at in joints_of(manifest).values():
+        if at.section is not None:
+            beams.setdefault(at.section.beam, []).append(at)
+    if not beams:
+        raise InputError(f"System {system!r} has no beam; those of gyrospark.Multibody and of "
+                         "[[beams]] in model files are asked for here.")
+    if name is None and len(beams) > 1:
+        raise InputError(f"System {system!r} has {len(beams)} beams, {', '.join(beams)}; say "
+                         f"which, as in beam({next(iter(beams))!r}).")
+    known = next(iter(beams)) if name is None else choose(
+        f"beam of system {system!r}:", name, beams)
+    return known, sorted(beams[known], key=lambda at: at.section.arc if at.section else 0.0)
+
+
+def _section(
+    system: SystemManifest, place: str, section: SectionManifest | None
+) -> SectionManifest | None:
+    """Return the section of a joint, its vectors checked."""
+    if section is not None:
+        for entries, lengths in (
+                (section.stiffness, (3,)), (section.rest, (3,)), (section.extension, (0, 3)),
+                (section.turn, (4 if section.holder else 0,)),
+                ([section.spacing, section.damping], (2,))):
+            _vector(system, place, entries, *lengths)
+    return section
 
 
 def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:

@@ -8,6 +8,7 @@
     trajectory_file     its .npz
     body_motion         one body of it: attitude, angles, velocities, momenta
     joint_motion        one joint of it: angle, force, torque
+    beam_motion         a beam of it: centre line, curvature, force and moment of its sections
     present_motion      bodies and joints of a simulation, at its present state
     start_of_row        the start that a state of a run is for another run
     rotation_rate       how far the fastest body turns in a step, and how far is sound

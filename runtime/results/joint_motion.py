@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states",
-           "shortest_rotation"]
+           "quaternion_product", "shortest_rotation"]
 
 Array = NDArray[Any]
 _STILL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -98,7 +98,7 @@ class JointMotion:
         if self._at.zero:
             *start, turns = numbers(self._at.zero, self._run.parameters)
             rotation_rows = left_matrix(q_a)  # its rows with q_a: the axes of q̄_a x
-            x = _product(q_b, np.array(start))
+            x = quaternion_product(q_b, np.array(start))
             w, v = (q_a * x).sum(1), (rotation_rows @ x[..., None])[..., 0] @ np.cross(n1, n2)
             turn: Array = turns + 2 * np.arctan2(v, w)
         else:
@@ -336,11 +336,13 @@ def _is_whole(trajectory: Trajectory) -> bool:
         (np.abs(t - t[0] - dt * np.arange(count)) < 1e-3 * abs(dt)).all())
 
 
-def _product(q: Array, r: Array) -> Array:
-    """Return q r of quaternions q, a row each, and r."""
+def quaternion_product(q: Array, r: Array) -> Array:
+    """Return q r of quaternions q, a row each, and one r."""
     w, u = r[0], r[1:]
-    scalar = q[:, :1] * w - q[:, 1:] @ u[:, None]
-    return np.hstack([scalar, q[:, :1] * u + w * q[:, 1:] + np.cross(q[:, 1:], u)])
+    scalar = q[..., :1] * w - q[..., 1:] @ u[:, None]
+    product: Array = np.concatenate(
+        [scalar, q[..., :1] * u + w * q[..., 1:] + np.cross(q[..., 1:], u)], axis=-1)
+    return product
 
 
 def shortest_rotation(a: Array, b: Array, normal: Array) -> Array:

@@ -23,12 +23,14 @@ from ...core.records import changed
 from ...core.start import Start
 from ..compilation.body_columns import (
     PlacedAt,
+    beam_named,
     bodies_of,
     body_named,
     joint_named,
     joints_of,
     placed_of,
 )
+from .beam_motion import BeamMotion
 from .body_motion import BodyMotion, FrameName, PlacedMotion, total_momenta
 from .crossings import Crossings
 from .diagnostics import Report
@@ -409,6 +411,26 @@ class Trajectory(Shown):
         >>> run.joint("hinge").force()                            # doctest: +SKIP
         """
         return JointMotion(self, *joint_named(self.manifest, name))
+
+    def beam(self, name: str | None = None) -> BeamMotion:
+        """Return one beam: its centre line, curvature, and the force and moment in its sections.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which of several beams.
+
+        Raises
+        ------
+        InputError
+            Where there is no beam, or several and none is named.
+
+        Examples
+        --------
+        >>> run.beam("cable").line()                              # doctest: +SKIP
+        >>> run.beam("cable").tension()                           # doctest: +SKIP
+        """
+        return BeamMotion(self, *beam_named(self.manifest, name))
 
     def angular_velocity(self, body: str | None = None) -> Array:
         """Return Ω in body axes, shape (N+1, 3), in rad/s; see ``BodyMotion.angular_velocity``.

@@ -16,6 +16,7 @@ RESULT_CLASSES = tuple(f"gyrospark.{name}" for name in (
     "runtime.derivatives.gradient.Gradient",
     "runtime.devices.ensemble.DeviceEnsemble",
     "runtime.events.poincare_section.Section",
+    "runtime.results.beam_motion.BeamMotion",
     "runtime.results.body_motion.BodyMotion",
     "runtime.results.crossings.Crossings",
     "runtime.results.diagnostics.Report",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import mpmath as mp
 import numpy as np
@@ -273,6 +274,95 @@ def lowest_frequency(model: gs.Model) -> float:
     M = free.T @ np.linalg.solve(W, free)
     values = np.linalg.eigvals(np.linalg.solve(M, free.T @ K @ free)).real
     return float(np.sqrt(values[values > 1e-6].min()))
+
+
+# ---------------------------------------------------------------- results
+
+
+@cache
+def loaded(extension: tuple[float, ...] = ()) -> tuple[gs.Model, gs.Trajectory]:
+    """Return a cantilever in equilibrium under a load, two steps that keep it there, clamped b-a.
+    """
+    build = builder()
+    more = dict(zip(("stretching", "shearing"), extension, strict=False))
+    beam = build.beam("rod", count=3, **STRAIGHT | {"bending": (1.0, 2.0), "twisting": 3.0} | more)
+    build.fixed("clamp", beam.first, build.ground)
+    build.force(beam.last, LOAD)
+    with budget.shared():
+        model = build.model().equilibrium()
+        step = gs.stepper("G-L", 2, system=model)
+    return model, step.integrate(model, dt=1e-3, steps=2)
+
+
+LOAD = np.array([0.3, 0.5, -0.8])
+
+
+@pytest.mark.parametrize("extension", [(), (40.0, 25.0)], ids=["balls", "springs"])
+def test_forces_and_moments_of_sections_balance_the_load(extension):
+    """Of the part beyond each section: n = F and M = (P_tip − P) × F, which need no stiffness."""
+    model, run = loaded(extension)
+    beam = run.beam("rod")
+    line = beam.line()
+    assert line[0, -1] == pytest.approx(tip(model, np.linalg.norm(line[0, -1] - line[0, -2])),
+                                        abs=16 * EPS if not extension else 1e-2)
+    assert np.abs(line[:, 0]).max() <= 64 * EPS
+    assert beam.arc == pytest.approx([0, 1 / 3, 2 / 3])
+    assert np.abs(beam.force() - LOAD).max() <= 1e-8  # multipliers of steps of 1e-3 s
+    assert np.abs(beam.moment() - np.cross(line[:, -1:] - line[:, :-1], LOAD)).max() <= 1e-12
+    assert np.linalg.norm(beam.force("section"), axis=2) == pytest.approx(np.linalg.norm(LOAD))
+    tangents = beam.directors()[..., 2]
+    middle = tangents[:, :-1] + tangents[:, 1:]
+    middle /= np.linalg.norm(middle, axis=2)[..., None]
+    # The mean of the tangents is that of a section halfway, but for the twist between them.
+    assert beam.tension()[:, 1:] == pytest.approx(
+        (middle * beam.force()[:, 1:]).sum(axis=2), rel=1e-4)
+    # At the clamp, m = B κ about the axes of the section: half the angle, no axial part.
+    B = np.array([1.0, 2.0, 3.0])
+    assert beam.moment("section")[0, 0] == pytest.approx(B * beam.curvature()[0, 0], rel=2e-2)
+
+
+def test_results_of_beams_survive_a_file(tmp_path):
+    _, run = loaded()
+    run.save(tmp_path / "run.npz")
+    same = gs.load(tmp_path / "run.npz").beam()
+    assert np.array_equal(same.moment(), run.beam().moment())
+    assert same.segments == ("rod_1", "rod_2", "rod_3")
+
+
+def test_results_of_other_beams_are_refused():
+    _, run = loaded()
+    for call, words in ((lambda: run.beam("rope"), ("rope", "rod")),
+                        (lambda: run.beam().force("body"), ("body", "section"))):
+        with pytest.raises(gs.InputError) as refusal:
+            call()
+        assert all(word in str(refusal.value) for word in words)
+
+
+def test_sections_of_damped_beams_resist_rates_of_strain():
+    """What damping adds to moments and forces at random states: by differences of κ and of n."""
+    values = {}
+    for damping in (0.0, 0.2):
+        build = builder()
+        beam = build.beam("rod", count=2, **STRAIGHT | {"damping": damping, "stretching": 7.0,
+                                                        "shearing": 7.0})
+        model = build.model()
+        values[damping] = model, beam
+    with budget.shared():
+        step = gs.stepper("G-L", 2, system=values[0.0][0])
+    model = values[0.0][0]
+    p = np.zeros(14)
+    p[4:7], p[11:14] = (0.1, 0.2, -0.1), (-0.1, -0.2, 0.1)
+    run = step.integrate(model.q0, p, dt=1e-4, steps=2, parameters=model.parameters)
+    beam = run.beam()
+    sections = [replace(at, section=replace(at.section, damping=0.2)) for at in beam._sections]
+    damped = type(beam)(run, "rod", sections)
+    rate = np.gradient(beam.force()[:, 0], 1e-4, axis=0)[1]
+    added = (damped.force() - beam.force())[1, 0]
+    assert np.abs(added).max() > 0.1
+    assert added == pytest.approx(0.2 * rate, abs=1e-6)
+    rate = np.gradient(beam.curvature()[:, 0], 1e-4, axis=0)[1]
+    assert (damped.moment() - beam.moment())[1, 0] == pytest.approx(
+        0.2 * beam.directors()[1, 0] @ rate, abs=1e-5)
 
 
 # ---------------------------------------------------------------- joints with bodies
