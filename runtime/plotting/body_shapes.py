@@ -2,8 +2,10 @@
 
 A body with a symmetry axis has the inertia of a cylinder of radius r and height h about its centre
 of mass: r² = 2 I₃/m, h² = 12 I₁/m − 3 r². A body on a fixed point, of which I₁, I₂, I₃ alone are
-known, has the inertia of a thin elliptic plate across its third axis: at the distance l from the
-point, l² = (I₁ + I₂ − I₃)/(2m), with semi-axes a² = 2 (I₃ + I₂ − I₁)/m, b² = 2 (I₃ + I₁ − I₂)/m.
+known, has the inertia of a flywheel with its mass m on a thin elliptic rim across its third axis:
+at the distance l from the point, l² = (I₁ + I₂ − I₃)/(2m), with semi-axes a² = (I₃ + I₂ − I₁)/m,
+b² = (I₃ + I₁ − I₂)/m. A plate of the same inertia is √2 times as wide and hides the point. The
+weight m g l, with g = 9.81 m/s², fixes m and l.
 A flat free body has the inertia of two rods that form a T.
 """
 
@@ -22,7 +24,7 @@ from ...core.shapes import Shape, axes_about
 if TYPE_CHECKING:
     from .scene import ScenePart
 
-__all__ = ["DARK", "METAL", "STAND", "Held", "plate_of", "shapes_of"]
+__all__ = ["DARK", "METAL", "STAND", "Held", "rim_of", "shapes_of"]
 
 Array = NDArray[np.float64]
 
@@ -52,11 +54,16 @@ class Held:
     slides: bool
 
 
-def plate_of(moments: Array) -> tuple[float, Array]:
-    """Return distance and semi-axes of the elliptic plate of mass 1 with moments about a point."""
+def rim_of(moments: Array, weight: float) -> tuple[float, float, Array]:
+    """Return mass, distance and semi-axes of the rim with moments and weight m g l about a point.
+
+    In kg and m; a flywheel whose mass is at the point (I₁ + I₂ = I₃) has mass 1.
+    """
     I1, I2, I3 = moments
-    half = np.sqrt(np.maximum([2 * (I3 + I2 - I1), 2 * (I3 + I1 - I2)], 0.0))
-    return float(np.sqrt(max(I1 + I2 - I3, 0.0) / 2)), half
+    ml, ml2 = weight / 9.81, max(I1 + I2 - I3, 0.0) / 2
+    mass = ml**2 / ml2 if ml2 > 0 else 1.0
+    half = np.sqrt(np.maximum([I3 + I2 - I1, I3 + I1 - I2], 0.0) / mass)
+    return float(mass), float(np.sqrt(ml2 / mass)), half
 
 
 def shapes_of(body: ScenePart, joints: list[Held], reach: float, *, inside: bool,
@@ -83,8 +90,8 @@ def shapes_of(body: ScenePart, joints: list[Held], reach: float, *, inside: bool
 def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float, *, inside: bool,
                  ) -> list[Shape]:
     half = body.sizes["box"]
-    if body.plate is not None:
-        return list(_top(np.zeros(3), body.axes, *body.plate, 0.0))
+    if body.rim is not None:
+        return list(_top(np.zeros(3), body.axes, *body.rim, 0.0))
     hinges = [joint.axis for joint in joints if joint.axis is not None and not joint.slides]
     ordered = np.sort(half)
     slim = ordered[1] < (_SLIM if joints else 0.08) * ordered[2]

@@ -203,6 +203,8 @@ class SceneDrawing:
         self._meshes = {frame: list(_meshes(scene, frame, files)) for frame in frames}
         solid = _triangles([mesh for meshes in self._meshes.values() for mesh in meshes])
         if facing is None:
+            facing = _across_a_top(scene, frames)
+        if facing is None:
             facing = _best_azimuth(solid.corners, scene.up, tilt)
         self.traced = _traced(scene, self.paths) if traces else []
         lines = self._lines(max(frames))
@@ -304,6 +306,19 @@ def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
         if abs(normal @ scene.up) > 0.9 and np.ptp(paths, axis=0).max() > 0:
             return None, np.radians(38.0)
     return None, np.radians(16.0)
+
+
+def _across_a_top(scene: Scene, frames: Sequence[int]) -> float | None:
+    """Return the azimuth across the lean of a top, whose flywheel hides its point from the front.
+
+    None where there is none, or where it stands upright.
+    """
+    if scene.parts[0].rim is None or len(scene.parts) > 1:
+        return None
+    axis = (rotation_matrix(scene.parts[0].q[frames]) @ scene.parts[0].axes[:, 2]).mean(axis=0)
+    first, second = _basis(scene.up)
+    lean = np.array([axis @ first, axis @ second])
+    return None if np.linalg.norm(lean) < 0.05 else float(np.arctan2(-lean[0], lean[1]))
 
 
 def _best_azimuth(corners: Array, up: Array, tilt: float) -> float:

@@ -25,7 +25,7 @@ from ..compilation.body_columns import (
     placed_of,
 )
 from ..rigid_body.quaternion import left_matrix, rotation_matrix
-from .body_shapes import DARK, METAL, Held, plate_of, shapes_of
+from .body_shapes import DARK, METAL, Held, rim_of, shapes_of
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -67,9 +67,11 @@ class ScenePart:
         The point in body axes that leaves a trace.
     to_scale : bool
         Whether the sizes are the body's own.
-    plate : (float, array of shape (2,)), optional
+    rim : (float, array of shape (2,)), optional
         Of a body on a fixed point under gravity, of which no mass is known: distance and semi-axes
-        of the plate that has its inertia, on the third of ``axes``; see ``body_shapes``.
+        of the rim that has its inertia and weight, on the third of ``axes``; see ``body_shapes``.
+    mass : float, optional
+        Mass of the rim.
     shapes : list of Shape
         The drawn shapes in body axes; none for the box of its inertia.
     glass : bool
@@ -86,7 +88,8 @@ class ScenePart:
     sizes: dict[str, Array]
     tip: Array
     to_scale: bool
-    plate: tuple[float, Array] | None = None
+    rim: tuple[float, Array] | None = None
+    mass: float | None = None
     shapes: list[Shape] = field(default_factory=list)
     glass: bool = False
     own: bool = False
@@ -207,7 +210,7 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
         f"{trajectory.manifest.system.name}, {trajectory.manifest.scheme.method}",
         t[state_indices].astype(float), error[state_indices].astype(float), drawn, ties,
         np.array([0.0, 0.0, 1.0]) if up is None else up,
-        up is not None or any(body.plate is not None for body in parts),
+        up is not None or any(body.rim is not None for body in parts),
         list(_remarks(trajectory, parts, state_indices)))
 
 
@@ -246,23 +249,24 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
         tip = centre
     else:  # its centre stands still: the end of the third axis
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
-    plate = None
+    rim = rim_mass = None
     if mass is None and not columns.x and not columns.centre:
         w = _weight(trajectory, moments, axes)
         if w is not None and np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
             k = int(np.argmax(np.abs(w)))  # the weight is on a principal axis
             order = [(k + 1) % 3, (k + 2) % 3, k]
             axes = axes[:, order] * (1 if w[k] > 0 else np.array([1, -1, -1]))
-            distance, half = plate_of(moments[order])
-            size = max(distance, float(half.max()))
-            plate = distance / size, half / size
-            sizes = {kind: sizes_of_kind[order] for kind, sizes_of_kind in sizes.items()}
-            tip = axes[:, 2] * (plate[0] + max(0.75 * float(plate[1].max()), 0.35 * plate[0]))
+            rim_mass, distance, half = rim_of(moments[order], float(np.linalg.norm(w)))
+            rim = distance, half
+            size = np.sqrt(spread.max() / rim_mass)
+            sizes = {kind: size * sizes_of_kind[order] / np.sqrt(_FACTORS[kind])
+                     for kind, sizes_of_kind in sizes.items()}
+            tip = axes[:, 2] * (distance + max(0.75 * float(half.max()), 0.35 * distance))
         elif sizes["box"].min() < 0.05 * sizes["box"].max() and not centre.any():  # a T: its stem
             k = int(np.argsort(sizes["box"])[1])
             tip = -1.35 * sizes["box"][k] * axes[:, k]
     return ScenePart(name, trajectory.q[state_indices][:, columns.q].astype(float), x, centre,
-                     axes, sizes, tip, mass is not None, plate)
+                     axes, sizes, tip, (mass or rim_mass) is not None, rim, rim_mass)
 
 
 def _placed_body(trajectory: Trajectory, name: str, state_indices: Any) -> ScenePart:
@@ -397,6 +401,11 @@ def _points(parts: list[ScenePart], ties: list[Tie]) -> list[tuple[ScenePart, Ar
 def _remarks(trajectory: Trajectory, parts: list[ScenePart], state_indices: Any) -> Any:
     if not all(body.to_scale for body in parts):
         yield "The mass is not known: the shape has the proportions of the inertia, not its size."
+    for body in parts:
+        if body.rim is not None:
+            yield (f"{body.name} is drawn as the flywheel that has its inertia and its weight with "
+                   f"g = 9.81 m/s²: {body.mass:.3g} kg on a rim of radius {body.rim[1].max():.3g} "
+                   f"m, {body.rim[0]:.3g} m from the point.")
     t = trajectory.t[state_indices].astype(float)
     if len(t) > 1:
         bodies = bodies_of(trajectory.manifest)

@@ -224,7 +224,7 @@
 
   /** A top of these moments about its foot, as runtime/plotting/body_shapes.py has it. */
   function topOf([a, b, c]) {
-    const raw = [Math.max(a + b - c, 0) / 2, 2 * Math.max(c + b - a, 0), 2 * Math.max(c + a - b, 0)];
+    const raw = [Math.max(a + b - c, 0) / 2, Math.max(c + b - a, 0), Math.max(c + a - b, 0)];
     const size = Math.max(...raw.map(Math.sqrt));
     const [height, ...half] = raw.map((x) => Math.sqrt(x) / size), r = Math.max(...half);
     const thick = Math.min(0.14 * r, 0.35 * height), stem = 0.05 * Math.max(r, height);

@@ -13,8 +13,8 @@ import gyrospark as gs
 import systems
 from calls import RUN, TOP
 from gyrospark.core.shapes import Shape
-from gyrospark.runtime.plotting.body_shapes import plate_of
-from gyrospark.runtime.plotting.picture import draw_picture, draw_scene
+from gyrospark.runtime.plotting.body_shapes import rim_of
+from gyrospark.runtime.plotting.picture import SceneDrawing, draw_picture, draw_scene
 from gyrospark.runtime.plotting.rasterizer import rasterize
 from gyrospark.runtime.plotting.scene import scene_of
 from gyrospark.runtime.plotting.solids import colour_of, mesh_of
@@ -102,20 +102,32 @@ def test_meshes_are_closed_and_as_large_as_their_shapes():
         assert np.abs(np.linalg.norm(mesh.normals, axis=1) - 1).max() < 1e-12
 
 
-def test_a_top_of_unknown_mass_is_a_plate_with_its_moments(top):
-    """Moments about the fixed point of a plate of mass 1: b²/4 + l², a²/4 + l², (a² + b²)/4."""
-    for moments in ([0.002, 0.002, 0.0008], [2.0, 1.3, 0.9]):
-        distance, (a, b) = plate_of(np.array(moments))
-        again = [b**2 / 4 + distance**2, a**2 / 4 + distance**2, (a**2 + b**2) / 4]
-        assert np.abs(np.array(again) - moments).max() < 1e-15
+def test_a_top_of_unknown_mass_is_a_rim_with_its_moments_and_weight(top):
+    """Moments about the fixed point, of mass m: b²/2 + l², a²/2 + l², (a² + b²)/2 times m."""
+    for moments, weight in (([0.002, 0.002, 0.0008], 0.3924), ([2.0, 1.3, 0.9], 5.0)):
+        m, distance, (a, b) = rim_of(np.array(moments), weight)
+        again = [b**2 / 2 + distance**2, a**2 / 2 + distance**2, (a**2 + b**2) / 2]
+        assert np.abs(m * np.array(again) - moments).max() < 1e-15
+        assert abs(m * 9.81 * distance - weight) < 1e-15 * (1 + 8 * weight)
     (part,) = scene_of(top, 5).parts
     flywheel = part.shapes[0]
     assert flywheel.kind == "disc"
-    assert np.abs(flywheel.size[:2] / np.linalg.norm(flywheel.centre) - 1).max() < 1e-12
-    assert np.abs(flywheel.centre / np.linalg.norm(flywheel.centre) - [0, 0, 1]).max() < 1e-12
+    assert np.abs(flywheel.size[:2] - np.sqrt(0.0008)).max() < 1e-12  # of the paper's 1 kg
+    assert np.abs(flywheel.centre - [0, 0, 0.04]).max() < 1e-12
+    assert part.to_scale
     tips = [shape for shape in part.shapes if shape.kind == "bar"]
     reach = max(float((shape.centre + shape.axes[:, 2] * shape.size[2])[2]) for shape in tips)
     assert reach < part.tip[2] < 1.2 * reach
+
+
+def test_a_top_is_seen_from_its_side(top):
+    """The camera looks across the lean, so that the flywheel does not hide the point."""
+    scene = scene_of(top, 5)
+    (part,) = scene.parts
+    for frame in (0, 4):
+        sight = SceneDrawing(scene, {}, [frame], size=(40, 30)).camera.axes[2]
+        axis = (part.at(part.axes[:, 2]) - part.x[:, None])[frame, 0]
+        assert abs(axis[:2] @ sight[:2]) < 1e-12
 
 
 def test_the_weight_of_a_body_is_found_on_each_axis():
@@ -132,15 +144,15 @@ def test_the_weight_of_a_body_is_found_on_each_axis():
 
     for axis, sign in ((0, 1), (2, -1)):
         (part,) = scene_of(integrated(sign * 0.7 * np.eye(3)[axis], (2, 2, 1.5)), 4).parts
-        assert part.plate is not None
+        assert part.rim is not None
         assert np.abs(part.axes[:, 2] - sign * np.eye(3)[axis]).max() < 1e-12
         assert np.linalg.det(part.axes) > 0.999
     oblique = scene_of(integrated((0.5, 0, 0.5), (2, 2, 1.5)), 4).parts[0]
-    assert oblique.plate is None
+    assert oblique.rim is None
     free = integrated((0, 0, 0), (1, 2, 3), (1, 0, 0, 0), (0.01, 5, 0.01))
     scene = scene_of(free, 4)
     assert not scene.gravity
-    assert scene.parts[0].plate is None
+    assert scene.parts[0].rim is None
     across, stem = scene.parts[0].shapes  # a T with the moments 1, 2, 3, up to a factor
     a, c = across.size[2], float(across.centre @ stem.axes[:, 2])
     n, middle = 2 * stem.size[2], float(stem.centre @ stem.axes[:, 2])
