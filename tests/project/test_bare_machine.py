@@ -96,9 +96,10 @@ def archives(tmp_path_factory):
     whole = find_spec("setuptools") and find_spec("setuptools.command.bdist_wheel")
     here = ["--no-isolation", "--skip-dependency-check"] * bool(whole)
     done = call([sys.executable, "-m", "build", *here, "--outdir", folder, source],
-                PYTHONWARNINGS=None)
+                PYTHONWARNINGS=None, PYTHONDONTWRITEBYTECODE=None)
     assert done.returncode == 0, done.stderr
-    assert "eprecat" not in done.stdout + done.stderr  # Deprecated, deprecation
+    printed = done.stdout + done.stderr
+    assert re.findall(r"^.*(?:\bwarning:|Warning:|[Dd]eprecat|^WARNING).*$", printed, re.M) == []
     (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
     return sdist, wheel
 

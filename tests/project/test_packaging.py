@@ -56,11 +56,12 @@ def imports_of(path: Path) -> set[str]:
 
 def folders_to_install() -> list[Path]:
     """Return the folders of the package: of modules, and of data that are installed as well."""
-    data = [ROOT / name for name in ("engine", "examples", "generated", "templates")]
+    data = [ROOT / name for name in ("examples", "generated", "templates", "targets/texts")]
+    engine = [ROOT / "engine", *(path for path in (ROOT / "engine").rglob("*") if path.is_dir())]
     modules = [path.parent for depth in ("*", "*/*") for path in ROOT.glob(f"{depth}/__init__.py")
                if path.parts[len(ROOT.parts)] not in ("benchmarks", "build", "tests", ".venv")]
     inner = [path for path in (ROOT / "examples").iterdir() if path.is_dir()]
-    return [path for path in (*data, *modules, *inner) if path.name != "__pycache__"]
+    return [path for path in (*data, *engine, *modules, *inner) if path.name != "__pycache__"]
 
 
 def checked_in(folder: Path) -> list[Path]:
@@ -84,7 +85,8 @@ def test_every_data_file_is_packaged():
         package = ".".join(["gyrospark", *folder.relative_to(ROOT).parts])
         for path in checked_in(folder):
             if path.suffix != ".py":
-                assert any(path.match(p) for p in patterns[package]), path
+                assert any(path.match(p) for p in (*patterns["*"], *patterns.get(package, ()))), (
+                    path)
     assert (ROOT / "py.typed").is_file()
 
 
