@@ -12,6 +12,7 @@
     present_motion      bodies and joints of a simulation, at its present state
     start_of_row        the start that a state of a run is for another run
     rotation_rate       how far the fastest body turns in a step, and how far is sound
+    missed_rates        whether a time scale misses a rate of the motion
     trajectory_display  tables, figures, pages, films and notebook output of a trajectory
     table               a run or an ensemble as a dataset, a data frame, .csv, .nc, .parquet
     load                a run or an ensemble of a file or store

@@ -51,6 +51,7 @@ from ..integration.run_arguments import (
 )
 from ..integration.starts import merged_start, merged_starts, steps_of_all
 from ..integration.step_loop import integrate
+from ..results.missed_rates import warn_of_missed_rate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
 from ..tuning.tune import tuned_run
@@ -361,6 +362,8 @@ class Stepper(Dynamics):
         run = run.until(found.report.steps) if run.open_end else run
         if not warned:
             self.rotations.warn_of(found)
+            if self.binding.clocked:
+                warn_of_missed_rate(found)
             if found.report.newton_steps and run.solver == "auto" and not self.rotations.bodies:
                 warn_of_frequency(self.binding, run, self.order)
         if span:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +82,18 @@ def test_steps_of_time_are_those_of_the_scale():
     assert np.allclose(run.tau, 0.1 * np.arange(81), rtol=1e-14)
     middle = np.sqrt(run.time_steps[1:] * run.time_steps[:-1])
     assert np.abs(steps / middle - 1).max() < 0.01
+
+
+@pytest.mark.parametrize(("power", "warns"), [(1.5, False), (-1, True)])
+def test_a_scale_that_misses_the_fast_part_is_warned_of(power, warns):
+    """With σ = 1/r steps are longest at the pericentre, longer than as many constant ones."""
+    step = stepper("eccentric") if not warns else gs.stepper(
+        "G-L", 2, system=case("eccentric").system.with_time_scale((x**2 + y**2) ** (power / 2)))
+    start = timed_start("eccentric", stepper("eccentric"))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        step.integrate(start, dtau=0.05, t_end=7, parameters={"k": 1.0})
+    assert [one.category for one in caught] == [gs.errors.InputWarning] * warns
 
 
 # ---------------------------------------------------------------- times
