@@ -4,6 +4,8 @@ The error of n steps is taken from the run of 2n, e = |q_n − q_2n| 2^r/(2^r �
 largest of a path over the run, attitudes in rad and points in parts of their reach
 (``motion_distance``). Where e is small enough, n (e/error)^(1/r) steps between two pilot runs are
 measured too, against the finest one.
+
+In scaled time n counts steps of the first Δτ/n, not those of a run, and rows are at equal t.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError, StepFailed
 from ...core.exact_numbers import as_double
+from ...core.start import Start
+from ...core.warnings import capture_warnings
 from .motion_distance import MotionError, distances
 from .pilots import Pilot
 
@@ -27,12 +31,13 @@ if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
     from ..steppers.stepper import Stepper
 
-__all__ = ["StepSearch"]
+__all__ = ["FEWEST", "StepSearch"]
 
 Array = NDArray[Any]
 
-#: Rows at which errors are evaluated: the number of steps is a multiple.
-_ROWS = 16
+#: Steps of the first pilot run, and rows at which errors are evaluated: the number of steps is a
+#: multiple.
+FEWEST = 16
 #: Steps of the longest pilot run.
 _MOST = 2**22
 #: The law shall be met with a margin; a number of steps that saves less is not tried.
@@ -46,9 +51,13 @@ class StepSearch:
 
     def __init__(
         self, stepper: Stepper, span: Fraction, bound: float, run: RunArguments,
-        report: Callable[[int], Any] | None = None,
+        report: Callable[[int], Any] | None = None, t_end: Any = None,
     ) -> None:
-        """``run`` has the start, the parameters and the solver; its steps are not used."""
+        """``run`` has the start, the parameters and the solver; its steps are not used.
+
+        ``t_end`` is the end of runs in scaled time.
+        """
+        self.t_end = t_end
         self.stepper, self.span, self.bound, self.arguments = stepper, span, bound, run
         self.order, self.epsilon = stepper.order, stepper.binding.epsilon
         self.pilots: list[Pilot] = []
@@ -76,11 +85,11 @@ class StepSearch:
 
     def _halve(self) -> Array:
         """Halve the step until the error is small enough, in two pilots at least; return q."""
-        n, coarse_q, failure = _ROWS, None, None
+        n, coarse_q, failure = FEWEST, None, None
         while n <= _MOST:
             fine_q, step_failure = self._run(n)
             failure = step_failure or failure
-            if n > _ROWS:
+            if n > FEWEST:
                 error = math.inf if coarse_q is None or fine_q is None else (
                     _distance(coarse_q, fine_q) / (1 - 2.0**-self.order))
                 self._add(n // 2, math.inf if math.isnan(error) else error)
@@ -101,17 +110,26 @@ class StepSearch:
         """Return q of a run at the rows, None where a step fails."""
         if self._report is not None:
             self._report(len(self.pilots) + 1)
+        arguments, dt = self.arguments, self.stepper.binding.number(self.span / n)
         try:
-            run = self.stepper._run(self.stepper._checked_run(replace(
-                self.arguments, dt=self.stepper.binding.number(self.span / n), steps=n,
-                every=n // _ROWS)))
+            if self.t_end is None:
+                run = self.stepper._run(self.stepper._checked_run(replace(
+                    arguments, dt=dt, steps=n, every=n // FEWEST)))
+            else:
+                times = arguments.t0 + (self.t_end - arguments.t0) * np.arange(FEWEST) / FEWEST
+                with capture_warnings():  # the coarsest steps are not those of the choice
+                    run = self.stepper.integrate(
+                        Start(arguments.q, arguments.p, arguments.parameters, arguments.t0),
+                        dtau=dt, t_end=self.t_end, t_eval=[*times, self.t_end])
         except StepFailed as failure:
             return None, failure
         return np.asarray(run.q), None
 
     def _add(self, n: int, error: float) -> None:
         self._steps.append(n)
-        self.pilots.append(Pilot(f"{n:,} steps", {}, as_double(self.span / n), error))
+        dt = as_double(self.span / n)
+        label = f"{n:,} steps" if self.t_end is None else f"dtau = {dt:.6g}"
+        self.pilots.append(Pilot(label, {}, dt, error))
 
     def _interpolated_step_suffices(self, best: int, finest: Array) -> bool:
         """Measure n (e/error)^(1/r) steps between two pilot runs; return whether they suffice."""
@@ -120,7 +138,7 @@ class StepSearch:
             return False
         factor = (coarse_error / (_SPARE * self.bound)) ** (1 / self.order)
         predicted_steps = self._steps[best - 1] * factor
-        n = _ROWS * math.ceil(predicted_steps / _ROWS)
+        n = FEWEST * math.ceil(predicted_steps / FEWEST)
         if n > _WORTH * self._steps[best]:
             return False
         q, _ = self._run(n)

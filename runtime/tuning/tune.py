@@ -21,13 +21,13 @@ from ...core.registry import AIMS, MEANS, Aim
 from ...core.start import HasStart, Rule
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.inputs import Inputs
-from ..integration.run_arguments import step_count
+from ..integration.run_arguments import end_of_run, step_argument, step_count
 from ..integration.starts import merged_start
 from ..rigid_body.gamma_rules import has_inertia, inertia_of, is_inertia_parameter, mean_inertia
 from .frame_start import Direction, Velocities, directions_of, start_rates
 from .pilots import Pilot, Pilots
 from .search import Search
-from .step_search import StepSearch
+from .step_search import FEWEST, StepSearch
 
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
@@ -51,7 +51,7 @@ class Tuned:
     parameters : dict of str to float
         γ or α in kg m² and rates in rad/s, those that were asked for: for ``parameters=`` of runs.
     dt : number
-        The time step in s: as given, or (t_end − t)/n, a fraction.
+        The time step in s: as given, or (t_end − t)/n, a fraction; in scaled time Δτ.
     error : float
         The error of the chosen run: of the motion the largest of a path, root mean square, with
         ``step_error`` its maximum over the run; of the energy the root mean square. NaN where
@@ -105,6 +105,7 @@ def tune(
     /,
     *,
     dt: Number | None = None,
+    dtau: Number | None = None,
     t_end: Number | None = None,
     steps: int | None = None,
     step_error: Number | None = None,
@@ -128,6 +129,8 @@ def tune(
     step_error : float, optional
         the error for which the time step is searched: the largest of the motion up to ``t_end``,
         attitudes in rad and points in parts of their largest coordinate.
+    dtau : float, optional
+        In scaled time the largest step that is tried, such as 0.4; with ``step_error``.
     t_end, steps : float, int, optional
         The end of the run, as for ``integrate``. Pilot runs are no longer; beyond them the motion's
         error must be seen to grow like t.
@@ -169,6 +172,8 @@ def tune(
     if error == "energy" and "auto" not in (gamma, frame):
         raise InputError("aim = 'energy' is for gamma='auto' or frame='auto'; give one of them.")
     rules = _searches(state.parameters)
+    if gamma is not None or frame is not None or rules:
+        step._refuse_scaled(rules="a choice of γ or of a frame")
     if gamma is not None:
         rule = choose("gamma", gamma, (*MEANS, "auto"))
         rules |= _gammas(step, state.parameters, fixed, rule, error)
@@ -177,11 +182,19 @@ def tune(
     pilot_limit = as_positive_count("pilot_steps", pilot_steps, least=_LEAST)
     common_arguments = {"t0": state.t, "parameters": {**state.parameters, **rules},
                         "inputs": inputs}
+    clock = step.manifest.system.clock
     if step_error is not None:
         span = _span(step_error, t_end, state.t, dt=dt, steps=steps, inputs=inputs)
+        if clock is not None or dtau is not None:
+            largest = exact(as_real("dtau", step_argument(step.binding, dt, dtau)))
+            assert clock is not None  # or dtau is refused
+            assert isinstance(largest, Fraction)
+            end_of_run(clock, (), state.t, t_end, largest)
+            span, common_arguments["excess"] = FEWEST * largest, state.excess
         run = step._run_arguments(state.q, state.p, dt=span, steps=1, **common_arguments)
         with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
-            return _Rules(step, run, rules, report).tuned_step(span, float(step_error), pilot_limit)
+            return _Rules(step, run, rules, report).tuned_step(
+                span, float(step_error), pilot_limit, None if clock is None else t_end)
     if dt is None or not rules:
         raise InputError("There is nothing to choose: give dt with gamma='auto' or frame='auto', "
                          "or step_error with t_end.")
@@ -315,13 +328,18 @@ class _Rules:
                      pilots.largest(best), pilots.gain(best), "; ".join([*self.reasons, reason]),
                      pilots.pilots())
 
-    def tuned_step(self, span: Fraction, bound: float, pilot_limit: int) -> Tuned:
+    def tuned_step(
+        self, span: Fraction, bound: float, pilot_limit: int, t_end: Any = None
+    ) -> Tuned:
         """Return the time step too, with which a run over a span has an error below a bound.
+
+        With ``t_end``, in scaled time, ``span`` is as many of the largest steps as a search begins
+        with, and runs end at t_end.
 
         With tuned γ and rates a larger step may suffice, so the step is searched again.
         """
         parameters = self.initial_parameters()
-        steps, last_pilot, pilots = self._steps(parameters, span, bound)
+        steps, last_pilot, pilots = self._steps(parameters, span, bound, t_end)
         tuned = Tuned({}, span / steps, last_pilot.motion, math.nan, "", ())
         if self.gammas or self.rates:
             # To leading order the best numbers do not depend on dt: the pilot runs see all of it.
@@ -334,16 +352,16 @@ class _Rules:
                 steps, last_pilot, further_pilots = self._steps(
                     parameters | tuned.parameters, span, bound)
                 pilots += further_pilots
-        reason = f"{steps:,} steps: the error of the motion is {last_pilot.motion:.2g} at most"
+        reason = f"{last_pilot.label}: the error of the motion is {last_pilot.motion:.2g} at most"
         return replace(tuned, dt=span / steps, error=last_pilot.motion, pilots=pilots,
                        reason="; ".join(filter(None, [tuned.reason, reason])))
 
     def _steps(
-        self, parameters: Mapping[str, Any], span: Fraction, bound: float
+        self, parameters: Mapping[str, Any], span: Fraction, bound: float, t_end: Any = None
     ) -> tuple[int, Pilot, tuple[Pilot, ...]]:
         """Return the number of steps that suffices, its pilot run, and all pilot runs."""
         search = StepSearch(self.stepper, span, bound,
-                            replace(self.run, parameters=dict(parameters)), self.report)
+                            replace(self.run, parameters=dict(parameters)), self.report, t_end)
         with before_start("dt"):
             return (*search.best(), tuple(search.pilots))
 

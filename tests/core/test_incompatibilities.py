@@ -187,6 +187,8 @@ CALLS = {
     ("certificate", "scaled"): lambda: gs.certify(scaled_model(), "G-L", 2, dt=0.05),
     ("interop", "scaled"): scaled(lambda step, start, run: DiscreteFlow(step, 3)),
     ("command", "scaled"): from_command,
+    ("rules", "scaled"): scaled(lambda step, start, run: gs.tune(
+        step, start, dtau=0.1, t_end=1.0, step_error=1e-3, gamma="m")),
     ("sweep", "scaled"): lambda: gs.sweep(
         scaled_model(), {"k": [1.0, 2.0]}, scheme="G-L", stages=2, dt=0.05, steps=2),
     ("stored", "open_end"): scaled(lambda step, start, run: step.integrate(

@@ -240,7 +240,6 @@ def other_calls(step, start, run):
         "mass_matrix": lambda: step.mass_matrix(start),
         "lyapunov": lambda: gs.lyapunov(step, start, dt=d, steps=10),
         "periodic_orbit": lambda: gs.periodic_orbit(step, start, dt=d, steps=10),
-        "tune": lambda: gs.tune(step, start, t_end=1, step_error=1e-6),
         "fit": lambda: gs.fit(step, start, [0.0, 1.0], np.ones((2, 2)), dt=d, observe=["x", "y"]),
         "certify": lambda: gs.certify(model, "G-L", 2, dt=d),
         "sweep": lambda: gs.sweep(model, {"k": [1.0, 2.0]}, scheme="G-L", stages=2, dt=d, steps=4),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 
 import gyrospark as gs
@@ -53,6 +54,28 @@ def test_gamma_and_a_frame_allow_larger_steps():
     run = step.integrate(TOP, dt=moved.dt, t_end=0.4, parameters=moved.parameters)
     true = gs.stepper("G-L", 6).integrate(TOP, dt=float(moved.dt) / 16, t_end=0.4, every=16)
     assert largest(run, true) <= 1.1e-9
+
+
+def test_in_scaled_time_errors_are_at_equal_times():
+    """Against the closed form of an orbit; twice the step errs more than was asked for."""
+    step, entry = systems.stepper("eccentric"), systems.case("eccentric")
+    start = gs.Start(entry.q, entry.p, entry.parameters)
+    tuned = gs.tune(step, start, dtau=0.4, step_error=1e-5, t_end=7)
+    assert tuned.dt < 0.2
+    times = np.linspace(0, 7, 17)
+    exact = np.array([entry.exact(time) for time in times])
+
+    def error(dtau):
+        run = step.integrate(start, dtau=dtau, t_end=7, t_eval=times)
+        return np.linalg.norm(run.q - exact, axis=1).max() / np.abs(exact).max()
+
+    assert error(tuned.dt) == pytest.approx(tuned.error, rel=0.2)
+    assert tuned.error <= 1e-5 < error(2 * tuned.dt)
+    with pytest.raises(gs.InputError, match=r"dtau.*0\.4"):
+        gs.tune(systems.stepper("kepler"), start, dtau=0.4, step_error=1e-5, t_end=7)
+    for given in ({}, {"dt": 0.1}, {"dtau": -0.4}):
+        with pytest.raises(gs.InputError, match="dt"):
+            gs.tune(step, start, step_error=1e-5, t_end=7, **given)
 
 
 def test_backwards_and_from_another_time(gl3):
