@@ -25,7 +25,7 @@ def executed(app: Sphinx, name: str) -> Path:
 
 
 def add_links(app: Sphinx, tree: nodes.document, name: str) -> None:
-    """Put links to both files below the title of a page with cells."""
+    """Put links to both files below the first paragraph of a page with cells."""
     title = next(iter(tree.findall(nodes.title)), None)
     if app.builder.format != "html" or title is None or not executed(app, name).is_file():
         return
@@ -34,7 +34,9 @@ def add_links(app: Sphinx, tree: nodes.document, name: str) -> None:
         f'<a href="{up}{FOLDER}/{name}.{ending}" download>{label}</a>'
         for ending, label in (("ipynb", "notebook"), ("py", "script")))
     line = nodes.raw("", f'<p class="downloads">Download: {links}</p>', format="html")
-    title.parent.insert(title.parent.index(title) + 1, line)
+    section = title.parent
+    after = next((child for child in section if isinstance(child, nodes.paragraph)), title)
+    section.insert(section.index(after) + 1, line)
 
 
 def write_files(app: Sphinx, error: Exception | None) -> None:

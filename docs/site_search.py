@@ -26,7 +26,7 @@ SYNONYMS = {
     "chaotic_motion": "lyapunov, lyapunov exponent, chaos, chaotic, poincaré section, "
                       "poincare section, megno",
     "cheat_sheet": "cheat sheet, overview, quick start, quickstart, commands",
-    "choosing#step": "timestep, time step, step size, stepsize, dt, adaptive step, tolerance",
+    "choosing#step": "timestep, time step, step size, stepsize, dt, tolerance",
     "choosing#scheme": "integrator, solver, scheme, method, rk4, runge-kutta, verlet, implicit",
     "choosing#the-parameter-γ": "gamma, alpha, inertia representation",
     "comparison": "alternatives, versus, comparison",
@@ -36,10 +36,10 @@ SYNONYMS = {
                    "angular velocity, moment of inertia",
     "cuda": "gpu, graphics card, nvidia",
     "derivatives": "gradient, sensitivity, adjoint, optimisation, optimization, jacobian",
-    "fmu": "fmi, co-simulation, dymola",
+    "fmu": "fmi, co-simulation, dymola, export fmu, fmu export",
     "frames": "spin, fast rotation, co-rotating frame",
-    "gallery/fitted_top": "fit, fitting, parameter estimation, identification, calibration, "
-                          "least squares, fitting parameters",
+    "gallery/fitted_top": "fit, fitting, parameter estimation, calibration, least squares, "
+                          "fitting parameters",
     "glossary": "degrees of freedom, degree of freedom, dof, glossary, holonomic, "
                          "nonholonomic",
     "install": "getting started, installation, compiler, pip, windows, conda, gyrospark_cache",
@@ -53,11 +53,21 @@ SYNONYMS = {
     "models#robots-in-sdf": "sdf, gazebo",
     "models#robots-in-urdf": "urdf, ros, xacro",
     "python#ensembles": "batch, monte carlo, parallel, simd",
-    "results#pictures-and-animations-of-bodies": "animation, video, movie, 3d view",
+    "results#pictures-and-animations-of-bodies": "animation, video, movie, 3d view, gui, viewer, "
+                                                 "visualisation, visualization, render",
     "results": "reaction force, constraint force, csv, pandas, output",
     "results#accelerations": "acceleration, accelerations, qacc, inverse dynamics, "
                              "gravity compensation",
     "results#pictures": "plot, figure",
+    "citing": "license, licence, bsd, cite, citation, doi",
+    "tutorials/forces_and_control": "pid, pid controller, feedback, lqr",
+    "python#initial-values": "initial conditions, initial condition, initial state, "
+                             "initial velocity",
+    "adaptive_steps": "adaptive, adaptive step, adaptive time step, variable step, "
+                      "variable time step, error control",
+    "optimal_control": "optimal control, trajectory optimisation, trajectory optimization, "
+                       "shooting, collocation, ipopt, mpc",
+    "identification": "identification, system identification, identify, friction coefficient",
     "solving": "newton, convergence, fixed point, iteration",
     "stability": "version, deprecation, semantic versioning, api changes",
     "sweeps": "parameter sweep, parameter scan, grid, study",
@@ -68,7 +78,7 @@ SYNONYMS = {
     "systems#inputs": "input, control input, actuation",
     "theory/symplecticity": "symplectic, symplecticity, energy drift",
     "troubleshooting": "error, help, faq, troubleshooting, stagnated, diverged, change point, "
-                       "not converged, energy error, slow",
+                       "not converged, energy error, slow, inverse kinematics",
     "tutorials/reaction_wheels": "reaction wheel, reaction wheels, attitude control, satellite, "
                                  "pd controller",
 }
