@@ -286,7 +286,7 @@ other work. Runs that would take more than a minute have fewer steps.
 
 MuJoCo closes loops by soft constraints, at their largest stiffness for the time step, and exudyn by
 multipliers. Pinocchio has no integrator: here semi-implicit Euler in Python, with Baumgarte's
-stabilization of five steps, so that its time is that of Python. A file runs in gyrospark and
+stabilization of five steps, so its time is mostly Python's. A file runs in gyrospark and
 MuJoCo. As joints of files have no limits here, linkages pass close to singular
 configurations, where the energy of our runs deviates in jumps: at the two largest jumps
 of the 2F-85 in its first 24 s the smallest singular value of its constraint Jacobian, with rows of

@@ -81,8 +81,9 @@ def _owners() -> dict[str, set[str]]:
 
 
 def _users(pattern: str) -> list[str]:
-    names = [name for name, code in pages().items() if re.search(pattern, code)]
-    names.sort(key=lambda name: "/" in name)  # the guide before the gallery
+    uses = {name: len(re.findall(pattern, code)) for name, code in pages().items()}
+    names = [name for name, count in uses.items() if count]
+    names.sort(key=lambda name: ("/" in name, -uses[name]))  # the guide before the gallery
     found = [f":doc:`/{name}`" for name in names]
     found += [f":ref:`{path} <{label}>`" for label, path in _programs()
               if re.search(pattern, (ROOT / path).read_text(encoding="utf-8"))]
