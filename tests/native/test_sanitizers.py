@@ -1,7 +1,8 @@
 """AddressSanitizer and UndefinedBehaviorSanitizer below a plain C program that calls a stepper.
 
 The program (``tests/data/sanitized.c``) gives each call memory of the size that its header
-documents: runs, ensembles in lanes, projections, tangents and adjoints.
+documents: runs, ensembles in lanes, projections, tangents and adjoints. Another one
+(``tests/data/sanitized_fmu.c``) imports an FMU.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ import json
 import os
 import re
 import shutil
+import zipfile
 from functools import cache
 
 import pytest
 
+import gyrospark as gs
 import systems
 from c_programs import run, write
 from compilers import COMPILERS, compiler
@@ -90,6 +93,42 @@ def test_nothing_is_read_or_written_outside_of_its_array(name, tmp_path):
     build(name, tmp_path)
     done = call([tmp_path / "program"])
     assert done.returncode == 0, done.stderr[:3000]
+
+
+def fmu_program(folder, right="", wrong=""):
+    """Return a program that imports an FMU of the driven oscillator, its core changed or not."""
+    case = systems.case("driven_oscillator")
+    built = gs.build("fmu2", case.system, scheme="IMS", dt=case.dt, start=(case.q, case.p),
+                     parameters=case.parameters, out=folder / "driven.fmu")
+    with zipfile.ZipFile(built.path) as archive:
+        for name in archive.namelist():
+            if name.startswith("sources/"):
+                (folder / name.partition("/")[2]).write_bytes(archive.read(name))
+    core = folder / "core.h"
+    text = core.read_text(encoding="ascii")
+    assert right in text
+    core.write_text(text.replace(right, wrong, 1), encoding="ascii")
+    shutil.copy(DATA / "sanitized_fmu.c", folder)
+    run([*sanitizing(), *SANITIZE, "-std=c11", f"-DSTEP={case.dt}", "sanitized_fmu.c",
+         f"{built.stepper.name}.c", "-o", "program", "-lm"], folder)
+    return folder / "program"
+
+
+def test_an_fmu_reads_and_writes_nothing_outside_of_its_arrays(tmp_path):
+    done = call([fmu_program(tmp_path)])
+    assert done.returncode == 0, done.stderr[:3000]
+
+
+@pytest.mark.slow  # a program with a changed core for each
+@pytest.mark.parametrize(("right", "wrong"), [
+    ("if (r[k] >= variable_count)", "if (r[k] > variable_count)"),
+    ("for (size_t k = 0; k < n; ++k) {\n        double *value",
+     "for (size_t k = 0; k <= n; ++k) {\n        double *value"),
+    ("memcpy(bytes + TOKEN, state", "memcpy(bytes + TOKEN + 1, state")])
+def test_an_access_of_an_fmu_outside_of_an_array_is_seen(right, wrong, tmp_path):
+    done = call([fmu_program(tmp_path, right, wrong)])
+    assert done.returncode != 0
+    assert "core.h" in done.stderr
 
 
 @pytest.mark.slow  # a program with a changed engine for each

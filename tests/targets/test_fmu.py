@@ -289,8 +289,9 @@ def test_starts_out_of_their_domain_are_refused(satellite, values, named):
 def test_values_that_cannot_be_set_now(satellite, name, value):
     with satellite.started() as slave:
         before = slave.get([*OUTPUTS, "u1", "u2"])
-        with pytest.raises(gs.GyrosparkError, match=name):
-            slave.set({"u2": 0.7, name: value})
+        for values in ({"u2": 0.7, name: value}, {name: value, "u2": 0.7}):
+            with pytest.raises(gs.GyrosparkError, match=name):
+                slave.set(values)
         assert slave.get([*OUTPUTS, "u1", "u2"]) == before, "all or nothing"
 
 

@@ -130,6 +130,17 @@ def test_a_top_is_seen_from_its_side(top):
         assert abs(axis[:2] @ sight[:2]) < 1e-12
 
 
+def test_a_top_between_joints_has_its_flywheel_at_its_centre_of_mass():
+    """Its stem begins at the first joint and passes the second."""
+    scene = scene_of(motion_of("double_top"), 2)
+    assert len(scene.parts) == 2
+    for part in scene.parts:
+        flywheel, _, stem, foot = part.shapes[:4]
+        assert flywheel.kind == "disc"
+        assert np.abs(flywheel.centre - part.centre).max() < 1e-12
+        assert (flywheel.centre - foot.centre) @ (stem.centre - foot.centre) > 0
+
+
 def test_the_weight_of_a_body_is_found_on_each_axis():
     c = sp.symbols("c1:4", real=True)
     V = sum(k * r for k, r in zip(c, gs.symbols.R[2, :], strict=True))
