@@ -153,7 +153,7 @@ RANDOM = (
 QUIET = [HealthCheck.filter_too_much, HealthCheck.too_slow, HealthCheck.data_too_large]
 
 
-@settings(max_examples=25, derandomize=True, suppress_health_check=QUIET)
+@settings(max_examples=6, derandomize=True, suppress_health_check=QUIET)
 @given(*RANDOM)
 def test_identity_of_random_expressions(e, at, direction, size, weights):
     check(e, at, direction, size, weights)

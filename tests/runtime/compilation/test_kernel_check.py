@@ -175,7 +175,7 @@ def test_a_wrong_object_is_compiled_again(part, pattern, kernel, tmp_path, monke
 def test_an_object_that_never_agrees_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
-    monkeypatch.setattr(verified_build, "SAFER_FLAGS", ((), ("-O1",)))
+    monkeypatch.setattr(verified_build, "SAFER_FLAGS", ((), ("-O0",)))
     monkeypatch.setenv("CC", wrong_compiler(tmp_path, r"s/^    G\[0\]\[0\] = /&1.0e-9 + /", "none"))
     with pytest.raises(CompilerError, match="constraint_jacobian"):
         load_module("heavy_top_gl1_gamma", files_of("heavy_top_gl1_gamma"))

@@ -119,10 +119,11 @@ def test_values_are_drawn_by_name(run, stored, tmp_path):
         run.plot("enrgy")
 
 
-@pytest.mark.parametrize("name", ["run.html", "run.png", "run.glb"])
-def test_a_run_is_shown_by_the_ending_of_a_name(name, run, stored, tmp_path):
+@pytest.mark.parametrize(("name", "options"), [
+    ("run.html", {}), ("run.png", {"size": (120, 90)}), ("run.glb", {})])
+def test_a_run_is_shown_by_the_ending_of_a_name(name, options, run, stored, tmp_path):
     for one in (run, stored):
-        one.show(tmp_path / name)
+        one.show(tmp_path / name, **options)
         assert (tmp_path / name).stat().st_size > 1000
 
 
