@@ -143,8 +143,8 @@ def test_python_warns_as_the_command_does(gl3, tmp_path):
     for name, call in calls.items():
         slow, fast = ({"dt": dt, "parameters": parameters} for dt in (2 / (40 * pi), 0.05))
         assert said_of(partial(call, slow)) == [], name
-        said = said_of(partial(call, fast))
-        assert len(said) == 1, name
+        said = [text for text in said_of(partial(call, fast)) if "rad" in text]
+        assert len(said) == 1, name  # cells of the sweep fail too, and that is told
         assert "6.28 rad" in said[0], name
 
 
