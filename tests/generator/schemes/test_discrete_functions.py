@@ -24,6 +24,7 @@ from gyrospark.generator.schemes.discrete_gradient import (
 )
 from gyrospark.generator.symbolic.identities import evaluate
 from gyrospark.generator.symbolic.shared_subexpressions import parts_of
+from gyrospark.generator.symbolic.switching_functions import Max, Min
 from random_expressions import (
     EXPRESSIONS,
     PARAMETERS,
@@ -232,6 +233,8 @@ def test_powers_quotients_and_roots(e):
     (sp.acosh(1 + 10**4 * x), 1.0, 1.99999), (sp.log(x), 1.0, 1.99999999),
     (x**-24, 0.27, 0.2), (x**-9, 1.0, 1.9), (x ** sp.Rational(-3, 2), 1.0, 1.99999),
     (x ** sp.Rational(1, 3), 1.0, 1.99999999), (sp.tan(x), 0.01, 3.14), (sp.tanh(x), 0.01, 30.0),
+    (Max(sp.Abs(x), Min(a, 2 * x)), 0.01, 2.0), (Max(x, 1 / a - x), 0.6, 1.5),
+    (1 / Min(2 * x, x * y - a), 1.0, 0.4),
 ])
 def test_ends_far_apart_cost_no_digits(e, mean, step):
     """From one branch of a function to the other, where sums of its two ends cancel."""
