@@ -20,177 +20,87 @@ INLINE void SOLVER(accumulate_increment)(SOLVER(t) *w, int i, const lanes *L_new
     *p_change += dp_square;
 }
 
-#if !GS_CONSTRAINED
-#if GS_SEPARABLE
+#if GS_CONSTRAINED
 /*
- * Gauss-Seidel ordering: H_pq = 0, and H_q at the new positions squares the contraction factor of
- * the iteration.
+ * Corrects momenta P and rates L of item i by the change of the impulses' forces to C, Q its
+ * positions. With H_pp G^T = c G^T, L changes by h b c times as much; otherwise H_p is evaluated
+ * again, and H_q with it.
  */
-INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
-    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
+INLINE void SOLVER(correct_item)(SOLVER(t) *w, int i, const lanes *C, const lanes *Q, lanes *P,
+    lanes *L, lanes *shared, lanes *H_q)
 {
-    SOLVER(stage_positions)(w, L_new, Q);
-    for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_q[N], H_p[N];
-        const lanes t = w->t + w->stage_time[i];
-        second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        SOLVER(accumulate_increment)(w, i, L_new + i*N, H_q, q_change, p_change);
+#if GS_SCALAR_SCHUR
+    const lanes response = w->h_b[i]*w->constraint_state.correction;
+    (void)Q, (void)shared, (void)H_q;
+    for (int a = 0; a < N; ++a) {
+        const lanes force_change = C[a] - w->now.C[i*N + a];
+        P[a] += force_change;
+        w->now.C[i*N + a] = C[a];
+        L[a] += response*force_change;
     }
-}
 #else
-/* Jacobi ordering: H_q at the stages of the previous iteration. */
-INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
-    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
-{
-    for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_q[N], H_p[N];
-        const lanes t = w->t + w->stage_time[i];
-        second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        SOLVER(accumulate_increment)(w, i, L_new + i*N, H_q, q_change, p_change);
+    lanes H_p[N];
+    const lanes t = w->t + w->stage_time[i];
+    for (int a = 0; a < N; ++a) {
+        P[a] += C[a] - w->now.C[i*N + a];
+        w->now.C[i*N + a] = C[a];
     }
-}
+    second_rates(LANES_AT(&w->constants, t), Q, P, &t, shared, H_p, H_q);
+    for (int a = 0; a < N; ++a)
+        L[a] = w->h_b[i]*H_p[a];
 #endif
+}
 #endif
 
+/*
+ * The new rates, with the impulses corrected. Gauss-Seidel ordering where H_pq = 0: H_q at the new
+ * positions, which squares the contraction factor. Otherwise Jacobi ordering: H_q at the positions
+ * of H_p.
+ */
+INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
+    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
+{
 #if GS_CONSTRAINED
-#if GS_SCALAR_SCHUR
+    lanes C[SOLVER(S)*N];
+    SOLVER(correct_multipliers)(w, L_new, C);
 #if GS_SEPARABLE
-/*
- * Gauss-Seidel ordering: H_pq = 0, and H_q at the new positions squares the contraction factor.
- * H_pp G^T = c G^T: the correction of the impulses changes H_p by c times the change of the
- * momenta, without another evaluation.
- */
-INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
-    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
-{
-    lanes C[SOLVER(S)*N];
-    SOLVER(correct_multipliers)(w, L_new, C);
-    for (int e = 0; e < SOLVER(S)*N; ++e)
-        L_new[e] += w->h_b[e/N]*w->constraint_state.correction*(C[e] - w->now.C[e]);
+    lanes force[N];
+    for (int i = 0; i < SOLVER(S); ++i)
+        SOLVER(correct_item)(w, i, C + i*N, Q + i*N, momentum + i*N, L_new + i*N, shared[i], force);
+#endif
+#endif
+#if GS_SEPARABLE
     SOLVER(stage_positions)(w, L_new, Q);
+#endif
     for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_q[N], H_p[N];
+        lanes H_q[N], P[N], L[N]; /* in registers: stores are slower than additions */
         for (int a = 0; a < N; ++a) {
-            momentum[i*N + a] += C[i*N + a] - w->now.C[i*N + a];
-            w->now.C[i*N + a] = C[i*N + a];
+            P[a] = momentum[i*N + a];
+            L[a] = L_new[i*N + a];
         }
-        const lanes t = w->t + w->stage_time[i];
-        second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        SOLVER(accumulate_increment)(w, i, L_new + i*N, H_q, q_change, p_change);
-    }
-}
-#else
-/*
- * Jacobi ordering. H_pp G^T = c G^T: the correction of the impulses changes H_p by c times the
- * change of the momenta, without another evaluation.
- */
-INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
-    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
-{
-    lanes C[SOLVER(S)*N];
-    SOLVER(correct_multipliers)(w, L_new, C);
-    for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_q[N], H_p[N], P[N], L[N]; /* in registers: stores are slower than additions */
-        const lanes response = w->h_b[i]*w->constraint_state.correction;
-        for (int a = 0; a < N; ++a) {
-            const lanes force_change = C[i*N + a] - w->now.C[i*N + a];
-            P[a] = momentum[i*N + a] + force_change;
-            w->now.C[i*N + a] = C[i*N + a];
-            L[a] = L_new[i*N + a] + response*force_change;
-        }
+#if GS_CONSTRAINED && !GS_SEPARABLE
+        SOLVER(correct_item)(w, i, C + i*N, Q + i*N, P, L, shared[i], H_q);
+#endif
+#if !GS_CONSTRAINED || GS_SEPARABLE || GS_SCALAR_SCHUR
+        lanes H_p[N];
         const lanes t = w->t + w->stage_time[i];
         second_rates(LANES_AT(&w->constants, t), Q + i*N, P, &t, shared[i], H_p, H_q);
+#endif
         SOLVER(accumulate_increment)(w, i, L, H_q, q_change, p_change);
     }
 }
-#endif
-#else
-#if GS_SEPARABLE
-/*
- * Gauss-Seidel ordering: H_pq = 0, and H_q at the new positions squares the contraction factor. The
- * new positions follow from H_p at the momenta of the corrected impulses.
- */
-INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
-    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
-{
-    lanes C[SOLVER(S)*N];
-    SOLVER(correct_multipliers)(w, L_new, C);
-    for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_q[N], H_p[N];
-        for (int a = 0; a < N; ++a) {
-            momentum[i*N + a] += C[i*N + a] - w->now.C[i*N + a];
-            w->now.C[i*N + a] = C[i*N + a];
-        }
-        const lanes t = w->t + w->stage_time[i];
-        second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        for (int a = 0; a < N; ++a)
-            L_new[i*N + a] = w->h_b[i]*H_p[a];
-    }
-    SOLVER(stage_positions)(w, L_new, Q);
-    for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_q[N], H_p[N];
-        const lanes t = w->t + w->stage_time[i];
-        second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        SOLVER(accumulate_increment)(w, i, L_new + i*N, H_q, q_change, p_change);
-    }
-}
-#else
-/* Jacobi ordering: H_p and H_q at the momenta of the corrected impulses. */
-INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
-    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
-{
-    lanes C[SOLVER(S)*N];
-    SOLVER(correct_multipliers)(w, L_new, C);
-    for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_q[N], H_p[N];
-        for (int a = 0; a < N; ++a) {
-            momentum[i*N + a] += C[i*N + a] - w->now.C[i*N + a];
-            w->now.C[i*N + a] = C[i*N + a];
-        }
-        const lanes t = w->t + w->stage_time[i];
-        second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        for (int a = 0; a < N; ++a)
-            L_new[i*N + a] = w->h_b[i]*H_p[a];
-        SOLVER(accumulate_increment)(w, i, L_new + i*N, H_q, q_change, p_change);
-    }
-}
-#endif
-#endif
 
-#if GS_ELEMENTS
+#if GS_CONSTRAINED
 /*
  * T2: projects dp so that p + dp satisfies the hidden constraint f(q, p) = 0. The impulses of the
  * projection are stored as last_impulse.
  */
 INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], lanes dp[N])
 {
-    for (int mu = 0; mu < M; ++mu)
-        w->constraint_state.last_impulse[mu] = splat(0);
-    for (int iteration = 0; iteration < ROUNDS; ++iteration) {
-        lanes f[M], p[N], response[N];
-        schur_t matrix;
-        for (int a = 0; a < N; ++a)
-            p[a] = w->p[a] + dp[a];
-        lanes_hidden_constraint(&w->constants, q, p, f);
-        lanes_schur(&w->constants, q, p, matrix);
-        lanes_factor(matrix);
-        lanes_substitute(matrix, f);
-        lanes_constraint_force(&w->constants, q, f, response);
-        for (int mu = 0; mu < M; ++mu)
-            w->constraint_state.last_impulse[mu] += f[mu];
-        for (int a = 0; a < N; ++a)
-            dp[a] -= response[a];
-    }
-}
-#else
-/*
- * T2: projects dp so that p + dp satisfies the hidden constraint f(q, p) = 0. The impulses of the
- * projection are stored as last_impulse.
- */
-INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], lanes dp[N])
-{
+#if !GS_ELEMENTS
     lanes G[M][N];
     lanes_constraint_jacobian(&w->constants, q, G);
+#endif
     for (int mu = 0; mu < M; ++mu)
         w->constraint_state.last_impulse[mu] = splat(0);
     for (int iteration = 0; iteration < ROUNDS; ++iteration) {
@@ -199,6 +109,17 @@ INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], l
         for (int a = 0; a < N; ++a)
             p[a] = w->p[a] + dp[a];
         lanes_hidden_constraint(&w->constants, q, p, f);
+#if GS_ELEMENTS
+        lanes response[N];
+        lanes_schur(&w->constants, q, p, matrix);
+        lanes_factor(matrix);
+        lanes_substitute(matrix, f);
+        lanes_constraint_force(&w->constants, q, f, response);
+        for (int a = 0; a < N; ++a)
+            dp[a] -= response[a];
+        for (int mu = 0; mu < M; ++mu)
+            w->constraint_state.last_impulse[mu] += f[mu];
+#else
         lanes_hidden_matrix(&w->constants, q, p, matrix);
         lanes_factor(matrix);
         lanes_substitute(matrix, f);
@@ -207,7 +128,7 @@ INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], l
             for (int a = 0; a < N; ++a)
                 dp[a] -= G[mu][a]*f[mu];
         }
+#endif
     }
 }
-#endif
 #endif
