@@ -10,8 +10,9 @@
  *   NAME(f)            public function f of this stepper: NAME(step) is heavy_top_gl3_gamma_step
  *   MATH(f), LIMIT(f)  f of <math.h> and <float.h> for the type real: MATH(sqrt) is sqrtf of float
  *   IF_TIME(...)       the arguments if the feature is 1, else nothing: one feature often adds one
- *                      statement to a function, and #if would take three lines. So IF_FORCES,
- *                      IF_INPUTS, IF_CLOCK, IF_FRAME, IF_FRAME_WORK
+ *                      statement to a function, and #if would take three lines. So
+ *                      IF_CONSTRAINED, IF_FACTORISED (W depends on the state), IF_FORCES, IF_INPUTS,
+ *                      IF_CLOCK, IF_FRAME, IF_FRAME_WORK
  *   AT(c, t)           the constants c with the time t set in them; c if nothing depends on t
  *   BETWEEN(c, t, step)  c with the time of a mean value over t..t + step set in them
  *   LANES_AT, LANES_BETWEEN  AT and BETWEEN for constants of all lanes
@@ -21,6 +22,7 @@
  *   SOLVER(f)          in headers that are included for both: SINGLE(f), then BATCH(f)
  *   TABLE(x)           in these headers, table x of the tableau: in lanes for SINGLE, numbers for
  *                      BATCH
+ *   COEFFICIENT, TABLE_PRODUCT  type of its numbers; storage class of products with it
  *   NUMBER, TYPED(f)   in headers that are included for numbers and for lanes (simd/numbers.h,
  *                      simd/lanes.h): real and f, then lanes and lanes_f
  *   SEPARATE(f)        SINGLE(f), which another object file contains if the build makes several
@@ -167,6 +169,16 @@
 #elif GS_FIXED_POINT
 #define LANES_AT(c, t) c
 #define LANES_BETWEEN(c, t, step) c
+#endif
+#if GS_CONSTRAINED
+#define IF_CONSTRAINED(...) __VA_ARGS__
+#else
+#define IF_CONSTRAINED(...)
+#endif
+#if GS_CONSTRAINED && !GS_CONSTANT_SCHUR
+#define IF_FACTORISED(...) __VA_ARGS__
+#else
+#define IF_FACTORISED(...)
 #endif
 #if GS_FORCES
 #define IF_FORCES(...) __VA_ARGS__

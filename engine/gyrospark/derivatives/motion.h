@@ -101,14 +101,6 @@ static int constrain_force(const constants *at, const real q[N], const real p[N]
         force[a] -= pull[a];
     return status;
 }
-#else
-/* System without constraints. */
-static int constrain_force(const constants *at, const real q[N], const real p[N], const real v[N],
-    real force[N], real *lambda, derivatives_t *d)
-{
-    (void)at, (void)q, (void)p, (void)v, (void)force, (void)lambda, (void)d;
-    return OK;
-}
 #endif
 
 int NAME(accelerations)(const parameters_t *parameters, const real q[N], const real p[N], real v[N],
@@ -118,7 +110,12 @@ int NAME(accelerations)(const parameters_t *parameters, const real q[N], const r
     prepare(parameters, &d->work.constants);
     const constants *at = AT(&d->work.constants, start_time(parameters));
     rates_of_state(at, q, p, v, rate);
+#if GS_CONSTRAINED
     const int status = constrain_force(at, q, p, v, rate, lambda, d);
+#else
+    const int status = OK;
+    (void)lambda;
+#endif
 #if GS_ELEMENTS
     const real t = 0; /* kernels count from the start */
     evaluate_rates(at, q, p, &t, 0, &d->rates);

@@ -3,7 +3,7 @@
 #define GS_DERIVATIVES_STEPS_H
 
 #if GS_SPLITTING && GS_PROFILE_CONTROL
-#include "gyrospark/splitting/control.h"
+#include "gyrospark/profiles/control.h"
 #elif GS_SPLITTING
 #include "gyrospark/run/integrate.h"
 #elif GS_PROFILE_RUN

@@ -8,6 +8,8 @@
 #define GS_STAGES_IN_LANES 0
 #define SOLVER(f) BATCH(f)
 #define TABLE(name) &table_##name[0][0]
+#define COEFFICIENT real
+#define TABLE_PRODUCT NOINLINE
 
 #include "gyrospark/fixed_point/state.h"
 
@@ -28,6 +30,8 @@
 #undef GS_STAGES_IN_LANES
 #undef SOLVER
 #undef TABLE
+#undef COEFFICIENT
+#undef TABLE_PRODUCT
 #endif
 
 #endif

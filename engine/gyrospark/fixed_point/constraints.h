@@ -84,7 +84,7 @@ INLINE void SOLVER(begin_iteration)(SOLVER(t) *w)
 {
     SOLVER(node_displacements)(w, w->now.x, w->now.D);
     SOLVER(constraint_forces)(w, w->now.C);
-    SOLVER(factorise_schur)(w);
+    IF_FACTORISED(SOLVER(factorise_schur)(w);)
 }
 
 /* P_i = C_i + sum_j mu^_ij L^_j */
@@ -129,56 +129,7 @@ INLINE void SOLVER(add_impulses)(const SOLVER(t) *w, lanes dp[N])
     for (int a = 0; a < N; ++a)
         dp[a] += impulse[a] + w->p_low[a];
 }
-
-/* Extrapolates the polynomial through the last impulses by one step. */
-INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values,
-    lanes *extrapolated)
-{
-    SOLVER(nodes_of_nodes)(w->zero, 0, TABLE(onward_nodes), values, extrapolated);
-}
 #else
-/* No constraints: nothing to factorise, to correct or to evaluate. */
-INLINE void SOLVER(begin_iteration)(SOLVER(t) *w)
-{
-    (void)w;
-}
-
-INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
-{
-    (void)w;
-}
-
-INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
-{
-    w->constraint_state.defect = splat(0);
-}
-
-INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values,
-    lanes *extrapolated)
-{
-    (void)w, (void)values, (void)extrapolated;
-}
-
-static void SOLVER(set_nodes)(SOLVER(t) *w)
-{
-    (void)w;
-}
-
-static void SOLVER(prepare_schur)(SOLVER(t) *w)
-{
-    (void)w;
-}
-
-static void SOLVER(multipliers)(const SOLVER(t) *w, int lane, real *multipliers)
-{
-    (void)w, (void)lane, (void)multipliers;
-}
-
-static void SOLVER(set_impulses)(SOLVER(t) *w, int lane, const real *multipliers)
-{
-    (void)w, (void)lane, (void)multipliers;
-}
-
 /* P_i = p + sum_j mu^_ij L^_j */
 INLINE void SOLVER(stage_momenta)(const SOLVER(t) *w, const lanes *L_hat, lanes *momentum)
 {
@@ -190,10 +141,5 @@ INLINE void SOLVER(add_impulses)(const SOLVER(t) *w, lanes dp[N])
 {
     for (int a = 0; a < N; ++a)
         dp[a] += w->p_low[a];
-}
-
-INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], lanes dp[N])
-{
-    (void)w, (void)q, (void)dp;
 }
 #endif

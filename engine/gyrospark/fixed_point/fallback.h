@@ -87,7 +87,7 @@ static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int start,
             result.ended = result.failed = 1; /* the iteration may converge to another root */
         if (!predicted && !result.ended && (iteration == 1 || iteration == 3)) {
             SINGLE(update_scales)(w); /* a state at rest has no scale before its first increment */
-            SINGLE(factorise_schur)(w);
+            IF_FACTORISED(SINGLE(factorise_schur)(w);)
         }
     } while (!result.ended);
     *iteration_count += iteration;
@@ -121,7 +121,7 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
     if (status != OK)
         return status;
     SINGLE(set_unknowns)(s, 0, w->x);
-    SINGLE(begin_iteration)(s);
+    IF_CONSTRAINED(SINGLE(begin_iteration)(s);)
     return OK;
 }
 
@@ -241,7 +241,7 @@ static void observe_fixed_point(work_t *w, report_t *report)
     const real error = MATH(fabs)(gain IF_FORCES(- report->work));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
-    SINGLE(observe_constraint_errors)(s, report);
+    IF_CONSTRAINED(SINGLE(observe_constraint_errors)(s, report);)
 }
 
 #endif

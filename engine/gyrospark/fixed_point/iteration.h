@@ -33,55 +33,14 @@ INLINE void SOLVER(iterate_once)(SOLVER(t) *w)
     w->change = q_change*w->q_weight + p_change*w->p_weight;
 }
 
-/* H_p and H_q - F of the stages of item i, at given positions and momenta. */
-INLINE void SOLVER(stage_rates)(const SOLVER(t) *w, int i, const lanes *Q, const lanes *momentum,
-    lanes *H_p, lanes *H_q)
-{
-    lanes shared[SHARED];
-    const lanes t = w->t + w->stage_time[i];
-    first_rates(&w->constants, Q, momentum, H_p, shared);
-    second_rates(&w->constants, Q, momentum, &t, shared, H_p, H_q);
-}
-
-/*
- * w->round_off: estimate of the round-off in one iteration, as a squared change relative to the
- * state. The rates are evaluated at four random perturbations of the state by 2 ulp and are
- * perturbed by 2 ulp themselves; the estimate is the mean squared difference. The state is the
- * start of the step, because the iterates may be far from the solution.
- */
-NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
-{
-    w->round_off = splat(0);
-    for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
-        unsigned seed = 1;
-        IF_TIME(lanes_at_time(&w->constants, w->t + w->stage_time[i]);)
-        SOLVER(stage_rates)(w, i, w->q, w->p, H_p, H_q);
-        for (int sample = 0; sample < 4; ++sample) {
-            lanes position[N], momentum[N], H_p_perturbed[N], H_q_perturbed[N];
-            for (int a = 0; a < N; ++a) {
-                position[a] = w->q[a] + perturbation(&seed)*w->q[a];
-                momentum[a] = w->p[a] + perturbation(&seed)*w->p[a];
-            }
-            SOLVER(stage_rates)(w, i, position, momentum, H_p_perturbed, H_q_perturbed);
-            for (int a = 0; a < MEASURED; ++a) {
-                const lanes by_p = H_p_perturbed[a] - H_p[a] + perturbation(&seed)*H_p[a];
-                const lanes by_q = H_q_perturbed[a] - H_q[a] + perturbation(&seed)*H_q[a];
-                dq += by_p*by_p;
-                dp += by_q*by_q;
-            }
-        }
-        w->round_off += (real)0.25*(w->h_b[i]*w->h_b[i]*w->q_weight*dq
-            + w->h_b_hat[i]*w->h_b_hat[i]*w->p_weight*dp);
-    }
-}
-
 /* T2: the end of the step from the converged stages, in compensated sums. */
 INLINE_IF_SMALL void SOLVER(finish)(SOLVER(t) *w)
 {
     IF_FRAME(const SOLVER(state) before = SOLVER(current_state)(w);)
     lanes dq[N], dp[N], q[N], p[N];
+#if GS_FORCES && !GS_CLOCK
     SOLVER(add_work)(w);
+#endif
     SOLVER(sum_rows)(S, N, w->now.x, dq);
     SOLVER(sum_rows)(S, N, w->now.x + SOLVER(HAT), dp);
     SOLVER(add_impulses)(w, dp);
@@ -91,7 +50,7 @@ INLINE_IF_SMALL void SOLVER(finish)(SOLVER(t) *w)
         w->q[a] = q[a];
     }
     IF_TIME(lanes_at_time(&w->constants, w->t + w->step);)
-    SOLVER(project_momentum_increment)(w, q, dp);
+    IF_CONSTRAINED(SOLVER(project_momentum_increment)(w, q, dp);)
 #if GS_CLOCK && GS_FORCES
     const lanes momentum = w->p[N - 1];
 #endif
@@ -102,9 +61,9 @@ INLINE_IF_SMALL void SOLVER(finish)(SOLVER(t) *w)
 #if GS_CLOCK && GS_FORCES
     SOLVER(add_to_work)(w, momentum - w->p[N - 1]);
 #endif
-    IF_TIME(SOLVER(add_final_constraint_work)(w);)
+    IF_TIME(IF_CONSTRAINED(SOLVER(add_final_constraint_work)(w);))
     IF_FRAME(SOLVER(hold_equilibrium)(w, &before);)
-    SOLVER(evaluate_constraints)(w);
+    IF_CONSTRAINED(SOLVER(evaluate_constraints)(w);)
 }
 
 #if GS_CLOCK
@@ -120,46 +79,7 @@ static int SOLVER(time_advances)(const SOLVER(t) *w, int lane)
 }
 #endif
 
-/* Sets the constants and the step size of a lane. */
-static void SOLVER(prepare)(SOLVER(t) *w, int lane, const constants *c, real h)
-{
-    set_constants(&w->constants, lane, c);
-    lane_set(&w->h, lane, h);
-    lane_set(&w->h_inverse, lane, 1/h);
-}
-
-/* Computes all that depends on the constants and step sizes; clears history and work. */
-static void SOLVER(initialise)(SOLVER(t) *w)
-{
-    SOLVER(set_weights)(w);
-    SOLVER(set_nodes)(w);
-    SOLVER(prepare_schur)(w);
-    IF_FRAME(SOLVER(release_equilibrium)(w);)
-    SOLVER(reset_history)(w);
-    for (int a = 0; a < N; ++a)
-        w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
-    w->work = w->work_low = splat(0);
-    IF_TIME(lanes_at_time(&w->constants, w->t);)
-    SOLVER(evaluate_constraints)(w);
-}
-
-/* The scales of changes: 1/(|q|^2 + |dq|^2), and the same for p. */
-INLINE void SOLVER(update_scales)(SOLVER(t) *w)
-{
-    lanes dq[N], dp[N], q_square = splat(LIMIT(MIN)), p_square = splat(LIMIT(MIN));
-    lanes q_increment = splat(0), p_increment = splat(0);
-    SOLVER(sum_rows)(S, N, w->now.x, dq);
-    SOLVER(sum_rows)(S, N, w->now.x + SOLVER(HAT), dp);
-    for (int a = 0; a < MEASURED; ++a) {
-        q_increment += dq[a]*dq[a];
-        p_increment += dp[a]*dp[a];
-        q_square += w->q[a]*w->q[a];
-        p_square += w->p[a]*w->p[a];
-    }
-    w->q_weight = 1/(q_square + q_increment);
-    w->p_weight = 1/(p_square + p_increment);
-    w->step_squared = q_increment*w->q_weight + p_increment*w->p_weight;
-}
+#include "gyrospark/fixed_point/start.h"
 
 /* Scales the step size by a power of two; the inverse restores the bits of all weights. */
 static void SOLVER(scale_step)(SOLVER(t) *w, real factor)
@@ -168,7 +88,9 @@ static void SOLVER(scale_step)(SOLVER(t) *w, real factor)
     w->h_inverse /= factor;
     IF_TIME(w->step *= factor;)
     SOLVER(set_weights)(w);
+#if GS_CONSTANT_SCHUR
     SOLVER(prepare_schur)(w);
+#endif
 }
 
 /*
@@ -213,7 +135,7 @@ NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int start)
         SOLVER(euler_start)(w);
     }
     SOLVER(update_scales)(w);
-    SOLVER(begin_iteration)(w);
+    IF_CONSTRAINED(SOLVER(begin_iteration)(w);)
 }
 
 /* Sets the scaled unknowns of a lane from the unknowns (B.2). */
@@ -227,5 +149,5 @@ static void SOLVER(set_unknowns)(SOLVER(t) *w, int lane, const real x[U])
             lane_set(&w->now.x[SOLVER(HAT) + position], at,
                 x[K_HAT + i*N + a]*lane_get(h_b_hat, at));
         }
-    SOLVER(set_impulses)(w, lane, x + LAMBDA);
+    IF_CONSTRAINED(SOLVER(set_impulses)(w, lane, x + LAMBDA);)
 }

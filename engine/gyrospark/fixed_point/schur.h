@@ -1,43 +1,32 @@
 /* g and the inverse of h W, W = G H_pp G^T, in a fixed-point iteration with constraints. */
 
-#if GS_ELEMENTS
 /* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
 INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
 {
     SOLVER(constraint_state) *at = &w->constraint_state;
     lanes_constraint(&w->constants, w->q, at->g_rounded);
+#if GS_ELEMENTS
     lanes_constraint_change(&w->constants, w->q, w->q_low, at->g, at->row_weight);
     for (int mu = 0; mu < M; ++mu) {
         at->g[mu] += at->g_rounded[mu];
         at->row_weight[mu] = 1/at->row_weight[mu];
     }
-}
 #else
-/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
-INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
-{
     lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->constraint_state.g_rounded);
     lanes_constraint_jacobian(&w->constants, w->q, G);
     for (int mu = 0; mu < M; ++mu) {
         lanes square = splat(LIMIT(MIN));
-        w->constraint_state.g[mu] = w->constraint_state.g_rounded[mu];
+        at->g[mu] = at->g_rounded[mu];
         for (int a = 0; a < N; ++a) {
-            w->constraint_state.g[mu] += G[mu][a]*w->q_low[a];
+            at->g[mu] += G[mu][a]*w->q_low[a];
             square += G[mu][a]*G[mu][a];
         }
-        w->constraint_state.row_weight[mu] = 1/square;
+        at->row_weight[mu] = 1/square;
     }
-}
 #endif
+}
 
 #if GS_CONSTANT_SCHUR
-/* W is constant where g = 0, and its inverse is stored: there is nothing to factorise. */
-INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
-{
-    (void)w;
-}
-
 /* Computes (h W)^-1 and, where H_pp G^T = c G^T, c. */
 static void SOLVER(prepare_schur)(SOLVER(t) *w)
 {
@@ -48,10 +37,5 @@ static void SOLVER(prepare_schur)(SOLVER(t) *w)
 #if GS_SCALAR_SCHUR
     w->constraint_state.correction = lanes_correction(&w->constants);
 #endif
-}
-#else
-static void SOLVER(prepare_schur)(SOLVER(t) *w)
-{
-    (void)w;
 }
 #endif

@@ -14,6 +14,8 @@
 #define GS_STAGES_IN_LANES 1
 #define SOLVER(f) SINGLE(f)
 #define TABLE(name) w->name
+#define COEFFICIENT lanes
+#define TABLE_PRODUCT PRODUCT
 
 #include "gyrospark/fixed_point/state.h"
 
@@ -34,7 +36,6 @@
 /* The unknowns (B.2): the scaled unknowns without their weights. */
 static void SINGLE(get_unknowns)(const SINGLE(t) *w, real x[U])
 {
-    real multipliers[ROOM];
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             const int item = i/SINGLE(PER), place = item*N + a, at = i % SINGLE(PER);
@@ -42,47 +43,40 @@ static void SINGLE(get_unknowns)(const SINGLE(t) *w, real x[U])
             x[i*N + a] = lane_get(&w->now.x[place], at)/lane_get(h_b, at);
             x[K_HAT + i*N + a] = lane_get(&w->now.x[SINGLE(HAT) + place], at)/lane_get(h_b_hat, at);
         }
+#if GS_CONSTRAINED
+    real multipliers[ROOM];
     SINGLE(multipliers)(w, 0, multipliers);
     for (int l = 0; l < P*M; ++l)
         x[LAMBDA + l] = multipliers[l];
+#endif
 }
 
 #undef GS_STAGES_IN_LANES
 #undef SOLVER
 #undef TABLE
+#undef COEFFICIENT
+#undef TABLE_PRODUCT
 #else
 #include "gyrospark/midpoint/fixed_point.h"
 #endif
 
-#if GS_SPARK
-/* Sum over the stages of the trajectory, one in each lane. */
+/* Number of distinct lanes: those of stages or nodes, or one; the others are padding. */
+static int SINGLE(used_lanes)(void)
+{
+    const int most = S > P ? S : P;
+    return most < LANES ? most : LANES;
+}
+
+/* Sum over the stages of the trajectory, one in each lane; or its value, in all lanes. */
 INLINE real SINGLE(sum_lanes)(const lanes *x)
 {
     real sum = lane_get(x, 0);
+#if GS_SPARK
     for (int i = 1; i < LANES; ++i)
         sum += lane_get(x, i);
+#endif
     return sum;
 }
-
-/* Number of distinct lanes; the others are padding. */
-static int SINGLE(used_lanes)(void)
-{
-    const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
-    return most < LANES ? most : LANES;
-}
-#else
-/* Value of the trajectory; all lanes are equal. */
-INLINE real SINGLE(sum_lanes)(const lanes *x)
-{
-    return lane_get(x, 0);
-}
-
-/* Number of distinct lanes; the others are padding. */
-static int SINGLE(used_lanes)(void)
-{
-    return 1;
-}
-#endif
 
 #if GS_CONSTRAINED
 /* Updates the report with |g| and |f| (hidden constraint) at the state. */
@@ -96,11 +90,6 @@ static void SINGLE(observe_constraint_errors)(const SINGLE(t) *s, report_t *repo
         f_size = larger(MATH(fabs)(lane_get(&f[mu], 0)), f_size);
     }
     observe_constraint_errors(g_size, f_size, report);
-}
-#else
-static void SINGLE(observe_constraint_errors)(const SINGLE(t) *s, report_t *report)
-{
-    (void)s, (void)report;
 }
 #endif
 

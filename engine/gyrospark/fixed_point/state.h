@@ -1,90 +1,67 @@
 /* Scaled unknowns and state of the fixed-point iteration, and products with the tableau. */
 
+/*
+ * A trajectory alone has its stages in lanes: an item is a group of LANES stages, or of LANES
+ * constraint nodes. Otherwise a trajectory has one lane, and an item is one stage or one node of all
+ * trajectories; IMS and EMS have one item. Nodes are stored in the order 1..P-1 and last P (for g)
+ * or 0 (for the multipliers). Layout of the scaled unknowns: L = h b k item by item, L^ = h b^ k^
+ * item by item, impulses h b~ Lambda. Those of IMS and EMS are dq, dp and h lambda.
+ */
 #if GS_STAGES_IN_LANES
-/* ------------------------------------------------ one trajectory: the stages of a step in lanes */
-
-/*
- * An item is a group of LANES stages, or of LANES constraint nodes. Nodes are stored in the order
- * 1..P-1 and last P (for g) or 0 (for the multipliers). Layout of the scaled unknowns: L = h b k
- * item by item, L^ = h b^ k^ item by item, impulses h b~ Lambda.
- */
-enum { SOLVER(PER) = LANES, SOLVER(S) = (S + LANES - 1)/LANES, SOLVER(P) = (P + LANES - 1)/LANES };
-enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N,
-    SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
-static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
-static const int SOLVER(group_rows)[GROUPS] = { MEASURED, MEASURED, M };
+enum { SOLVER(PER) = LANES };
 #else
-/* ----------------------------------------------------- several trajectories: one in each lane */
-
-/*
- * An item is one stage or one node of all trajectories. Layout of the scaled unknowns: L = h b k
- * item by item, L^ = h b^ k^ item by item, impulses h b~ Lambda.
- */
-enum { SOLVER(PER) = 1, SOLVER(S) = S, SOLVER(P) = P };
+enum { SOLVER(PER) = 1 };
+#endif
+enum { SOLVER(S) = (S + SOLVER(PER) - 1)/SOLVER(PER), SOLVER(P) = (P + SOLVER(PER) - 1)/SOLVER(PER) };
 enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N,
     SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
 static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
-#if GS_CLOCK /* rows end before the time */
+#if GS_STAGES_IN_LANES || !GS_SPARK
+static const int SOLVER(group_rows)[GROUPS] = { MEASURED, MEASURED, M };
+#elif GS_CLOCK /* rows end before the time */
 static const int SOLVER(group_rows)[GROUPS] = { MEASURED, MEASURED, (P > 1 ? 2 : 1)*M };
 #else
 static const int SOLVER(group_rows)[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N,
     (P > 1 ? 2 : 1)*M };
 #endif
-#endif
 
-#if !GS_CONSTRAINED
-/* Unknowns of the iteration. */
+/* Unknowns of the iteration, and quantities for the end of the step. */
 typedef struct {
     lanes x[SOLVER(X)];
-} SOLVER(unknowns);
-
-enum { SOLVER(RESULT) = SOLVER(X) };
-
-/* State of the constraints: there are none. */
-typedef struct {
-    lanes defect; /* 0 */
-} SOLVER(constraint_state);
-#else
-#if GS_CONSTANT_SCHUR
-/* Unknowns of the iteration, and quantities for the end of the step; W is constant. */
-typedef struct {
-    lanes x[SOLVER(X)];
+#if GS_CONSTRAINED
+#if GS_SPARK
     lanes Y[SOLVER(P)*N];
     lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* after convergence: C for the work of forces */
+#endif
+#if !GS_CONSTANT_SCHUR
+    schur_t factor[SOLVER(P)]; /* of W at the nodes, or at the end of the step */
+#endif
+#endif
 } SOLVER(unknowns);
 
+#if GS_SPARK && GS_CONSTRAINED
 enum { SOLVER(RESULT) = SOLVER(X) + SOLVER(P)*N + SOLVER(S)*N };
+#else
+enum { SOLVER(RESULT) = SOLVER(X) };
+#endif
 
 /* State of the constraints. */
 typedef struct {
-    lanes defect; /* squared constraint defect of the last iteration, relative to the state */
+    lanes defect; /* squared constraint defect of the last iteration, relative to the state, or 0 */
+#if GS_CONSTRAINED
     lanes row_weight[M]; /* 1/|G_mu|^2, rows of G at the state */
     lanes g[M], g_rounded[M]; /* g at q + q_low, and at the rounded q */
+#if GS_SPARK
     lanes last_impulse[M]; /* h b~_P Lambda_P */
+#endif
+#if GS_CONSTANT_SCHUR
     lanes W_inverse[M][M]; /* (h W)^-1 */
     lanes correction;      /* c in H_pp G^T = c G^T */
-} SOLVER(constraint_state);
-#else
-/* Unknowns of the iteration, and quantities for the end of the step; W depends on the node. */
-typedef struct {
-    lanes x[SOLVER(X)];
-    lanes Y[SOLVER(P)*N];
-    lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* after convergence: C for the work of forces */
-    schur_t factor[SOLVER(P)];
-} SOLVER(unknowns);
-
-enum { SOLVER(RESULT) = SOLVER(X) + SOLVER(P)*N + SOLVER(S)*N };
-
-/* State of the constraints. */
-typedef struct {
-    lanes defect; /* squared constraint defect of the last iteration, relative to the state */
-    lanes row_weight[M]; /* 1/|G_mu|^2, rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at q + q_low, and at the rounded q */
-    lanes last_impulse[M]; /* h b~_P Lambda_P */
-} SOLVER(constraint_state);
 #endif
 #endif
+} SOLVER(constraint_state);
 
+#if GS_SPARK
 /* Least-squares predictor: coefficients, candidate and selection of each trajectory. */
 enum { SOLVER(TRAJECTORIES) = LANES/SOLVER(PER) };
 
@@ -100,35 +77,41 @@ typedef struct {
     int pending[SOLVER(TRAJECTORIES)];    /* 1: the next step compares candidate and baseline */
     long last_fit[SOLVER(TRAJECTORIES)];  /* step of the last fit */
 } SOLVER(least_squares);
+#endif
 
-#if GS_STAGES_IN_LANES
 typedef struct {
     lanes_constants constants;
     lanes h, h_inverse;
-    lanes zero[N];
     lanes q[N], p[N];         /* the state, rounded */
     lanes q_low[N], p_low[N]; /* compensation of the sums: round-off of q and p */
     lanes q_weight, p_weight; /* 1/(|q|^2 + |dq|^2), and the same for p: scales of changes */
     lanes step_squared;       /* |dq|^2 q_weight + |dp|^2 p_weight */
     lanes t;                  /* time at the start of the step */
     IF_TIME(lanes step;)
+    lanes work, work_low;     /* work of the forces since the start, and its round-off */
+    lanes change, round_off;  /* of an iteration: squared change, estimated round-off */
+    IF_FRAME(int stationary[LANES];)
+#if GS_SPARK
+    lanes zero[N];
     IF_TIME(lanes constraint_time[SOLVER(P)], force_time[SOLVER(P)];)
     lanes h_b[SOLVER(S)], h_b_hat[SOLVER(S)];
     lanes stage_time[SOLVER(S)]; /* h c, relative to the start of the step */
-    lanes work, work_low;        /* work of the forces since the start, and its round-off */
+#if GS_STAGES_IN_LANES
     lanes mu[S*SOLVER(S)], mu_hat[S*SOLVER(S)], onward[S*SOLVER(S)];
     lanes nu[S*SOLVER(P)], nu_tilde[P*SOLVER(S)], inverse[P*SOLVER(P)], onward_nodes[P*SOLVER(P)];
     lanes node_free[SOLVER(P)]; /* 0 at node 0, which is at q; else 1 */
-    lanes change, round_off; /* of an iteration: squared change, estimated round-off */
-    IF_FRAME(int stationary[LANES];)
+#endif
+    SOLVER(least_squares) least_squares;
+#endif
     SOLVER(unknowns) now;
     SOLVER(constraint_state) constraint_state;
-    SOLVER(least_squares) least_squares;
     predictor_t predictor;
-    lanes extrapolated[SOLVER(X)]; /* collocation polynomial of the last step */
+    lanes extrapolated[SOLVER(X)]; /* collocation polynomial of the last step, or its increments */
     lanes history[HISTORY*SOLVER(X)];
 } SOLVER(t);
 
+#if GS_SPARK
+#if GS_STAGES_IN_LANES
 /*
  * y_i = base_i + sum_j table_ij x_j over items of LANES rows; a row has `width` entries. Four
  * entries at a time: their sums fit into the registers, and suffice to hide latency.
@@ -166,24 +149,6 @@ INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int cou
         }
 }
 
-INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base, int stride,
-    const lanes *table, const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= width; start += 4)
-        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start,
-            y + start);
-    if (width % 4 > 0)
-        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table,
-            x + start, y + start);
-}
-
-PRODUCT void SOLVER(stages_of_stages)(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
-{
-    SOLVER(product)(SOLVER(S), S, N, base, stride, table, x, y);
-}
-
 /* sum over the `count` rows of x */
 INLINE void SOLVER(sum_rows)(int count, int width, const lanes *x, lanes *total)
 {
@@ -216,30 +181,6 @@ static void SOLVER(set_weights)(SOLVER(t) *w)
     }
 }
 #else
-typedef struct {
-    lanes_constants constants;
-    lanes h, h_inverse;
-    lanes zero[N];
-    lanes q[N], p[N];         /* the state, rounded */
-    lanes q_low[N], p_low[N]; /* compensation of the sums: round-off of q and p */
-    lanes q_weight, p_weight; /* 1/(|q|^2 + |dq|^2), and the same for p: scales of changes */
-    lanes step_squared;       /* |dq|^2 q_weight + |dp|^2 p_weight */
-    lanes t;                  /* time at the start of the step */
-    IF_TIME(lanes step;)
-    IF_TIME(lanes constraint_time[SOLVER(P)], force_time[SOLVER(P)];)
-    lanes h_b[SOLVER(S)], h_b_hat[SOLVER(S)];
-    lanes stage_time[SOLVER(S)]; /* h c, relative to the start of the step */
-    lanes work, work_low;        /* work of the forces since the start, and its round-off */
-    lanes change, round_off; /* of an iteration: squared change, estimated round-off */
-    IF_FRAME(int stationary[LANES];)
-    SOLVER(unknowns) now;
-    SOLVER(constraint_state) constraint_state;
-    SOLVER(least_squares) least_squares;
-    predictor_t predictor;
-    lanes extrapolated[SOLVER(X)]; /* collocation polynomial of the last step */
-    lanes history[HISTORY*SOLVER(X)];
-} SOLVER(t);
-
 /*
  * y_i = base_i + sum_j table_ij x_j; a row has `width` entries. Two rows by four entries at a time,
  * so that multiply-adds and not loads are the bottleneck.
@@ -269,24 +210,6 @@ INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int cou
     }
 }
 
-INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base, int stride,
-    const real *table, const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= width; start += 4)
-        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start,
-            y + start);
-    if (width % 4 > 0)
-        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table,
-            x + start, y + start);
-}
-
-NOINLINE void SOLVER(stages_of_stages)(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    SOLVER(product)(SOLVER(S), S, N, base, stride, table, x, y);
-}
-
 /* sum over the `count` rows of x */
 INLINE void SOLVER(sum_rows)(int count, int width, const lanes *x, lanes *total)
 {
@@ -307,6 +230,24 @@ static void SOLVER(set_weights)(SOLVER(t) *w)
     }
 }
 #endif
+
+INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base, int stride,
+    const COEFFICIENT *table, const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= width; start += 4)
+        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start,
+            y + start);
+    if (width % 4 > 0)
+        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table,
+            x + start, y + start);
+}
+
+TABLE_PRODUCT void SOLVER(stages_of_stages)(const lanes *base, int stride, const COEFFICIENT *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(S), S, N, base, stride, table, x, y);
+}
 
 #if GS_EVEN_ODD && !GS_STAGES_IN_LANES
 /*
@@ -414,25 +355,13 @@ INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, in
 #endif
 
 #if GS_CONSTRAINED
-#if GS_STAGES_IN_LANES
-PRODUCT void SOLVER(nodes_of_stages)(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
-{
-    SOLVER(product)(SOLVER(P), S, N, base, stride, table, x, y);
-}
-
-PRODUCT void SOLVER(stages_of_nodes)(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
-{
-    SOLVER(product)(SOLVER(S), P, N, base, stride, table, x, y);
-}
-
-PRODUCT void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const lanes *table,
+TABLE_PRODUCT void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const COEFFICIENT *table,
     const lanes *x, lanes *y)
 {
     SOLVER(product)(SOLVER(P), P, M, base, stride, table, x, y);
 }
 
+#if GS_STAGES_IN_LANES
 /* Positions of the nodes of item j, where multipliers act; node 0 is at q. */
 INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *position)
 {
@@ -455,12 +384,6 @@ static void SOLVER(set_nodes)(SOLVER(t) *w)
     IF_TIME(})
 }
 #else
-NOINLINE void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    SOLVER(product)(SOLVER(P), P, M, base, stride, table, x, y);
-}
-
 /* Position of node j, where multipliers act; node 0 is stored last and is at q. */
 INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *position)
 {
@@ -476,20 +399,6 @@ static void SOLVER(set_nodes)(SOLVER(t) *w)
         IF_TIME(w->force_time[l] = splat(l < P - 1 ? tableau.c_tilde[l + 1] : 0);)
     IF_TIME(})
 }
-
-#if !GS_EVEN_ODD
-NOINLINE void SOLVER(nodes_of_stages)(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    SOLVER(product)(SOLVER(P), S, N, base, stride, table, x, y);
-}
-
-NOINLINE void SOLVER(stages_of_nodes)(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    SOLVER(product)(SOLVER(S), P, N, base, stride, table, x, y);
-}
-#endif
 #endif
 
 #if GS_EVEN_ODD && !GS_STAGES_IN_LANES
@@ -505,6 +414,18 @@ NOINLINE void SOLVER(add_constraint_forces)(const SOLVER(t) *w, const lanes *Y, 
     SOLVER(even_odd_product)(S, P - 1, 1, 0, w->p, 0, &even_odd_nu_tilde[0][0], Y, C);
 }
 #else
+TABLE_PRODUCT void SOLVER(nodes_of_stages)(const lanes *base, int stride, const COEFFICIENT *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(P), S, N, base, stride, table, x, y);
+}
+
+TABLE_PRODUCT void SOLVER(stages_of_nodes)(const lanes *base, int stride, const COEFFICIENT *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(S), P, N, base, stride, table, x, y);
+}
+
 /* D_l = sum_j nu_lj L_j */
 INLINE void SOLVER(node_displacements)(const SOLVER(t) *w, const lanes *L, lanes *D)
 {
@@ -516,5 +437,6 @@ INLINE void SOLVER(add_constraint_forces)(const SOLVER(t) *w, const lanes *Y, la
 {
     SOLVER(stages_of_nodes)(w->p, 0, TABLE(nu_tilde), Y, C);
 }
+#endif
 #endif
 #endif

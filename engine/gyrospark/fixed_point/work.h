@@ -9,8 +9,7 @@ INLINE void SOLVER(add_to_work)(SOLVER(t) *w, lanes done)
 }
 #endif
 
-#if GS_TIME_DEPENDENT
-#if GS_CONSTRAINED
+#if GS_TIME_DEPENDENT && GS_CONSTRAINED
 /* work += sum impulse_j.g_t at the nodes 0..P-1: work of the rheonomic constraints. */
 INLINE void SOLVER(add_constraint_work)(SOLVER(t) *w)
 {
@@ -39,18 +38,6 @@ INLINE void SOLVER(add_final_constraint_work)(SOLVER(t) *w)
         done += w->constraint_state.last_impulse[mu]*rate[mu];
     SOLVER(add_to_work)(w, done);
 }
-#else
-/* No constraints: no work of rheonomic constraints. */
-INLINE void SOLVER(add_constraint_work)(SOLVER(t) *w)
-{
-    (void)w;
-}
-
-INLINE void SOLVER(add_final_constraint_work)(SOLVER(t) *w)
-{
-    (void)w;
-}
-#endif
 #endif
 
 #if GS_FORCES && !GS_CLOCK
@@ -76,12 +63,6 @@ INLINE void SOLVER(add_work)(SOLVER(t) *w)
     }
     SOLVER(sum_rows)(S, 1, terms, &done);
     SOLVER(add_to_work)(w, done);
-    IF_TIME(SOLVER(add_constraint_work)(w);)
-}
-#else
-/* No forces: no work. In scaled time the end of the step has it. */
-INLINE void SOLVER(add_work)(SOLVER(t) *w)
-{
-    (void)w;
+    IF_TIME(IF_CONSTRAINED(SOLVER(add_constraint_work)(w);))
 }
 #endif

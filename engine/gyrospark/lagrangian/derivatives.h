@@ -76,24 +76,19 @@ static void gradient(const constants *c, const real q[N], const real p[N], const
         H_q[a] = -H_q[a];
 }
 
-#if GS_FORCES
-/* change += F_q dq + F_v dv */
-static void add_applied_force_derivative(const constants *c, const real q[N], const real v[N],
+/* change <- d(dL/dq + F) along dq and dv */
+static void rate_derivative(const constants *c, const real q[N], const real v[N],
     const real t[1], const real dq[N], const real dv[N], real change[N])
 {
+    (void)t; /* of the forces */
+    force_derivative(c, q, v, dq, dv, change);
+#if GS_FORCES
     real dF[N];
     applied_force_derivative(c, q, v, t, dq, dv, dF);
     for (int a = 0; a < N; ++a)
         change[a] += dF[a];
-}
-#else
-/* System without applied forces. */
-static inline void add_applied_force_derivative(const constants *c, const real q[N],
-    const real v[N], const real t[1], const real dq[N], const real dv[N], real change[N])
-{
-    (void)c, (void)q, (void)v, (void)t, (void)dq, (void)dv, (void)change;
-}
 #endif
+}
 
 /*
  * Second derivatives of H - F from those of L at the velocity v. With P = d(b + M v)/dq, the
@@ -110,9 +105,7 @@ static void rates_by_state(const constants *c, const real q[N], const real p[N],
     for (int b = 0; b < N; ++b) {
         direction[b] = 1;
         force_derivative(c, q, v, zero, direction, P[b]);
-        for (int a = 0; a < N; ++a)
-            change[a] = P[b][a];
-        add_applied_force_derivative(c, q, v, t, zero, direction, change);
+        rate_derivative(c, q, v, t, zero, direction, change);
         for (int a = 0; a < N; ++a)
             R_v[a][b] = change[a];
         direction[b] = 0;
@@ -124,8 +117,7 @@ static void rates_by_state(const constants *c, const real q[N], const real p[N],
         for (int a = 0; a < N; ++a)
             by_q[a] = -P[a][column];
         solve_mass(A, by_q);
-        force_derivative(c, q, v, direction, by_q, change);
-        add_applied_force_derivative(c, q, v, t, direction, by_q, change);
+        rate_derivative(c, q, v, t, direction, by_q, change);
         for (int a = 0; a < N; ++a) {
             real sum = 0;
             for (int b = 0; b < N; ++b)

@@ -23,11 +23,6 @@ static void constraint_columns(work_t *w, const real q[N], const real x[U], real
         }
     }
 }
-#else
-static void constraint_columns(work_t *w, const real q[N], const real x[U], real J[U*U])
-{
-    (void)w, (void)q, (void)x, (void)J;
-}
 #endif
 
 /* J <- dr/dx at the mean values of the last residual. */
@@ -36,7 +31,7 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
 {
     real D_qq[N][N], D_qp[N][N], D_pq[N][N], D_pp[N][N];
     const real t = w->t + dt/2;
-    (void)p;
+    (void)q, (void)p;
     mean_jacobian(BETWEEN(&w->constants,
         w->t, w->step), w->q_mean, w->p_mean, x, x + DP, &t, D_qq, D_qp, D_pq, D_pp);
     for (int e = 0; e < U*U; ++e)
@@ -49,7 +44,7 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
             J[(DP + a)*U + b] = D_qq[a][b];
             J[(DP + a)*U + DP + b] = rate + D_qp[a][b];
         }
-    constraint_columns(w, q, x, J);
+    IF_CONSTRAINED(constraint_columns(w, q, x, J);)
 }
 
 #endif

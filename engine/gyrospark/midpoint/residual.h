@@ -13,28 +13,23 @@
 #endif
 
 #if GS_CONSTRAINED
-#if GS_ELEMENTS
 /* force += G^T lambda with the mean constraint Jacobian G of both ends of the step */
 static void add_mean_constraint_force(const constants *c, const real qm[N], const real dq[N],
     const real lambda[M], real force[N])
 {
+#if GS_ELEMENTS
     real mean_force[N];
     mean_pull(c, qm, dq, lambda, mean_force);
     for (int a = 0; a < N; ++a)
         force[a] += mean_force[a];
-}
 #else
-/* force += G^T lambda with the mean constraint Jacobian G of both ends of the step */
-static void add_mean_constraint_force(const constants *c, const real qm[N], const real dq[N],
-    const real lambda[M], real force[N])
-{
     real G[M][N];
     mean_constraint(c, qm, dq, G);
     for (int a = 0; a < N; ++a)
         for (int mu = 0; mu < M; ++mu)
             force[a] += G[mu][a]*lambda[mu];
-}
 #endif
+}
 
 /* Adds the constraint force to the rows of dp; appends the rows g(q + dq). */
 static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
@@ -53,24 +48,6 @@ static void displacement(real dt, const real x[U], real d[N])
     (void)dt;
     for (int a = 0; a < N; ++a)
         d[a] = x[a];
-}
-
-/* Copies the multipliers from the unknowns of a step. */
-static void step_multipliers(const real x[U], real multipliers[ROOM])
-{
-    for (int mu = 0; mu < M; ++mu)
-        multipliers[mu] = x[2*N + mu];
-}
-#else
-/* Unconstrained system: no constraint force, no multipliers. */
-static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
-{
-    (void)w, (void)q, (void)x, (void)r;
-}
-
-static void step_multipliers(const real x[U], real multipliers[ROOM])
-{
-    (void)x, (void)multipliers;
 }
 #endif
 
@@ -122,7 +99,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
         r[a] = x[a]/dt - D_p[a];
         r[DP + a] = x[DP + a]/dt + D_q[a];
     }
-    constraint_rows(w, q, x, r);
+    IF_CONSTRAINED(constraint_rows(w, q, x, r);)
 }
 
 /* Norm of an increment, max(|ddq|/|q|, |ddp|/|p|), relative to the state; excludes multipliers. */

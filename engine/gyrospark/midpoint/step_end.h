@@ -15,12 +15,13 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
         q1[a] = q[a] + x[a];
         p1[a] = p[a] + x[DP + a];
     }
-    step_multipliers(x, multipliers);
+    (void)multipliers; /* without constraints */
+    for (int mu = 0; mu < M; ++mu)
+        multipliers[mu] = x[2*N + mu];
     return isfinite(norm(N, q1) + norm(N, p1)) ? OK : NOT_FINITE;
 }
 
-#if GS_TIME_DEPENDENT
-#if GS_CONSTRAINED
+#if GS_TIME_DEPENDENT && GS_CONSTRAINED
 /* lambda.g_t: the power of rheonomic constraints, with the mean g_t of both ends */
 static real constraint_power(work_t *w, const real x[U])
 {
@@ -30,14 +31,6 @@ static real constraint_power(work_t *w, const real x[U])
         sum += x[2*N + mu]*rate[mu];
     return sum;
 }
-#else
-/* Unconstrained system: no rheonomic constraints, no power. */
-static real constraint_power(work_t *w, const real x[U])
-{
-    (void)w, (void)x;
-    return 0;
-}
-#endif
 #endif
 
 #if GS_FORCES
@@ -48,38 +41,32 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
     (void)w, (void)dt, (void)q;
     return p[N - 1] - (p[N - 1] + x[DP + N - 1]);
 }
-#elif GS_ENERGY_MOMENTUM
-/* Work of the forces at the mean velocity, F.dq. The discrete gradient makes H1 - H0 equal it. */
-static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
-{
-    real F[N], v[N], sum = 0;
-    const real t = w->t + dt/2;
-    mean_values(w, q, p, x);
-    for (int a = 0; a < N; ++a)
-        v[a] = x[a]/dt;
-    force_of_velocity(BETWEEN(&w->constants, w->t, w->step), w->q_mean, v, &t, F);
-    for (int a = 0; a < N; ++a)
-        sum += F[a]*x[a];
-    IF_TIME(sum += w->step*mean_energy_rate(&w->constants, w->q_mean, w->p_mean, x, x + DP);)
-    IF_TIME(sum += w->step*constraint_power(w, x);)
-    return sum;
-}
 #else
-/* Work of the forces, F.dq. With a discrete gradient, H1 - H0 equals it exactly. */
+/*
+ * Work of the forces, F.dq; EMS takes F at the mean velocity. With a discrete gradient, H1 - H0
+ * equals it exactly.
+ */
 static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     real F[N], sum = 0;
     IF_FRAME_WORK(real v[N];)
     const real t = w->t + dt/2;
     mean_values(w, q, p, x);
+#if GS_ENERGY_MOMENTUM
+    real mean_velocity[N];
+    for (int a = 0; a < N; ++a)
+        mean_velocity[a] = x[a]/dt;
+    force_of_velocity(BETWEEN(&w->constants, w->t, w->step), w->q_mean, mean_velocity, &t, F);
+#else
     applied_force(BETWEEN(&w->constants, w->t, w->step), w->q_mean, w->p_mean, &t, F);
+#endif
     for (int a = 0; a < N; ++a)
         sum += F[a]*x[a];
     IF_FRAME_WORK(frame_velocity(&w->constants, w->q_mean, v);)
     IF_FRAME_WORK(for (int a = 0; a < N; ++a))
         IF_FRAME_WORK(sum += dt*F[a]*v[a];)
     IF_TIME(sum += w->step*mean_energy_rate(&w->constants, w->q_mean, w->p_mean, x, x + DP);)
-    IF_TIME(sum += w->step*constraint_power(w, x);)
+    IF_TIME(IF_CONSTRAINED(sum += w->step*constraint_power(w, x);))
     return sum;
 }
 #endif

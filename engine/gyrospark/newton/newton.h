@@ -22,36 +22,30 @@
 #include "gyrospark/midpoint/step_end.h"
 #endif
 
+/* Factorises the Jacobian of T1 in place: a band matrix, or a dense one. */
+static int factorise_jacobian(work_t *w)
+{
 #if GS_ELEMENTS
-/* Factorises the banded Jacobian of T1 in place. */
-static int factorise_jacobian(work_t *w)
-{
     return band_factorise(w->J, w->exponents, w->pivots, &w->products);
-}
-
-/* b <- J^-1 b from the factors of J */
-static int solve_jacobian(work_t *w, real b[U])
-{
-    return band_substitute(w->J, w->exponents, w->pivots, b, w->forward);
-}
 #else
-/* Factorises the dense U x U Jacobian of T1 in place. */
-static int factorise_jacobian(work_t *w)
-{
     return lu_factorise(U, w->J, w->exponents, w->pivots, &w->products);
+#endif
 }
 
 /* b <- J^-1 b from the factors of J */
 static int solve_jacobian(work_t *w, real b[U])
 {
+#if GS_ELEMENTS
+    return band_substitute(w->J, w->exponents, w->pivots, b, w->forward);
+#else
     return lu_substitute(U, w->J, w->exponents, w->pivots, b);
-}
 #endif
+}
 
-#if GS_CONSTRAINED
 /* Checks g(q1): a small increment relative to large unknowns does not imply a small residual. */
 static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
 {
+#if GS_CONSTRAINED
     real d[N], q1[N], g[M], dg[M], reach[M];
     displacement(dt, x, d);
     for (int a = 0; a < N; ++a)
@@ -65,16 +59,11 @@ static int satisfies_constraints(work_t *w, real dt, const real q[N], const real
         if (!(MATH(fabs)(g[mu] + dg[mu]) <= allowed))
             return isfinite(allowed) ? DIVERGED : NOT_FINITE;
     }
-    return OK;
-}
 #else
-/* Unconstrained system: the convergence test suffices. */
-static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
-{
-    (void)w, (void)dt, (void)q, (void)x;
+    (void)w, (void)dt, (void)q, (void)x; /* the convergence test suffices */
+#endif
     return OK;
 }
-#endif
 
 /*
  * Returns 1 if the increment in w->r is at round-off level. Called when the ratio of successive

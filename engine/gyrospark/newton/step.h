@@ -19,22 +19,27 @@ static real energy_error(work_t *w, real dt, const real q[N], const real p[N], c
     return gain IF_FORCES(- step_work(w, dt, q, p, x));
 }
 
+#endif
+
 /*
- * Advances (q, p) by one step to (q1, p1), with theta for the energy w->energy_target. w->constants
- * must be prepared.
+ * Advances (q, p) by one step to (q1, p1), with exact energy by theta for w->energy_target.
+ * w->constants must be prepared.
  */
 static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
-    static const real zero[2] = { 0 };
     real q_end[N], p_end[N];
+#if GS_EXACT_ENERGY
+    static const real zero[2] = { 0 };
     int count, another;
     set_theta(w, zero);
+#endif
     int status = newton(w, options, dt, q, p, w->x, iterations);
     if (status == OK)
         status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
     if (status != OK)
         return status;
+#if GS_EXACT_ENERGY
     energy_search_t search = begin_energy_search(w->energy_target, dt, q, p, q_end, p_end);
     do {
         another = next_theta(&search, energy_error(w, dt, q, p, w->x, q_end, p_end));
@@ -55,103 +60,45 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
             return status;
     } while (another);
     w->energy_waits = search.waits;
-    IF_FORCES(store_work(w, dt, q, p, w->x);)
-    for (int a = 0; a < N; ++a) {
-        q1[a] = q_end[a];
-        p1[a] = p_end[a];
-    }
-    return OK;
-}
-#else
-/* Advances (q, p) by one step to (q1, p1); w->constants must be prepared. */
-static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
-    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
-{
-    real q_end[N], p_end[N];
-    int status = newton(w, options, dt, q, p, w->x, iterations);
-    if (status == OK)
-        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
-    if (status != OK)
-        return status;
-    IF_FORCES(store_work(w, dt, q, p, w->x);)
-    for (int a = 0; a < N; ++a) {
-        q1[a] = q_end[a];
-        p1[a] = p_end[a];
-    }
-    return OK;
-}
 #endif
+    IF_FORCES(store_work(w, dt, q, p, w->x);)
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_end[a];
+        p1[a] = p_end[a];
+    }
+    return OK;
+}
 
 #if !GS_PROFILE_RUN
-#if GS_FRAME
 int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
     const real p[N], real x[U], int *iterations, work_t *work)
 {
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-    IF_TIME(work->step = dt;)
+    begin_step(work, parameters, dt);
     return newton(work, options, dt, q, p, x, iterations);
 }
 
-/* x refers to the frame that coincides with space at the start of the step; (q1, p1) to space. */
+/* In a frame x refers to the one that coincides with space at the start of the step. */
 int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
 {
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-    IF_TIME(work->step = dt;)
+    begin_step(work, parameters, dt);
     const int status = finish(work, dt, q, p, x, q1, p1, multipliers);
-    if (status == OK)
-        rotate_step(parameters, dt, q1, p1, multipliers);
+    IF_FRAME(if (status == OK)
+        rotate_step(parameters, dt, q1, p1, multipliers);)
     return status;
 }
-#else
-int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
-    const real p[N], real x[U], int *iterations, work_t *work)
-{
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-#if GS_EXACT_ENERGY
-    work->theta[0] = work->theta[1] = 0;
-#endif
-    IF_TIME(work->step = dt;)
-    return newton(work, options, dt, q, p, x, iterations);
-}
-
-int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-#if GS_EXACT_ENERGY
-    work->theta[0] = work->theta[1] = 0;
-#endif
-    IF_TIME(work->step = dt;)
-    return finish(work, dt, q, p, x, q1, p1, multipliers);
-}
-#endif
 
 void NAME(guess)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     real x[U], work_t *work)
 {
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-#if GS_EXACT_ENERGY
-    work->theta[0] = work->theta[1] = 0;
-#endif
-    IF_TIME(work->step = dt;)
+    begin_step(work, parameters, dt);
     euler_start(work, dt, q, p, x);
 }
 
 void NAME(residual)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     const real x[U], real r[U], work_t *work)
 {
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-#if GS_EXACT_ENERGY
-    work->theta[0] = work->theta[1] = 0;
-#endif
-    IF_TIME(work->step = dt;)
+    begin_step(work, parameters, dt);
     residual(work, dt, q, p, x, r);
 }
 
@@ -169,12 +116,7 @@ static void spread_jacobian(const real *J, real *dense)
 void NAME(jacobian)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     const real x[U], real J[(size_t)U*U], work_t *work)
 {
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-#if GS_EXACT_ENERGY
-    work->theta[0] = work->theta[1] = 0;
-#endif
-    IF_TIME(work->step = dt;)
+    begin_step(work, parameters, dt);
     residual(work, dt, q, p, x, work->r);
     jacobian(work, dt, q, p, x, work->J);
     spread_jacobian(work->J, J);
@@ -194,16 +136,6 @@ int NAME(satisfies_constraints)(real dt, const real q[N], const real x[U], work_
 real NAME(last_increment)(const work_t *work)
 {
     return work->increment;
-}
-
-void NAME(hamiltonian)(const parameters_t *parameters, long count, IF_TIME(
-    const real *t,) const real *q, const real *p,
-    real *H)
-{
-    constants c;
-    prepare(parameters, &c);
-    for (long i = 0; i < count; ++i)
-        H[i] = hamiltonian(AT(&c, time_of(parameters, t, i)), q + i*N, p + i*N);
 }
 #endif
 

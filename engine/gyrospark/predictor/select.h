@@ -105,17 +105,6 @@ INLINE void SOLVER(predict_multipliers)(const SOLVER(t) *w, lanes *x)
         x[e] = even + odd;
     }
 }
-#else
-/* No constraints: there are no multipliers. */
-static void SOLVER(fit_multipliers)(const SOLVER(t) *w, const least_squares_t *l, int trajectory)
-{
-    (void)w, (void)l, (void)trajectory;
-}
-
-INLINE void SOLVER(predict_multipliers)(const SOLVER(t) *w, const lanes *x)
-{
-    (void)w, (void)x;
-}
 #endif
 
 #if GS_STAGES_IN_LANES
@@ -291,7 +280,7 @@ NOINLINE void SOLVER(fit)(SOLVER(t) *w, int trajectory)
     if (lags < 0)
         return;
     SOLVER(fit_stages)(w, &problem, trajectory, lags);
-    SOLVER(fit_multipliers)(w, &problem, trajectory);
+    IF_CONSTRAINED(SOLVER(fit_multipliers)(w, &problem, trajectory);)
     s->lags = lags;
     s->last_fit[trajectory] = w->predictor.count;
     s->pending[trajectory] = 1;
@@ -319,7 +308,7 @@ NOINLINE void SOLVER(evaluate_least_squares)(const SOLVER(t) *w, lanes *x)
         past[m] = SOLVER(history_values)(w, 1 + m);
     SOLVER(predict_stages)(s->coefficients, past, s->lags, x);
     IF_CLOCK(SOLVER(extrapolate_clock)(w, x);)
-    SOLVER(predict_multipliers)(w, x + SOLVER(IMPULSE));
+    IF_CONSTRAINED(SOLVER(predict_multipliers)(w, x + SOLVER(IMPULSE));)
 }
 
 /* The baseline prediction: polynomials or a recurrence. */
@@ -330,8 +319,8 @@ INLINE void SOLVER(extrapolate)(SOLVER(t) *w)
         SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x, w->extrapolated);
         SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x + SOLVER(HAT),
             w->extrapolated + SOLVER(HAT));
-        SOLVER(extrapolate_multipliers)(w, x + SOLVER(IMPULSE),
-            w->extrapolated + SOLVER(IMPULSE));
+        IF_CONSTRAINED(SOLVER(nodes_of_nodes)(w->zero, 0, TABLE(onward_nodes), x + SOLVER(IMPULSE),
+            w->extrapolated + SOLVER(IMPULSE));)
     }
     predict(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), w->extrapolated,
         w->now.x);

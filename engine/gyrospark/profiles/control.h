@@ -2,8 +2,16 @@
 #ifndef GS_PROFILES_CONTROL_H
 #define GS_PROFILES_CONTROL_H
 
+#if GS_SPLITTING
+#include "gyrospark/splitting/control.h"
+#else
 #include "gyrospark/profiles/arguments.h"
 #include "gyrospark/profiles/solve.h"
+
+static real step_of(const state_t *w)
+{
+    return w->h;
+}
 
 /* The state of the caller; a component that did not change keeps its round-off. */
 static void set_state(real state[N], real low[N], const real given[N])
@@ -43,6 +51,39 @@ static bool complete_step(state_t *w, real q[N], real p[N])
     return finite;
 }
 
+static void begin_state(state_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
+{
+    w->tolerance = options->tolerance;
+    w->max_iterations = options->max_iterations;
+    w->h = dt;
+    w->h_inverse = (real)1/dt;
+    w->t = (real)0;
+    w->history_length = 0;
+    w->order = 0;
+    w->iterations = 0;
+    w->change = (real)0;
+    for (int a = 0; a < N; ++a) {
+        w->q[a] = q[a];
+        w->p[a] = p[a];
+        w->q_low[a] = (real)0;
+        w->p_low[a] = (real)0;
+    }
+}
+
+static status_t step_state(state_t *w, real q[N], real p[N])
+{
+    set_state(w->q, w->q_low, q);
+    set_state(w->p, w->p_low, p);
+    evaluate_constraints(w);
+    status_t status = solve_fixed_point(w);
+    if (((status == OK) || (status == NOT_CONVERGED)) && !complete_step(w, q, p)) {
+        status = NOT_FINITE;
+    }
+    return status;
+}
+#endif
+
 size_t NAME(work_size)(void)
 {
     return sizeof(state_t);
@@ -50,7 +91,7 @@ size_t NAME(work_size)(void)
 
 real NAME(time)(const state_t *w)
 {
-    return time_after(w->start_time, w->steps, w->h);
+    return time_after(w->start_time, w->steps, step_of(w));
 }
 
 status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
@@ -62,6 +103,9 @@ status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
         prepare(&own, &w->constants);
 #else
         prepare(parameters, &w->constants);
+#endif
+#if GS_SPLITTING
+        restart(w, w->q, w->p);
 #endif
         status = OK;
     }
@@ -76,27 +120,13 @@ status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t
     if (is_step(dt) && is_state(q, p) && is_option(options) && are_valid(parameters)) {
         w->begun = GS_BEGUN;
         w->steps = 0;
-        w->tolerance = options->tolerance;
-        w->max_iterations = options->max_iterations;
-        w->h = dt;
-        w->h_inverse = (real)1/dt;
 #if GS_FORCED_BY_TIME
         w->start_time = origin_of(parameters);
 #else
         w->start_time = start_time(parameters);
 #endif
-        w->t = (real)0;
-        w->history_length = 0;
-        w->order = 0;
-        w->iterations = 0;
-        w->change = (real)0;
-        for (int a = 0; a < N; ++a) {
-            w->q[a] = q[a];
-            w->p[a] = p[a];
-            w->q_low[a] = (real)0;
-            w->p_low[a] = (real)0;
-        }
         prepare(parameters, &w->constants);
+        begin_state(w, options, dt, q, p);
         status = OK;
     }
     return status;
@@ -104,27 +134,27 @@ status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t
 
 status_t NAME(advance)(state_t *w, real q[N], real p[N])
 {
-    status_t status = INVALID;
-    if (w->begun == GS_BEGUN) {
-        set_state(w->q, w->q_low, q);
-        set_state(w->p, w->p_low, p);
-        evaluate_constraints(w);
-        status = solve_fixed_point(w);
-        if (((status == OK) || (status == NOT_CONVERGED)) && !complete_step(w, q, p)) {
-            status = NOT_FINITE;
-        }
-    }
-    return status;
+    return (w->begun == GS_BEGUN) ? step_state(w, q, p) : INVALID;
 }
 
 int NAME(iterations)(const state_t *w)
 {
+#if GS_SPLITTING
+    (void)w; /* nothing is iterated */
+    return 0;
+#else
     return w->iterations;
+#endif
 }
 
 real NAME(change)(const state_t *w)
 {
+#if GS_SPLITTING
+    (void)w;
+    return (real)0;
+#else
     return MATH(sqrt)(w->change);
+#endif
 }
 
 #endif

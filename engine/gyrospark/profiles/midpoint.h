@@ -98,49 +98,6 @@ static void apply_schur_inverse(state_t *w, real g[M], real impulse[M])
 }
 #endif
 
-/* g at the state with its round-off, and 1/|G_mu|^2 of each row of G. */
-static void evaluate_constraints(state_t *w)
-{
-    real G[M][N];
-    KERNEL(constraint)(&w->constants, w->q, w->g);
-    KERNEL(constraint_jacobian)(&w->constants, w->q, G);
-    for (int mu = 0; mu < M; ++mu) {
-        real square = LIMIT(MIN);
-        for (int a = 0; a < N; ++a) {
-            w->g[mu] += G[mu][a]*w->q_low[a];
-            square += G[mu][a]*G[mu][a];
-        }
-        w->row_weight[mu] = (real)1/square;
-    }
-}
-
-#if GS_SCALAR_SCHUR
-/* H_pp G^T = c G^T: a constraint force changes dq by h c/2 times the change of dp. */
-static void correct_increments(const state_t *w, int a, real force, real x[X])
-{
-    x[HAT + a] -= force;
-    x[a] -= (real)0.5*w->h*w->constants.correction*force;
-}
-
-static void update_position_increment(const state_t *w, real x[X])
-{
-    (void)w;
-    (void)x;
-}
-#else
-/* The change of dq by a constraint force follows from another evaluation of D_p. */
-static void correct_increments(const state_t *w, int a, real force, real x[X])
-{
-    (void)w;
-    x[HAT + a] -= force;
-}
-
-static void update_position_increment(const state_t *w, real x[X])
-{
-    position_increment(w, x);
-}
-#endif
-
 /*
  * Corrects the impulses so that the end satisfies g = 0, and both increments with them. G is the
  * mean of dg/dq between both ends, w->defect the squared constraint error before the correction.
@@ -163,10 +120,16 @@ static void correct_multipliers(state_t *w, real x[X], real G[ROOM][N])
     apply_schur_inverse(w, g, &x[IMPULSE]);
     for (int mu = 0; mu < M; ++mu) {
         for (int a = 0; a < N; ++a) {
-            correct_increments(w, a, G[mu][a]*(x[IMPULSE + mu] - old[mu]), x);
+            const real force = G[mu][a]*(x[IMPULSE + mu] - old[mu]);
+            x[HAT + a] -= force;
+#if GS_SCALAR_SCHUR /* H_pp G^T = c G^T: it changes dq by h c/2 times the change of dp */
+            x[a] -= (real)0.5*w->h*w->constants.correction*force;
+#endif
         }
     }
-    update_position_increment(w, x);
+#if !GS_SCALAR_SCHUR
+    position_increment(w, x);
+#endif
 }
 
 /* force <- force - G^T impulse */
@@ -179,11 +142,6 @@ static void subtract_constraint_force(real G[ROOM][N], const real *impulse, real
     }
 }
 #else
-static void evaluate_constraints(state_t *w)
-{
-    w->defect = 0;
-}
-
 static void begin_iteration(state_t *w)
 {
     (void)w;

@@ -8,6 +8,26 @@
 #include "gyrospark/profiles/midpoint.h"
 #endif
 
+/* g at the state with its round-off, and 1/|G_mu|^2 of each row of G. */
+static void evaluate_constraints(state_t *w)
+{
+#if GS_CONSTRAINED
+    real G[M][N];
+    KERNEL(constraint)(&w->constants, w->q, w->g);
+    KERNEL(constraint_jacobian)(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        real square = LIMIT(MIN);
+        for (int a = 0; a < N; ++a) {
+            w->g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->row_weight[mu] = (real)1/square;
+    }
+#else
+    w->defect = 0;
+#endif
+}
+
 /*
  * Polynomial extrapolation by backward differences of the unknowns: x_n = sum_(k < order)
  * history[k]. The error of order k is the next difference of the new values.

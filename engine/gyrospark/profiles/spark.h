@@ -70,50 +70,41 @@ static void constraint_forces(state_t *w, real C[S*N])
     multiply_table(S, P, N, w->p, 0, &table_nu_tilde[0][0], w->Y, C);
 }
 
-#if GS_CONSTANT_SCHUR
-/* Nodes Q~_l = q + D_l with D_l = sum_j nu_lj L_j of the starting values, and their forces. */
-static void begin_iteration(state_t *w)
-{
-    multiply_table(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
-    constraint_forces(w, w->C);
-}
-
-/* impulse += (h W)^-1 defect at node j, W constant where g = 0 */
-static void apply_schur_inverse(const state_t *w, int j, const real defect[M], real impulse[M])
-{
-    (void)j;
-    for (int mu = 0; mu < M; ++mu) {
-        for (int nu = 0; nu < M; ++nu) {
-            impulse[mu] += w->h_inverse*w->constants.W_inverse[mu][nu]*defect[nu];
-        }
-    }
-}
-#else
 /*
  * Nodes Q~_l = q + D_l with D_l = sum_j nu_lj L_j of the starting values, their forces, and the
- * factors of W = G H_pp G^T there.
+ * factors of W = G H_pp G^T there, unless W is constant where g = 0.
  */
 static void begin_iteration(state_t *w)
 {
     multiply_table(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
     constraint_forces(w, w->C);
+#if !GS_CONSTANT_SCHUR
     for (int j = 0; j < P; ++j) {
         real place[N];
         node_position(w, j, place);
         schur(&w->constants, place, w->p, w->factors[j]);
         factorise(w->factors[j]);
     }
+#endif
 }
 
 /* impulse += (h W)^-1 defect at node j */
 static void apply_schur_inverse(state_t *w, int j, real defect[M], real impulse[M])
 {
+#if GS_CONSTANT_SCHUR
+    (void)j;
+    for (int mu = 0; mu < M; ++mu) {
+        for (int nu = 0; nu < M; ++nu) {
+            impulse[mu] += w->h_inverse*w->constants.W_inverse[mu][nu]*defect[nu];
+        }
+    }
+#else
     substitute(w->factors[j], defect);
     for (int mu = 0; mu < M; ++mu) {
         impulse[mu] += w->h_inverse*defect[mu];
     }
-}
 #endif
+}
 
 /*
  * Corrects the impulses so that the nodes reached by L satisfy g = 0; C are the stage momenta of
@@ -138,22 +129,6 @@ static void correct_multipliers(state_t *w, const real L[S*N], real C[S*N])
         apply_schur_inverse(w, j, &defect[j*M], &w->x[IMPULSE + (j*M)]);
     }
     constraint_forces(w, C);
-}
-
-/* g at the state with its round-off, and 1/|G_mu|^2 of each row of G. */
-static void evaluate_constraints(state_t *w)
-{
-    real G[M][N];
-    KERNEL(constraint)(&w->constants, w->q, w->g);
-    KERNEL(constraint_jacobian)(&w->constants, w->q, G);
-    for (int mu = 0; mu < M; ++mu) {
-        real square = LIMIT(MIN);
-        for (int a = 0; a < N; ++a) {
-            w->g[mu] += G[mu][a]*w->q_low[a];
-            square += G[mu][a]*G[mu][a];
-        }
-        w->row_weight[mu] = (real)1/square;
-    }
 }
 
 /* T2: adds the impulses to dp and projects p + dp onto f(q, p) = 0. */
@@ -185,46 +160,36 @@ static void project_momentum_increment(const state_t *w, const real q[N], real d
     }
 }
 
-#if GS_SCALAR_SCHUR
-/* Corrects P_i by the new impulses; H_pp G^T = c G^T, so L_i changes by h b c times as much. */
+/*
+ * Corrects P_i by the new impulses. With H_pp G^T = c G^T, L_i changes by h b c times as much;
+ * otherwise H_p is evaluated again.
+ */
 static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
     real C[S*N];
-    (void)Q;
     correct_multipliers(w, L, C);
     for (int e = 0; e < (S*N); ++e) {
         const real force_change = C[e] - w->C[e];
         momentum[e] += force_change;
         w->C[e] = C[e];
+#if GS_SCALAR_SCHUR
         L[e] += w->h*weights[e/N]*w->constants.correction*force_change;
+#endif
     }
-}
+#if GS_SCALAR_SCHUR
+    (void)Q;
 #else
-/* Corrects P_i by the new impulses and evaluates H_p again. */
-static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
-{
-    real C[S*N];
-    real H_p[N];
-    real shared[SHARED];
-    correct_multipliers(w, L, C);
-    for (int e = 0; e < (S*N); ++e) {
-        momentum[e] += C[e] - w->C[e];
-        w->C[e] = C[e];
-    }
     for (int i = 0; i < S; ++i) {
+        real H_p[N];
+        real shared[SHARED];
         first_rates(&w->constants, &Q[i*N], &momentum[i*N], H_p, shared);
         for (int a = 0; a < N; ++a) {
             L[(i*N) + a] = w->h*weights[i]*H_p[a];
         }
     }
-}
 #endif
-#else
-static void evaluate_constraints(state_t *w)
-{
-    w->defect = 0;
 }
-
+#else
 /* C_i = p without impulses */
 static void begin_iteration(state_t *w)
 {
@@ -233,36 +198,12 @@ static void begin_iteration(state_t *w)
     }
 }
 
-static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
-{
-    (void)w;
-    (void)Q;
-    (void)momentum;
-    (void)L;
-}
-
 static void project_momentum_increment(const state_t *w, const real q[N], real dp[N])
 {
     (void)q;
     for (int a = 0; a < N; ++a) {
         dp[a] += w->p_low[a];
     }
-}
-#endif
-
-#if GS_SEPARABLE
-/* Gauss-Seidel ordering: with H_pq = 0, H_q at the new positions squares the contraction. */
-static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
-{
-    multiply_table(S, S, N, w->q, 0, &table_mu[0][0], L, Q);
-}
-#else
-/* Jacobi ordering: H_q at the positions of H_p. */
-static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
-{
-    (void)w;
-    (void)L;
-    (void)Q;
 }
 #endif
 
@@ -287,8 +228,12 @@ static real iterate_once(state_t *w)
             L[(i*N) + a] = w->h*weights[i]*H_p[a];
         }
     }
+#if GS_CONSTRAINED
     correct_stages(w, Q, momentum, L);
-    update_positions(w, L, Q);
+#endif
+#if GS_SEPARABLE /* Gauss-Seidel ordering: H_q at the new positions squares the contraction */
+    multiply_table(S, S, N, w->q, 0, &table_mu[0][0], L, Q);
+#endif
     for (int i = 0; i < S; ++i) {
 #if GS_FORCED_BY_TIME
         const real t = w->t + (w->h*nodes[i]);

@@ -10,70 +10,33 @@
 #include "gyrospark/fixed_point/fallback.h"
 #endif
 
-#if GS_FIXED_POINT
-static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
-    const real p[N])
-{
-    if (!BY_NEWTON(options))
-        begin_fixed_point(w, dt, q, p);
-}
-
-/* Advances a run by one step, and updates its report. */
-static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
-    real multipliers[ROOM], int *iterations, report_t *report)
-{
-    if (BY_NEWTON(options)) {
-        const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
-        if (status != OK)
-            return status;
-        IF_FORCES(add_step_work(w, report);)
-        observe(AT(&w->constants, w->t + w->step), q, p, report);
-        return OK;
-    }
-    const int status = advance_fixed_point(w, options, dt, iterations, report);
-    if (status != OK)
-        return status;
-    observe_fixed_point(w, report);
-    get_state(w, q, p);
-    return OK;
-}
-
-/* Fetches the multipliers of the last step; Newton's method has already stored them. */
-static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
-{
-    if (!BY_NEWTON(options))
-        SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, multipliers);
-}
-
-/* A step without history: the result does not depend on earlier calls. */
-static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
-    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
-{
-    if (BY_NEWTON(options))
-        return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
-    report_t report = { 0 };
-    begin_fixed_point(w, dt, q, p);
-    const int status = advance_fixed_point(w, options, dt, iterations, &report);
-    if (status == OK) {
-        get_state(w, q1, p1);
-        SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, multipliers);
-    }
-    return status;
-}
-#else
 #if GS_VELOCITY_CONSTRAINTS
 #include "gyrospark/velocity_constraints/advance.h"
 #else
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
-    (void)w, (void)options, (void)dt, (void)q, (void)p;
+    (void)w, (void)options, (void)dt, (void)q, (void)p; /* of Newton's method */
+#if GS_FIXED_POINT
+    if (!BY_NEWTON(options))
+        begin_fixed_point(w, dt, q, p);
+#endif
 }
 
 /* Advances a run by one step, and updates its report. */
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
+#if GS_FIXED_POINT
+    if (!BY_NEWTON(options)) {
+        const int status = advance_fixed_point(w, options, dt, iterations, report);
+        if (status != OK)
+            return status;
+        observe_fixed_point(w, report);
+        get_state(w, q, p);
+        return OK;
+    }
+#endif
 #if GS_EXACT_ENERGY
     w->energy_target = report->energy_start IF_FORCES(+ report->work);
 #endif
@@ -89,20 +52,26 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
 }
 #endif
 
-/* Newton's method has already stored the multipliers of the last step. */
-static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
-{
-    (void)w, (void)options, (void)multipliers;
-}
-
+/* A step without history: the result does not depend on earlier calls. */
 static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
+#if GS_FIXED_POINT
+    if (!BY_NEWTON(options)) {
+        report_t report = { 0 };
+        begin_fixed_point(w, dt, q, p);
+        const int status = advance_fixed_point(w, options, dt, iterations, &report);
+        if (status == OK) {
+            get_state(w, q1, p1);
+            IF_CONSTRAINED(SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, multipliers);)
+        }
+        return status;
+    }
+#endif
 #if GS_EXACT_ENERGY
     w->energy_target = hamiltonian(AT(&w->constants, w->t), q, p);
 #endif
     return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
 }
-#endif
 
 #endif

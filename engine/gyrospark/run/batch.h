@@ -50,7 +50,7 @@ static void restart_lanes(ensemble_t *b, lanes_mask restarted, const real *x)
     for (int i = 0; i < LANES; ++i)
         if (x != NULL && mask_get(&restarted, i))
             BATCH(set_unknowns)(&b->solver, i, x);
-    BATCH(begin_iteration)(&b->solver);
+    IF_CONSTRAINED(BATCH(begin_iteration)(&b->solver);)
     select_lanes(lanes_mask_not(restarted), UNKNOWNS, &b->converged, &b->solver.now);
 }
 
@@ -134,7 +134,7 @@ static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, int
         }
         if (!predicted && lanes_any(active) && (iteration == 1 || iteration == 3)) {
             BATCH(update_scales)(solver);
-            BATCH(factorise_schur)(solver);
+            IF_FACTORISED(BATCH(factorise_schur)(solver);)
         }
     }
     for (int i = 0; i < LANES; ++i)
@@ -192,11 +192,6 @@ static void observe_lane_errors(ensemble_t *b)
     b->f_max = lanes_larger(f_size, b->f_max);
     b->f_sum += f_size;
 }
-#else
-static void observe_lane_errors(ensemble_t *b)
-{
-    (void)b;
-}
 #endif
 
 #if GS_INPUTS
@@ -219,7 +214,7 @@ static void observe_lanes(ensemble_t *b)
         - b->energy_start - solver->work);
     b->energy_error_max = lanes_larger(error, b->energy_error_max);
     b->energy_error_sum += error;
-    observe_lane_errors(b);
+    IF_CONSTRAINED(observe_lane_errors(b);)
 }
 
 /* Copies the report of a lane to the caller's report. */
@@ -375,8 +370,8 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
                 out.q[row*N + a] = lane_get(&solver->q[a], i);
             for (int a = 0; a < N && out.p != NULL; ++a)
                 out.p[row*N + a] = lane_get(&solver->p[a], i);
-            if (MULTIPLIERS > 0 && out.multipliers != NULL)
-                BATCH(multipliers)(solver, i, out.multipliers + row*MULTIPLIERS);
+            IF_CONSTRAINED(if (out.multipliers != NULL)
+                BATCH(multipliers)(solver, i, out.multipliers + row*MULTIPLIERS);)
             if (out.iterations != NULL)
                 out.iterations[row] = most[i];
             if (out.work != NULL)

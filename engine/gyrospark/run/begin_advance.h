@@ -23,9 +23,11 @@ static void set_state(work_t *w, const real q[N], const real p[N])
     for (int i = 0; i < LANES; ++i)
         SINGLE(prepare)(s, i, &w->constants, w->simulation.dt);
     IF_FRAME(SINGLE(release_equilibrium)(s);)
+#if GS_CONSTANT_SCHUR
     SINGLE(prepare_schur)(s);
+#endif
     IF_TIME(lanes_at_time(&s->constants, splat(w->t));)
-    SINGLE(evaluate_constraints)(s);
+    IF_CONSTRAINED(SINGLE(evaluate_constraints)(s);)
 }
 
 /* Discards the predictor's history after a failed step, and restores the work of the report. */
@@ -37,28 +39,22 @@ static void reset_iteration(work_t *w)
     IF_FORCES(s->work = splat(w->simulation.report.work);)
     s->work_low = splat(0);
 }
-#elif GS_VELOCITY_CONSTRAINTS
-/* Another state or other constants: what earlier steps predict is of no use. */
-static void set_state(work_t *w, const real q[N], const real p[N])
-{
-    (void)q, (void)p;
-    begin_history(w);
-}
-
-static void reset_iteration(work_t *w)
-{
-    begin_history(w);
-}
 #elif !GS_SPLITTING
-/* Newton's method has no state from step to step. */
+/* Newton's method has no state from step to step, but what it predicts by with velocity constraints. */
 static void set_state(work_t *w, const real q[N], const real p[N])
 {
     (void)w, (void)q, (void)p;
+#if GS_VELOCITY_CONSTRAINTS
+    begin_history(w);
+#endif
 }
 
 static void reset_iteration(work_t *w)
 {
     (void)w;
+#if GS_VELOCITY_CONSTRAINTS
+    begin_history(w);
+#endif
 }
 #endif
 

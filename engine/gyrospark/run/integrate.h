@@ -16,32 +16,12 @@
 #include "gyrospark/run/advance.h"
 #endif
 
-#if GS_PROFILE_RUN
 /* Output arrays of a run, one row per stored step; each may be NULL. */
 typedef struct {
     real *q, *p;
-    int *iterations;
-    real *work;
-} rows_t;
-
-/* Stores a row: the state, and the maximum number of iterations since the previous row. */
-static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
-    const options_t *options, real forces[ROOM], int most, const report_t *report)
-{
-    (void)w, (void)options, (void)forces, (void)report;
-    for (int a = 0; a < N && out.q != NULL; ++a)
-        out.q[row*N + a] = q[a];
-    for (int a = 0; a < N && out.p != NULL; ++a)
-        out.p[row*N + a] = p[a];
-    if (out.iterations != NULL)
-        out.iterations[row] = most;
-    IF_FORCES(if (out.work != NULL))
-        IF_FORCES(out.work[row] = report->work;)
-}
-#else
-/* Output arrays of a run, one row per stored step; each may be NULL. */
-typedef struct {
-    real *q, *p, *multipliers;
+#if !GS_PROFILE_RUN
+    real *multipliers;
+#endif
     int *iterations;
     real *work;
 } rows_t;
@@ -53,47 +33,36 @@ typedef struct {
 static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
     const options_t *options, real forces[ROOM], int most, const report_t *report)
 {
-    (void)report; /* without forces */
-    if (out.multipliers != NULL)
-        multipliers_of_run(w, options, forces);
+    (void)w, (void)options, (void)forces, (void)report; /* in the profile run, and without forces */
+#if GS_FIXED_POINT && GS_CONSTRAINED && !GS_PROFILE_RUN
+    if (out.multipliers != NULL && !BY_NEWTON(options)) /* Newton's method has stored them */
+        SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, forces);
+#endif
     for (int a = 0; a < N && out.q != NULL; ++a)
         out.q[row*N + a] = q[a];
     for (int a = 0; a < N && out.p != NULL; ++a)
         out.p[row*N + a] = p[a];
+#if !GS_PROFILE_RUN
     for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
         out.multipliers[row*MULTIPLIERS + l] = forces[l];
+#endif
     if (out.iterations != NULL)
         out.iterations[row] = most;
     IF_FORCES(if (out.work != NULL))
         IF_FORCES(out.work[row] = report->work;)
 }
-#endif
 
 #if !GS_PROFILE_RUN
-#if GS_FRAME
 int NAME(step)(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
     int *iterations, work_t *work)
 {
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-    IF_TIME(work->step = dt;)
+    begin_step(work, parameters, dt);
     const int status = single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
-    if (status == OK)
-        rotate_step(parameters, dt, q1, p1, multipliers);
+    IF_FRAME(if (status == OK)
+        rotate_step(parameters, dt, q1, p1, multipliers);)
     return status;
 }
-#else
-int NAME(step)(const parameters_t *parameters, const options_t *options, real dt,
-    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
-    int *iterations, work_t *work)
-{
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-    IF_TIME(work->step = dt;)
-    return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
-}
-#endif
 #endif
 
 /* Begins a run: initialises its report, which includes the initial state, and its solver. */

@@ -8,6 +8,30 @@
 #include "gyrospark/velocity_constraints/projection.h"
 #endif
 
+#if !GS_PROFILE_RUN
+/* Sets constants and times for functions of a single step. */
+static void begin_step(work_t *work, const parameters_t *parameters, real dt)
+{
+    (void)dt; /* if the system does not depend on time */
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+#if GS_EXACT_ENERGY
+    work->theta[0] = work->theta[1] = 0;
+#endif
+}
+
+void NAME(hamiltonian)(const parameters_t *parameters, long count, IF_TIME(
+    const real *t,) const real *q, const real *p,
+    real *H)
+{
+    constants c;
+    prepare(parameters, &c);
+    for (long i = 0; i < count; ++i)
+        H[i] = hamiltonian(AT(&c, time_of(parameters, t, i)), q + i*N, p + i*N);
+}
+#endif
+
 #if GS_FORCES && !GS_SPLITTING
 #if GS_SPARK
 #include "gyrospark/spark/step_end.h"
@@ -48,9 +72,7 @@ static inline void set_work(report_t *report, real work, real low)
 void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     const real x[U], real work_done[1], work_t *work)
 {
-    prepare(parameters, &work->constants);
-    work->t = start_time(parameters);
-    IF_TIME(work->step = dt;)
+    begin_step(work, parameters, dt);
     *work_done = step_work(work, dt, q, p, x);
 }
 #endif

@@ -55,16 +55,6 @@ static void add_theta_to_forces(work_t *w, real dt)
 }
 #else
 enum { DIRECTIONS = 1 };
-
-static void add_theta_to_nodes(work_t *w, real dt, const real x[U])
-{
-    (void)w, (void)dt, (void)x;
-}
-
-static void add_theta_to_forces(work_t *w, real dt)
-{
-    (void)w, (void)dt;
-}
 #endif
 
 /* Q_i += dt theta_0 sum Z_ij k_j, P_i += dt theta_0 sum Z_ij k^_j, and the constraint forces */
@@ -82,7 +72,7 @@ static void add_theta_to_stages(work_t *w, real dt, const real x[U])
                 (group == 0 ? w->stage_q[i] : w->stage_p[i])[a] +=
                     dt*w->theta[0]*(energy_u[i]*by_v - energy_v[i]*by_u);
         }
-    add_theta_to_forces(w, dt);
+    IF_CONSTRAINED(add_theta_to_forces(w, dt);)
 }
 
 /*

@@ -32,11 +32,7 @@ static void node_forces(work_t *w, const real q[N], const real x[U])
     for (int l = 0; l <= P; ++l)
         for (int a = 0; a < N; ++a)
             w->Q_tilde[l][a] = q[a] + w->D[l][a];
-#if GS_VELOCITY_CONSTRAINTS
     for (int l = 0; l < ACTING; ++l)
-#else
-    for (int l = 0; l < P; ++l)
-#endif
         constraint_force(AT(&w->constants,
             w->t + w->node_time[l]), w->Q_tilde[l], lambda + l*M, w->force[l]);
 }
@@ -54,18 +50,7 @@ static void node_residuals(work_t *w, const real q[N], real r[P*M])
     }
 }
 #else
-/* Unconstrained system: no multipliers, no constraint residual. */
 enum { ACTING = 0 };
-
-static void node_forces(work_t *w, const real q[N], const real x[U])
-{
-    (void)w, (void)q, (void)x;
-}
-
-static void node_residuals(work_t *w, const real q[N], real *r)
-{
-    (void)w, (void)q, (void)r;
-}
 #endif
 
 #include "gyrospark/spark/unknowns.h"
@@ -104,7 +89,7 @@ static void node_displacements(work_t *w, real dt, const real x[U])
                 sum += tableau.A_bar[l][j]*x[j*N + a];
             w->D[l][a] = dt*sum;
         }
-#if GS_EXACT_ENERGY
+#if GS_EXACT_ENERGY && GS_CONSTRAINED
     add_theta_to_nodes(w, dt, x);
 #endif
 }
@@ -116,7 +101,7 @@ static void node_displacements(work_t *w, real dt, const real x[U])
 static void stage_values(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     node_displacements(w, dt, x);
-    node_forces(w, q, x);
+    IF_CONSTRAINED(node_forces(w, q, x);)
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             real rate = 0, force = 0;
@@ -152,7 +137,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
             r[K_HAT + i*N + a] = x[K_HAT + i*N + a] + H_q[a];
         }
     }
-    node_residuals(w, q, r + LAMBDA);
+    IF_CONSTRAINED(node_residuals(w, q, r + LAMBDA);)
 #if GS_VELOCITY_CONSTRAINTS
     add_reactions(w, dt, x, r);
     velocity_residuals(w, dt, q, p, x, r);

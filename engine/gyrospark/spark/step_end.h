@@ -49,14 +49,18 @@ static void displacement(real dt, const real x[U], real d[N])
     }
 }
 
+#endif
+
 #if !GS_VELOCITY_CONSTRAINTS
 /*
  * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l.
- * The projection of P onto f(q1, p1) = 0 yields p1 and the last multiplier (A.5), (A.6).
+ * The projection of P onto f(q1, p1) = 0 yields p1 and the last multiplier (A.5), (A.6). P is the end
+ * without constraints.
  */
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
 {
+    IF_CLOCK(if (!time_advances(x)) return TIME_STOPPED;)
     stage_values(w, dt, q, p, x);
     for (int a = 0; a < N; ++a) {
         real force = 0;
@@ -67,37 +71,21 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
         q1[a] = q[a] + w->D[P][a];
         p1[a] = p[a] + dt*force;
     }
+    int status = OK;
+#if GS_CONSTRAINED
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];
-    IF_CLOCK(if (!time_advances(x)) return TIME_STOPPED;)
-    const int status = project_momentum(AT(&w->constants,
-        w->t + w->step), q1, p1, multipliers + P*M);
+    status = project_momentum(AT(&w->constants, w->t + w->step), q1, p1, multipliers + P*M);
     for (int mu = 0; mu < M; ++mu)
         multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
+#else
+    (void)multipliers;
+#endif
     return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
 }
 #endif
-#elif !GS_VELOCITY_CONSTRAINTS
-/* T2 without constraints: q1 = q + dt sum b_j k_j, p1 = p + dt sum b^_j k^_j (A.3). */
-static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
-    real q1[N], real p1[N], real multipliers[ROOM])
-{
-    (void)multipliers;
-    IF_CLOCK(if (!time_advances(x)) return TIME_STOPPED;)
-    stage_values(w, dt, q, p, x);
-    for (int a = 0; a < N; ++a) {
-        real force = 0;
-        for (int j = 0; j < S; ++j)
-            force += tableau.b_hat[j]*x[K_HAT + j*N + a];
-        q1[a] = q[a] + w->D[P][a];
-        p1[a] = p[a] + dt*force;
-    }
-    return isfinite(norm(N, q1) + norm(N, p1)) ? OK : NOT_FINITE;
-}
-#endif
 
-#if GS_TIME_DEPENDENT
-#if GS_CONSTRAINED
+#if GS_TIME_DEPENDENT && GS_CONSTRAINED
 /* sum b~_l Lambda_l.g_t(Q~_l, t_l): the mean power of rheonomic constraints over the step. */
 static real node_power(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
@@ -111,14 +99,6 @@ static real node_power(work_t *w, real dt, const real q[N], const real p[N], con
     }
     return sum;
 }
-#else
-/* Unconstrained system: no rheonomic constraints, no power. */
-static real node_power(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
-{
-    (void)w, (void)dt, (void)q, (void)p, (void)x;
-    return 0;
-}
-#endif
 #endif
 
 #if GS_FORCES
@@ -164,7 +144,7 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
 #endif
         sum += tableau.b[i]*power;
     }
-    IF_TIME(sum += node_power(w, dt, q, p, x);)
+    IF_TIME(IF_CONSTRAINED(sum += node_power(w, dt, q, p, x);))
     return dt*sum;
 }
 #endif

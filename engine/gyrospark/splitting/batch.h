@@ -343,22 +343,4 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
     }
 }
 
-void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
-    IF_INPUTS(const real *inputs, long hold, long input_rows,)
-    const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
-    report_t *reports, int *status, batch_memory *batch, work_t *work)
-{
-    const long rows = steps/every;
-    for (long i = 0; i < count; i += TRAJECTORIES) {
-        const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
-            .p = p_out == NULL ? NULL : p_out + i*rows*N };
-        IF_INPUTS(const inputs_t own = { inputs == NULL ? NULL : inputs + i*input_rows*INPUTS,)
-            IF_INPUTS(hold, input_rows };)
-        integrate_lanes(count - i < TRAJECTORIES ? (int)(count - i) : TRAJECTORIES, parameters + i,
-            options, IF_INPUTS(own,)
-            dt + i, steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch,
-            work);
-    }
-}
-
 #endif

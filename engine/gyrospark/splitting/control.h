@@ -1,9 +1,14 @@
-/* Profile control of a composition of flows: begin and advance. */
+/* Profile control of a composition of flows: its state and a step. */
 #ifndef GS_SPLITTING_CONTROL_H
 #define GS_SPLITTING_CONTROL_H
 
 #include "gyrospark/profiles/arguments.h"
 #include "gyrospark/splitting/start.h"
+
+static real step_of(const state_t *w)
+{
+    return w->flows.h;
+}
 
 /* Starts the flows from (q, p), at the present parameters. */
 static void restart(state_t *w, const real q[N], const real p[N])
@@ -16,54 +21,15 @@ static void restart(state_t *w, const real q[N], const real p[N])
     }
 }
 
-size_t NAME(work_size)(void)
+static void begin_state(state_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
 {
-    return sizeof(state_t);
-}
-
-real NAME(time)(const state_t *w)
-{
-    return time_after(w->start_time, w->steps, w->flows.h);
-}
-
-status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
-{
-    status_t status = INVALID;
-    if ((w->begun == GS_BEGUN) && are_valid(parameters)) {
-#if GS_FORCED_BY_TIME
-        const parameters_t own = begun_at(w->start_time, parameters);
-        prepare(&own, &w->constants);
-#else
-        prepare(parameters, &w->constants);
-#endif
-        restart(w, w->q, w->p);
-        status = OK;
-    }
-    return status;
-}
-
-status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t *options, real dt,
-    const real q[N], const real p[N])
-{
-    status_t status = INVALID;
-    w->begun = 0U;
-    if (is_step(dt) && is_state(q, p) && is_option(options) && are_valid(parameters)) {
-        w->begun = GS_BEGUN;
-        w->steps = 0;
-#if GS_FORCED_BY_TIME
-        w->start_time = origin_of(parameters);
-#else
-        w->start_time = start_time(parameters);
-#endif
-        w->flows.h = dt;
-        w->flows.t = (real)0;
-        w->flows.now.work = (real)0;
-        w->flows.now.work_low = (real)0;
-        prepare(parameters, &w->constants);
-        restart(w, q, p);
-        status = OK;
-    }
-    return status;
+    (void)options;
+    w->flows.h = dt;
+    w->flows.t = (real)0;
+    w->flows.now.work = (real)0;
+    w->flows.now.work_low = (real)0;
+    restart(w, q, p);
 }
 
 /* One step of the flows; they stay as they were if its end is not finite. */
@@ -106,33 +72,16 @@ static bool complete_step(state_t *w, real q[N], real p[N])
     return finite;
 }
 
-status_t NAME(advance)(state_t *w, real q[N], real p[N])
+static status_t step_state(state_t *w, real q[N], real p[N])
 {
-    status_t status = INVALID;
-    if (w->begun == GS_BEGUN) {
-        bool same = true;
-        for (int a = 0; a < N; ++a) {
-            same = same && (q[a] == w->q[a]) && (p[a] == w->p[a]);
-        }
-        if (!same) {
-            restart(w, q, p);
-        }
-        status = complete_step(w, q, p) ? OK : NOT_FINITE;
+    bool same = true;
+    for (int a = 0; a < N; ++a) {
+        same = same && (q[a] == w->q[a]) && (p[a] == w->p[a]);
     }
-    return status;
-}
-
-/* Nothing is iterated. */
-int NAME(iterations)(const state_t *w)
-{
-    (void)w;
-    return 0;
-}
-
-real NAME(change)(const state_t *w)
-{
-    (void)w;
-    return (real)0;
+    if (!same) {
+        restart(w, q, p);
+    }
+    return complete_step(w, q, p) ? OK : NOT_FINITE;
 }
 
 #endif

@@ -92,11 +92,6 @@ static int is_observed(long n)
 }
 
 #if !GS_PROFILE_RUN
-static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
-{
-    (void)w, (void)options, (void)multipliers; /* no constraint forces are computed */
-}
-
 /* A step alone. */
 static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
@@ -110,16 +105,6 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
         return NOT_FINITE;
     get_state(w, q1, p1, &report);
     return OK;
-}
-
-void NAME(hamiltonian)(const parameters_t *parameters, long count, IF_TIME(
-    const real *t,) const real *q, const real *p,
-    real *H)
-{
-    constants c;
-    prepare(parameters, &c);
-    for (long i = 0; i < count; ++i)
-        H[i] = hamiltonian(AT(&c, time_of(parameters, t, i)), q + i*N, p + i*N);
 }
 #endif
 

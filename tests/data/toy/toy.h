@@ -449,9 +449,13 @@ static inline void second_rates(const constants *c, const real *q, const real *p
 #if TOY_SINGLE
 #define SOLVER(f) SINGLE(f)
 #define TABLE(name) w->name
+#define COEFFICIENT lanes
+#define TABLE_PRODUCT PRODUCT
 #else
 #define SOLVER(f) BATCH(f)
 #define TABLE(name) &table_##name[0][0]
+#define COEFFICIENT real
+#define TABLE_PRODUCT NOINLINE
 #endif
 #include "gyrospark/spark/residual.h"
 #include "gyrospark/predictor/least_squares.h"
