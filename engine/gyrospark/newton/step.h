@@ -21,10 +21,7 @@ static real energy_error(work_t *w, real dt, const real q[N], const real p[N], c
 
 #endif
 
-/*
- * Advances (q, p) by one step to (q1, p1), with exact energy by theta for w->energy_target.
- * w->constants must be prepared.
- */
+/* Advances (q, p) by one step to (q1, p1), with theta for w->energy_target; needs w->constants. */
 static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {

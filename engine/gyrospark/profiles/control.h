@@ -8,11 +8,6 @@
 #include "gyrospark/profiles/arguments.h"
 #include "gyrospark/profiles/solve.h"
 
-static real step_of(const state_t *w)
-{
-    return w->h;
-}
-
 /* The state of the caller; a component that did not change keeps its round-off. */
 static void set_state(real state[N], real low[N], const real given[N])
 {
@@ -51,26 +46,6 @@ static bool complete_step(state_t *w, real q[N], real p[N])
     return finite;
 }
 
-static void begin_state(state_t *w, const options_t *options, real dt, const real q[N],
-    const real p[N])
-{
-    w->tolerance = options->tolerance;
-    w->max_iterations = options->max_iterations;
-    w->h = dt;
-    w->h_inverse = (real)1/dt;
-    w->t = (real)0;
-    w->history_length = 0;
-    w->order = 0;
-    w->iterations = 0;
-    w->change = (real)0;
-    for (int a = 0; a < N; ++a) {
-        w->q[a] = q[a];
-        w->p[a] = p[a];
-        w->q_low[a] = (real)0;
-        w->p_low[a] = (real)0;
-    }
-}
-
 static status_t step_state(state_t *w, real q[N], real p[N])
 {
     set_state(w->q, w->q_low, q);
@@ -91,7 +66,11 @@ size_t NAME(work_size)(void)
 
 real NAME(time)(const state_t *w)
 {
-    return time_after(w->start_time, w->steps, step_of(w));
+#if GS_SPLITTING
+    return time_after(w->start_time, w->steps, w->flows.h);
+#else
+    return time_after(w->start_time, w->steps, w->h);
+#endif
 }
 
 status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
@@ -126,7 +105,25 @@ status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t
         w->start_time = start_time(parameters);
 #endif
         prepare(parameters, &w->constants);
-        begin_state(w, options, dt, q, p);
+#if GS_SPLITTING
+        begin_state(w, dt, q, p);
+#else
+        w->tolerance = options->tolerance;
+        w->max_iterations = options->max_iterations;
+        w->h = dt;
+        w->h_inverse = (real)1/dt;
+        w->t = (real)0;
+        w->history_length = 0;
+        w->order = 0;
+        w->iterations = 0;
+        w->change = (real)0;
+        for (int a = 0; a < N; ++a) {
+            w->q[a] = q[a];
+            w->p[a] = p[a];
+            w->q_low[a] = (real)0;
+            w->p_low[a] = (real)0;
+        }
+#endif
         status = OK;
     }
     return status;

@@ -26,10 +26,7 @@ typedef struct {
     real *work;
 } rows_t;
 
-/*
- * Stores a row: the state, the multipliers of the last step, and the maximum number of iterations
- * since the previous row.
- */
+/* Stores a row: state, multipliers of the last step, most iterations since the previous row. */
 static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
     const options_t *options, real forces[ROOM], int most, const report_t *report)
 {

@@ -54,8 +54,7 @@ static void displacement(real dt, const real x[U], real d[N])
 #if !GS_VELOCITY_CONSTRAINTS
 /*
  * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l.
- * The projection of P onto f(q1, p1) = 0 yields p1 and the last multiplier (A.5), (A.6). P is the end
- * without constraints.
+ * The projection of P onto f(q1, p1) = 0 yields p1 and the last multiplier (A.5), (A.6).
  */
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])

@@ -5,11 +5,6 @@
 #include "gyrospark/profiles/arguments.h"
 #include "gyrospark/splitting/start.h"
 
-static real step_of(const state_t *w)
-{
-    return w->flows.h;
-}
-
 /* Starts the flows from (q, p), at the present parameters. */
 static void restart(state_t *w, const real q[N], const real p[N])
 {
@@ -21,10 +16,8 @@ static void restart(state_t *w, const real q[N], const real p[N])
     }
 }
 
-static void begin_state(state_t *w, const options_t *options, real dt, const real q[N],
-    const real p[N])
+static void begin_state(state_t *w, real dt, const real q[N], const real p[N])
 {
-    (void)options;
     w->flows.h = dt;
     w->flows.t = (real)0;
     w->flows.now.work = (real)0;
