@@ -19,7 +19,7 @@ def generator_fingerprint() -> str:
     paths = [*(ROOT / "core").glob("*.py"), *(ROOT / "generator").rglob("*.py"),
              *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h"),
              ROOT / "engine" / "amalgamate.py"]
-    found = hashlib.sha256(__version__.encode())
+    digest = hashlib.sha256(__version__.encode())
     for path in sorted(paths):
-        found.update(path.read_bytes() + b"\0")
-    return found.hexdigest()
+        digest.update(path.read_bytes() + b"\0")
+    return digest.hexdigest()

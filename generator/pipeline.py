@@ -85,7 +85,7 @@ def generate(
     TableauError
         If the tableau violates required conditions.
     """
-    given = system is not None or spec.model is not None
+    is_users_system = system is not None or spec.model is not None
     if system is None and spec.model is not None:
         model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
     if spec.order is not None:
@@ -107,7 +107,7 @@ def generate(
                                  f"{few(system.velocity_constraint_names)} of {system.name!r}",
             other_scheme=_without_velocity_constraints(spec, own_tableau=tableau is not None),
             **asked)
-    if given and not allow_invalid:
+    if is_users_system and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
         warn_of_row_integrals(system)
@@ -154,8 +154,8 @@ def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[Sys
     if spec.model is not None and model is not None:
         return model.system, next((rep for rep in REPS if rep in model.bodies), "")
     if spec.system in SYSTEMS:
-        made: System = SYSTEMS[spec.system].make(spec.rep)
-        return made, spec.rep
+        derived: System = SYSTEMS[spec.system].make(spec.rep)
+        return derived, spec.rep
     assert model is not None
     return model.system, spec.rep
 
@@ -184,8 +184,8 @@ def refuse_violations(tableau: Tableau, *, constrained: bool = True) -> None:
     if broken:
         listed = "; ".join(f"{line.name} ({line.equation}; residual {line.residual})"
                            for line in broken[:4])
-        more = f"; and {len(broken) - 4} more" if len(broken) > 4 else ""
+        count = f"; and {len(broken) - 4} more" if len(broken) > 4 else ""
         raise TableauError(
-            f"Tableau {tableau.name!r} violates {listed}{more}; see `gyrospark verify`, or pass "
+            f"Tableau {tableau.name!r} violates {listed}{count}; see `gyrospark verify`, or pass "
             "--allow-invalid."
         )

@@ -73,7 +73,7 @@ class Spec:
         if not as_flag("energy", energy):
             return self
         if self.scheme == OWN or not scheme_named(self.scheme).energy or (self.stages or 0) < 2:
-            takes = listed(name for name, known in SCHEMES.items() if known.energy)
+            takes = listed(name for name, scheme in SCHEMES.items() if scheme.energy)
             raise InputError(f"energy = True takes {takes} with at least 2 stages, not "
                              f"{self.title}; leave out energy.")
         return replace(self, energy=True)
@@ -171,7 +171,7 @@ def join_name(system: str, method: str, rep: str, real: str, *, framed: bool = F
     """Return the name of a stepper; double is not mentioned."""
     parts = [system, method, rep, "frame" if framed else "",
              "" if real == "double" else real.replace("-", "_")]
-    return "_".join(part for part in parts if part)
+    return "_".join(word for word in parts if word)
 
 
 def _system(system: str | None, rep: Any) -> tuple[str, Path | None, str]:
@@ -213,20 +213,20 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
 def _composition(scheme: Scheme, order: Any, named: Any) -> tuple[int | None, str]:
     """Return order and composition of a splitting, None and nothing of another scheme."""
     if not scheme.composed:
-        for what, value in (("order", order), ("composition", named)):
+        for option, value in (("order", order), ("composition", named)):
             if value is not None:
-                raise InputError(f"{what} = {shown(value)} belongs to scheme splitting, and "
+                raise InputError(f"{option} = {shown(value)} belongs to scheme splitting, and "
                                  f"{scheme.name} has its order from its stages; leave it out.")
         return None, ""
     if named is None:
         if order is None:
             raise InputError("The order is not given; splitting takes 2, 4, 6, 8 or 10.")
         return composition(order).order, ""
-    one = composition_named(named)
-    if order not in (None, one.order):
-        raise InputError(f"Composition {one.name} has order {one.order}, not {shown(order)}; leave "
-                         "out order.")
-    return one.order, one.name
+    schedule = composition_named(named)
+    if order not in (None, schedule.order):
+        raise InputError(f"Composition {schedule.name} has order {schedule.order}, not "
+                         f"{shown(order)}; leave out order.")
+    return schedule.order, schedule.name
 
 
 def is_model_file(system: str) -> bool:

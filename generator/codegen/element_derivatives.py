@@ -63,9 +63,10 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
         for form, table in zip(forms, tables, strict=True):
             if not (form.q or form.p) and kind == 0:
                 continue  # a constant of H has no derivatives
-            own = emit.all(table["name"], kernels_of(form, scheme, times))
-            by_name = {k["name"]: k for k in (*table["kernels"], *own)}
-            template = table | {"kind": kind, "columns": table["nk"] + len(times), "own": own}
+            derivative_kernels = emit.all(table["name"], kernels_of(form, scheme, times))
+            by_name = {k["name"]: k for k in (*table["kernels"], *derivative_kernels)}
+            template = table | {"kind": kind, "columns": table["nk"] + len(times),
+                "own": derivative_kernels}
             groups = {name: [by_name[k] for k in kernels[kind] if k in by_name]
                       for name, kernels in _GROUPS.items()}
             templates.append(template | {

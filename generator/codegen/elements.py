@@ -42,24 +42,24 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
     scheme, emit = derived.implicit, Emitter(derived.constants, derived.real)
     forms = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
     used = sorted({c for form in forms for i in form.instances for c in i.constants})
-    place = {c: at for at, c in enumerate(used)}
+    index = {c: position for position, c in enumerate(used)}
     between, constrained = isinstance(scheme, MeanScheme), bool(structure.system.m)
     blocks = _Blocks(structure)
     energies = [
-        _form(f"term{f}", form, place)
+        _form(f"term{f}", form, index)
         | {"kernels": emit.all(f"term{f}", term_kernels(form, between=between,
                                                         constrained=constrained)),
            "blocks": blocks.of_elements[f]}
         for f, form in enumerate(structure.templates)
     ]
     constraints = [
-        _form(f"constraint{f}", form, place)
+        _form(f"constraint{f}", form, index)
         | {"kernels": emit.all(f"constraint{f}", constraint_kernels(form, between=between)),
            "places": blocks.places[f]}
         for f, form in enumerate(structure.constraint_templates)
     ]
     forces = [
-        _form(f"force{f}", form, place)
+        _form(f"force{f}", form, index)
         | {"kernels": emit.all(f"force{f}", force_kernels(form, time_input(structure.system)))}
         for f, form in enumerate(structure.force_templates)
     ]
@@ -95,7 +95,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
     )
 
 
-def _form(name: str, form: ElementTemplate, place: dict[int, int]) -> dict[str, Any]:
+def _form(name: str, form: ElementTemplate, index: dict[int, int]) -> dict[str, Any]:
     return {
         "name": name,
         "nq": len(form.q), "np": len(form.p), "nk": len(form.constants),
@@ -103,7 +103,7 @@ def _form(name: str, form: ElementTemplate, place: dict[int, int]) -> dict[str, 
         "count": len(form.instances),
         "q": [i.q for i in form.instances],
         "p": [i.p for i in form.instances],
-        "k": [tuple(place[c] for c in i.constants) for i in form.instances],
+        "k": [tuple(index[c] for c in i.constants) for i in form.instances],
         "row": [i.rows for i in form.instances],
         "text": [str(e).replace("**", "^") for e in form.expressions],
     }
@@ -116,7 +116,7 @@ class Emitter:
         self.constants, self.real = constants, real
 
     def all(self, form: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
-        """Return what the template prints."""
+        """Return kernels as C of numbers and of lanes, one dict a kernel, for the template."""
         emitted = []
         for kernel, where in kernels:
             named = Kernel(f"{form}_{kernel.name}", kernel.doc,
@@ -145,25 +145,28 @@ def term_kernels(form: ElementTemplate, *, between: bool, constrained: bool) -> 
     Schemes between two states need no second derivatives; H_p for numbers and H_pp belong to the
     constraint on the momenta.
     """
-    part = form.system
-    at = local_inputs(form)
-    gradients: dict[str, Any] = {"H_q": part.H_q} if form.q else {}
+    system = form.system
+    arguments = local_inputs(form)
+    gradients: dict[str, Any] = {"H_q": system.H_q} if form.q else {}
     if form.p:
-        gradients = {"H_p": part.H_p} | gradients
+        gradients = {"H_p": system.H_p} | gradients
     kernels = [
-        (Kernel("energy", f"H of {_short(part.H)}", at, {"H": form.expressions[-1]}), BOTH),
-        (Kernel("gradient", "derivatives of H", at, gradients), NUMBERS if between else BOTH),
+        (Kernel("energy", f"H of {_short(system.H)}", arguments, {"H": form.expressions[-1]}),
+         BOTH),
+        (Kernel("gradient", "derivatives of H", arguments, gradients),
+         NUMBERS if between else BOTH),
     ]
-    second: dict[str, Any] = {"H_qq": part.H_qq} if form.q else {}
+    second: dict[str, Any] = {"H_qq": system.H_qq} if form.q else {}
     if form.p:
-        kernels.append((Kernel("velocity", "H_p", at, {"H_p": part.H_p}),
+        kernels.append((Kernel("velocity", "H_p", arguments, {"H_p": system.H_p}),
                         BOTH if constrained else LANES))
-        kernels.append((Kernel("mass", "H_pp, the inverse of a mass", at, {"H_pp": part.H_pp}),
+        kernels.append((Kernel("mass", "H_pp, the inverse of a mass", arguments,
+                               {"H_pp": system.H_pp}),
                         BOTH))
-        second |= ({"H_pq": part.H_pq} if form.q else {}) | {"H_pp": part.H_pp}
+        second |= ({"H_pq": system.H_pq} if form.q else {}) | {"H_pp": system.H_pp}
     if form.time is not None and not between:
-        kernels.append((Kernel("energy_rate", "H_t", at, {"H_t": part.H_t}), BOTH))
-    kernels.append((Kernel("hessian", "second derivatives of H", at, second), NUMBERS))
+        kernels.append((Kernel("energy_rate", "H_t", arguments, {"H_t": system.H_t}), BOTH))
+    kernels.append((Kernel("hessian", "second derivatives of H", arguments, second), NUMBERS))
     dropped = {"gradient", "hessian"} if between else set()
     if not constrained:
         dropped |= {"mass"} | ({"velocity"} if between else set())
@@ -176,12 +179,12 @@ def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
     rows = len(form.expressions)
     d, lam = vector("d", len(form.q)), vector("lambda", rows)
     G = jacobian(form.expressions, form.q)
-    at, with_lambda = local_inputs(form), local_inputs(form, **{"lambda": lam})
+    arguments, with_lambda = local_inputs(form), local_inputs(form, **{"lambda": lam})
     kernels = [
-        (Kernel("value", "g", at, {"g": list(form.expressions)}, compensated=True), BOTH),
+        (Kernel("value", "g", arguments, {"g": list(form.expressions)}, compensated=True), BOTH),
         (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", local_inputs(form, d=d),
                 {"dg": [increment_of(g, form.q, d, form.time) for g in form.expressions]}), BOTH),
-        (Kernel("jacobian", "G = dg/dq", at, {"G": G}), BOTH),
+        (Kernel("jacobian", "G = dg/dq", arguments, {"G": G}), BOTH),
         (Kernel("reaction", "G^T lambda", with_lambda, {"force": transposed_product(G, lam)}),
          NUMBERS if between else BOTH),
         (Kernel("curvature", "K = d(G^T lambda)/dq", with_lambda,
@@ -189,20 +192,20 @@ def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
     ]
     if form.time is not None:
         rates = [row[0] for row in jacobian(form.expressions, [form.time])]
-        kernels.append((Kernel("rate", "g_t", at, {"g_t": rates}), BOTH))
+        kernels.append((Kernel("rate", "g_t", arguments, {"g_t": rates}), BOTH))
     return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
 
 
 def force_kernels(form: ElementTemplate, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
     """Return the kernels of a form of forces."""
-    at = {"q": form.q, "p": form.p, **time, "k": form.constants}
+    arguments = {"q": form.q, "p": form.p, **time, "k": form.constants}
     F = list(form.expressions)
-    value = (Kernel("value", "F, which no potential has", at, {"F": F}), BOTH)
+    value = (Kernel("value", "F, which no potential has", arguments, {"F": F}), BOTH)
     derivatives = {name: jacobian(F, symbols)
                    for name, symbols in (("F_q", form.q), ("F_p", form.p)) if symbols}
     if not derivatives:  # a force of t alone
         return [value]
-    return [value, (Kernel("jacobian", "dF/dq and dF/dp", at, derivatives), NUMBERS)]
+    return [value, (Kernel("jacobian", "dF/dq and dF/dp", arguments, derivatives), NUMBERS)]
 
 
 def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
@@ -210,24 +213,24 @@ def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
     nq, np = len(form.q), len(form.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
     D_q, D_p = mean_gradient_of(form.system, (qm, pm), (dq, dp), discrete)
-    at = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
+    arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
     outputs = {"D_q": D_q, "D_p": D_p}
     second = {"D_qq": by_increment(D_q, qm, dq) if nq else [],
               "D_qp": by_increment(D_q, pm, dp) if nq and np else [],
               "D_pq": by_increment(D_p, qm, dq) if nq and np else [],
               "D_pp": by_increment(D_p, pm, dp) if np else []}
     drive = [] if form.time is None else [
-        (Kernel("mean_energy_rate", "mean of dH/dt between two states", at,
+        (Kernel("mean_energy_rate", "mean of dH/dt between two states", arguments,
                 {"D_t": mean_slopes_of(form.system, (qm, pm), (dq, dp), discrete)[-1]
                  if form.system.is_time_dependent else sp.Integer(0)}), BOTH)]
     kernels = [
-        (Kernel("mean_gradient", "mean gradient of H between two states", at,
+        (Kernel("mean_gradient", "mean gradient of H between two states", arguments,
                 {a: e for a, e in outputs.items() if e}), BOTH if nq else NUMBERS),
-        (Kernel("mean_jacobian", "its derivatives by dq and dp", at,
+        (Kernel("mean_jacobian", "its derivatives by dq and dp", arguments,
                 {a: e for a, e in second.items() if e}), NUMBERS),
     ]
     if np:
-        kernels.append((Kernel("mean_velocity", "D_p", at, {"D_p": D_p}), LANES))
+        kernels.append((Kernel("mean_velocity", "D_p", arguments, {"D_p": D_p}), LANES))
     return [(kernel, where) for kernel, where in [*kernels, *drive] if kernel.outputs]
 
 
@@ -237,17 +240,17 @@ def mean_constraint_kernels(form: ElementTemplate, discrete: bool) -> list[Place
                    vector("lambda", len(form.expressions)))
     G, rates = mean_jacobian(form, qm, dq, discrete)
     force = transposed_product(G, lam)
-    at = {"qm": qm, "dq": dq, "k": form.constants}
+    arguments = {"qm": qm, "dq": dq, "k": form.constants}
     with_lambda = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
     drive = [] if form.time is None else [
-        (Kernel("mean_rate", "g_t between two states", at, {"g_t": rates}), BOTH)]
+        (Kernel("mean_rate", "g_t between two states", arguments, {"g_t": rates}), BOTH)]
     return [
         *drive,
         (Kernel("mean_reaction", "G^T lambda between two states", with_lambda, {"force": force}),
          BOTH),
         (Kernel("mean_curvature", "its derivative by dq", with_lambda,
                 {"K": by_increment(force, qm, dq)}), NUMBERS),
-        (Kernel("mean_jacobian", "G between two states", at, {"G": G}), NUMBERS),
+        (Kernel("mean_jacobian", "G between two states", arguments, {"G": G}), NUMBERS),
     ]
 
 
@@ -275,7 +278,7 @@ class _Blocks:
 
     def __init__(self, structure: Structure) -> None:
         slot_of = structure.elimination.slot_of
-        at: dict[tuple[int, int], int] = {}  # (row, coordinate) → place in G
+        entry_index: dict[tuple[int, int], int] = {}  # (row, coordinate) → place in G
         self.of_elements: list[dict[str, list[Any]]] = []
         self.slots: list[int] = []
         self.entries = 0
@@ -287,19 +290,19 @@ class _Blocks:
                 blocks["place"].append(self.entries)
                 blocks["slot"].append(len(self.slots))
                 for i, row in enumerate(rows):
-                    at |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
+                    entry_index |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
                     self.entries += len(instance.p)
-                    self.slots += [slot_of[row, other] for other in rows[: i + 1]]
+                    self.slots += [slot_of[row, column] for column in rows[: i + 1]]
             self.of_elements.append(blocks)
         self.places = []
         for form in structure.constraint_templates:
             G = jacobian(form.expressions, form.q)
             self.places.append([
-                [at.get((row, a), -1) if G[r][b] != 0 else -1
+                [entry_index.get((row, a), -1) if G[r][b] != 0 else -1
                  for r, row in enumerate(instance.rows) for b, a in enumerate(instance.q)]
                 for instance in form.instances])
-        kept = {place for form in self.places for places in form for place in places}
-        self.is_full = kept.issuperset(range(self.entries))  # none of the entries is always 0
+        nonzero = {entry for form in self.places for places in form for entry in places}
+        self.is_full = nonzero.issuperset(range(self.entries))  # none of the entries is always 0
 
 
 def _second_derivatives(

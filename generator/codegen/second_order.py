@@ -42,7 +42,7 @@ _CARDINALS = {
 
 
 def refuse_second(derived: Derived) -> None:
-    """Check that the stepper may have second derivatives.
+    """Refuse steppers for which second derivatives are not derived.
 
     Raises
     ------

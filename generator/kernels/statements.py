@@ -188,7 +188,7 @@ def _sort_definitions(
 def _drop_unused(
     shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
-    """Drop temporaries that are aliases of other symbols, and unused temporaries."""
+    """Drop unused temporaries and those equal to another symbol."""
     alias_of: dict[sp.Symbol, sp.Expr] = {}
     remaining: list[tuple[sp.Symbol, sp.Expr]] = []
     for symbol, definition in shared:

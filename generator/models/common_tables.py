@@ -118,9 +118,9 @@ class Formulas:
         A parameter that a formula divides by is declared nonzero, and refused when it is 0. One
         that only other numbers of the file need does not belong to the system.
         """
-        found = list(expressions)
-        used = set().union(*(e.free_symbols for e in found))
-        below = set().union(*(divisors(e) for e in found))
+        formulas = list(expressions)
+        used = set().union(*(e.free_symbols for e in formulas))
+        below = set().union(*(divisors(e) for e in formulas))
         symbols, renamed, values = [], {}, {}
         for name, symbol in self.parameters.items():
             if symbol not in used:
@@ -137,13 +137,13 @@ class Formulas:
 
 def divisors(expression: sp.Expr) -> set[sp.Symbol]:
     """Return the symbols that an expression divides by, whichever sides of conditions hold."""
-    found, left = set(), [expression]
-    while left:
-        e = left.pop()
+    denominators, stack = set(), [expression]
+    while stack:
+        e = stack.pop()
         if e.is_Pow and e.base.is_Symbol and e.exp.is_number and e.exp.is_negative:
-            found.add(e.base)
-        left += e.args[:2] if isinstance(e, Where) else e.args
-    return found
+            denominators.add(e.base)
+        stack += e.args[:2] if isinstance(e, Where) else e.args
+    return denominators
 
 
 def run_length(content: TomlTable) -> dict[str, Any]:

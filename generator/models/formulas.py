@@ -147,15 +147,15 @@ class _Formulas:
         return Value(expression, None, 1, terms=len(sp.Add.make_args(expression)))
 
     def add(self, terms: Sequence[Value]) -> Value:
-        known = [t for t in terms if t.is_number]
-        if len(known) == len(terms):
-            return numbers.add(known)
+        constants = [t for t in terms if t.is_number]
+        if len(constants) == len(terms):
+            return numbers.add(constants)
         return _formula(terms, 0, sum(t.terms for t in terms), sp.Add)
 
     def multiply(self, factors: Sequence[Value]) -> Value:
-        known = [f for f in factors if f.is_number]
-        if len(known) == len(factors):
-            return numbers.multiply(known)
+        constants = [f for f in factors if f.is_number]
+        if len(constants) == len(factors):
+            return numbers.multiply(constants)
         return _formula(factors, 0, math.prod(f.terms for f in factors), sp.Mul)
 
     def negative(self, value: Value) -> Value:
@@ -183,8 +183,8 @@ class _Formulas:
         size = math.floor(abs(_number(exponent))) if exponent.is_number else 1
         terms = math.comb(base.terms + size - 1, size)
         product = replace(base, bits=base.bits * max(size, 1))
-        more = 0 if e.is_Integer and e >= 0 else 1 if e.is_Rational else 2
-        return _formula([product, exponent], more, terms, sp.Pow)
+        levels = 0 if e.is_Integer and e >= 0 else 1 if e.is_Rational else 2
+        return _formula([product, exponent], levels, terms, sp.Pow)
 
     def check_exponent(self, exponent: Value) -> None:
         e = exponent.exact
@@ -201,7 +201,7 @@ class _Formulas:
             )
 
     def call(self, function: str, arguments: Sequence[Value]) -> Value:
-        known = [a for a in arguments if a.is_number]
+        constants = [a for a in arguments if a.is_number]
         make, _ = FUNCTIONS[function]
         if function == "exp":  # SymPy makes exp(c*log(x)) the power x**c
             for term in sp.Add.make_args(arguments[0].exact):
@@ -211,11 +211,11 @@ class _Formulas:
                     _refuse_long_root(logarithm.args[0], factor)
         if function == "mod" and arguments[1].is_number:
             numbers.reciprocal(arguments[1])  # refused for zero
-        if len(known) < len(arguments):
+        if len(constants) < len(arguments):
             return _formula(arguments, 1, sum(a.terms for a in arguments), make)
         if function in numbers.FUNCTIONS:
-            return numbers.FUNCTIONS[function](*known)
-        return self.evaluated(make, getattr(mp, function), known)
+            return numbers.FUNCTIONS[function](*constants)
+        return self.evaluated(make, getattr(mp, function), constants)
 
     # ------------------------------------------------------------ conditions
 
@@ -232,12 +232,12 @@ class _Formulas:
         ends = word == "or"  # what one of them alone decides
         if any(c.known is ends for c in conditions):
             return _Condition(conditions[0].chooser, ends, ())
-        left = [c for c in conditions if c.known is None]
-        if not left:
+        undecided = [c for c in conditions if c.known is None]
+        if not undecided:
             return _Condition(conditions[0].chooser, not ends, ())
         together = switching_functions.some if ends else switching_functions.every
-        return _Condition(together([c.chooser for c in left]), None,
-                          tuple(t for c in left for t in c.compared))
+        return _Condition(together([c.chooser for c in undecided]), None,
+                          tuple(t for c in undecided for t in c.compared))
 
     def choose(self, condition: _Condition, yes: Value, no: Value) -> Value:
         if condition.known is not None:
@@ -287,15 +287,15 @@ def _number(value: Value) -> Any:
 
 
 def _formula(
-    arguments: Sequence[Value], more: int, terms: int, operation: Callable[..., sp.Expr]
+    arguments: Sequence[Value], levels: int, terms: int, operation: Callable[..., sp.Expr]
 ) -> Value:
     """Carry out an operation once its bounds are found good; the outcome may be a constant.
 
-    ``more`` is by how much the level rises above that of the arguments, ``terms`` how many there
+    ``levels`` is by how much the level rises above that of the arguments, ``terms`` how many there
     would be, were the outcome multiplied out.
     """
     bits = sum(a.bits + 1 for a in arguments)
-    level = max((a.level for a in arguments if not a.is_number), default=0) + more
+    level = max((a.level for a in arguments if not a.is_number), default=0) + levels
     if level > MAX_LEVEL:
         raise RefusedError(
             f"More than {MAX_LEVEL} quotients, roots and functions lie inside one another here; "
@@ -333,10 +333,10 @@ def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
         if not factor.is_number:
             continue
         roots = [e.exp.q for e in factor.atoms(sp.Pow) if e.exp.is_Rational]
-        found = [x for x in factor.atoms(sp.Rational) if x not in (1, -1)]
-        bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) for x in found)
-        most = MAX_SMOOTH_ROOT_BITS if all(map(_is_smooth, found)) else MAX_ROOT_BITS
-        if bits * exponent.q * math.prod(roots) > most:
+        numbers = [x for x in factor.atoms(sp.Rational) if x not in (1, -1)]
+        bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) for x in numbers)
+        limit = MAX_SMOOTH_ROOT_BITS if all(map(_is_smooth, numbers)) else MAX_ROOT_BITS
+        if bits * exponent.q * math.prod(roots) > limit:
             raise RefusedError(
                 f"The exponent {shorten(str(sp.N(exponent, 10)), 20)} of the number "
                 f"{shorten(str(factor), 30)} has too many digits; work the number out, or round "
@@ -346,15 +346,15 @@ def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
 
 def _is_smooth(x: sp.Rational) -> bool:
     """Whether a number is made of small primes."""
-    rest = abs(int(x.p)) * int(x.q)
+    cofactor = abs(int(x.p)) * int(x.q)
     for divisor in range(2, _SMALL_PRIMES):
-        while rest and rest % divisor == 0:
-            rest //= divisor
-    return rest <= 1
+        while cofactor and cofactor % divisor == 0:
+            cofactor //= divisor
+    return cofactor <= 1
 
 
 def _refuse_rough(result: sp.Expr) -> None:
-    """Refuse expressions that SymPy finds not real, not finite or unknown."""
+    """Refuse a complex, infinite or undefined expression."""
     if result.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
         raise RefusedError("This is not a real number for any value of its symbols; write another "
                            "argument")

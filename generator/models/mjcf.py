@@ -68,12 +68,12 @@ def parse_mjcf(
         refuse_extras(robot.extras, EXTRAS, left_out)
         if weight is not None:
             robot.gravity = weight
-        made = MjcfBuilder(robot, _start(robot, keyframe, angles, rates), rep, file)
-        builder = made.build()
+        mjcf_builder = MjcfBuilder(robot, _start(robot, keyframe, angles, rates), rep, file)
+        builder = mjcf_builder.build()
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
     if close is not None:
-        close(builder, made.mounts())
+        close(builder, mjcf_builder.mounts())
     return builder
 
 
@@ -103,10 +103,10 @@ def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
     number = int(keyframe) if isinstance(keyframe, str) and keyframe.isdigit() else keyframe
     if isinstance(number, int) and not isinstance(number, bool) and 0 <= number < len(names):
         return robot.keys[number]
-    known = [name or str(number) for number, name in enumerate(names)]
+    key_names = [name or str(number) for number, name in enumerate(names)]
     raise InputError(f"keyframe = {shown(keyframe)} is none of the file; "
-                     f"{'choose ' + listed(known) if known else 'it has no <key>'}"
-                     f"{proposal(keyframe, known)}.")
+                     f"{'choose ' + listed(key_names) if key_names else 'it has no <key>'}"
+                     f"{proposal(keyframe, key_names)}.")
 
 
 def _take_key(robot: MjcfRobot, start: MjcfStart, key: MjcfKey) -> None:
@@ -117,9 +117,9 @@ def _take_key(robot: MjcfRobot, start: MjcfStart, key: MjcfKey) -> None:
     for numbers, values, counts in (
             (key.qpos, start.coordinates, [joint.count for joint in joints]),
             (key.qvel, start.rates, [joint.freedoms for joint in joints])):
-        for joint, part in zip(joints, np.split(numbers, np.cumsum(counts)[:-1]), strict=True):
+        for joint, entries in zip(joints, np.split(numbers, np.cumsum(counts)[:-1]), strict=True):
             quaternion = values is start.coordinates and joint.kind in ("ball", "free")
-            values[joint.name] = with_unit_quaternion(joint, part) if quaternion else part
+            values[joint.name] = with_unit_quaternion(joint, entries) if quaternion else entries
     start.controls = {actuator.name: float(key.ctrl[actuator.control])
                       for actuator in robot.actuators}
 
@@ -161,11 +161,11 @@ class MjcfBuilder(RobotBuilder):
             if robot.limb(k) != limb:
                 continue
             inner = robot.inner(k)
-            for group, (place, shape) in robot.looks[k]:
-                looks[group > 2].append((inner.then(place), shape))
-        seen, colliding = looks
+            for group, (placement, shape) in robot.looks[k]:
+                looks[group > 2].append((inner.then(placement), shape))
+        visible, colliding = looks
         draw(self.builder, self.frames[limb], Placement(-self.centres[limb], np.eye(3)),
-             seen or colliding, colliding, self.file)
+             visible or colliding, colliding, self.file)
 
     # ------------------------------------------------------------ actuators and equalities
 
@@ -191,11 +191,11 @@ class MjcfBuilder(RobotBuilder):
         if tendon.damping:
             self._pull(label, tendon.joints, -c * rate)
 
-    def _length(self, what: str, joints: Sequence[tuple[str, float]]) -> tuple[Any, Any]:
+    def _length(self, owner: str, joints: Sequence[tuple[str, float]]) -> tuple[Any, Any]:
         """Return Σ coefficient · coordinate of joints, and its rate."""
         for name, _ in joints:
             if name not in self.coordinates:
-                raise InputError(f"{what} acts on {shown(name)}, which has no coordinate here; "
+                raise InputError(f"{owner} acts on {shown(name)}, which has no coordinate here; "
                                  "write armature for each joint of its body.")
         length, rate = (sum(c * self._symbols(name)[k] for name, c in joints) for k in (0, 1))
         return length, rate
@@ -203,9 +203,9 @@ class MjcfBuilder(RobotBuilder):
     def _pull(self, label: str, joints: Sequence[tuple[str, float]], effort: Any) -> None:
         """Add motors with an effort along Σ coefficient · coordinate."""
         for name, coefficient in joints:
-            what = "torque" if self.robot.joints[name].kind == "hinge" else "force"
+            effort_kind = "torque" if self.robot.joints[name].kind == "hinge" else "force"
             self.builder.motor(self.joint_names.free(f"{label}_motor"), self.coordinates[name],
-                               **{what: coefficient * effort})
+                               **{effort_kind: coefficient * effort})
 
     def _equality(self, equality: MjcfEquality) -> None:
         name = self.joint_names.free(equality.name, "equality")
@@ -223,36 +223,38 @@ class MjcfBuilder(RobotBuilder):
         points = np.zeros((2, 3)) if equality.sites else equality.data[:6].reshape(2, 3)
         ends = []
         for (body, site), point in zip(equality.ends, points, strict=True):
-            place, limb = self._at_reference(body).then(site), self.robot.limb(body)
-            ends.append((limb, self._on(limb, self.at_reference, place.x + place.R @ point)))
+            placement, limb = self._at_reference(body).then(site), self.robot.limb(body)
+            ends.append((limb, self._on(limb, self.at_reference,
+                                        placement.x + placement.R @ point)))
         (a, on_a), (b, on_b) = ends
         self.builder.ball(name, self.frames[a], self.frames[b], on_a=on_a, on_b=on_b)
 
     def _weld(self, name: str, equality: MjcfEquality) -> None:
-        (one, site1), (two, site2) = equality.ends
-        first, second = self._at_reference(one).then(site1), self._at_reference(two).then(site2)
+        (body1, site1), (body2, site2) = equality.ends
+        first, second = self._at_reference(body1).then(site1), self._at_reference(body2).then(site2)
         point, aimed = np.zeros(3), IDENTITY  # of the second, where it is in the first
         if not equality.sites:
             point = equality.data[:3]
             aimed = Placement(equality.data[3:6], rotation(unit(equality.data[6:10])))
-        a, b = self.robot.limb(one), self.robot.limb(two)
+        a, b = self.robot.limb(body1), self.robot.limb(body2)
         R_a, R_b = (np.eye(3) if k < 0 else self.at_reference.bodies[k].R for k in (a, b))
-        held = R_a.T @ first.R @ aimed.R @ second.R.T @ R_b
+        fixed_rotation = R_a.T @ first.R @ aimed.R @ second.R.T @ R_b
         now_a, now_b = (np.eye(3) if k < 0 else self.poses.bodies[k].R for k in (a, b))
-        if np.trace(held.T @ now_a.T @ now_b) < 1:  # the other roots are turned by π
+        if np.trace(fixed_rotation.T @ now_a.T @ now_b) < 1:  # the other roots are turned by π
             raise InputError(f"weld {shown(equality.name)} holds its bodies turned by more than 90 "
                              "degrees from where they start; give a keyframe, or angles, nearer.")
         self.builder.fixed(
             name, self.frames[a], self.frames[b],
             on_a=self._on(a, self.at_reference, first.x + first.R @ aimed.x),
-            on_b=self._on(b, self.at_reference, second.x + second.R @ point), rotation=held)
+            on_b=self._on(b, self.at_reference, second.x + second.R @ point),
+            rotation=fixed_rotation)
 
     def _law(self, name: str, equality: MjcfEquality) -> None:
         """Add y₁ − y₁(0) = c₀ + c₁ (y₂ − y₂(0)) + …, of joints or tendons."""
         powers = equality.data[:5].tolist()
         sums = [((end, 1.0),) if equality.kind == "joint" else self.mjcf.tendons[end].joints
                 for end in equality.ends]
-        for joint, _ in (part for parts in sums for part in parts):
+        for joint, _ in (term for parts in sums for term in parts):
             if joint not in self.coordinates:
                 raise InputError(
                     f"equality {shown(equality.name)} is on {shown(joint)}, which has no "
@@ -268,10 +270,11 @@ class MjcfBuilder(RobotBuilder):
         links = [self.coordinates[joint] for parts in sums for joint, _ in parts]
 
         def law(*coordinates: Any) -> Any:
-            rest = iter(coordinates)
-            left, *more = (sum(c * next(rest) for _, c in parts) - y0
-                           for parts, y0 in zip(sums, ref, strict=True))
-            right = sum(c * (more[0] if more else 0) ** k for k, c in enumerate(powers) if c)
-            return left - right
+            symbols = iter(coordinates)
+            dependent, *independent = (sum(c * next(symbols) for _, c in parts) - y0
+                                       for parts, y0 in zip(sums, ref, strict=True))
+            polynomial = sum(c * (independent[0] if independent else 0) ** k
+                             for k, c in enumerate(powers) if c)
+            return dependent - polynomial
 
         self.builder.law(name, links, law)

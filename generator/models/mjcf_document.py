@@ -60,7 +60,7 @@ def is_within(folder: Path, name: str) -> bool:
 
 
 class _Guard:
-    """Files that were read, their number and bytes, and how many elements they make."""
+    """Count of files, bytes and elements of a document, with their limits."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -156,11 +156,11 @@ ENABLE_FLAGS = frozenset(("override", "energy", "fwdinv", "invdiscrete", "diagex
 
 def fields_of(model: Any) -> set[str]:
     """Return the names of the fields of a compiled model and of its options."""
-    found: set[str] = set()
-    for prefix, part in (("", model), ("opt.", model.opt)):
-        found |= {prefix + name for name in dir(part)
-                  if not name.startswith("_") and not callable(getattr(part, name))}
-    return found
+    names: set[str] = set()
+    for prefix, structure in (("", model), ("opt.", model.opt)):
+        names |= {prefix + name for name in dir(structure)
+                  if not name.startswith("_") and not callable(getattr(structure, name))}
+    return names
 
 
 def check_fields(fields: Collection[str], version: str) -> None:
@@ -182,7 +182,7 @@ def count_refused(model: Any, off: Collection[str]) -> Counter[str]:
     InputError
         For those that cannot be ignored, and for numbers that are not finite.
     """
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for name, refusal in REFUSED.items():
         entries = np.asarray(_field(model, name))
         count = int(np.count_nonzero(entries != refusal.default))
@@ -191,12 +191,12 @@ def count_refused(model: Any, off: Collection[str]) -> Counter[str]:
         if not refusal.part:
             raise InputError(f"it has {refusal.meaning} ({name} of MuJoCo, {count} of them), which "
                              "no model here has; leave it out.")
-        found[refusal.part] += count
+        counts[refusal.part] += count
     for name in READ - {"opt"}:
         entries = np.asarray(_field(model, name))
         if entries.dtype.kind == "f" and not np.isfinite(entries).all():
             raise InputError(f"its {name} of MuJoCo is not finite; write smaller numbers.")
-    return found
+    return counts
 
 
 def _field(model: Any, name: str) -> Any:
@@ -206,5 +206,5 @@ def _field(model: Any, name: str) -> Any:
 def flags_of(bits: int, members: Iterable[tuple[str, int]]) -> set[str]:
     """Return the names of the bits that are set, "" among them for one without a name."""
     named = {name.partition("_")[2].lower(): int(bit) for name, bit in members if "_" in name}
-    found = {name for name, bit in named.items() if bits & bit}
-    return found | ({""} if bits & ~sum(named.values()) else set())
+    flags = {name for name, bit in named.items() if bits & bit}
+    return flags | ({""} if bits & ~sum(named.values()) else set())

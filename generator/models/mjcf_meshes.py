@@ -45,7 +45,7 @@ class MeshGeom:
 
 
 def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
-    """Remove what is read from files from a specification; return its geoms of meshes.
+    """Remove meshes, textures and height fields from a specification; return its mesh geoms.
 
     Raises
     ------
@@ -53,10 +53,10 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
         For meshes that give mass and cannot be measured.
     """
     kinds = mujoco.mjtGeom
-    taken = {geom.name for geom in spec.geoms}
+    names = {geom.name for geom in spec.geoms}
     meshes = {mesh.name: mesh for mesh in spec.meshes if mesh.file}
     volumes: dict[str, Volume] = {}
-    found = []
+    geoms = []
     for number, geom in enumerate([*spec.geoms]):
         if geom.type == kinds.mjGEOM_HFIELD:
             geom.type, geom.size, geom.mass, geom.rgba = kinds.mjGEOM_SPHERE, [1] * 3, 0.0, [0] * 4
@@ -78,13 +78,13 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
         geom.type = kinds.mjGEOM_ELLIPSOID if weighs else kinds.mjGEOM_SPHERE
         geom.meshname = ""
         if not geom.name:
-            geom.name = next(name for k in count(number) if (name := f"mesh{k}") not in taken)
-            taken.add(geom.name)
+            geom.name = next(name for k in count(number) if (name := f"mesh{k}") not in names)
+            names.add(geom.name)
         inner, size = _stretch(mesh)
-        found.append(MeshGeom(geom.name, outer.then(inner), None if fitted or size is None else
+        geoms.append(MeshGeom(geom.name, outer.then(inner), None if fitted or size is None else
                               partial(_shape, size, _file(mesh, spec.strippath).as_posix())))
     _remove(kinds, spec, meshes)
-    return found
+    return geoms
 
 
 def _remove(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
@@ -101,9 +101,9 @@ def _remove(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
     for site in spec.sites:
         if site.meshname in meshes:
             site.meshname, site.type = "", kinds.mjGEOM_SPHERE
-    for part in [*spec.sensors, *spec.skins, *spec.textures, *spec.hfields,
-                 *(mesh for mesh in spec.meshes if mesh.name in meshes)]:
-        spec.delete(part)
+    for element in [*spec.sensors, *spec.skins, *spec.textures, *spec.hfields,
+                    *(mesh for mesh in spec.meshes if mesh.name in meshes)]:
+        spec.delete(element)
     spec.nkey, spec.nuserdata = len(spec.keys), 0
     for size in ("memory", "njmax", "nconmax", *(e for e in dir(spec) if e.startswith("nuser_"))):
         setattr(spec, size, -1)  # as MuJoCo needs it
@@ -155,9 +155,9 @@ def _shape(scale: Array, file: str, colour: str) -> Shape:
 def _measure(mesh: Any, folder: Path, strip: bool) -> Volume:
     """Return the volume of a mesh in its axes."""
     file = _file(mesh, strip)
-    way = mesh.inertia.name.rpartition("_")[2].lower()
+    method = mesh.inertia.name.rpartition("_")[2].lower()
     try:
-        if way == "shell":
+        if method == "shell":
             raise InputError("its inertia is that of a shell; write inertia=\"exact\".")
         if not is_within(folder, file.as_posix()):
             raise InputError("it is not in the folder of the model; move it there.")
@@ -165,8 +165,8 @@ def _measure(mesh: Any, folder: Path, strip: bool) -> Volume:
         corners = (read_triangles(folder / file) - axes.x) @ axes.R * scale
         if scale.prod() < 0:
             corners = corners[:, ::-1]
-        return mesh_volume(convex_hull(corners) if way == "convex" else corners,
-                           overlaps=way == "legacy")
+        return mesh_volume(convex_hull(corners) if method == "convex" else corners,
+                           overlaps=method == "legacy")
     except InputError as error:
         raise InputError(f"the mesh {shown(mesh.name)} gives mass to a body, and its file "
                          f"{shown(file.as_posix())} is not usable: {error}") from None

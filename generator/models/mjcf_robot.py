@@ -153,9 +153,9 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom]]:
         except InputError:
             raise
         except (ValueError, RuntimeError, MemoryError) as error:
-            told = ", ".join(" ".join(line.split()).replace("name '', id", "number").rstrip(".,")
-                             for line in str(error).splitlines() if line)
-            raise InputError(f"MuJoCo does not compile it: {told}; correct it.") from None
+            reason = ", ".join(" ".join(line.split()).replace("name '', id", "number").rstrip(".,")
+                               for line in str(error).splitlines() if line)
+            raise InputError(f"MuJoCo does not compile it: {reason}; correct it.") from None
     for message in dict.fromkeys(str(warning.message) for warning in heard):
         warn(f"MuJoCo warns of {str(path)!r}: {message}.")
     check_fields(fields_of(model), mujoco.__version__)
@@ -163,7 +163,7 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom]]:
 
 
 def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
-    """Return what a text that was read from a file describes.
+    """Return the bodies, joints and actuators of the text of an MJCF file.
 
     Raises
     ------
@@ -187,8 +187,8 @@ class _Reader:
         off = flags_of(options.disableflags, _members(mujoco.mjtDisableBit))
         on = flags_of(options.enableflags, _members(mujoco.mjtEnableBit))
         if "" in off or not on <= ENABLE_FLAGS:
-            told = ", ".join(sorted(on - ENABLE_FLAGS)) or "unknown"
-            raise InputError(f"it has a <flag> of <option> that no model here has, {told}; leave "
+            flags = ", ".join(sorted(on - ENABLE_FLAGS)) or "unknown"
+            raise InputError(f"it has a <flag> of <option> that no model here has, {flags}; leave "
                              "it out.")
         if "constraint" in off:
             off |= {"equality", "limit", "contact", "frictionloss"}
@@ -236,13 +236,13 @@ class _Reader:
     @cached_property
     def _joint_names(self) -> list[str]:
         m, counts = self.m, Counter[int]()
-        found = []
+        names = []
         for k in range(m.njnt):
             body = int(m.jnt_bodyid[k])
-            found.append(m.joint(k).name or f"{_name(m.body(body).name, 'body', body)}_joint"
+            names.append(m.joint(k).name or f"{_name(m.body(body).name, 'body', body)}_joint"
                          f"{counts[body] or ''}")
             counts[body] += 1
-        return found
+        return names
 
     # ------------------------------------------------------------ bodies
 
@@ -251,11 +251,11 @@ class _Reader:
         name, R = _name(m.body(k).name, "body", k), rotation(m.body_iquat[k])
         link = RobotLink(name, float(m.body_mass[k]), np.array(m.body_ipos[k]),
                          R @ np.diag(m.body_inertia[k]) @ R.T)
-        above, place = self._end(m.body_parentid[k], m.body_pos[k], m.body_quat[k])
+        above, placement = self._end(m.body_parentid[k], m.body_pos[k], m.body_quat[k])
         first = m.body_jntadr[k]
         joints = [self._joint(j) for j in range(first, first + m.body_jntnum[k])]
         gravcomp = 0.0 if "gravcomp" in robot.off else float(m.body_gravcomp[k])
-        robot.bodies.append(RobotBody(name, above, place, link, gravcomp, joints))
+        robot.bodies.append(RobotBody(name, above, placement, link, gravcomp, joints))
         robot.looks[k - 1] = self._looks(k)
         robot.joints |= {joint.name: joint for joint in joints}
 
@@ -277,7 +277,7 @@ class _Reader:
 
     def _looks(self, body: int) -> list[tuple[int, Look]]:
         """Return groups and shapes of the geoms of a body, without planes and invisible ones."""
-        m, found = self.m, []
+        m, looks = self.m, []
         for k in range(m.ngeom):
             material = int(m.geom_matid[k])
             rgba = m.geom_rgba[k]
@@ -285,49 +285,49 @@ class _Reader:
                 rgba = m.mat_rgba[material]
             if m.geom_bodyid[k] != body or not rgba[3]:
                 continue
-            _, place = self._end(body, m.geom_pos[k], m.geom_quat[k])
+            _, placement = self._end(body, m.geom_pos[k], m.geom_quat[k])
             colour = "" if np.array_equal(rgba, _GREY) else colour_of(rgba.tolist())
             mesh, kind = self.meshes.get(m.geom(k).name), self._kind("mjtGeom", m.geom_type[k])
             if mesh is not None and mesh.shape is not None:
-                look = place.then(mesh.inner), mesh.shape(colour)
+                look = placement.then(mesh.inner), mesh.shape(colour)
             elif mesh is None and kind in _DRAWN:
                 drawn, sizes = _DRAWN[kind]
                 size = np.array(m.geom_size[k])[[*sizes]]
-                look = place, Shape(drawn, size, colour=colour)
+                look = placement, Shape(drawn, size, colour=colour)
             else:
                 continue
-            found.append((int(m.geom_group[k]), look))
-        return found
+            looks.append((int(m.geom_group[k]), look))
+        return looks
 
     def _contacts(self) -> None:
         """Count bodies with geoms that may touch those of another one."""
         m = self.m
         touching = {(int(m.body_weldid[m.geom_bodyid[k]]), int(m.geom_contype[k]),
                      int(m.geom_conaffinity[k])) for k in range(m.ngeom)}
-        found: set[int] = set()
+        colliding: set[int] = set()
         for (a, type_a, with_a), (b, type_b, with_b) in combinations(sorted(touching), 2):
             if a == b or not (type_a & with_b or type_b & with_a):
                 continue
             near = 0 not in (a, b) and "filterparent" not in self.robot.off and (
                 m.body_weldid[m.body_parentid[a]] == b or m.body_weldid[m.body_parentid[b]] == a)
             if not near:
-                found |= {a, b}
-        self.robot.extras["contact"] += len(found)
+                colliding |= {a, b}
+        self.robot.extras["contact"] += len(colliding)
 
     # ------------------------------------------------------------ tendons, actuators, equalities
 
     def _tendon(self, k: int) -> None:
         m, off, extras = self.m, self.robot.off, self.robot.extras
         parts = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
-        fixed = all(self._kind("mjtWrap", m.wrap_type[part]) == "joint" for part in parts)
+        fixed = all(self._kind("mjtWrap", m.wrap_type[wrap]) == "joint" for wrap in parts)
         low, high = map(float, m.tendon_lengthspring[k])
         stiffness = 0.0 if "spring" in off else float(m.tendon_stiffness[k])
         damping = 0.0 if "damper" in off else float(m.tendon_damping[k])
         extras["tendon"] += bool((stiffness and (not fixed or low != high))
                                  or (damping and not fixed))
         self.robot.tendons[_name(m.tendon(k).name, "tendon", k + 1)] = MjcfTendon(
-            tuple((self._joint_names[m.wrap_objid[part]], float(m.wrap_prm[part]))
-                  for part in parts) if fixed else (),
+            tuple((self._joint_names[m.wrap_objid[wrap]], float(m.wrap_prm[wrap]))
+                  for wrap in parts) if fixed else (),
             stiffness if low == high else 0.0, low, damping if fixed else 0.0)
 
     def _actuator(self, k: int) -> None:
@@ -345,14 +345,15 @@ class _Reader:
                 acts = ((joint, 1.0),)
         elif kind == "tendon":
             acts = [*robot.tendons.values()][target].joints
-        gains, biases = (self._kind(f"mjt{what.title()}", getattr(m, f"actuator_{what}type")[k])
-                         for what in ("gain", "bias"))
+        gains, biases = (self._kind(f"mjt{law.title()}", getattr(m, f"actuator_{law}type")[k])
+                         for law in ("gain", "bias"))
         gain, bias = m.actuator_gainprm[k], m.actuator_biasprm[k]
-        other = (m.actuator_dyntype[k] or gains not in ("fixed", "affine")
-                 or biases not in ("none", "affine") or (gains == "affine" and gain[1])
-                 or m.actuator_plugin[k] >= 0 or m.actuator_delay[k] or m.actuator_history[k].any()
-                 or passive or (m.actuator_ctrlnum[k], m.actuator_outnum[k]) != (1, 1))
-        if other or not acts:
+        unsupported = (m.actuator_dyntype[k] or gains not in ("fixed", "affine")
+                       or biases not in ("none", "affine") or (gains == "affine" and gain[1])
+                       or m.actuator_plugin[k] >= 0 or m.actuator_delay[k]
+                       or m.actuator_history[k].any()
+                       or passive or (m.actuator_ctrlnum[k], m.actuator_outnum[k]) != (1, 1))
+        if unsupported or not acts:
             robot.extras["actuator"] += 1
             return
         control = int(m.actuator_ctrladr[k])
@@ -386,10 +387,11 @@ class _Reader:
 
     def _key(self, k: int) -> None:
         m = self.m
-        moved = next((m.body(b).name for b in range(m.nbody) for at in [m.body_mocapid[b]]
-                      if at >= 0 and not (
-                          np.array_equal(m.key_mpos[k].reshape(-1, 3)[at], m.body_pos[b])
-                          and np.array_equal(m.key_mquat[k].reshape(-1, 4)[at], m.body_quat[b]))),
+        moved = next((m.body(b).name for b in range(m.nbody) for mocap in [m.body_mocapid[b]]
+                      if mocap >= 0 and not (
+                          np.array_equal(m.key_mpos[k].reshape(-1, 3)[mocap], m.body_pos[b])
+                          and np.array_equal(m.key_mquat[k].reshape(-1, 4)[mocap],
+                                             m.body_quat[b]))),
                      "")
         self.robot.keys.append(MjcfKey(m.key(k).name, np.array(m.key_qpos[k]),
                                        np.array(m.key_qvel[k]), np.array(m.key_ctrl[k]), moved))

@@ -173,9 +173,9 @@ def _read(
                  "point_masses" in content or "beams" in content))]
     shown = ", ".join(f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS)
     if len(kinds) != 1:
-        found = " and ".join(f"[{kind}]" for kind in kinds) or "neither of them"
+        tables = " and ".join(f"[{kind}]" for kind in kinds) or "neither of them"
         raise content.file_error(
-            f"it must have one table among {shown} and has {found}; write one.")
+            f"it must have one table among {shown} and has {tables}; write one.")
     content.require("name", *(() if kinds == ["bodies"] else ("start",)))
     formulas = Formulas(content, ParameterValues(content))
     try:
@@ -195,20 +195,20 @@ def _read(
 
 def _with_inputs(model: Model, content: TomlTable) -> Model:
     """Return the model with what [inputs] names as inputs; their values are those by default."""
-    known = {str(x): x for x in model.system.parameters}
+    symbols = {str(x): x for x in model.system.parameters}
     table = content.table("inputs")
     for name in table.items():
-        if name not in known:
+        if name not in symbols:
             raise table.error(name, "is in no force; write it where it acts, or remove it.")
-    inputs = tuple(known[name] for name in table.items())
+    inputs = tuple(symbols[name] for name in table.items())
     return replace(model, system=replace(model.system, inputs=inputs)) if inputs else model
 
 
 def _with_units(model: Model, content: TomlTable) -> Model:
     """Return the model with the units of [units]."""
     table = content.table("units")
-    given = {name: table.text(name) for name in table.items()}
-    return replace(model, units={**model.units, **given}) if given else model
+    units = {name: table.text(name) for name in table.items()}
+    return replace(model, units={**model.units, **units}) if units else model
 
 
 def _with_events(model: Model, content: TomlTable) -> Model:
@@ -251,17 +251,18 @@ def _set(content: TomlTable, key: str, value: str) -> None:
     """Replace a value of the file, or add one."""
     *path, last = key.split(".") if "." in key else ("parameters", key)
     table: Any = content.content
-    for part in path:
+    for word in path:
         if isinstance(table, list):  # [[bodies]] and their like, by name
-            table = next((one for one in table if isinstance(one, dict)
-                          and one.get("name") == part), None)
+            table = next((entry for entry in table if isinstance(entry, dict)
+                          and entry.get("name") == word), None)
         else:
-            table = table.get(part) if isinstance(table, dict) else None
-    known = list(content.table("parameters").content)
-    if not isinstance(table, dict) or ("." not in key and last not in known):
+            table = table.get(word) if isinstance(table, dict) else None
+    parameters = list(content.table("parameters").content)
+    if not isinstance(table, dict) or ("." not in key and last not in parameters):
         raise content.file_error(
-            f"it has no {shown(key)} to set; choose {listed(known or ['none of its parameters'])}, "
-            f"or a table and a key, such as start.euler{proposal(key, known)}.")
+            f"it has no {shown(key)} to set; choose "
+            f"{listed(parameters or ['none of its parameters'])}, or a table and a key, such as "
+            f"start.euler{proposal(key, parameters)}.")
     table[last] = _value(value)
 
 

@@ -59,7 +59,7 @@ _SAME = 1e-12
 
 
 def as_names(ignore: Any) -> list[str]:
-    """Return what to ignore: a name, or names."""
+    """Return ``ignore``, one name or several, as a list."""
     return [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
 
@@ -70,23 +70,23 @@ def stiffness_of_limits(limits: Any) -> float | None:
 
 
 def refuse_extras(
-    extras: Mapping[str, int], known: Mapping[str, str], ignore: Sequence[str]
+    extras: Mapping[str, int], descriptions: Mapping[str, str], ignore: Sequence[str]
 ) -> None:
-    """Refuse what a file has besides bodies and joints, with its count, unless it is ignored."""
+    """Refuse elements besides bodies and joints, with their counts, unless ``ignore`` has them."""
     for name in ignore:
-        if name not in (*known, "all"):
+        if name not in (*descriptions, "all"):
             raise InputError(f"ignore names {shown(name)}; choose "
-                             f"{listed([*known, 'all'])}{proposal(name, known)}.")
+                             f"{listed([*descriptions, 'all'])}{proposal(name, descriptions)}.")
     if "all" in ignore:
         return
-    left = {name: extras[name] for name in known if extras[name] and name not in ignore}
-    if left:
-        told = ", ".join(f"{name} ({known[name]}, {count} of them)"
-                         for name, count in left.items())
-        wanted = [*ignore, *left]
-        raise InputError(f"it has {told}, which no model here has; to run without, write "
-                         f"ignore={wanted} in Python, --set ignore="
-                         f"{','.join(wanted)} after run or build; other commands need a "
+    remaining = {name: extras[name] for name in descriptions if extras[name] and name not in ignore}
+    if remaining:
+        listing = ", ".join(f"{name} ({descriptions[name]}, {count} of them)"
+                            for name, count in remaining.items())
+        ignored = [*ignore, *remaining]
+        raise InputError(f"it has {listing}, which no model here has; to run without, write "
+                         f"ignore={ignored} in Python, --set ignore="
+                         f"{','.join(ignored)} after run or build; other commands need a "
                          "file without.")
 
 
@@ -113,14 +113,14 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
         For names of no joint, and values that it cannot have.
     """
     leaders = {follower.name: follower for follower in robot.followers}
-    known = [name for name in robot.joints if name]
-    for key, given, values in (
+    joint_names = [name for name in robot.joints if name]
+    for key, argument, values in (
             ("angles", angles, start.coordinates), ("rates", rates, start.rates)):
-        told = as_mapping(key, {} if given is None else given, "{'elbow': 0.5}")
-        for name, value in told.items():
-            if name not in known:
+        entries = as_mapping(key, {} if argument is None else argument, "{'elbow': 0.5}")
+        for name, value in entries.items():
+            if name not in joint_names:
                 raise InputError(f"{key} names {shown(name)}, which is no joint that moves; choose "
-                                 f"{listed(known) if known else 'none'}{proposal(name, known)}.")
+                                 f"{listed(joint_names or ['none'])}{proposal(name, joint_names)}.")
             if name in leaders:
                 raise InputError(f"{key} names {shown(name)}, which follows "
                                  f"{shown(leaders[name].leader)}; set that one.")
@@ -141,14 +141,14 @@ def _followed(
     return value
 
 
-def _joint_values(key: str, joint: RobotJoint, given: Any) -> Array:
+def _joint_values(key: str, joint: RobotJoint, entry: Any) -> Array:
     """Return values of a joint: one, or as many numbers as qpos or qvel has."""
     if joint.kind in ("hinge", "slide"):
-        return np.array([_coordinate_value(key, joint.name, joint.kind == "hinge", given)])
+        return np.array([_coordinate_value(key, joint.name, joint.kind == "hinge", entry)])
     count = joint.count if key == "angles" else joint.freedoms
-    values = real_array(given)
+    values = real_array(entry)
     if values is None or values.shape != (count,) or not np.isfinite(values).all():
-        raise InputError(f"The {key[:-1]} of {joint.name!r} is {shown(given)}; a {joint.kind} "
+        raise InputError(f"The {key[:-1]} of {joint.name!r} is {shown(entry)}; a {joint.kind} "
                          f"joint has {count} finite numbers, as "
                          f"{'qpos' if key == 'angles' else 'qvel'} has.")
     return with_unit_quaternion(joint, values) if key == "angles" else values
@@ -161,15 +161,15 @@ def with_unit_quaternion(joint: RobotJoint, values: Array) -> Array:
     return np.concatenate([values[:-4], unit(values[-4:])])
 
 
-def _coordinate_value(key: str, name: str, is_angle: bool, given: Any) -> float:
+def _coordinate_value(key: str, name: str, is_angle: bool, entry: Any) -> float:
     """Return a coordinate or rate that is a number, or a text such as "45 deg"."""
     about = f"{key[:-1]} of {name!r}"
-    if isinstance(given, str):
+    if isinstance(entry, str):
         try:
-            return float(finite(about, parse_number(given, _UNITS[key] if is_angle else {}), ()))
+            return float(finite(about, parse_number(entry, _UNITS[key] if is_angle else {}), ()))
         except InputError as error:
-            raise InputError(f"The {about} is {shown(given)}: {error}") from None
-    number = float(finite(about, given, ()))
+            raise InputError(f"The {about} is {shown(entry)}: {error}") from None
+    number = float(finite(about, entry, ()))
     if is_angle and key == "angles":
         warn_of_degrees(f"The {about}", [number], cure=(
             f'"{number:.6g} deg"; "{number:.6g} rad" says that radians are'))
@@ -190,7 +190,7 @@ def set_base_motion(robot: Robot, start: Start, velocity: Any, angular_velocity:
     if len(floating) != 1:
         raise InputError("velocity and angular_velocity are those of one floating body, and there "
                          f"{'are several' if floating else 'is none'}; leave them out.")
-    v, w = (np.zeros(3) if given is None else vector(name, given) for name, given in (
+    v, w = (np.zeros(3) if argument is None else vector(name, argument) for name, argument in (
         ("velocity", velocity), ("angular_velocity", angular_velocity)))
     limb = floating[0].body
     R = place_bodies(robot, start.coordinates).bodies[limb].R
@@ -262,7 +262,7 @@ class RobotBuilder:
         return self.builder
 
     def _add_more(self) -> None:
-        """Add what only one format has."""
+        """Add elements of a single format; a subclass has them."""
 
     def mounts(self) -> dict[str, Mount]:
         """Return the placement of each body of the file, in its rigid part and in space."""
@@ -304,18 +304,18 @@ class RobotBuilder:
     # ------------------------------------------------------------ joints
 
     def _join_and_name(self, limb: int) -> None:
-        """Add what holds a body to the one above, which the names of all its joints stand for."""
+        """Connect a limb to its parent; the names of all its joints become aliases."""
         components = self.builder._components
         count = len(components.connections)
         self._join(limb)
-        held = next((link for link in components.connections[count:]
-                     if isinstance(link, Joint) and not isinstance(link, Slide)), None)
-        if held is not None:
+        connection = next((link for link in components.connections[count:]
+                           if isinstance(link, Joint) and not isinstance(link, Slide)), None)
+        if connection is not None:
             names = [self.joint_name[joint.name] for joint in self.robot.bodies[limb].joints]
-            components.aliases |= {name: held for name in names if name != held.name}
+            components.aliases |= {name: connection for name in names if name != connection.name}
 
     def _join(self, limb: int) -> None:
-        """Add what holds a body to the one above."""
+        """Connect a limb to its parent by the joints of the file."""
         robot, build = self.robot, self.builder
         joints, above = robot.bodies[limb].joints, robot.limb(robot.bodies[limb].above)
         kinds = [joint.kind for joint in joints]
@@ -349,7 +349,7 @@ class RobotBuilder:
                 f"a {robot.part} with mass between them.")
 
     def _know(self, joint: RobotJoint, link: Connection) -> None:
-        """Remember what has the coordinate of a joint, which is a flywheel's with armature."""
+        """Store the connection with the coordinate of a joint: a flywheel where it has armature."""
         if joint.armature:
             link = self.builder.flywheel(self.joint_names.free(f"{joint.name}_rotor"), link,
                                          inertia=joint.armature)
@@ -407,7 +407,7 @@ class RobotBuilder:
         joints, build = self.robot.bodies[limb].joints, self.builder
         hinge = joints[-1].kind == "hinge"
         along = np.array(axes[:-1] if hinge else axes)
-        at = points[-1]
+        point = points[-1]
         if len(along) < 2 or np.linalg.svd(along)[1][-1] < _SAME:
             return False
         normal = unit(np.cross(along[0], along[1])) if len(along) == 2 else None
@@ -415,15 +415,15 @@ class RobotBuilder:
             if normal is None or abs(normal @ axes[-1]) < 1 - _SAME:
                 return False
             angle = float(self.start.coordinates[joints[-1].name][0])
-            self._know(joints[-1], build.planar(name, *ends, axis_in_space=axes[-1], at=at,
+            self._know(joints[-1], build.planar(name, *ends, axis_in_space=axes[-1], at=point,
                                                 angle=angle))
         else:
-            build._join(Translation(name, *ends, at=at, normal=normal))
+            build._join(Translation(name, *ends, at=point, normal=normal))
         duals = np.linalg.pinv(along).T  # d = Σ s_i e_i has s_i = d · dual_i
         for joint, dual in zip(joints, duals, strict=False):
             label = self.joint_names.free(f"{joint.name}_slide")
             self._know(joint, build._join(Slide(
-                label, *ends, at=at, hinge=Align(label, *ends, unit(dual)),
+                label, *ends, at=point, hinge=Align(label, *ends, unit(dual)),
                 scale=float(np.linalg.norm(dual)),
                 travel=float(self.start.coordinates[joint.name][0]))))
         return True
@@ -437,8 +437,8 @@ class RobotBuilder:
         apart = points[1] - points[0]
         if abs(np.cross(axes[0], axes[1]) @ apart) > _SAME:
             return False
-        at = points[0] + (axes[0] @ apart) * axes[0]
-        build.universal(name, *ends, axis_a=axes[0], axis_b=axes[1], at=at)
+        point = points[0] + (axes[0] @ apart) * axes[0]
+        build.universal(name, *ends, axis_a=axes[0], axis_b=axes[1], at=point)
         for k, joint in enumerate(joints):
             self.coordinates[joint.name] = build._join(Arm(
                 self.joint_names.free(f"{joint.name}_arm"), *ends, arms=(axes[0], axes[1]), own=k,
@@ -472,15 +472,15 @@ class RobotBuilder:
                     self.joint_names.free(f"{joint.name}_limits"), self.coordinates[joint.name],
                     stiffness=limits or 0.0, rest=joint.range or (0.0, 0.0))
             return
-        own = joint.kind in ("ball", "free") and len(self.robot.bodies[joint.body].joints) == 1
-        told = " and ".join(
+        alone = joint.kind in ("ball", "free") and len(self.robot.bodies[joint.body].joints) == 1
+        elements = " and ".join(
             [key for key in ("stiffness", "damping", "armature")
-             if getattr(joint, key) and not (own and key == "armature")] + ["range"] * limited)
-        if joint.kind == "ball" and told == "damping":
+             if getattr(joint, key) and not (alone and key == "armature")] + ["range"] * limited)
+        if joint.kind == "ball" and elements == "damping":
             self._ball_damper(joint)
-        elif told:
+        elif elements:
             row = "" if joint.kind in ("ball", "free") else " in a row without armature"
-            raise InputError(f"joint {shown(joint.name)} has {told}, which a {joint.kind} joint"
+            raise InputError(f"joint {shown(joint.name)} has {elements}, which a {joint.kind} joint"
                              f"{row} has not here; write 0, or armature for each joint of its "
                              f"{self.robot.part}.")
 
@@ -500,8 +500,8 @@ class RobotBuilder:
     def _compensate_gravity(self) -> None:
         """Add the potential gravcomp m g·x of each body that has it, and of armature a g·x."""
         for k, body in enumerate(self.robot.bodies):
-            at = self.robot.inner(k)
-            self._lift(f"{body.name}_gravcomp", k, at.x + at.R @ body.link.centre,
+            placement = self.robot.inner(k)
+            self._lift(f"{body.name}_gravcomp", k, placement.x + placement.R @ body.link.centre,
                        body.gravcomp * body.link.mass)
             for joint in body.joints:
                 if joint.kind == "free":
@@ -518,7 +518,7 @@ class RobotBuilder:
 
 
 class Names:
-    """Names that C has, each once, of names that may have any signs."""
+    """Make distinct C identifiers from names with any characters."""
 
     def __init__(self) -> None:
         self._taken = {"ground", "gravity"}

@@ -129,7 +129,7 @@ class Mount:
 
 @dataclass(frozen=True, eq=False)
 class LoopJoint:
-    """A joint that closes a loop: where it is in two bodies, and its axis in its own axes.
+    """Joint of a kinematic loop: its placement in both bodies, its axis in its own axes.
 
     ``across`` is the second axis of a universal joint, in the axes of the joint on the second body.
     """
@@ -147,8 +147,8 @@ class LoopJoint:
     def close(self, builder: Multibody, name: str, mounts: Mapping[str, Mount]) -> None:
         """Add the joint."""
         a, b = (mounts[body] for body in self.bodies)
-        inner_a, inner_b = (mount.inner.then(place)
-                            for mount, place in zip((a, b), self.places, strict=True))
+        inner_a, inner_b = (mount.inner.then(placement)
+                            for mount, placement in zip((a, b), self.places, strict=True))
         ends: dict[str, Any] = {"a": a.frame, "b": b.frame, "on_a": inner_a.x, "on_b": inner_b.x}
         axis = a.space.R @ self.places[0].R @ self.axis
         if self.kind == "ball":
@@ -200,11 +200,11 @@ class Robot:
 
     def inner(self, body: int) -> Placement:
         """Return where a body is in the frame of what it moves with."""
-        place, limb = IDENTITY, self.limb(body)
+        placement, limb = IDENTITY, self.limb(body)
         while body != limb:
-            place = self.bodies[body].place.then(place)
+            placement = self.bodies[body].place.then(placement)
             body = self.bodies[body].above
-        return place
+        return placement
 
     def mass_of(self, limb: int) -> tuple[float, Array, Array]:
         """Return mass, centre and inertia about it of all that moves with a body, in its frame.
@@ -232,8 +232,9 @@ class Robot:
         if joint.kind == "ball":
             return np.array([1.0, 0, 0, 0])
         if joint.kind == "free":
-            place = self.bodies[joint.body].place
-            return np.concatenate([place.x, np.array(quaternion_of_matrix(place.R, "attitude"))])
+            placement = self.bodies[joint.body].place
+            return np.concatenate([placement.x,
+                np.array(quaternion_of_matrix(placement.R, "attitude"))])
         return np.array([joint.ref])
 
 
@@ -248,13 +249,13 @@ def turn(axis: Array, angle: float) -> Array:
 def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Array, Array]:
     """Return mass, centre of mass, and inertia about it, of links that move as one."""
     mass = sum(link.mass for _, link in parts)
-    centres = [place.x + place.R @ link.centre for place, link in parts]
+    centres = [placement.x + placement.R @ link.centre for placement, link in parts]
     centre: Array = sum((link.mass * c for (_, link), c in zip(parts, centres, strict=True)),
                         np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
-    for (place, link), c in zip(parts, centres, strict=True):
+    for (placement, link), c in zip(parts, centres, strict=True):
         d = c - centre
-        inertia += place.R @ link.inertia @ place.R.T
+        inertia += placement.R @ link.inertia @ placement.R.T
         inertia += link.mass * (d @ d * np.eye(3) - np.outer(d, d))
     return mass, centre, (inertia + inertia.T) / 2
 
@@ -359,17 +360,17 @@ def grow_tree(
     below: dict[str, list[Edge]] = {name: [] for name in links}
     for edge in edges:
         below[edge.parent].append(edge)
-    left = [(root_of(links, edges), -1, base, base_joint)]
-    while left:
-        name, above, place, joint = left.pop()
+    stack = [(root_of(links, edges), -1, base, base_joint)]
+    while stack:
+        name, above, placement, joint = stack.pop()
         link, gravcomp = links[name]
         number = len(robot.bodies)
-        robot.bodies.append(RobotBody(name, above, place, link, gravcomp))
+        robot.bodies.append(RobotBody(name, above, placement, link, gravcomp))
         if joint is not None:
             joint.body = number
             robot.bodies[-1].joints.append(joint)
         for edge in reversed(below[name]):
-            left.append((edge.child, number, edge.place, edge.joint))
+            stack.append((edge.child, number, edge.place, edge.joint))
     joints = [*([base_joint] if base_joint else []), *(e.joint for e in edges if e.joint)]
     robot.joints |= {joint.name: joint for joint in joints}
 
@@ -380,20 +381,20 @@ def free_base() -> RobotJoint:
 
 
 def check_followers(robot: Robot) -> None:
-    """Refuse joints that follow what does not move, or themselves."""
+    """Refuse followers of a fixed joint, and cycles of followers."""
     leaders = {follower.name: follower.leader for follower in robot.followers}
     moving = [name for name, joint in robot.joints.items() if joint.kind in ("hinge", "slide")]
     for name in leaders:
-        seen = [name]
-        while seen[-1] in leaders:
-            leader = leaders[seen[-1]]
+        chain = [name]
+        while chain[-1] in leaders:
+            leader = leaders[chain[-1]]
             if leader not in moving:
-                raise InputError(f"joint {shown(seen[-1])} follows {shown(leader)}, which is no "
+                raise InputError(f"joint {shown(chain[-1])} follows {shown(leader)}, which is no "
                                  f"joint that moves{proposal(leader, moving)}; correct its "
                                  "<mimic>.")
-            if leader in seen:
+            if leader in chain:
                 raise InputError(f"joint {shown(leader)} follows itself; correct its <mimic>.")
-            seen.append(leader)
+            chain.append(leader)
 
 
 def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
@@ -404,10 +405,10 @@ def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
             if end not in links:
                 raise InputError(f"joint {shown(edge.name)} joins {shown(end)}, which is no link"
                                  f"{proposal(end, links)}; correct it.")
-        other = above.setdefault(edge.child, edge)
-        if other is not edge:
+        earlier = above.setdefault(edge.child, edge)
+        if earlier is not edge:
             raise InputError(f"link {shown(edge.child)} is the child of the joints "
-                             f"{shown(other.name)} and {shown(edge.name)}, and URDF has trees "
+                             f"{shown(earlier.name)} and {shown(edge.name)}, and URDF has trees "
                              "alone; remove one of them.")
     roots = [name for name in links if name not in above]
     if len(roots) > 1:
@@ -415,11 +416,11 @@ def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
         raise InputError(f"it has {len(roots)} roots, {named}, and a tree has one; "
                          "join the others by <joint>.")
     for name in links:  # up to the root, or round and round
-        seen = [name]
-        while seen[-1] in above:
-            seen.append(above[seen[-1]].parent)
-            if seen[-1] in seen[:-1]:
-                circle = seen[seen.index(seen[-1]):]
+        chain = [name]
+        while chain[-1] in above:
+            chain.append(above[chain[-1]].parent)
+            if chain[-1] in chain[:-1]:
+                circle = chain[chain.index(chain[-1]):]
                 raise InputError(f"the links {' – '.join(circle)} form a cycle, and URDF has trees "
                                  "alone; remove one of their joints, and close the loop again in "
                                  "a TOML file (loops = …).")

@@ -37,15 +37,15 @@ LinkLooks = tuple[str, Sequence[Look], Sequence[Look]]
 
 
 def draw(
-    builder: Multibody, frame: Frame, at: Placement, seen: Sequence[Look],
+    builder: Multibody, frame: Frame, placement: Placement, shapes: Sequence[Look],
     colliding: Sequence[Look], path: Path,
 ) -> None:
-    """Add the shapes of a link, ``at`` a placement in a frame; ``path`` is the robot's file."""
-    if colliding and not all(_is_readable(shape, path) for _, shape in seen) and all(
+    """Add the shapes of a link at ``placement`` in ``frame``; ``path`` is the robot's file."""
+    if colliding and not all(_is_readable(shape, path) for _, shape in shapes) and all(
             _is_readable(shape, path) for _, shape in colliding):
-        seen = colliding
-    for place, shape in seen:
-        here = at.then(place).then(Placement(shape.centre, shape.axes))
+        shapes = colliding
+    for pose, shape in shapes:
+        here = placement.then(pose).then(Placement(shape.centre, shape.axes))
         builder.visual(frame, replace(shape, centre=here.x, axes=here.R))
 
 
@@ -53,9 +53,9 @@ def add_visuals(
     builder: Multibody, looks: Iterable[LinkLooks], mounts: Mapping[str, Mount], path: Path
 ) -> None:
     """Add the shapes of all links, at the placements of the links."""
-    for name, seen, colliding in looks:
+    for name, visible, colliding in looks:
         if name in mounts:
-            draw(builder, mounts[name].frame, mounts[name].inner, seen, colliding, path)
+            draw(builder, mounts[name].frame, mounts[name].inner, visible, colliding, path)
 
 
 def _is_readable(shape: Shape, path: Path) -> bool:
@@ -82,27 +82,27 @@ def urdf_looks(top: Element) -> Iterator[LinkLooks]:
             material.attributes.get("name", ""), "")
 
     for link in top.all("link"):
-        seen, colliding = (looks_of(link, kind, place_of, shape_of, colour)
-                           for kind in ("visual", "collision"))
-        yield link.attributes.get("name", ""), seen, colliding
+        visible, colliding = (looks_of(link, kind, place_of, shape_of, colour)
+                              for kind in ("visual", "collision"))
+        yield link.attributes.get("name", ""), visible, colliding
 
 
 def looks_of(
-    link: Element, kind: str, place: Callable[[Element], Placement],
+    link: Element, kind: str, pose_of: Callable[[Element], Placement],
     shape: Callable[[Element, str], Shape | None], colour: Callable[[Element], str],
 ) -> list[Look]:
     """Return the shapes of a link, those of <visual> or <collision>."""
-    found = []
+    shapes = []
     for element in link.all(kind):
         geometry = element.first("geometry")
-        for one in [] if geometry is None else geometry.children:
+        for child in [] if geometry is None else geometry.children:
             try:
-                made = shape(one, colour(element))
-                if made is not None:
-                    found.append((place(element), made))
+                visual = shape(child, colour(element))
+                if visual is not None:
+                    shapes.append((pose_of(element), visual))
             except InputError:
                 continue
-    return found
+    return shapes
 
 
 def shape_of(element: Element, colour: str) -> Shape | None:

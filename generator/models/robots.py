@@ -116,7 +116,7 @@ def robot_format(text: str, path: str | Path) -> RobotFormat:
 
 
 def refuse_other_options(kind: str, allowed: Sequence[str], options: Iterable[str]) -> None:
-    """Refuse options that the format ``kind`` does not take, naming the formats that do.
+    """Refuse options of other formats than ``kind``, and name the formats that take them.
 
     Raises
     ------
@@ -189,17 +189,17 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
         if key not in keys or key in options:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
-            parts = [_number_or_text(part) for part in value.split(",")]
+            parts = [_number_or_text(number) for number in value.split(",")]
             options[kind][name] = parts if len(parts) > 1 else parts[0]
         elif key == "ignore":
             options[key] = [name.strip() for name in value.split(",")]
         elif key in ("base", "keyframe", "loops"):
             options[key] = value
         else:
-            numbers = [_number_or_text(part) for part in value.split(",")]
-            for part in numbers:
-                if isinstance(part, str):
-                    raise InputError(f"{key}={shown(part)} is no number; write for example "
+            numbers = [_number_or_text(number) for number in value.split(",")]
+            for number in numbers:
+                if isinstance(number, str):
+                    raise InputError(f"{key}={shown(number)} is no number; write for example "
                                      f"{key}=0.5.")
             options[key] = numbers[0] if key == "limits" else numbers
     return options
@@ -237,26 +237,26 @@ class Loops:
 
     def close(self, builder: Multibody, links: Mapping[str, Mount]) -> None:
         """Add the joints, between links."""
-        known = {"ground": Mount(GROUND, IDENTITY, IDENTITY), **links}
-        frames = {name: mount.frame for name, mount in known.items()}
+        mount_of = {"ground": Mount(GROUND, IDENTITY, IDENTITY), **links}
+        frames = {name: mount.frame for name, mount in mount_of.items()}
 
-        def one(table: TomlTable) -> Any:
+        def close_loop(table: TomlTable) -> Any:
             names = table.strings("bodies")
 
             def in_bodies(values: dict[str, Any]) -> dict[str, Any]:
-                mounts = [known[name] for name in names]
+                mounts = [mount_of[name] for name in names]
                 points = {key: mounts[i].inner.x + mounts[i].inner.R @ np.array(values[key], float)
                           for key, i in _POINTS.items() if key in values}
                 axes = {key: mounts[i].space.R @ np.array(values[key], float)
                         for key, i in _AXES.items() if key in values}
                 in_space = {"axis": "axis_in_space", "axis_on_body": "axis_in_space"}
-                return {in_space.get(key, key): one
-                        for key, one in (values | points | axes).items()}
+                return {in_space.get(key, key): argument
+                        for key, argument in (values | points | axes).items()}
 
             return join(builder, frames, table, in_bodies)
 
         for table in self.content.tables("joints"):
-            telling(table, one, table)
+            telling(table, close_loop, table)
 
     def model(self, builder: Multibody) -> Model:
         """Return the model, without the redundant constraints that the file names."""

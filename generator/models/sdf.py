@@ -114,8 +114,8 @@ def parse_sdf(
         start = Start(*reference_of(robot))
         take_values(robot, start, angles, rates)
         set_base_motion(robot, start, velocity, angular_velocity)
-        made = RobotBuilder(robot, start, rep)
-        builder, mounts = made.build(), made.mounts()
+        robot_builder = RobotBuilder(robot, start, rep)
+        builder, mounts = robot_builder.build(), robot_builder.mounts()
         assumed = [name for name, element in scopes.all("link").items()
                    if element.first("inertial") is None and mounts[name].frame is not GROUND]
         if assumed:
@@ -139,14 +139,14 @@ def _only_model(top: Element) -> Element:
 
 def _gravity(top: Element) -> list[float]:
     """Return gravity of the world, which files before version 1.6 have in <physics>."""
-    told = [e for world in top.all("world") for owner in (world, *world.all("physics"))
-            for e in owner.all("gravity")]
-    if not told:
+    elements = [e for world in top.all("world") for owner in (world, *world.all("physics"))
+                for e in owner.all("gravity")]
+    if not elements:
         return _STANDARD if top.first("world") else _USUAL
-    first, *others = (_numbers(e, 3) for e in told)
-    if any(other != first for other in others):
-        raise InputError(f"line {told[-1].line}: <gravity> is another one than in line "
-                         f"{told[0].line}; write the same, or set gravity.")
+    first, *duplicates = (_numbers(e, 3) for e in elements)
+    if any(duplicate != first for duplicate in duplicates):
+        raise InputError(f"line {elements[-1].line}: <gravity> is another one than in line "
+                         f"{elements[0].line}; write the same, or set gravity.")
     return first
 
 
@@ -197,7 +197,7 @@ class _Scopes:
         return {name: e for name, e in self.elements.items() if e.name == kind}
 
     def seen(self, name: str, owner: str) -> str:
-        """Return what a name stands for in the scope of an element."""
+        """Resolve a name in the scope of an element."""
         if owner not in self.outside and owner != _MODEL:
             return name
         return _MODEL if name == self.name else name.removeprefix(f"{self.name}::")
@@ -214,11 +214,11 @@ class _Scopes:
                              f"frame{proposal(name, self.elements)}; correct it.")
         element = self.model if name == _MODEL else self.elements[name]
         pose = element.first("pose")
-        told = {} if pose is None else pose.attributes
+        attributes = {} if pose is None else pose.attributes
         home = "world" if name == _MODEL or name in self.outside else _MODEL
         default = _text(element, "child") if element.name == "joint" else element.attributes.get(
             "attached_to") or home
-        above = self.seen(told.get("relative_to") or told.get("frame") or default, name)
+        above = self.seen(attributes.get("relative_to") or attributes.get("frame") or default, name)
         here = self.place(above, (*below, name)).then(_pose(pose))
         placed = element.attributes.get("placement_frame") if name == _MODEL else None
         if placed:  # that frame of the model is there
@@ -298,12 +298,12 @@ def _link(name: str, element: Element) -> tuple[RobotLink, float]:
                          "no <inertia>; write both.")
     xx, yy, zz = (_number(moments, key) for key in ("ixx", "iyy", "izz"))
     xy, xz, yz = (_number(moments, key, 0.0) for key in ("ixy", "ixz", "iyz"))
-    place, mass = _pose(inertial.first("pose")), _number(inertial, "mass", 0.0)
+    placement, mass = _pose(inertial.first("pose")), _number(inertial, "mass", 0.0)
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass < 0 or np.linalg.eigvalsh(J).min() < -1e-9 * np.abs(J).max():
         raise InputError(f"line {inertial.line}: the <inertial> of {shown(name)} has a mass or a "
                          "principal moment below 0; correct it.")
-    return RobotLink(name, mass, place.x, place.R @ J @ place.R.T), weightless
+    return RobotLink(name, mass, placement.x, placement.R @ J @ placement.R.T), weightless
 
 
 def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
@@ -320,9 +320,9 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
                            np.array([0.0, 0.0, 1.0]))
     xyz, dynamics = axis.first("xyz"), axis.first("dynamics")
     model = axis.first("use_parent_model_frame")
-    told = "" if xyz is None else xyz.attributes.get("expressed_in", "")
+    expressed_in = "" if xyz is None else xyz.attributes.get("expressed_in", "")
     above = model is not None and _flag(model.text, f"line {model.line}: <{model.name}>")
-    frame = scopes.seen(told, name) if told else (
+    frame = scopes.seen(expressed_in, name) if expressed_in else (
         _MODEL if above or scopes.version in ("1.3", "1.4") else name)
     if frame not in scopes.places:
         raise InputError(f"line {axis.line}: the axis of {shown(name)} is expressed in "
@@ -331,15 +331,15 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     if not along.any():
         raise InputError(f"line {element.line}: the axis of joint {shown(name)} is zero; write its "
                          "direction.")
-    damping, stiffness, rest = (
+    damping, stiffness, rest_angle = (
         0.0 if dynamics is None else _number(dynamics, key, 0.0)
         for key in ("damping", "spring_stiffness", "spring_reference"))
     return PlacedJoint(name, kind, parent, child, scopes.places[name], unit(along), damping,
-                       stiffness, rest, _range(axis), _follower(name, axis))
+                       stiffness, rest_angle, _range(axis), _follower(name, axis))
 
 
 def _follower(name: str, axis: Element) -> Follower | None:
-    """Return what <mimic> says."""
+    """Return the leader, the ratio and the offset of <mimic>."""
     mimic = axis.first("mimic")
     if mimic is None:
         return None
@@ -385,8 +385,8 @@ def _tree(
 def _edge(joint: PlacedJoint, places: Mapping[str, Placement]) -> Edge:
     """Return a joint of the tree, its axis and its point in the child."""
     child = places[joint.child]
-    place, kind = places[joint.parent].inverse().then(child), KINDS[joint.kind]
-    return Edge(joint.name, joint.parent, joint.child, place, RobotJoint(
+    placement, kind = places[joint.parent].inverse().then(child), KINDS[joint.kind]
+    return Edge(joint.name, joint.parent, joint.child, placement, RobotJoint(
         joint.name, kind, 0, child.R.T @ joint.axis, child.inverse().then(joint.place).x,
         stiffness=joint.stiffness, rest=joint.rest, damping=joint.damping,
         range=joint.range) if kind else None)
@@ -394,8 +394,8 @@ def _edge(joint: PlacedJoint, places: Mapping[str, Placement]) -> Edge:
 
 def _loop(joint: PlacedJoint, places: Mapping[str, Placement]) -> LoopJoint:
     """Return a joint that closes a loop, in the axes of the world where the file places it."""
-    at = Placement(joint.place.x, np.eye(3))
-    parent, child = (places[link].inverse().then(at) for link in (joint.parent, joint.child))
+    placement = Placement(joint.place.x, np.eye(3))
+    parent, child = (places[link].inverse().then(placement) for link in (joint.parent, joint.child))
     return LoopJoint(f"{joint.name}_loop", joint.kind, (joint.parent, joint.child),
                      (parent, child), joint.axis, None, joint.stiffness, joint.rest, joint.damping)
 
@@ -406,25 +406,25 @@ def _loop(joint: PlacedJoint, places: Mapping[str, Placement]) -> LoopJoint:
 def _looks(model: Element) -> Iterator[LinkLooks]:
     """Yield the looks of links, in their frames."""
     for link in model.all("link"):
-        seen, colliding = (looks_of(link, kind, lambda element: _pose(element.first("pose")),
-                                    _shape, _colour) for kind in ("visual", "collision"))
-        yield link.attributes["name"], seen, colliding
+        visible, colliding = (looks_of(link, kind, lambda element: _pose(element.first("pose")),
+                                       _shape, _colour) for kind in ("visual", "collision"))
+        yield link.attributes["name"], visible, colliding
 
 
 def _shape(element: Element, colour: str) -> Shape | None:
     """Return a shape whose numbers are elements."""
-    told = {part.name: part.text.strip() for part in element.children}
-    told["filename"] = told.get("uri", "")
-    return shape_of(Element(element.name, told, element.line), colour)
+    texts = {child.name: child.text.strip() for child in element.children}
+    texts["filename"] = texts.get("uri", "")
+    return shape_of(Element(element.name, texts, element.line), colour)
 
 
 def _colour(element: Element) -> str:
     """Return <diffuse>, or <ambient>, of <material>."""
     material = element.first("material")
     for name in ("diffuse", "ambient") if material is not None else ():
-        part = material.first(name) if material is not None else None
-        for count in (3, 4) if part is not None else ():
-            rgba = None if part is None else parse_numbers(part.text, count)
+        child = material.first(name) if material is not None else None
+        for count in (3, 4) if child is not None else ():
+            rgba = None if child is None else parse_numbers(child.text, count)
             if rgba is not None:
                 return colour_of(rgba)
     return ""
@@ -434,11 +434,11 @@ def _colour(element: Element) -> str:
 
 
 def _text(element: Element, name: str, default: str | None = None) -> str:
-    part = element.first(name)
-    found = (default if part is None else part.text.strip()) or ""
-    if not found:
+    child = element.first(name)
+    text = (default if child is None else child.text.strip()) or ""
+    if not text:
         raise InputError(f"line {element.line}: a <{element.name}> has no <{name}>; write one.")
-    return found
+    return text
 
 
 def _flag(text: str, owner: str) -> bool:
@@ -459,9 +459,9 @@ def _numbers(element: Element, count: int, endless: bool = False) -> list[float]
 def _number(
     element: Element, name: str, default: float | None = None, endless: bool = False
 ) -> float:
-    part = element.first(name)
-    if part is None:
+    child = element.first(name)
+    if child is None:
         if default is None:
             raise InputError(f"line {element.line}: <{element.name}> has no <{name}>; write one.")
         return default
-    return _numbers(part, 1, endless)[0]
+    return _numbers(child, 1, endless)[0]

@@ -65,11 +65,12 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     if tensor:
         _add_tensor(inertia, formulas)
     letters = () if tensor else moments
-    place = _place(letters)
-    known = place if "t" in formulas.parameters else place | {"t": rigid_body.time}
-    potential = formulas.read(content, "potential", content.formula("potential"), known, letters) \
+    position = _place(letters)
+    symbols = position if "t" in formulas.parameters else position | {"t": rigid_body.time}
+    potential = formulas.read(content, "potential", content.formula("potential"), symbols,
+        letters) \
         if "potential" in content else sp.Integer(0)
-    motion = place | _motion(INVERSE if tensor else moments)
+    motion = position | _motion(INVERSE if tensor else moments)
     forces.allow("torque")
     torque = formulas.read_all(forces, "torque", motion, letters, 3) if "torque" in forces else []
     quantities = formulas.quantities(motion, letters)
@@ -168,12 +169,12 @@ def _start(start: TomlTable, inertia: Inertia) -> tuple[list[float], list[float]
 
 def read_attitude(table: TomlTable) -> list[float] | None:
     """Return the unit quaternion of a table with quaternion, euler or rotation, if any."""
-    given = [key for key in ATTITUDES if key in table]
-    if not given:
+    keys = [key for key in ATTITUDES if key in table]
+    if not keys:
         return None
-    if len(given) > 1:
-        raise table.error("attitude", f"is given as {' and '.join(given)}; give one of them.")
-    key = given[0]
+    if len(keys) > 1:
+        raise table.error("attitude", f"is given as {' and '.join(keys)}; give one of them.")
+    key = keys[0]
     if key == "euler":
         angles = table.vector(key, 3, ANGLES)
         if table.is_plain(key):
@@ -183,10 +184,10 @@ def read_attitude(table: TomlTable) -> list[float] | None:
     quaternion = table.vector(key, 4) if key == "quaternion" else None
     matrix = table.matrix(key, 3) if key == "rotation" else None
     try:
-        found = initial_poses.attitude(table.where.strip(" ,"), quaternion, matrix)
+        R = initial_poses.attitude(table.where.strip(" ,"), quaternion, matrix)
     except InputError as problem:
         raise table.error(key, f"is no attitude: {problem}") from None
-    return unit(quaternion) if quaternion else found.tolist()
+    return unit(quaternion) if quaternion else R.tolist()
 
 
 _DIGITS = 50
@@ -216,7 +217,7 @@ def _mpf(value: float) -> Any:
 
 
 def _rounded(values: Sequence[Any]) -> list[float]:
-    """Return doubles that know all digits of mpmath's numbers."""
+    """Round numbers of mpmath to doubles that keep the exact value."""
     return [Rounded(x) for x in map(exact, values) if isinstance(x, Fraction)]
 
 

@@ -47,13 +47,13 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         time = {symbol: sp.Symbol(symbol, real=True)}
     state = q | p
     # Where nothing declares a time, t may be the name of a coordinate or of a parameter.
-    taken = "time" not in table and not time.keys().isdisjoint(
+    is_reserved = "time" not in table and not time.keys().isdisjoint(
         {*state, *v, *formulas.parameters})
-    known = {} if taken else time
-    H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | known)
-    constraints = formulas.read_all(table, "constraints", q | known)
-    rows = formulas.read_all(table, "velocity_constraints", q | v | known)
-    scales = [formulas.read(table, "time_scale", table.formula("time_scale"), state | known)] if (
+    times = {} if is_reserved else time
+    H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | times)
+    constraints = formulas.read_all(table, "constraints", q | times)
+    rows = formulas.read_all(table, "velocity_constraints", q | v | times)
+    scales = [formulas.read(table, "time_scale", table.formula("time_scale"), state | times)] if (
         "time_scale" in table) else []
     uses_time = "forces" in table or "quantities" in content or "time" in table or any(
         e.has(*time.values()) for e in (H, *constraints, *rows, *scales))

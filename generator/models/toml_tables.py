@@ -128,8 +128,8 @@ class TomlTable:
 
     def formulas(self, key: str, count: int | None = None) -> list[str]:
         """Return a list of formulas, none if the key is not there."""
-        found = self._list(key, count, "formulas in quotes")
-        return [self._formula(f"{key}, entry {i},", value) for i, value in enumerate(found, 1)]
+        entries = self._list(key, count, "formulas in quotes")
+        return [self._formula(f"{key}, entry {i},", value) for i, value in enumerate(entries, 1)]
 
     def _formula(self, key: str, value: Any) -> str:
         if isinstance(value, str):
@@ -140,19 +140,19 @@ class TomlTable:
 
     def names(self, key: str) -> list[str]:
         """Return a list of names of symbols."""
-        found = self._list(key, None, "names in quotes")
-        for i, value in enumerate(found, 1):
+        entries = self._list(key, None, "names in quotes")
+        for i, value in enumerate(entries, 1):
             self.symbol(f"{key}, entry {i},", value)
-        return list(found)
+        return list(entries)
 
     def strings(self, key: str) -> list[str]:
         """Return a list of texts, none if the key is not there."""
-        found = self._list(key, None, "texts in quotes")
-        for i, value in enumerate(found, 1):
+        entries = self._list(key, None, "texts in quotes")
+        for i, value in enumerate(entries, 1):
             if not isinstance(value, str) or not value.isprintable() or len(value) > 100:
                 raise self.error(f"{key}, entry {i},", f"is {describe(value)}; write a short text "
                                                        "in quotes.")
-        return list(found)
+        return list(entries)
 
     def symbol(self, key: str, name: Any) -> str:
         """Return a name that formulas can use."""
@@ -172,9 +172,9 @@ class TomlTable:
         self, key: str, count: int, units: Units = MappingProxyType({})
     ) -> list[float]:
         """Return so many numbers; in text they may have one of the units of ``grammar``."""
-        found = self._list(key, count, f"{count} numbers")
+        entries = self._list(key, count, f"{count} numbers")
         return [self._number(f"{key}, entry {i},", value, units)
-                for i, value in enumerate(found, 1)]
+                for i, value in enumerate(entries, 1)]
 
     def is_matrix(self, key: str) -> bool:
         """Whether a key holds rows."""
@@ -210,12 +210,12 @@ class TomlTable:
             raise self.error(key, f"is {describe(value)}; write a whole number from 0 on.")
         return count
 
-    def _list(self, key: str, count: int | None, what: str) -> list[Any]:
+    def _list(self, key: str, count: int | None, content: str) -> list[Any]:
         value = self.content.get(key, [] if count is None else None)
         if not isinstance(value, list):
-            raise self.error(key, f"is {describe(value)}; write a list of {what}.")
+            raise self.error(key, f"is {describe(value)}; write a list of {content}.")
         if count is not None and len(value) != count:
-            raise self.error(key, f"has {len(value)} entries; write {what}.")
+            raise self.error(key, f"has {len(value)} entries; write {content}.")
         return value
 
     def _number(self, key: str, value: Any, units: Units) -> float:
@@ -245,11 +245,11 @@ def enumerate_rows(key: str, rows: Sequence[Any]) -> Iterator[tuple[str, Any]]:
 
 def decimals(number: float) -> str:
     """Return a formula of a number with all the digits that were typed."""
-    whole = exact(number)
-    if whole == Fraction(repr(number)):
+    fraction = exact(number)
+    if fraction == Fraction(repr(number)):
         return repr(number)
-    assert isinstance(whole, Fraction)
-    return f"{whole.numerator}/{whole.denominator}"
+    assert isinstance(fraction, Fraction)
+    return f"{fraction.numerator}/{fraction.denominator}"
 
 
 def describe(value: Any) -> str:

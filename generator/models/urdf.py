@@ -94,9 +94,9 @@ def parse_urdf(
         start = Start(*reference_of(robot))
         take_values(robot, start, angles, rates)
         set_base_motion(robot, start, velocity, angular_velocity)
-        made = RobotBuilder(robot, start, rep)
-        builder = made.build()
-        mounts = made.mounts()
+        robot_builder = RobotBuilder(robot, start, rep)
+        builder = robot_builder.build()
+        mounts = robot_builder.mounts()
         add_visuals(builder, urdf_looks(top), mounts, Path(path))
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
@@ -172,7 +172,7 @@ def _link(name: str, element: Element) -> RobotLink:
     inertial = element.first("inertial")
     if inertial is None:
         return RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3)))
-    place = place_of(inertial)
+    placement = place_of(inertial)
     mass = _one(inertial, "mass", "value")
     if mass < 0:
         raise InputError(f"its mass is {mass:g}; it must be above 0.")
@@ -183,10 +183,11 @@ def _link(name: str, element: Element) -> RobotLink:
                                        else None)[0]
                               for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    least = float(np.linalg.eigvalsh(J).min())
-    if least < -max(1e-9 * float(np.abs(J).max()), _NOTHING):
-        raise InputError(f"its inertia has the principal moment {least:.3g}; none may be below 0.")
-    return RobotLink(name, mass, place.x, place.R @ J @ place.R.T)
+    smallest = float(np.linalg.eigvalsh(J).min())
+    if smallest < -max(1e-9 * float(np.abs(J).max()), _NOTHING):
+        raise InputError(f"its inertia has the principal moment {smallest:.3g}; none may be "
+                         "below 0.")
+    return RobotLink(name, mass, placement.x, placement.R @ J @ placement.R.T)
 
 
 def _joint(version: str, followers: list[Follower], name: str, element: Element) -> Edge:
@@ -258,14 +259,14 @@ def _axis(element: Element, kind: str, key: str = "axis") -> Array:
 
 
 def _text(element: Element, name: str, key: str) -> str:
-    part = element.first(name)
-    if part is None:
+    child = element.first(name)
+    if child is None:
         raise InputError(f"it has no <{name}>; write <{name} {key}=\"…\"/>.")
-    return attribute_of(part, key)
+    return attribute_of(child, key)
 
 
 def _one(element: Element, name: str, key: str) -> float:
-    part = element.first(name)
-    if part is None:
+    child = element.first(name)
+    if child is None:
         raise InputError(f"its <{element.name}> has no <{name}>; write <{name} {key}=\"…\"/>.")
-    return numbers_of(part, key, 1)[0]
+    return numbers_of(child, key, 1)[0]

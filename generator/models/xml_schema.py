@@ -31,7 +31,7 @@ _FLAGS = {"true": 1.0, "false": 0.0}
 
 
 class Refused(NamedTuple):
-    """A part that is refused: its default, the name that ignores it, and the cure."""
+    """Default, name in ``ignore`` and cure of a refused part."""
 
     default: str | None = None
     name: str = ""
@@ -92,9 +92,9 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
     parts = schema.of(element, above)
     once, read, still = parts.once.split(), parts.many.split(), parts.still.split()
     counts = Counter(child.name for child in element.children)
-    own = [(f"@{key}", text, element.line, None) for key, text in element.attributes.items()]
+    attributes = [(f"@{key}", text, element.line, None) for key, text in element.attributes.items()]
     inner = [(child.name, child.text, child.line, child) for child in element.children]
-    for name, text, line, child in [*own, *inner]:
+    for name, text, line, child in [*attributes, *inner]:
         label = f"{name[1:]}=" if child is None else f"<{shown(name)[1:-1]}>"
         prefix, colon, _ = name.strip("@").partition(":")
         if name in still or ((colon or name == "@xmlns") and prefix in _XML):
@@ -108,12 +108,12 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
             if ignored_by:
                 yield ignored_by
                 continue
-            told = label + shown(text.strip()) if child is None or text.strip() else label
+            item = label + shown(text.strip()) if child is None or text.strip() else label
             usual = f"write {default}" if default else "remove it"
-            raise InputError(f"line {line}: {owner}<{element.name}> has {told}, which no model "
+            raise InputError(f"line {line}: {owner}<{element.name}> has {item}, which no model "
                              f"here has; {cure or usual}.")
         elif name not in once and name not in read:
-            near = proposal(name.strip("@"), [other.strip("@") for other in parts.names])
+            near = proposal(name.strip("@"), [key.strip("@") for key in parts.names])
             raise InputError(f"line {line}: {owner}{label} is no part of <{element.name}> in "
                              f"{schema.format}{near}; remove it.")
         elif name in once and counts[name] > 1:
@@ -125,10 +125,10 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
 
 def _is_same(text: str, default: str) -> bool:
     """Return whether two texts have the same words, numbers by value."""
-    words, wanted = text.split(), default.split()
-    return len(words) == len(wanted) and all(
-        word == other or _value(word) == _value(other) is not None
-        for word, other in zip(words, wanted, strict=True))
+    words, default_words = text.split(), default.split()
+    return len(words) == len(default_words) and all(
+        word == default_word or _value(word) == _value(default_word) is not None
+        for word, default_word in zip(words, default_words, strict=True))
 
 
 def _value(word: str) -> float | None:

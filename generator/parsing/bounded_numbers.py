@@ -63,7 +63,7 @@ class Value:
 
     @property
     def interval(self) -> Any:
-        """Interval that contains the value; None for a free symbol."""
+        """Enclosing interval of the value; None for a free symbol."""
         if self.is_rational:
             return INTERVAL.mpf(int(self.exact.p)) / int(self.exact.q)
         return self.enclosure

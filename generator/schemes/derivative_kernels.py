@@ -1,4 +1,4 @@
-"""Kernels that derivatives of a step need beside those of the step itself.
+"""Additional kernels of the derivatives of a step.
 
 The linearised equations of a step (docs/theory/derivatives.md) have second derivatives of H and of
 g, which Newton's method has already, and derivatives by the constants of a run and by the time.
@@ -36,7 +36,7 @@ _LARGEST_QUANTITIES = 50_000
 
 
 def time_columns(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[sp.Symbol]:
-    """Return what follows the constants: the time, and the step of a mean value."""
+    """Return the columns after the constants: t, and Δt of kernels of mean values."""
     system = scheme.system
     if system.time is None or not system.is_nonautonomous:
         return []
@@ -93,8 +93,8 @@ def _transposed(
     shared = iter(share_repeated([e for row in rows.values() for e in row]))
     total = sp.Add(*(w * next(shared) for names in weights.values() for w in names))
     symbols = [x for names in by.values() for x in names]
-    found = iter(slopes(total, tuple(symbols)))
-    outputs: dict[str, Any] = {f"{name}_bar": [next(found) for _ in names]
+    cotangents = iter(slopes(total, tuple(symbols)))
+    outputs: dict[str, Any] = {f"{name}_bar": [next(cotangents) for _ in names]
                                for name, names in by.items()}
     if value:
         outputs["value"] = [total]
@@ -120,9 +120,9 @@ def quantity_derivatives(system: System) -> Kernel | None:
         expressions.append(system.energy)
     elif not expressions or tree_size(expressions) * len(columns) > _LARGEST_QUANTITIES:
         return None
-    given = {} if system.time is None else {"t": time}
+    times = {} if system.time is None else {"t": time}
     return Kernel("quantity_derivatives", "derivatives of quantities by q, p, parameters and time",
-                  {**given, "q": list(system.q), "p": list(system.p)},
+                  {**times, "q": list(system.q), "p": list(system.p)},
                   {"rows": by_each(expressions, columns)})
 
 
@@ -132,13 +132,13 @@ def quantity_rates(system: System) -> Kernel | None:
         return None
     dq, dp, (dt,) = vector("dq", system.n), vector("dp", system.n), vector("dt", 1)
     step = dict(zip([*system.q, *system.p], [*dq, *dp], strict=True))
-    given: dict[str, Any] = {}
+    times: dict[str, Any] = {}
     if system.time is not None:
-        step[system.time], given = dt, {"t": [system.time]}
+        step[system.time], times = dt, {"t": [system.time]}
     rates = [sp.Add(*(derivative(e, x) * step[x] for x in step if e.has(x)))
              for e in system.quantities.values()]
     return Kernel("quantity_rates", "derivatives of quantities along (dq, dp, dt)",
-                  {**given, "q": list(system.q), "p": list(system.p), "dq": dq, "dp": dp,
+                  {**times, "q": list(system.q), "p": list(system.p), "dq": dq, "dp": dp,
                    "dt": [dt]}, {"rates": rates})
 
 
@@ -149,13 +149,14 @@ def switch_kernel(system: System) -> Kernel | None:
     """
     time = [sp.Dummy() if system.time is None else system.time]
     states = {*system.q, *system.p, *time}
-    known = states | ({*system.parameters} - {*system.inputs})
-    found = [w for w in switches_of([system.H, *system.forces])
-             if w.free_symbols <= known and not w.free_symbols.isdisjoint(states)]
-    if not found:
+    symbols = states | ({*system.parameters} - {*system.inputs})
+    switches = [w for w in switches_of([system.H, *system.forces])
+                if w.free_symbols <= symbols and not w.free_symbols.isdisjoint(states)]
+    if not switches:
         return None
     return Kernel("switching_functions", "what is negative on one side of a switch and positive on "
-                  "the other", {"t": time, "q": list(system.q), "p": list(system.p)}, {"w": found})
+                  "the other", {"t": time, "q": list(system.q), "p": list(system.p)},
+                  {"w": switches})
 
 
 def by_each(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Rows:
@@ -197,12 +198,13 @@ def _constraint_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Ke
 def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the kernels of rates at one state by constants."""
     if isinstance(system, LagrangianSystem):
-        at = {"q": list(system.q), "v": list(system.velocities)}
+        arguments = {"q": list(system.q), "v": list(system.velocities)}
         return [
-            Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", at,
+            Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", arguments,
                    {"momentum_c": by_each(system.L_v, columns)}, factors=not system.is_long),
             Kernel("generalised_force_by_constants", "d(dL/dq + F)/dc at fixed v",
-                   at | time_input(system), {"R_c": by_each(system.generalised_force, columns)},
+                   arguments | time_input(system),
+                   {"R_c": by_each(system.generalised_force, columns)},
                    factors=not system.is_long),
         ]
     state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
@@ -220,9 +222,10 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
         kernels = _rates(system, columns)
     else:
         D_q, D_p = scheme.mean_rates
-        at: dict[str, Any] = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, **time_input(system)}
+        arguments: dict[str, Any] = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, **time_input(system)}
         kernels = [Kernel(
-            "mean_rates_derivative", "derivatives of D_q - F and D_p by qm, pm and constants", at,
+            "mean_rates_derivative", "derivatives of D_q - F and D_p by qm, pm and constants",
+            arguments,
             {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm), "D_pq": jacobian(D_p, qm),
              "D_pp": jacobian(D_p, pm), "D_qc": by_each(D_q, columns),
               "D_pc": by_each(D_p, columns)})]
@@ -242,14 +245,14 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
 def _discrete_lagrangian(scheme: LagrangianEMS, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the kernels of EMS of a Lagrangian, in the velocities of both ends."""
     system, (before, after) = scheme.system, scheme.ends
-    at = {"qm": scheme.means[0], "dq": scheme.differences[0], "v0": before, "v1": after}
+    arguments = {"qm": scheme.means[0], "dq": scheme.differences[0], "v0": before, "v1": after}
     R = scheme.mean_generalised_force
     momentum = {"q": list(system.q), "v": list(system.velocities)}
     kernels = [
         Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", momentum,
                {"momentum_c": by_each(system.L_v, columns)}),
         Kernel("mean_generalised_force_by_state", "derivatives of R by qm, v0, v1 and constants",
-               at | time_input(system),
+               arguments | time_input(system),
                {"R_q": by_each(R, scheme.means[0]), "R_v0": by_each(R, before),
                 "R_v1": by_each(R, after), "R_c": by_each(R, columns)}),
     ]
