@@ -173,8 +173,8 @@ class BeamJoint(Joint):
         """Return the attitudes of the section in the axes of both sides."""
         turn = [named_number(f"{self.name}_turn{k}", x, store, UNIT)
                 for k, x in enumerate(self.relative)]
-        one = [sp.Integer(1), *[sp.Integer(0)] * 3]
-        return (one, turn) if self.arc else (turn, one)
+        identity = [sp.Integer(1), *[sp.Integer(0)] * 3]
+        return (identity, turn) if self.arc else (turn, identity)
 
     def turn(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a."""
@@ -185,12 +185,12 @@ class BeamJoint(Joint):
         if self.factor == 4:
             return super().places(store)
         places = []
-        for frame, r, what in ((self.a, self.on_a, "front"), (self.b, self.on_b, "back")):
+        for frame, r, end in ((self.a, self.on_a, "front"), (self.b, self.on_b, "back")):
             assert isinstance(frame, Body)
             assert r is not None
             is_shared = abs(2 * abs(r[2]) - self.beam.spacing) <= _ROUNDING * self.beam.spacing
             name = self.beam.name if is_shared else frame.name
-            places.append(named_vector(f"{name}_{what}", r.tolist(), store))
+            places.append(named_vector(f"{name}_{end}", r.tolist(), store))
         return places[0], places[1]
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
@@ -212,10 +212,10 @@ class BeamJoint(Joint):
     def energy(self, store: Store) -> sp.Expr:
         """Return V; values of its parameters go into ``store``."""
         _, u = self.strain(store)
-        rest = named_vector(f"{self.name}_rest", self.rest.tolist(), store)
+        rest_strain = named_vector(f"{self.name}_rest", self.rest.tolist(), store)
         ratio, B = self.stiffness_by_strain(store)
         bending = ratio * sp.Add(*(b * (x - x0) ** 2 for b, x, x0 in
-                                   zip(B, u, rest, strict=True)))
+                                   zip(B, u, rest_strain, strict=True)))
         return bending + self._stretching(store) if self.gap else bending
 
     def section(self, store: Store) -> SectionLayout:
@@ -320,8 +320,8 @@ def curve_of(
         raise InputError(f"Points {k + 1} and {k + 2} of beam {name!r} coincide at "
                          f"{line[k].tolist()}; give points at a distance from each other.")
     arc = np.concatenate([[0.0], np.cumsum(edges)])
-    at = np.linspace(0.0, arc[-1], count + 1)
-    nodes = np.stack([np.interp(at, arc, x) for x in line.T], axis=1)
+    lengths = np.linspace(0.0, arc[-1], count + 1)
+    nodes = np.stack([np.interp(lengths, arc, x) for x in line.T], axis=1)
     return nodes, np.stack([line[1] - line[0], line[-1] - line[-2]]), float(arc[-1])
 
 
@@ -397,13 +397,13 @@ def section_of(
     both = finite(f"bending of {name!r}", bending, () if pair is None or pair.ndim == 0 else (2,))
     first, second = np.broadcast_to(both, 2).tolist()
     EI = positive(f"bending of {name!r}", first), positive(f"bending of {name!r}", second)
-    given = {"shearing": shearing, "stretching": stretching}
-    missing = [what for what, value in given.items() if value is None]
+    stiffnesses = {"shearing": shearing, "stretching": stretching}
+    missing = [key for key, value in stiffnesses.items() if value is None]
     if len(missing) == 1:
         raise InputError(f"Beam {name!r} has no {missing[0]}; give shearing and stretching, or "
                          "neither for a beam that does not extend.")
-    extension = tuple(positive(f"{what} of {name!r}", value)
-                      for what, value in given.items() if not missing)
+    extension = tuple(positive(f"{key} of {name!r}", value)
+                      for key, value in stiffnesses.items() if not missing)
     tau = float(finite(f"damping of {name!r}", damping, ()))
     if tau < 0:
         raise InputError(f"The damping of beam {name!r} is {tau:g} s; give 0 or more.")

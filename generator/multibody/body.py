@@ -302,15 +302,15 @@ class Particle(Body):
     @classmethod
     def named(cls, name: str) -> Particle:
         """Return the point with the symbols of a name."""
-        x, p_x = (sp.symbols([f"{name}_{more}{axis}" for axis in _AXES], real=True)
-                  for more in ("", "p"))
+        x, p_x = (sp.symbols([f"{name}_{prefix}{axis}" for axis in _AXES], real=True)
+                  for prefix in ("", "p"))
         return cls(name, "gamma", (), (), tuple(x), tuple(p_x), _vector(x),
                    _vector([sp.Integer(0)] * 3), sp.Symbol(f"{name}_m", positive=True), (),
                    sp.Symbol(f"{name}_gamma"))
 
     @property
     def attitude(self) -> tuple[sp.Expr, ...]:
-        """That of space."""
+        """The attitude of the ground: a point has no axes."""
         return GROUND.attitude
 
     @cached_property
@@ -359,7 +359,7 @@ def _vector(entries: Sequence[sp.Expr]) -> Vector:
     return x, y, z
 
 
-def three_expressions(what: str, values: Any) -> Vector:
+def three_expressions(label: str, values: Any) -> Vector:
     """Return three expressions given by a caller.
 
     Raises
@@ -367,9 +367,9 @@ def three_expressions(what: str, values: Any) -> Vector:
     InputError
     """
     if callable(values):
-        raise InputError(f"The {what} is the function {shown(values)}; write three expressions of "
+        raise InputError(f"The {label} is the function {shown(values)}; write three expressions of "
                          "the body's symbols, such as body.angular_velocity, time and parameters.")
-    entries = [as_expression(value) for value in as_items(what, values, "three expressions")]
+    entries = [as_expression(value) for value in as_items(label, values, "three expressions")]
     if len(entries) != 3:
-        raise InputError(f"The {what} has {len(entries)} components; give three.")
+        raise InputError(f"The {label} has {len(entries)} components; give three.")
     return entries[0], entries[1], entries[2]

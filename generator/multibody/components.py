@@ -67,11 +67,11 @@ class Components:
     def claim(self, name: str, kind: Literal["body", "joint", "parameter"]) -> None:
         """Refuse a name that another part of the kind has, or no identifier."""
         as_text(f"a name in Multibody {self.name!r}", name)
-        taken: Mapping[str, Collection[str]] = {
+        names_of: Mapping[str, Collection[str]] = {
             "body": [*(body.name for body in self.bodies), *(p.name for p in self.moving_points),
                      *self.ends, *(beam.name for beam in self.beams)],
             "joint": [link.name for link in self.connections], "parameter": self.symbols}
-        if name in taken[kind] or name in ("ground", "gravity"):
+        if name in names_of[kind] or name in ("ground", "gravity"):
             raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; each body, each "
                              "joint or spring, and each parameter needs a name of its own.")
         if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
@@ -91,25 +91,26 @@ class Components:
 
     def frames(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
         """Return the two frames of a connection, at least one of them a body."""
-        found = [self.frame(frame, shown(name)) for frame in (a, b)]
-        if found[0] is found[1] or not any(isinstance(frame, Body) for frame in found):
+        ends = [self.frame(frame, shown(name)) for frame in (a, b)]
+        if ends[0] is ends[1] or not any(isinstance(frame, Body) for frame in ends):
             raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
-        return found[0], found[1]
+        return ends[0], ends[1]
 
-    def frame(self, frame: Any, what: str) -> Frame:
+    def frame(self, frame: Any, label: str) -> Frame:
         """Return the ground, a moving point or a body, given itself or by name."""
         if frame is GROUND or (isinstance(frame, str) and frame == "ground"):
             return GROUND
-        moving = {one.name: one for one in self.moving_points}
+        moving = {point.name: point for point in self.moving_points}
         if isinstance(frame, str) and frame in moving:
             return moving[frame]
         if isinstance(frame, MovingPoint) and frame in self.moving_points:
             return frame
-        return self.body(frame, what)
+        return self.body(frame, label)
 
-    def body(self, body: Any, what: str) -> Body:
+    def body(self, body: Any, label: str) -> Body:
         """Return a body, given itself or by name."""
-        names = {known.name: known for known in self.bodies if not isinstance(known, FlywheelBody)}
+        names = {candidate.name: candidate for candidate in self.bodies
+                 if not isinstance(candidate, FlywheelBody)}
         names |= {end.name: end.segment for end in self.ends.values()}
         if isinstance(body, BeamEnd):
             body = body.segment
@@ -118,48 +119,48 @@ class Components:
         if isinstance(body, Body) and body in names.values():
             return body
         raise InputError(
-            f"{what} connects {shown(body)}, which is no body of Multibody {self.name!r}; pass "
+            f"{label} connects {shown(body)}, which is no body of Multibody {self.name!r}; pass "
             f"what body(...) returned, or a name: {', '.join(names) or 'there is none yet'}"
             f"{proposal(body, names)}.")
 
-    def joint(self, joint: Any, what: str) -> Connection:
+    def joint(self, joint: Any, label: str) -> Connection:
         """Return a joint, given itself or by name."""
         names = {link.name: link for link in self.connections}
         if isinstance(joint, str) and joint in names:
             return names[joint]
         if isinstance(joint, Connection) and joint in self.connections:
             return joint
-        raise InputError(f"{what} connects {shown(joint)}, which is no joint of Multibody "
+        raise InputError(f"{label} connects {shown(joint)}, which is no joint of Multibody "
                          f"{self.name!r}; pass a joint, or a name: "
                          f"{', '.join(names) or 'there is none yet'}{proposal(joint, names)}.")
 
     def turning_joint(self, name: str, joint: Connection | str) -> Connection:
         """Return a joint that has an angle."""
-        found = self.joint(joint, f"Gear {name!r}")
-        self.refuse_measure(found, "angle")
-        if isinstance(found, Arm):
-            raise InputError(f"{name!r} needs a joint with a hinge, and {found.name!r} is an arm "
+        turning = self.joint(joint, f"Gear {name!r}")
+        self.refuse_measure(turning, "angle")
+        if isinstance(turning, Arm):
+            raise InputError(f"{name!r} needs a joint with a hinge, and {turning.name!r} is an arm "
                              "of a universal joint; name another joint, or write a law or couple.")
-        return found
+        return turning
 
-    def refuse_measure(self, joint: Connection, what: str) -> None:
+    def refuse_measure(self, joint: Connection, measure: str) -> None:
         """Refuse a measure that a joint does not have."""
-        if what not in joint.MEASURES:
-            raise InputError(f"Joint {joint.name!r} has no {what}; it has "
+        if measure not in joint.MEASURES:
+            raise InputError(f"Joint {joint.name!r} has no {measure}; it has "
                              f"{listed(joint.MEASURES) if joint.MEASURES else 'no coordinate'}.")
 
     def start_of_point(self, point: MovingPoint) -> list[tuple[float, float]]:
         """Return position and velocity of a moving point at t = 0, axis by axis."""
         return [self.initial_value_and_rate(f"path of {point.name!r}", e) for e in point.path]
 
-    def initial_value_and_rate(self, what: str, law: sp.Expr) -> tuple[float, float]:
+    def initial_value_and_rate(self, label: str, law: sp.Expr) -> tuple[float, float]:
         """Return the value and the rate of a law at t = 0."""
-        at = {symbol: self.values[name] for name, symbol in self.symbols.items()
-              if name in self.values}
+        substitution = {symbol: self.values[name] for name, symbol in self.symbols.items()
+                        if name in self.values}
         with np.errstate(all="ignore"):
             value, rate = map(float, evaluate([law, derivative(law, TIME)],
-                                              at | {TIME: 0.0}))
+                                              substitution | {TIME: 0.0}))
         if not (math.isfinite(value) and math.isfinite(rate)):
-            raise InputError(f"The {what} has no finite value and rate at t = 0, so that no start "
+            raise InputError(f"The {label} has no finite value and rate at t = 0, so that no start "
                              "satisfies it; write a law that begins smoothly.")
         return value, rate

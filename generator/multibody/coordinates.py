@@ -63,8 +63,8 @@ class FlywheelBody(Particle):
     def of(cls, name: str, numbers: Sequence[str] = ("",)) -> FlywheelBody:
         """Return the coordinates ``name_phi`` with the inertia ``name_inertia``."""
         zero = (sp.Integer(0),) * 3
-        x, p = (tuple(sp.Symbol(f"{name}_{what}{k}", real=True) for k in numbers)
-                for what in ("phi", "pphi"))
+        x, p = (tuple(sp.Symbol(f"{name}_{prefix}{k}", real=True) for k in numbers)
+                for prefix in ("phi", "pphi"))
         return cls(f"{name}_phi", "gamma", (), (), x, p, zero, zero,
                    sp.Symbol(f"{name}_inertia", positive=True), (), sp.Symbol(f"{name}_gamma"))
 
@@ -98,11 +98,11 @@ class Coordinate(Connection):
         """Its coordinate and its rate."""
         return (self.kind, RATE_OF[self.kind])
 
-    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+    def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return the coordinate or its rate."""
         body = self.b
         assert isinstance(body, FlywheelBody)
-        return body.x[0] if what == self.kind else body.rate
+        return body.x[0] if quantity == self.kind else body.rate
 
     def turned(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
         """Return cos kθ and sin kθ of its turn θ since the start."""
@@ -111,7 +111,7 @@ class Coordinate(Connection):
         return sp.cos(angle), sp.sin(angle)
 
     def generalised_forces(
-        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+        self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
         """Yield the effort on the coordinate."""
         assert isinstance(self.b, FlywheelBody)
@@ -140,7 +140,7 @@ class Coordinate(Connection):
 
 @dataclass(eq=False, repr=False)
 class Flywheel(Coordinate):
-    """A flywheel that turns ``ratio`` times as a joint does."""
+    """Flywheel on a joint: its angle is ``ratio`` times the coordinate of the joint."""
 
     ratio: float = field(kw_only=True)
 
@@ -186,7 +186,7 @@ class Flywheel(Coordinate):
 
 @dataclass(eq=False, repr=False)
 class BallFlywheel(Connection):
-    """A flywheel that turns as a ball joint does, about any axis: T = ½ a |ω_b − ω_a|²."""
+    """Flywheel on a ball joint, with any axis: T = ½ a |ω_b − ω_a|²."""
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield z = q̄_a q_b."""
@@ -252,20 +252,20 @@ class Slide(Cylindrical):
         """Yield the constraints, none."""
         yield from ()
 
-    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+    def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return travel or speed."""
         k = named_number(f"{self.name}_scale", self.scale, store, UNIT)
-        if what == "speed":
-            return k * super().measure(what, poses, store)
+        if quantity == "speed":
+            return k * super().measure(quantity, poses, store)
         begin = named_number(f"{self.name}_begin", self.travel, store)
         return begin + k * self.along(poses, store)
 
     def generalised_forces(
-        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+        self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
         """Yield the generalised forces of a force along the axis."""
         k = named_number(f"{self.name}_scale", self.scale, store, UNIT)
-        return super().generalised_forces(what, k * effort, poses, store)
+        return super().generalised_forces(quantity, k * effort, poses, store)
 
 
 @dataclass(eq=False, repr=False)
@@ -281,29 +281,30 @@ class Arm(Connection):
     angle: float = field(kw_only=True, default=0.0)
     MEASURES: ClassVar[tuple[str, ...]] = ("angle", "rate")
 
-    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+    def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return the angle or the rate."""
-        frame, other = (self.a, self.b) if self.own == 0 else (self.b, self.a)
+        frame, partner = (self.a, self.b) if self.own == 0 else (self.b, self.a)
         e = self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store)
-        if what == "rate":
+        if quantity == "rate":
             turning = difference(self.b.direction(self.b.angular_velocity),
                                  self.a.direction(self.a.angular_velocity))
             return dot(frame.direction(e), turning)
         mark = self.arms[1 - self.own]
-        seen = other.direction(self._in(other, f"{self.name}_mark", mark, poses, store))
+        mark_direction = partner.direction(self._in(partner, f"{self.name}_mark", mark, poses,
+                                                    store))
         first = self._in(frame, f"{self.name}_normal1", mark, poses, store)
         second = self._in(frame, f"{self.name}_normal2", np.cross(self.arms[self.own], mark),
                           poses, store)
         sign = 1 if self.own == 0 else -1
-        turned = sp.atan2(sign * dot(frame.direction(second), seen),
-                          dot(frame.direction(first), seen))
+        turned = sp.atan2(sign * dot(frame.direction(second), mark_direction),
+                          dot(frame.direction(first), mark_direction))
         return named_number(f"{self.name}_begin", self.angle, store) + turned
 
     def _in(self, frame: Frame, name: str, axis: Array, poses: Poses, store: Store) -> Vector:
         return unit_vector(name, direction(poses[frame].R.T @ axis), store)
 
     def generalised_forces(
-        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+        self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
         """Yield the generalised forces of a torque about the arm: on b, opposite on a."""
         frame = (self.a, self.b)[self.own]
@@ -367,9 +368,9 @@ class Chain(Joint):
     def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start."""
         velocity, point = np.zeros(3), poses[self.b].space(np.asarray(self.on_b))
-        for coordinate, axis, at in self._links_at(poses):
+        for coordinate, axis, pivot in self._links_at(poses):
             velocity += (coordinate.speed or 0.0) * (
-                axis if coordinate.kind == "travel" else np.cross(axis, point - at))
+                axis if coordinate.kind == "travel" else np.cross(axis, point - pivot))
         return velocity
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
@@ -397,8 +398,8 @@ class Chain(Joint):
             c = named_vector(f"{self.name}_point{k}", (a.R.T @ (link.at - a.x)).tolist(), store)
             moved = [x + y for x, y in zip(
                 c, _turned(e, since, difference((moved[0], moved[1], moved[2]), c)), strict=True)]
-        _, *left = product(conjugate(self.b.attitude), product(self.a.attitude, turned))
-        for axis, e in zip("xyz", left, strict=True):
+        _, *residual = product(conjugate(self.b.attitude), product(self.a.attitude, turned))
+        for axis, e in zip("xyz", residual, strict=True):
             yield Equation(f"{self.name}: turn {axis}", e)
         for axis, x, y in zip("xyz", self.a.point(moved), self.b.point(on_b), strict=True):
             yield Equation(f"{self.name}: {axis}", x - y)
@@ -423,6 +424,6 @@ class Law(Connection):
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
-        found = {x: joint.measure(what, poses, store) for x, joint, what in zip(
+        measures = {x: joint.measure(quantity, poses, store) for x, joint, quantity in zip(
             self.coordinates, self.joints, self.what, strict=True)}
-        yield Equation(f"{self.name}: law", self.expression.xreplace(found))
+        yield Equation(f"{self.name}: law", self.expression.xreplace(measures))

@@ -81,11 +81,11 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
             root = next(body for body in bodies if body not in start)
             start[root] = replace(poses[root])
             continue
-        motion, known, body = joint.motion(poses), joint.a, joint.b
+        motion, origin, body = joint.motion(poses), joint.a, joint.b
         if joint.b in start:
-            motion, known, body = motion.inverse(), joint.b, joint.a
+            motion, origin, body = motion.inverse(), joint.b, joint.a
         assert isinstance(body, Body)
-        start[body] = poses[body].after(start[known].moved @ motion, is_held=not body.x)
+        start[body] = poses[body].after(start[origin].moved @ motion, is_held=not body.x)
     for link in links:
         if isinstance(link, Coordinate):
             x = poses[link.b].x
@@ -117,8 +117,8 @@ def close_loops(
     if max(np.abs(constraints.g(start)).max(initial=0.0), np.abs(pins.g(start)).max()) <= size:
         return start
     q = described
-    for part in range(_PARTS + 1):
-        pins.set_value(FRACTION, part / _PARTS)
+    for stage in range(_PARTS + 1):
+        pins.set_value(FRACTION, stage / _PARTS)
         q = _closest(constraints, pins, q)
     g = np.abs(constraints.g(q))
     if not g.max(initial=0.0) <= size:
@@ -143,12 +143,12 @@ def _numbers_of(
     symbols: Sequence[sp.Symbol], values: Mapping[str, float], targets: Sequence[StartValue]
 ) -> tuple[NumericConstraints, NumericConstraints]:
     """Return sines, and cosines of those that have one, as functions of q."""
-    known = {**values, str(FRACTION): 1.0}
+    constants = {**values, str(FRACTION): 1.0}
     sines = NumericConstraints(
-        symbols, [e.sine for e in targets], [e.joint for e in targets], known)
+        symbols, [e.sine for e in targets], [e.joint for e in targets], constants)
     return sines, NumericConstraints(
         symbols, [e.cosine for e in targets if e.cosine is not None],
-        [e.joint for e in targets if e.cosine is not None], known)
+        [e.joint for e in targets if e.cosine is not None], constants)
 
 
 def _offsets(
@@ -224,7 +224,7 @@ def warn_of_moved_bodies(
     """Warn of given positions and attitudes that a projection moved by more than round-off."""
     moved: list[tuple[float, str]] = []
     for body, initial in bodies.items():
-        for what, is_given, sizes in (
+        for quantity, is_given, sizes in (
                 ("position", initial.x is not None and len(body.x) == 3, "x"),
                 ("attitude", initial.is_turned, "q")):
             if initial.is_placed or not is_given:
@@ -232,11 +232,11 @@ def warn_of_moved_bodies(
             old, new = getattr(before[body], sizes), getattr(after[body], sizes)
             change, size = np.abs(new - old).max(), max(np.abs(old).max(), np.abs(new).max())
             if change > ROUNDING * size:
-                moved.append((float(change / size), f"The {what} of {body.name!r} is given as "
+                moved.append((float(change / size), f"The {quantity} of {body.name!r} is given as "
                               f"{_text(old)}, and the constraints move it to {_text(new)}"))
     if moved:
-        more = f", and {len(moved) - 1} more like it" if len(moved) > 1 else ""
-        warn(f"{max(moved)[1]}{more}. Correct these numbers, or give these with more digits.")
+        suffix = f", and {len(moved) - 1} more like it" if len(moved) > 1 else ""
+        warn(f"{max(moved)[1]}{suffix}. Correct these numbers, or give these with more digits.")
 
 
 def _text(values: Array) -> str:
@@ -272,14 +272,14 @@ class Velocities:
     ) -> None:
         self.bodies, self.poses = bodies, poses
         self.slots: dict[tuple[Body, str], slice] = {}
-        blocks, roots, u, count, place = [], [], [], 0, 0
+        blocks, roots, u, count, row_count = [], [], [], 0, 0
         for body in bodies:
             pose = poses[body]
-            for what, unknowns in (("spin", 3 if body.q else 0), ("v", len(body.x))):
+            for quantity, unknowns in (("spin", 3 if body.q else 0), ("v", len(body.x))):
                 if not unknowns:
                     continue
-                self.slots[body, what] = slice(count, count + unknowns)
-                if what == "spin":
+                self.slots[body, quantity] = slice(count, count + unknowns)
+                if quantity == "spin":
                     M = pose.R @ inertia_matrix(inertia[body]) @ pose.R.T
                     block = np.column_stack([
                         replace(pose, spin=e).momenta(inertia[body]) for e in np.eye(3)])
@@ -287,13 +287,13 @@ class Velocities:
                     M = masses[body] * np.eye(unknowns)
                     block = M
                 roots.append(np.linalg.cholesky(M).T)
-                blocks.append((place, block))
-                u.append(getattr(pose, what))
-                count, place = count + unknowns, place + len(block)
-        self.B, self.S = np.zeros((place, count)), np.zeros((count, count))
+                blocks.append((row_count, block))
+                u.append(getattr(pose, quantity))
+                count, row_count = count + unknowns, row_count + len(block)
+        self.B, self.S = np.zeros((row_count, count)), np.zeros((count, count))
         self.u = np.concatenate(u)
-        for (row, block), root, at in zip(blocks, roots, self.slots.values(), strict=True):
-            self.B[row : row + len(block), at], self.S[at, at] = block, root
+        for (row, block), root, columns in zip(blocks, roots, self.slots.values(), strict=True):
+            self.B[row : row + len(block), columns], self.S[columns, columns] = block, root
 
     def list_targets(self, links: Sequence[Connection]) -> list[_Target]:
         """Return the given velocities of bodies and rates of joints."""
@@ -301,12 +301,12 @@ class Velocities:
         for body, initial in self.bodies.items():
             if initial.is_placed or isinstance(body, FlywheelBody):
                 continue
-            for what, name, value, axes in (
+            for quantity, name, value, axes in (
                     ("v", "velocity", initial.v, np.eye(3)),
                     ("spin", "angular velocity", initial.omega, self.poses[body].R)):
-                if value is not None and (body, what) in self.slots:
+                if value is not None and (body, quantity) in self.slots:
                     rows = np.zeros((3, len(self.u)))
-                    rows[:, self.slots[body, what]] = np.eye(3)
+                    rows[:, self.slots[body, quantity]] = np.eye(3)
                     targets.append(
                         _Target(f"The {name} of {body.name!r}", rows, axes @ value, axes.T))
         for link in links:
@@ -317,13 +317,13 @@ class Velocities:
         name, value, coefficients = rate
         row = np.zeros((1, len(self.u)))
         for frame, parts in coefficients.items():
-            for what, part in zip(("v", "spin"), parts, strict=True):
-                at = self.slots.get((frame, what)) if isinstance(frame, Body) else None
-                known = getattr(self.poses[frame], what)
-                if at is not None:
-                    row[0, at] = part
-                elif len(part) == len(known):
-                    value = value - float(part @ known)
+            for quantity, gradient in zip(("v", "spin"), parts, strict=True):
+                columns = self.slots.get((frame, quantity)) if isinstance(frame, Body) else None
+                prescribed = getattr(self.poses[frame], quantity)
+                if columns is not None:
+                    row[0, columns] = gradient
+                elif len(gradient) == len(prescribed):
+                    value = value - float(gradient @ prescribed)
         return _Target(f"The rate of {name!r}", row, np.array([value]), np.eye(1))
 
     def keep(
@@ -358,9 +358,10 @@ class Velocities:
             A, terms = rows @ rates, np.abs(rows) @ np.abs(rates)
             lengths = np.linalg.norm(A, axis=1)
             # Rotations keep |q| = 1: that row is 0, but for its round-off.
-            kept = lengths > ROUNDING * np.linalg.norm(terms, axis=1)
+            independent = lengths > ROUNDING * np.linalg.norm(terms, axis=1)
             f = numbers.f(q, momenta) + A @ (y - total)
-            step = nearest_step(A[kept] / lengths[kept, None], f[kept] / lengths[kept],
+            step = nearest_step(A[independent] / lengths[independent, None],
+                                f[independent] / lengths[independent],
                                 R, R @ y - d)
             largest, total = float(np.abs(y + step - total).max()), y + step
             if largest <= 16 * EPS * float(np.abs(total).max()):
@@ -374,30 +375,32 @@ class Velocities:
         size = ROUNDING * max(np.abs(self.u).max(), np.abs(u).max())
         u = np.where(np.abs(u) > size, u, 0.0)
         moved = []
-        for (body, what), at in self.slots.items():
-            change = float(np.abs(u[at] - self.u[at]).max())
+        for (body, quantity), columns in self.slots.items():
+            change = float(np.abs(u[columns] - self.u[columns]).max())
             if (self.bodies[body].is_placed and not isinstance(body, FlywheelBody)
-                    and self.u[at].any() and change > size):
-                name = "velocity" if what == "v" else "angular velocity"
-                moved.append((change, f"the {name} of {body.name!r} in space is {_text(u[at])} "
-                              f"({_text(self.u[at])} by the rates of joints)"))
+                    and self.u[columns].any() and change > size):
+                name = "velocity" if quantity == "v" else "angular velocity"
+                moved.append((change, f"the {name} of {body.name!r} in space is "
+                              f"{_text(u[columns])} "
+                              f"({_text(self.u[columns])} by the rates of joints)"))
         if moved:
-            more = f", and {len(moved) - 1} more like it" if len(moved) > 1 else ""
-            warn(f"The loops move the start: {max(moved)[1]}{more}. Give rates that the loops "
+            suffix = f", and {len(moved) - 1} more like it" if len(moved) > 1 else ""
+            warn(f"The loops move the start: {max(moved)[1]}{suffix}. Give rates that the loops "
                  "allow, of all joints.")
 
     def _refuse_missed(
         self, targets: Sequence[_Target], u: Array, off: Array, d: Array, scale: float
     ) -> None:
-        """Refuse velocities that are missed; warn where they were typed with few digits."""
+        """Refuse velocities off the constraints; warn where rounding of input explains it."""
         ends = np.cumsum([len(target.value) for target in targets])
         missed = []
-        for target, at in zip(targets, np.split(np.arange(len(d)), ends[:-1]), strict=True):
-            error = float(np.linalg.norm(off[at]))
+        for target, indices in zip(targets, np.split(np.arange(len(d)), ends[:-1]), strict=True):
+            error = float(np.linalg.norm(off[indices]))
             if error > scale:
                 old, new = target.axes @ target.value, target.axes @ (target.rows @ u)
-                part = error / max(float(np.linalg.norm(d[at])), np.finfo(float).tiny)
-                missed.append((part, f"{target.what} is given as {_text(old)}, which the "
+                relative_error = error / max(float(np.linalg.norm(d[indices])),
+                                             np.finfo(float).tiny)
+                missed.append((relative_error, f"{target.what} is given as {_text(old)}, which the "
                                f"constraints do not allow; the nearest possible is {_text(new)}"))
         if not missed:
             return

@@ -48,12 +48,12 @@ class RigidMotion:
         return cls(np.array([1.0, 0, 0, 0]), x)
 
     @classmethod
-    def about(cls, axis: Array, angle: float, at: Array) -> RigidMotion:
+    def about(cls, axis: Array, angle: float, point: Array) -> RigidMotion:
         """Return the rotation about an axis through a point; whole turns are in the sign of q."""
         if not angle:
             return cls.along(np.zeros(3))
         q = np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
-        return cls(q, at - rotation(q) @ at)
+        return cls(q, point - rotation(q) @ point)
 
     def __matmul__(self, first: RigidMotion) -> RigidMotion:
         """Return the motion that does ``first``, then this."""
@@ -194,7 +194,7 @@ class Attitude:
         return np.array([*self.q[1:], self.q[0]])
 
 
-def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
+def attitude(label: str, quaternion: Any, matrix: Any) -> Array:
     """Return the unit quaternion of a quaternion of any length, or of a rotation.
 
     ``matrix`` is 3 × 3 from body to space axes, or a SciPy Rotation.
@@ -205,19 +205,19 @@ def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
         For both, for the zero quaternion and for a matrix that is no rotation.
     """
     if quaternion is not None and matrix is not None:
-        raise InputError(f"{what} has a quaternion and a rotation; give one of them.")
+        raise InputError(f"{label} has a quaternion and a rotation; give one of them.")
     if hasattr(matrix, "as_quat"):
         scalar_last = real_array(matrix.as_quat())
         if scalar_last is None or scalar_last.shape != (4,):
-            raise InputError(f"The rotation of {what} is {shown(matrix)}; give a single one.")
+            raise InputError(f"The rotation of {label} is {shown(matrix)}; give a single one.")
         return unit(scalar_last[[3, 0, 1, 2]])
     if matrix is not None:
-        return quaternion_of_matrix(matrix, f"rotation of {what}")
+        return quaternion_of_matrix(matrix, f"rotation of {label}")
     if quaternion is None:
         return np.array([1.0, 0.0, 0.0, 0.0])
-    q = unit_quaternions(quaternion, f"quaternion of {what}")
+    q = unit_quaternions(quaternion, f"quaternion of {label}")
     if q.shape != (4,):
-        raise InputError(f"The quaternion of {what} is {shown(quaternion)}; give 4 numbers.")
+        raise InputError(f"The quaternion of {label} is {shown(quaternion)}; give 4 numbers.")
     return q
 
 
@@ -229,7 +229,7 @@ def unit(v: Array) -> Array:
 
 
 @contextmanager
-def in_range(what: str) -> Iterator[None]:
+def in_range(label: str) -> Iterator[None]:
     """Refuse values outside the range of doubles.
 
     Raises
@@ -240,36 +240,36 @@ def in_range(what: str) -> Iterator[None]:
         with np.errstate(over="raise", invalid="raise"):
             yield
     except FloatingPointError:
-        raise InputError(f"The start of {what} leads out of the range of doubles: positions, "
+        raise InputError(f"The start of {label} leads out of the range of doubles: positions, "
                          "velocities or rates are too large; take other units.") from None
 
 
-def vector(what: str, value: Any) -> Array:
+def vector(label: str, value: Any) -> Array:
     """Return three finite numbers."""
-    return finite(what, value, (3,))
+    return finite(label, value, (3,))
 
 
-def finite(what: str, value: Any, shape: tuple[int, ...]) -> Array:
+def finite(label: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Return finite numbers of a shape as floats."""
     array = real_array(value)
     if array is None or array.shape != shape or not np.isfinite(array).all():
         count = math.prod(shape)
-        raise InputError(f"The {what} is {shown(value)}; give {count} finite "
+        raise InputError(f"The {label} is {shown(value)}; give {count} finite "
                          f"number{'s' if count > 1 else ''}.")
     return array
 
 
-def positive(what: str, value: Any) -> float:
+def positive(label: str, value: Any) -> float:
     """Return a finite number above 0."""
-    number = float(finite(what, value, ()))
+    number = float(finite(label, value, ()))
     if number <= 0:
-        raise InputError(f"The {what} is {number}; it must be above 0.")
+        raise InputError(f"The {label} is {number}; it must be above 0.")
     return number
 
 
-def optional_vector(what: str, value: Any) -> Array | None:
+def optional_vector(label: str, value: Any) -> Array | None:
     """Return three numbers, or None where none are given."""
-    return None if value is None else vector(what, value)
+    return None if value is None else vector(label, value)
 
 
 def propagate_all(
@@ -298,17 +298,17 @@ def check_rep(name: str, rep: Any) -> None:
 
 def count(value: Any) -> int:
     """Return a number of steps."""
-    found = whole(value)
-    if found is None or found < 0:
+    number = whole(value)
+    if number is None or number < 0:
         raise InputError(f"steps = {shown(value)} is no whole number from 0 on.")
-    return found
+    return number
 
 
-def nonzero(what: str, value: Any) -> float:
+def nonzero(label: str, value: Any) -> float:
     """Return γ or α."""
-    number = float(finite(what, value, ()))
+    number = float(finite(label, value, ()))
     if number == 0:
-        raise InputError(f"The {what} is 0, and the kinetic energy divides by it; give another "
+        raise InputError(f"The {label} is 0, and the kinetic energy divides by it; give another "
                          "number.")
     return number
 

@@ -147,13 +147,13 @@ def named_vector(
     return x, y, z
 
 
-def propagate(quantity: str, a: Pose, b: Pose, more: Array) -> bool:
-    """Set the unknown one of two, b = a + ``more``; return whether one was set."""
+def propagate(quantity: str, a: Pose, b: Pose, difference: Array) -> bool:
+    """Set the unknown one of two, b = a + ``difference``; return whether one was set."""
     of_a, of_b = getattr(a, quantity), getattr(b, quantity)
     if of_a is not None and of_b is None:
-        setattr(b, quantity, of_a + more)
+        setattr(b, quantity, of_a + difference)
     elif of_b is not None and of_a is None:
-        setattr(a, quantity, of_b - more)
+        setattr(a, quantity, of_b - difference)
     else:
         return False
     return True
@@ -226,19 +226,19 @@ class Connection:
         """Yield forces, none; values of their parameters go into ``store``."""
         yield from ()
 
-    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+    def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return one of its ``MEASURES`` as an expression."""
-        raise InputError(f"{self.name!r} has no {what}.")
+        raise InputError(f"{self.name!r} has no {quantity}.")
 
     def turned(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
         """Return cos kθ and sin kθ of its turn θ since the start, of a joint with an angle."""
         return multiple(count, *cosine_and_sine(hinge_of(self), poses, store))
 
     def generalised_forces(
-        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+        self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
         """Yield generalised forces of a torque or force on a measure: on b, opposite on a."""
-        raise InputError(f"{self.name!r} has no {what}.")
+        raise InputError(f"{self.name!r} has no {quantity}.")
 
 
 @dataclass(eq=False, repr=False)
@@ -292,21 +292,21 @@ class Joint(PointConnection):
 
     def place(self, poses: Poses) -> bool:
         """Propagate points and positions; return whether one was found."""
-        found = False
+        changed = False
         sides = ((self.a, "on_a"), (self.b, "on_b"))
         for frame, side in sides:
             pose, r = poses[frame], getattr(self, side)
             if self.at is None and r is not None and pose.x is not None:
-                self.at, found = pose.space(r), True
+                self.at, changed = pose.space(r), True
         for frame, side in sides if self.at is not None else ():
             pose, r = poses[frame], getattr(self, side)
             if r is None and pose.x is not None:
-                at = np.asarray(self.at)
-                setattr(self, side, clean(pose.R.T @ (at - pose.x), at, pose.x))
-                found = True
+                pivot = np.asarray(self.at)
+                setattr(self, side, clean(pose.R.T @ (pivot - pose.x), pivot, pose.x))
+                changed = True
             elif r is not None and pose.x is None:
-                pose.x, found = self.at - pose.R @ r, True
-        return found
+                pose.x, changed = self.at - pose.R @ r, True
+        return changed
 
     def move(self, poses: Poses) -> bool:
         """Propagate the velocity of the common point; return whether one was unknown."""
@@ -399,17 +399,17 @@ class Align(Connection):
         return (unit_vector(f"{self.name}_axis_a", in_a, store),
                 unit_vector(f"{self.name}_axis", in_b, store))
 
-    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+    def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return the angle or the rate."""
         in_a, in_b = self.ends(poses, store)
-        if what == "rate":
+        if quantity == "rate":
             return dot(in_b, self.b.angular_velocity) - dot(in_a, self.a.angular_velocity)
         *start, turns = self.zero(poses, store)
         w, *v = product(conjugate(self.a.attitude), product(self.b.attitude, start))
         return turns + 2 * sp.atan2(dot(in_a, (v[0], v[1], v[2])), w)
 
     def generalised_forces(
-        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+        self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
         """Yield the generalised forces of a torque about the axis."""
         in_a, in_b = self.ends(poses, store)
@@ -466,15 +466,15 @@ class HingedJoint(Joint):
         """Return the axes of the hinge."""
         return self.hinge.axes(poses, store)
 
-    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+    def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return the angle or the rate."""
-        return self.hinge.measure(what, poses, store)
+        return self.hinge.measure(quantity, poses, store)
 
     def generalised_forces(
-        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+        self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
         """Yield the generalised forces of a torque about the axis."""
-        return self.hinge.generalised_forces(what, effort, poses, store)
+        return self.hinge.generalised_forces(quantity, effort, poses, store)
 
 
 @dataclass(eq=False, repr=False)
@@ -558,10 +558,10 @@ class Spring(PointConnection):
 
 def copies(links: Sequence[Connection]) -> dict[Connection, Connection]:
     """Return connection → its copy; copies refer to each other as the originals do."""
-    made = {link: replace(link) for link in links}
-    for copy in made.values():
-        copy.joints = tuple(made[joint] for joint in copy.joints)
-    return made
+    copy_of = {link: replace(link) for link in links}
+    for copy in copy_of.values():
+        copy.joints = tuple(copy_of[joint] for joint in copy.joints)
+    return copy_of
 
 
 def difference(to: Vector, start: Vector) -> Vector:
@@ -632,7 +632,7 @@ class Cylindrical(Planar):
 
     @property
     def moved(self) -> float:
-        """The distance that b moves along the axis from the described pose to the start."""
+        """Travel of b along the axis from the described pose to the start."""
         return 0.0 if self.start_travel is None else self.start_travel - self.travel
 
     def motion(self, poses: Poses) -> RigidMotion:
@@ -673,26 +673,26 @@ class Cylindrical(Planar):
         """Return n₁ and n₂ in the axes of a."""
         return normals(direction(poses[self.a].R.T @ self.hinge.axis))
 
-    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+    def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return angle, rate, travel or speed."""
-        if what == "travel":
+        if quantity == "travel":
             a, b = (poses[frame] for frame in (self.a, self.b))
             d = b.space(np.asarray(self.on_b)) - a.space(np.asarray(self.on_a))
-            left = np.array([self.travel, -float(self.hinge.axis @ d)])
-            offset = float(clean(np.array([left.sum()]), left)[0])
+            terms = np.array([self.travel, -float(self.hinge.axis @ d)])
+            offset = float(clean(np.array([terms.sum()]), terms)[0])
             return named_number(f"{self.name}_offset", offset, store) + self.along(poses, store)
-        if what == "speed":
+        if quantity == "speed":
             (in_a, _), (on_a, on_b) = self.hinge.ends(poses, store), self.places(store)
             past = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
             return dot(self.a.direction(in_a), past)
-        return super().measure(what, poses, store)
+        return super().measure(quantity, poses, store)
 
     def generalised_forces(
-        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+        self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
         """Yield the generalised forces of a torque about the axis, or of a force along it."""
-        if what not in ("travel", "speed"):
-            yield from super().generalised_forces(what, effort, poses, store)
+        if quantity not in ("travel", "speed"):
+            yield from super().generalised_forces(quantity, effort, poses, store)
             return
         (in_a, in_b), (on_a, on_b) = self.hinge.ends(poses, store), self.places(store)
         for frame, e, r, sign in ((self.a, in_a, on_a, -1), (self.b, in_b, on_b, 1)):
@@ -776,7 +776,7 @@ class Universal(Joint):
 
 @dataclass(eq=False, repr=False)
 class Gear(Connection):
-    """Two joints that turn as gears in mesh: z₁ θ₁ + z₂ θ₂ is constant."""
+    """Gears in mesh on two joints: z₁ θ₁ + z₂ θ₂ is constant."""
 
     teeth: tuple[int, int] = field(kw_only=True)
 
@@ -830,8 +830,8 @@ class Coupling(Connection):
                 0 < abs(ratio.numerator) <= _FEW_TEETH):
             yield Equation(f"{self.name}: ratio", self._turns(ratio, poses, store))
             return
-        first, second = (joint.measure(what, poses, store)
-                         for joint, what in zip(self.joints, self.what, strict=True))
+        first, second = (joint.measure(quantity, poses, store)
+                         for joint, quantity in zip(self.joints, self.what, strict=True))
         k = named_number(f"{self.name}_ratio", self.ratio, store, (0.0, 1.0, -1.0))
         offset = named_number(f"{self.name}_offset", self.offset, store)
         yield Equation(f"{self.name}: ratio", second - k * first - offset)
@@ -843,8 +843,8 @@ class Coupling(Connection):
         (c1, s1), (c2, s2) = (joint.turned(k, poses, store)
                               for k, joint in ((-z, first), (n, second)))
         sine, cosine = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
-        left = n * self.offset + z * hinge_of(first).angle - n * hinge_of(second).angle
-        phase = named_number(f"{self.name}_phase", left, store)
+        angle = n * self.offset + z * hinge_of(first).angle - n * hinge_of(second).angle
+        phase = named_number(f"{self.name}_phase", angle, store)
         return sine * sp.cos(phase) - cosine * sp.sin(phase)
 
 
@@ -882,8 +882,8 @@ class JointSpring(Connection):
                             for end, value in zip(("lower", "upper"), self.rest, strict=True))
             return k * (Max(0, self.coordinate - upper) ** 2
                         + Max(0, lower - self.coordinate) ** 2) / 2
-        rest = named_number(f"{self.name}_rest", self.rest, store)
-        return k * (self.coordinate - rest) ** 2 / 2
+        rest_position = named_number(f"{self.name}_rest", self.rest, store)
+        return k * (self.coordinate - rest_position) ** 2 / 2
 
     def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
         """Yield the generalised forces of the damper on both bodies."""

@@ -120,7 +120,7 @@ class Model:
             return self.__dict__.setdefault("system", self._make().system)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled and copied: the system, and not the function that makes it."""
+        """Return the state for pickle: the system replaces the function that makes it."""
         state = {**self.__dict__, "system": self.system}
         state.pop("_make", None)
         return state
@@ -168,14 +168,14 @@ class Model:
             object.__setattr__(self, "dt", self._number("dt", self.dt))
         if self.steps is not None:
             object.__setattr__(self, "steps", self._count(self.steps))
-        known = {str(symbol) for symbol in self.system.parameters}
+        names = {str(symbol) for symbol in self.system.parameters}
         for name in (*self.parameters, *self.bodies):
-            if name not in known:
+            if name not in names:
                 raise InputError(
                     f"Model {self.name!r} has a value for {name!r}, which is no parameter of its "
-                    f"system; the parameters are {', '.join(sorted(known)) or 'none'}."
+                    f"system; the parameters are {', '.join(sorted(names)) or 'none'}."
                 )
-        missing = sorted(known - {*self.parameters, *self.bodies})
+        missing = sorted(names - {*self.parameters, *self.bodies})
         if missing:
             raise InputError(f"Model {self.name!r} has no value for its parameter {missing[0]!r}; "
                              "give one.")
@@ -233,8 +233,8 @@ class Model:
         def rounded(value: Any) -> Any:
             if isinstance(value, tuple):
                 return tuple(map(rounded, value))
-            whole = exact(value)
-            return number(whole) if isinstance(whole, Fraction) else value
+            fraction = exact(value)
+            return number(fraction) if isinstance(fraction, Fraction) else value
 
         q0, p0 = (np.array([rounded(x) for x in values]) for values in (self.q0, self.p0))
         return replace(
@@ -247,8 +247,9 @@ class Model:
         if state is None or state.shape != (count,) or not np.isfinite(state).all():
             raise InputError(f"{name} of model {self.name!r} is {shown(values)}; give "
                              f"{count} finite numbers.")
-        known = [exact(x) for x in np.array(values, dtype=object).flat]
-        if None not in known and known != [Fraction(x) for x in state]:  # doubles lose digits
+        fractions = [exact(x) for x in np.array(values, dtype=object).flat]
+        if None not in fractions and fractions != [Fraction(x)
+                                                   for x in state]:  # doubles lose digits
             is_long = isinstance(values, np.ndarray) and values.dtype == np.longdouble
             state = np.array(values, dtype=np.longdouble if is_long else object)
         state.setflags(write=False)
@@ -271,5 +272,5 @@ class Model:
 
 
 def whole_array(values: Sequence[float]) -> Array:
-    """Return doubles that know their digits as an array that does not lose them."""
+    """Return an object array, in which ``Rounded`` doubles keep their exact values."""
     return np.array(values, dtype=object)

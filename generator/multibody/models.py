@@ -86,17 +86,17 @@ def double_pendulum(*, rep: RepName = "gamma", angles: tuple[float, float] = (1.
 
     ``angles`` are those of the bars against the downward vertical, in rad.
     """
-    found = finite("angles", angles, (2,)).tolist()
-    warn_of_degrees("angles", found, cure=f"numpy.radians({found})")
+    start_angles = finite("angles", angles, (2,)).tolist()
+    warn_of_degrees("angles", start_angles, cure=f"numpy.radians({start_angles})")
     build = Multibody("double_pendulum", dt=0.005, steps=1000,
                       description="Two bars in a plane: a compound double pendulum.")
     upper = build.top(
         "a", mass=1.0, inertia=(1 / 3, 1 / 3, 0.01), centre=(0, 0, -0.5), rep=rep,
-        quaternion=turn((1, 0, 0), found[0]), angular_velocity=(0.5, 0, 0),
+        quaternion=turn((1, 0, 0), start_angles[0]), angular_velocity=(0.5, 0, 0),
     )
     lower = build.body(
         "b", mass=0.5, inertia=(0.5 * 0.8**2 / 12, 0.5 * 0.8**2 / 12, 0.005), rep=rep,
-        quaternion=turn((1, 0, 0), found[1]), angular_velocity=(-1.0, 0, 0),
+        quaternion=turn((1, 0, 0), start_angles[1]), angular_velocity=(-1.0, 0, 0),
     )
     build.ball("joint", upper, lower, on_a=(0, 0, -1), on_b=(0, 0, 0.4))
     return build.model()
@@ -189,11 +189,11 @@ def delta_robot(*, rep: RepName = "gamma") -> Model:
         build.revolute(f"shoulder{k}", build.ground, upper, axis_in_space=side, at=shoulder)
         build.spring(f"spring{k}", build.ground, upper, stiffness=40.0, length=0.2,
                      on_a=(base + arm) * out + (0, 0, 0.3), on_b=(arm / 2, 0, 0))
-        for name, at in (("left", apart), ("right", -apart)):
+        for name, offset in (("left", apart), ("right", -apart)):
             lower = build._uniform_rod(
-                f"rod{k}_{name}", elbow + at * side, end + at * side, 0.08, rep)
-            build.ball(f"elbow{k}_{name}", upper, lower, at=elbow + at * side)
-            build.ball(f"wrist{k}_{name}", lower, platform, at=end + at * side)
+                f"rod{k}_{name}", elbow + offset * side, end + offset * side, 0.08, rep)
+            build.ball(f"elbow{k}_{name}", upper, lower, at=elbow + offset * side)
+            build.ball(f"wrist{k}_{name}", lower, platform, at=end + offset * side)
     return build.model()
 
 
@@ -255,8 +255,8 @@ def build_chain(rods: int, rep: RepName = "gamma") -> Model:
             quaternion=multiply(turn((1, 0, 0), 0.4 * (-1) ** i), turn((0, 1, 0), 0.05 * i)),
             angular_velocity=(0.2, -0.1, 5.0),
         )
-        held = None if i else (0.0, 0.0, 0.0)
-        build.ball(f"j{i}", above, rod, on_a=held or (0, 0, -0.15), on_b=(0, 0, 0.15))
+        pivot = None if i else (0.0, 0.0, 0.0)
+        build.ball(f"j{i}", above, rod, on_a=pivot or (0, 0, -0.15), on_b=(0, 0, 0.15))
         above = rod
     return build.model()
 

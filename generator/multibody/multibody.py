@@ -200,7 +200,7 @@ class Multibody:
                 f"joints {few(link.name for link in self._components.connections)}>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the names of all that was added."""
+        """Return HTML for notebooks: the names of bodies, joints and parameters."""
         parts = self._components
         return card(f"Multibody {self.name}", table([
             ("about", self._about["description"] or self.name), ("gravity", few(self.gravity)),
@@ -257,10 +257,10 @@ class Multibody:
         """
         self._components.claim(name, "body")
         check_rep(name, rep)
-        given = as_inertia(inertia, f"inertia of {name!r}")
+        checked_inertia = as_inertia(inertia, f"inertia of {name!r}")
         start = initial_state(name, quaternion, rotation, position, velocity, angular_velocity)
-        body = Body.free(name, rep, tensor=is_tensor(given))
-        return self._add(body, start, mass, given, weight)
+        body = Body.free(name, rep, tensor=is_tensor(checked_inertia))
+        return self._add(body, start, mass, checked_inertia, weight)
 
     def top(
         self, name: str, *, mass: float, inertia: ArrayLike, centre: ArrayLike,
@@ -275,16 +275,16 @@ class Multibody:
         """
         self._components.claim(name, "body")
         check_rep(name, rep)
-        given = as_inertia(inertia, f"inertia of {name!r}")
+        checked_inertia = as_inertia(inertia, f"inertia of {name!r}")
         origin = vector(f"fixed point of {name!r}", at)
         middle = vector(f"centre of {name!r}", centre)
         body = Body.held(
             name, rep, named_vector(f"{name}_at", origin.tolist(), self._components.values),
             named_vector(f"{name}_centre", middle.tolist(), self._components.values),
-            tensor=is_tensor(given),
+            tensor=is_tensor(checked_inertia),
         )
         start = initial_state(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
-        return self._add(body, start, mass, given, weight)
+        return self._add(body, start, mass, checked_inertia, weight)
 
     def chain_of_rods(
         self, points: ArrayLike, *, mass: float | Sequence[float], radius: float = 0.01,
@@ -483,7 +483,7 @@ class Multibody:
             moments = across, across, of_segment * thick**2 / 2
         else:
             moments = (of_segment * h**2 / 12,) * 3
-        v, spin = (optional_vector(f"{what} of {name!r}", value) for what, value in (
+        v, spin = (optional_vector(f"{option} of {name!r}", value) for option, value in (
             ("velocity", velocity), ("angular velocity", angular_velocity)))
         segments = []
         for k, (q, chord) in enumerate(zip(frames[1:-1], chords, strict=True), start=1):
@@ -578,18 +578,20 @@ class Multibody:
                 f"{name!r} fixes {'two beams to each other' if all(ends) else 'an inner segment'}; "
                 "a beam is fixed at an end, beam.first or beam.last, to the ground or to a body, "
                 "which may be between two beams.")
-        beam = next(one for one in self._components.beams if end in (one.first, one.last))
-        held = (np.array([1.0, 0, 0, 0]) if holder is GROUND or isinstance(holder, MovingPoint)
-                else self._components.bodies[holder].q)
+        beam = next(candidate for candidate in self._components.beams
+                    if end in (candidate.first, candidate.last))
+        holder_attitude = (np.array([1.0, 0, 0, 0])
+                           if holder is GROUND or isinstance(holder, MovingPoint)
+                           else self._components.bodies[holder].q)
         section = end.q
         if q is not None:
-            section = np.array(product(held, conjugate(q) if ends[0] else q))
+            section = np.array(product(holder_attitude, conjugate(q) if ends[0] else q))
             section = section * (1 if section @ end.q >= 0 else -1)
         q_segment = self._components.bodies[end.segment].q
-        rest = (beam.rest_strain(end.q, q_segment, 4) if end.is_first else
-                beam.rest_strain(q_segment, end.q, 4))
-        return BeamJoint(name, **pair, beam=beam, factor=4, rest=rest,
-                         relative=product(conjugate(held), section),
+        rest_strain = (beam.rest_strain(end.q, q_segment, 4) if end.is_first else
+                       beam.rest_strain(q_segment, end.q, 4))
+        return BeamJoint(name, **pair, beam=beam, factor=4, rest=rest_strain,
+                         relative=product(conjugate(holder_attitude), section),
                          arc=0.0 if end.is_first else beam.spacing * len(beam.segments))
 
     def revolute(
@@ -759,10 +761,10 @@ class Multibody:
         if isinstance(rolled, Particle):
             raise InputError(f"{name!r} asks for axes of {rolled.name!r}, a point mass, which has "
                              "none; give a body.")
-        what = f"{shape} of {name!r}"
-        sizes = finite(what, size, (3,) if shape == "ellipsoid" else ()).reshape(-1).tolist()
+        label = f"{shape} of {name!r}"
+        sizes = finite(label, size, (3,) if shape == "ellipsoid" else ()).reshape(-1).tolist()
         return self._join(Rolling(
-            name, GROUND, rolled, shape=shape, sizes=tuple(positive(what, x) for x in sizes),
+            name, GROUND, rolled, shape=shape, sizes=tuple(positive(label, x) for x in sizes),
             axis=_direction(name, "axis_on_body", (0, 0, 1) if axis_on_body is None
                             else axis_on_body),
             middle=vector(f"on_body of {name!r}", (0, 0, 0) if on_body is None else on_body),
@@ -790,12 +792,12 @@ class Multibody:
 
         With ``damping`` c, in N s/m, a parallel damper with force c d|d|/dt.
         """
-        rest = float(finite(f"length of {name!r}", length, ()))
-        if rest < 0:
-            raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
+        rest_length = float(finite(f"length of {name!r}", length, ()))
+        if rest_length < 0:
+            raise InputError(f"The length of spring {name!r} is {rest_length}; give 0 or more.")
         return self._join(Spring(
             name, *self._components.frames(name, a, b), *self._points(name, (a, b), (on_a, on_b)),
-            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest_length,
             damping=float(finite(f"damping of {name!r}", damping, ())),
         ))
 
@@ -813,8 +815,8 @@ class Multibody:
             raise InputError(f"The teeth of {name!r} are {shown(teeth)}; give two whole numbers "
                              "other than 0.")
         z1, z2 = (int(z or 0) // math.gcd(*(int(z or 0) for z in counts)) for z in counts)
-        one, two = (self._components.turning_joint(name, joint) for joint in (first, second))
-        return self._join(Gear(name, one.b, two.b, joints=(one, two), teeth=(z1, z2)))
+        joint1, joint2 = (self._components.turning_joint(name, joint) for joint in (first, second))
+        return self._join(Gear(name, joint1.b, joint2.b, joints=(joint1, joint2), teeth=(z1, z2)))
 
     def couple(
         self, name: str, first: Connection | str, second: Connection | str, *,
@@ -826,9 +828,10 @@ class Multibody:
         Angles in a ratio of small whole numbers are coupled over any number of turns, others as
         far as ``angle`` is followed.
         """
-        one, two = (self._components.joint(joint, f"{name!r}") for joint in (first, second))
+        joint1, joint2 = (self._components.joint(joint, f"{name!r}") for joint in (first, second))
         return self._join(Coupling(
-            name, one.b, two.b, joints=(one, two), what=(_coordinate(one), _coordinate(two)),
+            name, joint1.b, joint2.b, joints=(joint1, joint2),
+            what=(_coordinate(joint1), _coordinate(joint2)),
             ratio=float(finite(f"ratio of {name!r}", ratio, ())),
             offset=float(finite(f"offset of {name!r}", offset, ()))))
 
@@ -865,21 +868,21 @@ class Multibody:
             For names used twice, an inertia that is not above 0, a ratio 0, and other ratios than
             1 on a ball.
         """
-        held = self._components.joint(joint, f"Flywheel {name!r}")
-        if type(held) is Joint:
+        driver = self._components.joint(joint, f"Flywheel {name!r}")
+        if type(driver) is Joint:
             if ratio != 1:
-                raise InputError(f"Flywheel {name!r} is on the ball joint {held.name!r} with the "
+                raise InputError(f"Flywheel {name!r} is on the ball joint {driver.name!r} with the "
                                  f"ratio {shown(ratio)}; leave the ratio out, or scale the "
                                  "inertia by its square.")
             four = self._flywheel_body(name, inertia, 4.0, "0123")
-            return self._join(BallFlywheel(name, held.b, four, joints=(held,)))
-        kind = _coordinate(held)
-        if not isinstance(held, Align | HingedJoint):
-            raise InputError(f"Flywheel {name!r} is on {held.name!r}, which is no joint of bodies "
-                             "with an axis; name one.")
+            return self._join(BallFlywheel(name, driver.b, four, joints=(driver,)))
+        kind = _coordinate(driver)
+        if not isinstance(driver, Align | HingedJoint):
+            raise InputError(f"Flywheel {name!r} is on {driver.name!r}, which is no joint of "
+                             "bodies with an axis; name one.")
         times = nonzero(f"ratio of {name!r}", ratio)
         body = self._flywheel_body(name, inertia)
-        return self._join(Flywheel(name, held.b, body, joints=(held,), kind=kind, ratio=times))
+        return self._join(Flywheel(name, driver.b, body, joints=(driver,), kind=kind, ratio=times))
 
     def chain(
         self, name: str, a: Frame | str, b: Frame | str, joints: Iterable[Mapping[str, Any]]
@@ -894,7 +897,7 @@ class Multibody:
         a, b : Body, ``ground``, or a name
         joints : iterable of mappings
             From a to b: ``name``, of which motors and springs and ``angle`` or ``travel`` know it;
-            ``axis`` in space at the start; ``inertia`` in kg m², kg for a slide; ``at``, a point
+            ``axis`` in space at the start; ``inertia`` in kg m², kg for a slide; ``point``, a point
             of the axis of a hinge in space at the start; ``angle`` and ``rate`` of a hinge, or
             ``travel`` and ``speed`` of a slide, at the start, one of which makes it a hinge or a
             slide; angles and travels move the bodies beyond, as those of ``revolute`` do.
@@ -912,12 +915,12 @@ class Multibody:
             raise InputError(f"Chain {name!r} has {len(links)} joints; give 1 to 6.")
         for link in links:
             self._join(link.coordinate)
-        at = hinges[-1].at if hinges else np.zeros(3)
-        return self._join(Chain(name, first, second, None, None, at, links=links))
+        point = hinges[-1].at if hinges else np.zeros(3)
+        return self._join(Chain(name, first, second, None, None, point, links=links))
 
-    def _chain_link(self, chain: str, a: Frame, given: Any) -> Link:
+    def _chain_link(self, chain: str, a: Frame, description: Any) -> Link:
         """Return one joint of a chain."""
-        keys = as_mapping(f"joints of {chain!r}", given, "{'name': 'hip', 'axis': (1, 0, 0)}")
+        keys = as_mapping(f"joints of {chain!r}", description, "{'name': 'hip', 'axis': (1, 0, 0)}")
         name = as_text(f"name of a joint of {chain!r}", keys.get("name"))
         kind, rate = ("travel", "speed") if {"travel", "speed"} & keys.keys() else ("angle", "rate")
         for key in keys:
@@ -927,12 +930,12 @@ class Multibody:
             raise InputError(f"Joint {name!r} of chain {chain!r} needs an axis and an inertia; "
                              "give both.")
         axis = _direction(name, "axis", keys["axis"])
-        at = vector(f"at of {name!r}", keys.get("at", (0.0, 0.0, 0.0)))
+        point = vector(f"at of {name!r}", keys.get("at", (0.0, 0.0, 0.0)))
         body = self._flywheel_body(name, keys["inertia"])
         value, start = self._value(_number_or_none(f"{kind} of {name!r}", keys.get(kind)))
         return Link(Coordinate(
             name, a, body, kind=kind, value=value, start_value=start,
-            speed=_number_or_none(f"{rate} of {name!r}", keys.get(rate))), axis, at)
+            speed=_number_or_none(f"{rate} of {name!r}", keys.get(rate))), axis, point)
 
     def _flywheel_body(
         self, name: str, inertia: float, times: float = 1.0, numbers: Sequence[str] = ("",)
@@ -960,23 +963,24 @@ class Multibody:
         InputError
             For joints without a coordinate, and an f that returns no expression.
         """
-        held = [self._components.joint(joint, f"Law {name!r}")
-                for joint in as_items("joints", joints, "joints")]
-        if not held or not callable(f):
+        measured_joints = [self._components.joint(joint, f"Law {name!r}")
+                           for joint in as_items("joints", joints, "joints")]
+        if not measured_joints or not callable(f):
             raise InputError(f"Law {name!r} needs joints and a function of their coordinates, such "
                              "as lambda x, y: x - y**2.")
-        symbols = [sp.Dummy(f"{name}_c{k}", real=True) for k in range(len(held))]
+        symbols = [sp.Dummy(f"{name}_c{k}", real=True) for k in range(len(measured_joints))]
         try:
             expression = as_expression(f(*symbols))
         except TypeError as error:
             raise InputError(f"The function of law {name!r} fails: {error}; let it take "
-                             f"{len(held)} coordinates.") from None
+                             f"{len(measured_joints)} coordinates.") from None
         if not expression.free_symbols & {*symbols}:
             raise InputError(f"Law {name!r} is {shown(str(expression))}, without a coordinate; "
                              "return what is to be 0.")
         return self._join(Law(
-            name, held[0].b, held[-1].b, joints=tuple(held), coordinates=tuple(symbols),
-            what=tuple(map(_coordinate, held)), expression=expression))
+            name, measured_joints[0].b, measured_joints[-1].b, joints=tuple(measured_joints),
+            coordinates=tuple(symbols),
+            what=tuple(map(_coordinate, measured_joints)), expression=expression))
 
     def drive(self, name: str, joint: Connection | str, *, angle: Any) -> RheonomicConstraint:
         """Have the angle of a hinge be a law of t: one constraint, ``name: angle``.
@@ -1083,12 +1087,12 @@ class Multibody:
         A number, or an expression of ``time``, parameters, symbols of bodies, and ``angle(joint)``,
         ``rate(joint)``, …. It acts on the joint's second body and back on its first.
         """
-        what, effort = ("travel", force) if torque is None else ("angle", torque)
+        quantity, effort = ("travel", force) if torque is None else ("angle", torque)
         if effort is None or (torque is not None and force is not None):
             raise InputError(f"Motor {name!r} needs a torque or a force, one of them.")
         driven = self._components.joint(joint, f"Motor {name!r}")
-        self._components.refuse_measure(driven, what)
-        return self._join(Motor(name, driven.a, driven.b, joints=(driven,), what=what,
+        self._components.refuse_measure(driven, quantity)
+        return self._join(Motor(name, driven.a, driven.b, joints=(driven,), what=quantity,
                                 effort=as_expression(effort)))
 
     def joint_spring(
@@ -1102,11 +1106,12 @@ class Multibody:
         ends of the range of a joint. The force is continuous and its slope is not, so that a step
         across an end has an error of O(Δt²), with any scheme.
         """
-        held = self._components.joint(joint, f"Spring {name!r}")
-        what = _coordinate(held)
+        spring_joint = self._components.joint(joint, f"Spring {name!r}")
+        quantity = _coordinate(spring_joint)
         return self._join(JointSpring(
-            name, held.a, held.b, joints=(held,), what=what,
-            coordinate=self._measure(held, what), rate=self._measure(held, RATE_OF[what]),
+            name, spring_joint.a, spring_joint.b, joints=(spring_joint,), what=quantity,
+            coordinate=self._measure(spring_joint, quantity),
+            rate=self._measure(spring_joint, RATE_OF[quantity]),
             stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())),
             damping=float(finite(f"damping of {name!r}", damping, ())),
             rest=_rest(f"rest of {name!r}", rest)))
@@ -1125,11 +1130,11 @@ class Multibody:
         self._components.claim(name, "body")
         x, y, z = (self._law(f"path of {name!r}", e) for e in three_expressions(
             f"path of {name!r}", path))
-        made = MovingPoint(name, (x, y, z), three_expressions(
+        point = MovingPoint(name, (x, y, z), three_expressions(
             f"velocity of {name!r}", [derivative(e, TIME) for e in (x, y, z)]))
-        self._components.start_of_point(made)
-        self._components.moving_points.append(made)
-        return made
+        self._components.start_of_point(point)
+        self._components.moving_points.append(point)
+        return point
 
     def quantity(self, name: str, expression: Any) -> None:
         """Have an expression computed along trajectories under a name.
@@ -1137,11 +1142,11 @@ class Multibody:
         Warns if it is 0, such as a derivative of ``rate(joint)`` by ``time``: symbols of bodies
         and joints do not depend on ``time``.
         """
-        found = as_expression(expression)
-        if found == 0:
+        checked = as_expression(expression)
+        if checked == 0:
             warn(f"Quantity {shown(name)} is 0 at all times. The symbols of bodies and joints do "
                  "not depend on build.time, so that their derivatives by it are 0.")
-        self._components.quantities[as_text("name of a quantity", name)] = found
+        self._components.quantities[as_text("name of a quantity", name)] = checked
 
     def time_scale(self, expression: Any) -> None:
         """Scale time, dt = σ dτ: constant steps Δτ are then steps of t that adapt to the motion.
@@ -1177,12 +1182,13 @@ class Multibody:
 
     def measured(self, taken: Collection[str] = ()) -> dict[str, dict[str, sp.Symbol]]:
         """Return measure → name → symbol of all measures of all joints, but for names taken."""
-        found: dict[str, dict[str, sp.Symbol]] = {}
+        symbols: dict[str, dict[str, sp.Symbol]] = {}
         for link in self._components.connections:
-            for what in link.MEASURES:
-                if f"{link.name}_{what}" not in taken:
-                    found.setdefault(what, {})[f"{link.name}_{what}"] = self._measure(link, what)
-        return found
+            for quantity in link.MEASURES:
+                if f"{link.name}_{quantity}" not in taken:
+                    names = symbols.setdefault(quantity, {})
+                    names[f"{link.name}_{quantity}"] = self._measure(link, quantity)
+        return symbols
 
     def visual(self, body: Frame | str, shape: Shape) -> None:
         """Draw a body, or the ground, with a shape; it moves nothing.
@@ -1267,16 +1273,16 @@ class Multibody:
                                       (on_a is on_b is None) else at)}
 
     def _points(
-        self, name: str, frames: Sequence[Frame | str], given: Sequence[Any]
+        self, name: str, frames: Sequence[Frame | str], points: Sequence[Any]
     ) -> tuple[Array | None, Array | None]:
         """Return the points of a connection in the axes of its bodies."""
-        on_a, on_b = (self._point(f"{what} of {name!r}", frame, r) for what, frame, r in
-                      zip(("on_a", "on_b"), frames, given, strict=True))
+        on_a, on_b = (self._point(f"{label} of {name!r}", frame, r) for label, frame, r in
+                      zip(("on_a", "on_b"), frames, points, strict=True))
         return on_a, on_b
 
-    def _point(self, what: str, frame: Frame | str, given: Any) -> Array | None:
+    def _point(self, label: str, frame: Frame | str, entry: Any) -> Array | None:
         """Return a point in the axes of a body, on from the end of a beam."""
-        r, end = optional_vector(what, given), self._components.end(frame)
+        r, end = optional_vector(label, entry), self._components.end(frame)
         return r if end is None else end.on if r is None else end.on + r
 
     def _hinge(
@@ -1302,19 +1308,19 @@ class Multibody:
 
     def _axis(self, name: str, a: Frame, b: Frame, axes: Axes) -> Array:
         """Return the unit vector of an axis in space at the start."""
-        given = {what: e for what, e in zip(AXES, axes, strict=True) if e is not None}
-        if len(given) != 1:
-            raise InputError(f"{name!r} has {' and '.join(given) or 'no axis'}; give one of axis, "
-                             "axis_on_body and axis_in_space.")
-        ((what, e),) = given.items()
+        entries = {key: e for key, e in zip(AXES, axes, strict=True) if e is not None}
+        if len(entries) != 1:
+            raise InputError(f"{name!r} has {' and '.join(entries) or 'no axis'}; give one of "
+                             "axis, axis_on_body and axis_in_space.")
+        ((key, e),) = entries.items()
         axis = _direction(name, "axis", e)
         carrier = next((frame for frame in (a, b) if isinstance(frame, Body)), None)
         if carrier is None:
             return axis
         turned: Array = rotation(self._components.bodies[carrier].q) @ axis
-        if what == "axis_on_body":
+        if key == "axis_on_body":
             return turned
-        if what == "axis" and carrier is a and np.abs(turned - axis).max() > _SAME_AXIS:
+        if key == "axis" and carrier is a and np.abs(turned - axis).max() > _SAME_AXIS:
             warn(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
                  f"at the start, so that its components on the body differ. Write axis_on_body= "
                  f"if they are components in the axes of {carrier.name!r}, or axis_in_space= if "
@@ -1333,26 +1339,26 @@ class Multibody:
         self._components.bodies[body] = start
         return body
 
-    def _measure(self, joint: Connection | str, what: str) -> sp.Symbol:
+    def _measure(self, joint: Connection | str, quantity: str) -> sp.Symbol:
         """Return the symbol of a measure."""
-        measured = self._components.joint(joint, f"The {what}")
-        self._components.refuse_measure(measured, what)
-        symbol = sp.Symbol(f"{measured.name}_{what}", real=True)
+        measured = self._components.joint(joint, f"The {quantity}")
+        self._components.refuse_measure(measured, quantity)
+        symbol = sp.Symbol(f"{measured.name}_{quantity}", real=True)
         if symbol not in self._components.measures:
             self._components.claim(str(symbol), "parameter")
             self._components.symbols[str(symbol)] = symbol
-            self._components.measures[symbol] = measured, what
+            self._components.measures[symbol] = measured, quantity
         return symbol
 
-    def _law(self, what: str, given: Any) -> sp.Expr:
+    def _law(self, label: str, entry: Any) -> sp.Expr:
         """Return an expression of time and parameters."""
-        law = as_expression(given)
+        law = as_expression(entry)
         strange = law.free_symbols - {TIME} - {
             symbol for name, symbol in self._components.symbols.items()
             if name in self._components.values}
         if strange:
-            raise InputError(f"The {what} contains {min(map(str, strange))!r}; it may contain time "
-                             "and parameters.")
+            raise InputError(f"The {label} contains {min(map(str, strange))!r}; it may contain "
+                             "time and parameters.")
         return law
 
 
@@ -1361,28 +1367,28 @@ def _matrix(q: Array) -> Array:
     return rotation(q)
 
 
-def _direction(name: str, what: str, given: ArrayLike) -> Array:
+def _direction(name: str, label: str, entry: ArrayLike) -> Array:
     """Return a direction, given in any length, as a unit vector."""
-    found = vector(f"{what} of {name!r}", given)
-    if not found.any():
-        raise InputError(f"The {what} of {name!r} is zero; give its direction.")
-    return unit(found)
+    direction = vector(f"{label} of {name!r}", entry)
+    if not direction.any():
+        raise InputError(f"The {label} of {name!r} is zero; give its direction.")
+    return unit(direction)
 
 
-def _rest(what: str, given: Any) -> float | tuple[float, float]:
+def _rest(label: str, entry: Any) -> float | tuple[float, float]:
     """Return where a spring is at rest: a number, or an interval."""
-    array = real_array(given)
+    array = real_array(entry)
     if array is None or array.shape != (2,):
-        return float(finite(what, given, ()))
-    lower, upper = finite(what, given, (2,)).tolist()
+        return float(finite(label, entry, ()))
+    lower, upper = finite(label, entry, (2,)).tolist()
     if lower > upper:
-        raise InputError(f"The {what} is {shown(given)}; give the lower end first.")
+        raise InputError(f"The {label} is {shown(entry)}; give the lower end first.")
     return lower, upper
 
 
-def _number_or_none(what: str, given: Any) -> float | None:
+def _number_or_none(label: str, entry: Any) -> float | None:
     """Return a finite number, or None where none is given."""
-    return None if given is None else float(finite(what, given, ()))
+    return None if entry is None else float(finite(label, entry, ()))
 
 
 def _coordinate(joint: Connection) -> str:

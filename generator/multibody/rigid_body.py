@@ -44,17 +44,17 @@ mgl = sp.Symbol("mgl", real=True)
 time = sp.Symbol("t", real=True)
 
 
-def expressions(what: str, values: object, count: int) -> list[sp.Expr]:
+def expressions(label: str, values: object, count: int) -> list[sp.Expr]:
     """Return so many expressions of a list of them.
 
     Raises
     ------
     InputError
     """
-    found = [as_expression(e) for e in as_items(what, values, f"{count} expressions")]
-    if len(found) != count:
-        raise InputError(f"The {what} has {len(found)} entries; give {count}.")
-    return found
+    entries = [as_expression(e) for e in as_items(label, values, f"{count} expressions")]
+    if len(entries) != count:
+        raise InputError(f"The {label} has {len(entries)} entries; give {count}.")
+    return entries
 
 
 def left_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:

@@ -107,7 +107,7 @@ class Rolling(Connection):
 
     @property
     def body(self) -> Body:
-        """The body that rolls."""
+        """The rolling body, b of the connection."""
         assert isinstance(self.b, Body)
         return self.b
 
@@ -131,8 +131,8 @@ class Rolling(Connection):
 
     def _point(self, arm: Sequence[sp.Expr], store: Store) -> list[sp.Expr]:
         """Return a point of the body relative to that of the plane."""
-        at = named_vector(f"{self.name}_at", self.at.tolist(), store)
-        return [x + a - c for x, a, c in zip(self.body.origin, arm, at, strict=True)]
+        plane_point = named_vector(f"{self.name}_at", self.at.tolist(), store)
+        return [x + a - c for x, a, c in zip(self.body.origin, arm, plane_point, strict=True)]
 
     def _normal(self, store: Store) -> Vector:
         return unit_vector(f"{self.name}_normal", self.normal, store)
