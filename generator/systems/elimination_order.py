@@ -32,11 +32,11 @@ class Elimination:
     def before(self) -> tuple[tuple[tuple[int, int], ...], ...]:
         """The same by rows: for ``order[k]``, earlier pivots that act on it, and the entry's slot.
         """
-        found: dict[int, list[tuple[int, int]]] = {row: [] for row in self.order}
+        earlier: dict[int, list[tuple[int, int]]] = {row: [] for row in self.order}
         for pivot, rows, slots in zip(self.order, self.rows, self.slots, strict=True):
             for row, slot in zip(rows, slots, strict=True):
-                found[row].append((pivot, slot))
-        return tuple(map(tuple, found.values()))
+                earlier[row].append((pivot, slot))
+        return tuple(map(tuple, earlier.values()))
 
     @property
     def products(self) -> int:
@@ -74,38 +74,38 @@ def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
     The next pivot is the first row whose neighbours all know each other, so that no entry is new;
     where there is none, in a loop, the one with fewest neighbours.
     """
-    left = {row: set(others) for row, others in neighbours.items()}
+    graph = {row: set(neighbourhood) for row, neighbourhood in neighbours.items()}
     order, below = [], []
-    heap = sorted((len(others), row) for row, others in left.items())
-    while left:
+    heap = sorted((len(neighbourhood), row) for row, neighbourhood in graph.items())
+    while graph:
         passed: list[tuple[int, int]] = []
         while heap:
             size, row = heappop(heap)
-            if row in left and size == len(left[row]):  # else its neighbours have changed since
+            if row in graph and size == len(graph[row]):  # else its neighbours have changed since
                 passed.append((size, row))
-                if _is_clique(left, left[row]):
+                if _is_clique(graph, graph[row]):
                     break
-        pivot = passed[-1][1] if _is_clique(left, left[passed[-1][1]]) else passed[0][1]
+        pivot = passed[-1][1] if _is_clique(graph, graph[passed[-1][1]]) else passed[0][1]
         for entry in passed:
             heappush(heap, entry)
-        others = left.pop(pivot)
+        neighbourhood = graph.pop(pivot)
         order.append(pivot)
-        below.append(others)
-        for row in others:
-            left[row] |= others
-            left[row] -= {row, pivot}
-            heappush(heap, (len(left[row]), row))
-    place = {row: k for k, row in enumerate(order)}
+        below.append(neighbourhood)
+        for row in neighbourhood:
+            graph[row] |= neighbourhood
+            graph[row] -= {row, pivot}
+            heappush(heap, (len(graph[row]), row))
+    position = {row: k for k, row in enumerate(order)}
     slot_of = {(row, row): row for row in order}
     entries = len(order)
-    rows = [tuple(sorted(others, key=place.__getitem__)) for others in below]
+    rows = [tuple(sorted(neighbourhood, key=position.__getitem__)) for neighbourhood in below]
     for pivot, acted in zip(order, rows, strict=True):
         for row in acted:
             slot_of[row, pivot] = slot_of[pivot, row] = entries
             entries += 1
     slots = [tuple(slot_of[row, pivot] for row in acted)
              for pivot, acted in zip(order, rows, strict=True)]
-    targets = [tuple(slot_of[i, j] for at, i in enumerate(acted) for j in acted[:at])
+    targets = [tuple(slot_of[i, j] for count, i in enumerate(acted) for j in acted[:count])
                for acted in rows]
     return Elimination(tuple(order), tuple(rows), tuple(slots), tuple(targets),
                        entries, slot_of)
@@ -121,24 +121,25 @@ def reverse_cuthill_mckee(neighbours: dict[Node, set[Node]]) -> list[Node]:
     Breadth first from an end of each component, neighbours of few neighbours first, reversed.
     """
     order: list[Node] = []
-    seen: set[Node] = set()
-    place = {node: i for i, node in enumerate(neighbours)}
+    visited: set[Node] = set()
+    number = {node: i for i, node in enumerate(neighbours)}
 
     def breadth_first(start: Node) -> list[Node]:
-        found, met = [start], {start}
-        for node in found:
+        queue, met = [start], {start}
+        for node in queue:
             fresh = neighbours[node] - met
-            found += sorted(fresh, key=lambda other: (len(neighbours[other]), place[other]))
+            queue += sorted(fresh, key=lambda neighbour: (len(neighbours[neighbour]),
+                                                          number[neighbour]))
             met |= fresh
-        return found
+        return queue
 
     for node in neighbours:
-        if node in seen:
+        if node in visited:
             continue
         end = node
         for _ in range(4):  # the last one found lies at an end, or nearly
             end = breadth_first(end)[-1]
         component = breadth_first(end)
         order += component
-        seen |= set(component)
+        visited |= set(component)
     return order[::-1]

@@ -79,7 +79,7 @@ class _Statics:
             entries.append((np.broadcast_to(rows[:, :, None], shape).ravel(),
                             np.broadcast_to(columns[:, None], shape).ravel(),
                             sign * values.T.ravel()))
-        rows, columns, values = (np.concatenate(part) for part in zip(*entries, strict=True))
+        rows, columns, values = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
         return r, (rows, columns, values)
 
     def _evaluate(self, form: ElementTemplate, expressions: list[sp.Expr], x: Array) -> Array:
@@ -88,10 +88,11 @@ class _Statics:
             rows: Array = numbers[np.array([index(i) for i in form.instances], dtype=int)]
             return rows.T
 
-        at: dict[sp.Symbol, Any] = dict.fromkeys(form.p, 0.0) | self.time
-        at |= dict(zip(form.q, of(lambda i: i.q, x), strict=True))
-        at |= dict(zip(form.constants, of(lambda i: i.constants, self.values), strict=True))
-        values = evaluate(expressions, at)
+        substitution: dict[sp.Symbol, Any] = dict.fromkeys(form.p, 0.0) | self.time
+        substitution |= dict(zip(form.q, of(lambda i: i.q, x), strict=True))
+        substitution |= dict(zip(form.constants, of(lambda i: i.constants, self.values),
+                                 strict=True))
+        values = evaluate(expressions, substitution)
         return np.broadcast_to(values.reshape(len(expressions), -1),
                                (len(expressions), len(form.instances)))
 
@@ -121,7 +122,7 @@ def equilibrium(
     size, change, shifts = float(np.linalg.norm(r)), np.inf, np.arange(n)
     tau = _FIRST_TAU / max(float(np.abs(J[2][J[0] < n]).max(initial=0.0)), _TINY)
     for _ in range(_ITERATIONS):
-        rows, columns, values = (np.concatenate(part) for part in zip(
+        rows, columns, values = (np.concatenate(arrays) for arrays in zip(
             J, (shifts, shifts, np.full(n, 1 / tau)), strict=True))
         forces = (J[0] < n) & (J[1] >= n)  # entries of g_qᵀ
         without = r - np.bincount(J[0][forces], J[2][forces] * x[J[1][forces]], len(x))

@@ -29,11 +29,11 @@ def as_sequence(name: str, value: object) -> Sequence[object]:
     return tuple(value)
 
 
-def refuse_unless_symbols(system: str, what: str, values: Iterable[object]) -> None:
+def refuse_unless_symbols(system: str, field: str, values: Iterable[object]) -> None:
     """Refuse entries of coordinates, momenta, parameters, … that are no symbols."""
     for value in values:
         if not isinstance(value, sp.Symbol):
-            raise InputError(f"System {system!r} has {shown(value)} in {what}, which is no "
+            raise InputError(f"System {system!r} has {shown(value)} in {field}, which is no "
                              "symbol; make it with sympy.Symbol.")
 
 
@@ -43,21 +43,22 @@ def as_expression(value: object) -> sp.Expr:
     Its Piecewise, Max, Min, Heaviside, Mod and the like become those of ``switching_functions``.
     """
     try:
-        made = _sympify(value)  # strict: never parses text
+        expression = _sympify(value)  # strict: never parses text
     except (sp.SympifyError, TypeError, ValueError, AttributeError):
-        made = None
-    if isinstance(made, sp.Equality) and all(isinstance(e, sp.Expr) for e in made.args):
+        expression = None
+    if isinstance(expression, sp.Equality) and all(isinstance(e, sp.Expr) for e in expression.args):
         raise InputError(f"{shown(value)} is an equation, no expression; write its left side minus "
-                         f"its right one, {made.lhs - made.rhs}.")
-    if isinstance(made, Boolean) and not isinstance(made, sp.Expr):
+                         f"its right one, {expression.lhs - expression.rhs}.")
+    if isinstance(expression, Boolean) and not isinstance(expression, sp.Expr):
         raise InputError(f"{shown(value)} is a condition, no expression; write 1 where it holds "
                          f"and 0 elsewhere as Piecewise((1, {shown(value)}), (0, True)).")
-    if not isinstance(made, sp.Expr) or made.is_Matrix or isinstance(value, bool):
+    if not isinstance(expression, sp.Expr) or expression.is_Matrix or isinstance(value, bool):
         cure = "call it with symbols" if callable(value) else "build it from symbols and numbers"
         raise InputError(f"{shown(value)} is no SymPy expression; {cure}.")
-    if not _NO_NUMBERS.isdisjoint(parts_of([made])):
-        raise InputError(f"The expression {shown(made)} is not real and finite; write another.")
-    return as_switches(made)
+    if not _NO_NUMBERS.isdisjoint(parts_of([expression])):
+        raise InputError(f"The expression {shown(expression)} is not real and finite; write "
+                         "another.")
+    return as_switches(expression)
 
 
 def shown_formula(e: sp.Expr) -> str:

@@ -1,4 +1,4 @@
-"""Velocity constraints that are rates of functions of position: found, integrated, held as such.
+"""Integrable velocity constraints: rates of functions of position, which replace them.
 
 A combination ω = Σ c_k (A_k dq + a_k dt) of the rows is integrable only if dω vanishes on the
 velocities that all rows and all constraints allow (Frobenius). Constant c_k with this property are
@@ -63,16 +63,16 @@ def row_integrals(system: System) -> list[RowIntegral]:
     if not system.velocity_count:
         return []
     x = [*system.q, system.time or _CLOCK]
-    rows = [[*row, rest] for row, rest in zip(system.A, system.a, strict=True)]
-    found = []
+    rows = [[*row, rate] for row, rate in zip(system.A, system.a, strict=True)]
+    integrals = []
     for c in _candidates(system, x, rows):
         omega = [sp.Add(*(k * row[i] for k, row in zip(c, rows, strict=True)))
                  for i in range(len(x))]
         phi = _potential(omega, x)
         if phi is not None:
             names = zip(system.velocity_constraint_names, c, strict=True)
-            found.append(RowIntegral({name: k for name, k in names if k}, phi))
-    return found
+            integrals.append(RowIntegral({name: k for name, k in names if k}, phi))
+    return integrals
 
 
 def with_row_integrals(system: System) -> System:
@@ -80,22 +80,23 @@ def with_row_integrals(system: System) -> System:
 
     φ₀ is a new parameter, named after the row that it replaces: NAME_0.
     """
-    kept = dict(zip(system.velocity_constraint_names, system.velocity_constraints, strict=True))
+    remaining = dict(zip(system.velocity_constraint_names, system.velocity_constraints,
+                         strict=True))
     g, names, values = [], [], []
     for integral in row_integrals(system):
-        name = next(row for row in integral.rows if row in kept)
+        name = next(row for row in integral.rows if row in remaining)
         value = sp.Symbol(re.sub(r"\W+", "_", f"{name}_0"), real=True)
-        del kept[name]
+        del remaining[name]
         g.append(integral.expression - value)
         names.append(name)
         values.append(value)
     if not g:
         return system
-    made: System = replace(
+    extended: System = replace(
         system, parameters=(*system.parameters, *values), constraints=(*system.constraints, *g),
         constraint_names=(*system.constraint_names, *names),
-        velocity_constraints=tuple(kept.values()), velocity_constraint_names=tuple(kept))
-    return made
+        velocity_constraints=tuple(remaining.values()), velocity_constraint_names=tuple(remaining))
+    return extended
 
 
 def warn_of_row_integrals(system: System) -> None:
@@ -119,35 +120,35 @@ def _candidates(
     points = []
     for seed in range(_POINTS):
         q, values = somewhere(system, {x[-1]}, seed)
-        at = np.array([*q, values[x[-1]]])
-        W, curls = curls_of(rows, x, at, values)
-        G = evaluate(slopes, values | dict(zip(x, at, strict=True))).reshape(-1, len(x))
-        if not all(np.isfinite(part).all() for part in (W, curls, G)):
+        point = np.array([*q, values[x[-1]]])
+        W, curls = curls_of(rows, x, point, values)
+        G = evaluate(slopes, values | dict(zip(x, point, strict=True))).reshape(-1, len(x))
+        if not all(np.isfinite(array).all() for array in (W, curls, G)):
             return
         points.append((G, W, curls))
-    kept = np.eye(len(rows))
-    while len(kept):
+    basis = np.eye(len(rows))
+    while len(basis):
         conditions = []
         for G, W, curls in points:
-            tangents = _null_space(np.vstack([G, kept @ W]))
-            curved = tangents.T @ np.tensordot(kept, curls, 1) @ tangents
-            conditions.append(curved.reshape(len(kept), -1).T)
-        smaller = _null_space(np.vstack(conditions)).T @ kept
-        if len(smaller) == len(kept):
-            yield from _rational(kept)
+            tangents = _null_space(np.vstack([G, basis @ W]))
+            curved = tangents.T @ np.tensordot(basis, curls, 1) @ tangents
+            conditions.append(curved.reshape(len(basis), -1).T)
+        smaller = _null_space(np.vstack(conditions)).T @ basis
+        if len(smaller) == len(basis):
+            yield from _rational(basis)
             return
-        kept = smaller
+        basis = smaller
 
 
 def curls_of(
-    rows: Sequence[Sequence[sp.Expr]], x: Sequence[sp.Symbol], at: Array,
+    rows: Sequence[Sequence[sp.Expr]], x: Sequence[sp.Symbol], point: Array,
     values: Mapping[sp.Symbol, float],
 ) -> tuple[Array, Array]:
     """Return 1-forms ω at a point, and ∂ω_i/∂x_j − ∂ω_j/∂x_i, shape (rows, n, n).
 
     Derivatives are Im ω(x + iε e_j)/ε, exact to round-off. ``values`` are those of the parameters.
     """
-    moved = at[:, None] + 1j * _TINY * np.eye(len(x))  # column j: along x_j
+    moved = point[:, None] + 1j * _TINY * np.eye(len(x))  # column j: along x_j
     numbers = evaluate([e for row in rows for e in row],
                        {**values, **dict(zip(x, moved, strict=True))})
     by_x = (numbers.imag / _TINY).reshape(len(rows), len(x), len(x))
@@ -172,8 +173,8 @@ def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
             continue
         rows[[pivot, best]] = rows[[best, pivot]]
         rows[pivot] /= rows[pivot, column]
-        others = [i for i in range(len(rows)) if i != pivot]
-        rows[others] -= rows[others, column, None] * rows[pivot]
+        remaining = [i for i in range(len(rows)) if i != pivot]
+        rows[remaining] -= rows[remaining, column, None] * rows[pivot]
         pivot += 1
     for row in rows[:pivot]:
         near = [Fraction(e).limit_denominator(_DENOMINATOR) for e in row]
@@ -192,8 +193,8 @@ def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | No
             continue
         phi = sp.Integer(0)
         for e, s in zip(scaled, x, strict=True):
-            rest = sp.expand(e - derivative(phi, s))
-            phi += sp.Add(*(sp.integrate(term, s) for term in sp.Add.make_args(rest)))
+            remainder = sp.expand(e - derivative(phi, s))
+            phi += sp.Add(*(sp.integrate(term, s) for term in sp.Add.make_args(remainder)))
         if not phi.has(sp.Integral) and compare(
                 [derivative(phi, s) for s in x], scaled).holds:
             return phi

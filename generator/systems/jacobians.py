@@ -45,13 +45,13 @@ def jacobian(
 
 
 def difference(
-    left: list[list[sp.Expr]], right: list[list[sp.Expr]]
+    minuend: list[list[sp.Expr]], subtrahend: list[list[sp.Expr]]
 ) -> list[list[sp.Expr]]:
     """Difference of two matrices, entry by entry; the left one where there is no right one."""
-    if not right:
-        return left
+    if not subtrahend:
+        return minuend
     return [[a - b for a, b in zip(*rows, strict=True)]
-            for rows in zip(left, right, strict=True)]
+            for rows in zip(minuend, subtrahend, strict=True)]
 
 
 def symmetric_jacobian(

@@ -86,7 +86,7 @@ class LagrangianSystem(System):
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """The function that the equations of motion are derived from."""
+        """L, which defines the equations of motion."""
         return {"L": self.L}
 
     @property
@@ -117,12 +117,12 @@ class LagrangianSystem(System):
         """The entries of M = ∂²L/∂v∂v that are not 0, i ≥ j, before v = 0 is put in."""
         entries = {(i, j): derivative(self.L_v[i], self.velocities[j])
                    for i in range(self.n) for j in range(i + 1)}
-        return {place: e for place, e in entries.items() if e != 0}
+        return {index: e for index, e in entries.items() if e != 0}
 
     @cached_property
     def is_long(self) -> bool:
         """Whether L is so long that its repeated parts are shared."""
-        return any(isinstance(part, Shared) for part in parts_of([self.L]))
+        return any(isinstance(subexpression, Shared) for subexpression in parts_of([self.L]))
 
     @cached_property
     def is_definite(self) -> bool:
@@ -150,10 +150,10 @@ class LagrangianSystem(System):
     @cached_property
     def mass_entries(self) -> list[sp.Expr]:
         """M(q) as ``elimination_order`` stores it: the diagonal, then the lower triangle."""
-        found = [sp.Integer(0)] * self.elimination.entries
-        for place, e in zip(self.mass, self._at_rest([*self.mass.values()]), strict=True):
-            found[self.elimination.slot_of[place]] = e
-        return found
+        stored = [sp.Integer(0)] * self.elimination.entries
+        for index, e in zip(self.mass, self._at_rest([*self.mass.values()]), strict=True):
+            stored[self.elimination.slot_of[index]] = e
+        return stored
 
     @cached_property
     def generalised_force(self) -> list[sp.Expr]:
@@ -239,7 +239,7 @@ def from_lagrangian(
         If L is not quadratic in the velocities, its mass matrix singular, or as ``System``.
     """
     coordinates, speeds, constants = (
-        _symbols(what, given, name) for what, given in (
+        _symbols(field, argument, name) for field, argument in (
             ("q", q), ("velocities", velocities), ("parameters", parameters)))
     L = as_expression(L)
     if tree_size([L]) > _LARGEST_TREE:
@@ -249,14 +249,14 @@ def from_lagrangian(
                          "velocities; give the velocity of each coordinate, in the same order.")
     pushes = tuple(map(as_expression, as_sequence("forces", () if forces is None else forces)))
     bound = tuple(map(as_expression, as_sequence("constraints", constraints)))
-    given = _symbols("inputs", inputs, name)
+    input_symbols = _symbols("inputs", inputs, name)
     _refuse_unknown(name, L, pushes,
-                    {*coordinates, *speeds, *constants, *given, *filter(None, [time])})
-    taken = {str(s) for s in (*coordinates, *speeds, *constants, *given, time)}
+                    {*coordinates, *speeds, *constants, *input_symbols, *filter(None, [time])})
+    names = {str(s) for s in (*coordinates, *speeds, *constants, *input_symbols, time)}
     system = LagrangianSystem(
-        coordinates, tuple(_momentum(x, taken) for x in coordinates), constants,
+        coordinates, tuple(_momentum(x, names) for x in coordinates), constants,
         bound, L=L, velocities=speeds, forces=pushes, time=time, name=name,
-        constraint_names=tuple(constraint_names), inputs=given, quantities=quantities or {},
+        constraint_names=tuple(constraint_names), inputs=input_symbols, quantities=quantities or {},
         placed=placed or {}, velocity_constraints=velocity_constraints,
         velocity_constraint_names=tuple(velocity_constraint_names))
     _refuse_unless_quadratic(system)
@@ -265,32 +265,32 @@ def from_lagrangian(
     return system
 
 
-def _symbols(what: str, given: Any, name: str) -> tuple[sp.Symbol, ...]:
+def _symbols(field: str, argument: Any, name: str) -> tuple[sp.Symbol, ...]:
     """Return a list of symbols; refuse other entries."""
-    found = as_sequence(what, given)
-    for x in found:
+    symbols = as_sequence(field, argument)
+    for x in symbols:
         if not isinstance(x, sp.Symbol):
-            raise InputError(f"System {name!r} has {shown(x)} in {what}, which is no symbol; make "
+            raise InputError(f"System {name!r} has {shown(x)} in {field}, which is no symbol; make "
                              "it with sympy.Symbol.")
-    return found  # type: ignore[return-value]
+    return symbols  # type: ignore[return-value]
 
 
-def _momentum(x: sp.Symbol, taken: set[str]) -> sp.Symbol:
+def _momentum(x: sp.Symbol, names: set[str]) -> sp.Symbol:
     """Return the symbol of the momentum of a coordinate: p_ before its name."""
     name = f"p_{x}"
-    while name in taken:
+    while name in names:
         name += "_"
     return sp.Symbol(name, real=True)
 
 
 def _refuse_unknown(
-    name: str, L: sp.Expr, forces: Sequence[sp.Expr], known: set[sp.Symbol]
+    name: str, L: sp.Expr, forces: Sequence[sp.Expr], declared: set[sp.Symbol]
 ) -> None:
-    """Refuse symbols that nobody declared."""
-    for what, e in (("L", L), *((f"Force {i}", f) for i, f in enumerate(forces))):
-        unknown = symbols_of([e]) - known
+    """Refuse undeclared symbols in L, forces and constraints."""
+    for label, e in (("L", L), *((f"Force {i}", f) for i, f in enumerate(forces))):
+        unknown = symbols_of([e]) - declared
         if unknown:
-            raise InputError(f"{what} of system {name!r} contains the unknown symbol "
+            raise InputError(f"{label} of system {name!r} contains the unknown symbol "
                              f"{min(map(str, unknown))!r}; declare it in q, velocities or "
                              "parameters, or as time.")
 
@@ -299,7 +299,7 @@ def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
     """Refuse an L whose second derivatives by v depend on v, unless it is seen to be quadratic."""
     if _degree(system.L, system.velocities) <= 2:
         return
-    moving = {place: e for place, e in system.mass.items()
+    moving = {index: e for index, e in system.mass.items()
               if not symbols_of([e]).isdisjoint(system.velocities)}
     for (i, j), e in moving.items():
         if not compare([e], system._at_rest([e])).holds:
@@ -312,20 +312,20 @@ def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
 
 def _degree(e: sp.Expr, symbols: Sequence[sp.Symbol]) -> float:
     """Return a bound of the degree of e in some symbols: infinite if it is no polynomial."""
-    found: dict[sp.Basic, float] = dict.fromkeys(symbols, 1)
-    for part in parts_of([e]):
-        if part in found:
+    degree: dict[sp.Basic, float] = dict.fromkeys(symbols, 1)
+    for node in parts_of([e]):
+        if node in degree:
             continue
-        degrees = [found[a] for a in part.args]
+        degrees = [degree[a] for a in node.args]
         if not any(degrees):
-            found[part] = 0
-        elif part.is_Mul:
-            found[part] = sum(degrees)
-        elif part.is_Pow and part.exp.is_Integer and part.exp > 0:
-            found[part] = degrees[0] * int(part.exp)
+            degree[node] = 0
+        elif node.is_Mul:
+            degree[node] = sum(degrees)
+        elif node.is_Pow and node.exp.is_Integer and node.exp > 0:
+            degree[node] = degrees[0] * int(node.exp)
         else:
-            found[part] = max(degrees) if part.is_Add or isinstance(part, Shared) else math.inf
-    return found[e]
+            degree[node] = max(degrees) if node.is_Add or isinstance(node, Shared) else math.inf
+    return degree[e]
 
 
 def _refuse_switching(system: LagrangianSystem) -> None:
@@ -365,12 +365,13 @@ def _masses(
     symbols = sorted(symbols_of(system.L_v) - {*system.velocities}, key=name_of)
     one_at_a_time = dict(zip(system.velocities, np.eye(system.n, system.n + 1), strict=True))
     for point in range(points + wide):
-        at = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
+        substitution = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
         if point >= points:
-            at = {s: x * float(rng.choice([-1, 1]) if s in system.q else
-                               10 ** rng.uniform(-decades, decades)) for s, x in at.items()}
+            substitution = {s: x * float(rng.choice([-1, 1]) if s in system.q else
+                                         10 ** rng.uniform(-decades, decades))
+                            for s, x in substitution.items()}
         try:
-            momenta = evaluate(system.L_v, at | one_at_a_time).astype(float)
+            momenta = evaluate(system.L_v, substitution | one_at_a_time).astype(float)
         except (InputError, TypeError, ArithmeticError):
             return  # a function that NumPy does not know
         M = momenta[:, :-1] - momenta[:, -1:]

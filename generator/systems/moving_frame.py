@@ -31,7 +31,7 @@ class TransformedSystem(System):
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """Expressions that define it besides g and F."""
+        """Expressions that define the frame besides g and F."""
         return {**super().defining, "energy": self.energy}
 
     @property
@@ -71,11 +71,12 @@ def in_sums(J: sp.Expr, H: sp.Expr) -> list[sp.Expr]:
     """
     factors = [f for term in sp.Add.make_args(H) for f in sp.Mul.make_args(term)]
     sums = {f.base for f in factors if f.is_Pow and f.exp == 2 and f.base.is_Add}
-    rest, found = sp.expand(J).as_coefficients_dict(), list[sp.Expr]()
+    coefficients, multiples = sp.expand(J).as_coefficients_dict(), list[sp.Expr]()
     for u in sorted(sums, key=sp.default_sort_key):
-        own = u.as_coefficients_dict()
-        ratios = {rest.get(term, 0) / x for term, x in own.items()}
+        coefficients_of_u = u.as_coefficients_dict()
+        ratios = {coefficients.get(term, 0) / x for term, x in coefficients_of_u.items()}
         if len(ratios) == 1 and 0 not in ratios:
-            found.append(sp.Mul(*ratios, u, evaluate=False))
-            rest = {term: x for term, x in rest.items() if term not in own}
-    return [*found, *(x * term for term, x in rest.items())]
+            multiples.append(sp.Mul(*ratios, u, evaluate=False))
+            coefficients = {term: x for term, x in coefficients.items()
+                            if term not in coefficients_of_u}
+    return [*multiples, *(x * term for term, x in coefficients.items())]

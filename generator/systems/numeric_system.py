@@ -49,8 +49,9 @@ class Pattern:
     @classmethod
     def of(cls, expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]) -> Pattern:
         """Return the pattern of the derivatives of expressions (rows) by symbols (columns)."""
-        place = {x: i for i, x in enumerate(symbols)}
-        inside = [sorted(place[s] for s in e.free_symbols if s in place) for e in expressions]
+        column_of = {x: i for i, x in enumerate(symbols)}
+        inside = [sorted(column_of[s] for s in e.free_symbols if s in column_of)
+                  for e in expressions]
         return cls(np.repeat(np.arange(len(inside)), list(map(len, inside))),
                    np.array([i for entries in inside for i in entries], dtype=int),
                    find_colours(inside, len(symbols)))
@@ -61,14 +62,15 @@ class Pattern:
         return np.equal.outer(self.colours, np.arange(self.colours.max(initial=0) + 1)) * 1.0
 
     def slopes(
-        self, expressions: Sequence[sp.Expr], x: Array, at: Callable[[Array], dict[sp.Symbol, Any]]
+        self, expressions: Sequence[sp.Expr], x: Array,
+        substitute: Callable[[Array], dict[sp.Symbol, Any]]
     ) -> Array:
         """Return the entries at x, shape (n,) or (n, points): (entries,) or (entries, points)."""
         steps = 1j * TINY * self.masks
         moved = (x[:, None] + steps if x.ndim == 1 else x[:, None, :] + steps[:, :, None])
         with np.errstate(over="ignore"):
-            found: Array = evaluate(expressions, at(moved)).imag / TINY
-        return found[self.rows, self.colours[self.columns]]
+            derivatives: Array = evaluate(expressions, substitute(moved)).imag / TINY
+        return derivatives[self.rows, self.colours[self.columns]]
 
 
 def _sparse(shape: tuple[int, int], rows: Array, columns: Array, entries: Array) -> csr_array:
@@ -88,8 +90,8 @@ def find_colours(rows: Sequence[Sequence[int]], columns: int) -> Array:
             inside[column].append(row)
     colours = np.full(columns, -1)
     for column, rows_of_column in enumerate(inside):
-        taken = {int(colours[other]) for row in rows_of_column for other in rows[row]}
-        colours[column] = next(c for c in range(len(taken) + 1) if c not in taken)
+        colours_in_use = {int(colours[column2]) for row in rows_of_column for column2 in rows[row]}
+        colours[column] = next(c for c in range(len(colours_in_use) + 1) if c not in colours_in_use)
     return colours
 
 
@@ -235,9 +237,9 @@ class NumericSystem(NumericConstraints):
         """The pattern of H_pp: momenta with a term of H in common."""
         n, terms = self.system.n, self._momenta_of_terms
         beside: list[set[int]] = [set() for _ in range(n)]
-        for some in np.split(terms.columns, np.flatnonzero(np.diff(terms.rows)) + 1):
-            for i in some.tolist():
-                beside[i].update(some.tolist())
+        for momenta in np.split(terms.columns, np.flatnonzero(np.diff(terms.rows)) + 1):
+            for i in momenta.tolist():
+                beside[i].update(momenta.tolist())
         inside = [sorted(entries) for entries in beside]
         return Pattern(np.repeat(np.arange(n), list(map(len, inside))),
                        np.array([i for entries in inside for i in entries], dtype=int),
@@ -248,11 +250,12 @@ class NumericSystem(NumericConstraints):
 
         It is the matrix of a Newton step, of which it changes the rate alone.
         """
-        at, n = self._coupled, self.system.n
+        pattern, n = self._coupled, self.system.n
         step = _STEP * (float(np.abs(p).max()) or 1.0)
-        masks = step * at.masks
+        masks = step * pattern.masks
         rates = (self.H_p(q, p[:, None] + masks) - self.H_p(q, p[:, None] - masks)) / (2 * step)
-        return _sparse((n, n), at.rows, at.columns, rates[at.rows, at.colours[at.columns]])
+        return _sparse((n, n), pattern.rows, pattern.columns,
+                       rates[pattern.rows, pattern.colours[pattern.columns]])
 
     @cached_property
     def _velocity(self) -> list[sp.Expr]:
@@ -268,7 +271,7 @@ class NumericSystem(NumericConstraints):
 
 
 class NumericLagrangian(NumericSystem):
-    """The same of a system from its Lagrangian, with M(q) in numbers."""
+    """Numeric functions of a Lagrangian system; M(q) is evaluated in numbers."""
 
     system: LagrangianSystem
 
@@ -291,8 +294,8 @@ class NumericLagrangian(NumericSystem):
     def _mass(self, q: Array) -> Array:
         entries = evaluate(self.system.mass_entries, self._at(q))
         M = np.zeros((self.system.n, self.system.n))
-        for place, slot in self.system.elimination.slot_of.items():
-            M[place] = entries[slot]
+        for index, slot in self.system.elimination.slot_of.items():
+            M[index] = entries[slot]
         return M
 
 
@@ -307,7 +310,7 @@ def values_of(
 ) -> dict[sp.Symbol, float]:
     """Return symbol → value, or name the parameter without one."""
     values = as_mapping("parameters", parameters, "{'m': 1.0}")
-    found = {}
+    value_of = {}
     for symbol in sorted(symbols, key=str):
         if str(symbol) not in values:
             raise InputError(f"Parameter {str(symbol)!r} has no value; give one.")
@@ -315,5 +318,5 @@ def values_of(
         if number is None or number.ndim or not np.isfinite(number):
             raise InputError(f"Parameter {symbol} = {shown(values[str(symbol)])} is no finite "
                              "number.")
-        found[symbol] = float(number)
-    return found
+        value_of[symbol] = float(number)
+    return value_of

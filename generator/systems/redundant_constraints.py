@@ -1,4 +1,4 @@
-"""Constraints that others imply are found before a stepper is made: refused by name, or left out.
+"""Detect redundant constraints, which follow from others: refuse them by name, or drop them.
 
 Where g_q, with the rows A of velocity constraints A q̇ + a = 0 below it, lacks full rank on g = 0,
 multipliers are not unique. A model is checked where it starts; a system without numbers at random
@@ -75,7 +75,7 @@ class Redundancy:
                 f"These depend on each other: {_quoted(self.involved)}.")
 
     def refuse(self, cure: str = "") -> None:
-        """Refuse constraints that others imply; ``cure`` says how else they are left out.
+        """Refuse redundant constraints; ``cure`` tells a caller how to drop them.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class Redundancy:
                              f"same{cure}.")
 
 
-def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redundancy:
+def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Redundancy:
     """Return which constraints others imply at q; refuse a q where they happen to depend.
 
     Parameters
@@ -103,35 +103,35 @@ def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redu
         For constraints that contradict each other, and in a position where more of them depend
         on each other than elsewhere.
     """
-    refuse_constant(what, constraints.expressions, constraints.constraint_names)
+    refuse_constant(owner, constraints.expressions, constraints.constraint_names)
     names = constraints.names
     if not names:
-        return Redundancy(what, ())
-    found = nearest_point(constraints, q)
-    slopes = constraints.rows(q if found is None else found)
+        return Redundancy(owner, ())
+    point = nearest_point(constraints, q)
+    slopes = constraints.rows(q if point is None else point)
     if not _is_finite(slopes):
         slopes = as_dense(slopes)
         endless = [i for i, row in enumerate(slopes) if not np.isfinite(row).all()]
         raise InputError(
-            f"The constraints {_listed(names, endless)} of {what!r} have no finite gradient at the "
-            "start; start elsewhere, or in other units."
+            f"The constraints {_listed(names, endless)} of {owner!r} have no finite gradient at "
+            "the start; start elsewhere, or in other units."
         )
     involved, left_out = dependent_rows(slopes)
     if not involved:
-        return Redundancy(what, tuple(names))
-    if found is None or _contradict(constraints, found, left_out):
+        return Redundancy(owner, tuple(names))
+    if point is None or _contradict(constraints, point, left_out):
         raise InputError(
-            f"The constraints {_listed(names, involved)} of {what!r} contradict each other near "
+            f"The constraints {_listed(names, involved)} of {owner!r} contradict each other near "
             "the start: no state meets them all. Check their points, axes and lengths, or leave "
             f"out {_listed(names, left_out)}."
         )
-    if _is_singular(constraints, found, len(left_out)):
+    if _is_singular(constraints, point, len(left_out)):
         raise InputError(
-            f"{what!r} starts in a singular position, where its constraints "
+            f"{owner!r} starts in a singular position, where its constraints "
             f"{_listed(names, involved)} depend on each other although they do not elsewhere; "
             "start in another position."
         )
-    return Redundancy.of(what, names, involved, left_out)
+    return Redundancy.of(owner, names, involved, left_out)
 
 
 def refuse_redundant_anywhere(system: System) -> None:
@@ -158,16 +158,16 @@ def refuse_redundant_anywhere(system: System) -> None:
                 system.q, system.constraints, system.constraint_names, _draw(system, rng),
                 system.A, system.a, system.velocity_constraint_names, system.g_t)
             q = rng.standard_normal(system.n)
-            found = nearest_point(constraints, q)
-            slopes = constraints.rows(q if found is None else found)
+            point = nearest_point(constraints, q)
+            slopes = constraints.rows(q if point is None else point)
             if not _is_finite(slopes):
                 return
             involved, left_out = dependent_rows(slopes)
-            if found is not None and not involved:
+            if point is not None and not involved:
                 return
-            if found is not None and _contradict(constraints, found, left_out):
-                found = None
-            (off if found is None else on).append((involved, left_out))
+            if point is not None and _contradict(constraints, point, left_out):
+                point = None
+            (off if point is None else on).append((involved, left_out))
     except (InputError, TypeError, ArithmeticError, np.linalg.LinAlgError):
         return  # a function that NumPy does not know, or not off the real axis
     if on:
@@ -179,13 +179,13 @@ def refuse_redundant_anywhere(system: System) -> None:
         )
 
 
-def refuse_constant(what: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
+def refuse_constant(owner: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
     """Refuse constraints in which nothing can move: they hold always or never."""
     for name, g, varies in zip(names, constraints, _vary(constraints), strict=True):
         if not g.free_symbols or (len(g.args) < 64 and not varies and sp.expand(g).is_number):
             value = sp.expand(g)
             says = "always holds; leave it out" if value == 0 else f"reads {value} = 0"
-            raise InputError(f"The constraint {name!r} of {what!r} contains no coordinate and "
+            raise InputError(f"The constraint {name!r} of {owner!r} contains no coordinate and "
                              f"{says}.")
 
 
@@ -195,11 +195,12 @@ def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
     That is seen at once; the terms of a product of twelve sums are thousands.
     """
     rng = np.random.default_rng(21)
-    at = {x: rng.uniform(0.5, 1.5, 4) for x in sorted(symbols_of(constraints), key=name_of)}
-    if not at:
+    point = {x: rng.uniform(0.5, 1.5, 4)
+             for x in sorted(symbols_of(constraints), key=name_of)}
+    if not point:
         return [False] * len(constraints)
     try:
-        values, noise = evaluate(constraints, at), EPS * rounding(constraints, at, {})
+        values, noise = evaluate(constraints, point), EPS * rounding(constraints, point, {})
     except (InputError, TypeError, ArithmeticError):
         return [False] if len(constraints) == 1 else [_vary([g])[0] for g in constraints]
     varies: Sequence[bool] = (np.isfinite(values).all(axis=1)
@@ -241,8 +242,8 @@ def _least_squares(G: Array | csr_array, g: Array) -> Array:
     """Return the shortest x of those with the smallest |G x − g|."""
     if not isinstance(G, np.ndarray):
         try:
-            found: Array = G.T @ solve_sparse(G @ G.T, g)
-            return found
+            x: Array = G.T @ solve_sparse(G @ G.T, g)
+            return x
         except np.linalg.LinAlgError:
             G = G.toarray()
     shortest: Array = np.linalg.lstsq(G, g, rcond=1e-10)[0]
@@ -250,15 +251,15 @@ def _least_squares(G: Array | csr_array, g: Array) -> Array:
 
 
 def somewhere(
-    system: System, more: Iterable[sp.Symbol] = (), seed: int = 23
+    system: System, symbols_besides: Iterable[sp.Symbol] = (), seed: int = 23
 ) -> tuple[Array, dict[sp.Symbol, float]]:
     """Return random coordinates on g = 0, if any are found, and values of all other symbols.
 
-    These are parameters, the time, and ``more``; all are positive.
+    These are parameters, the time, and ``symbols_besides``; all are positive.
     """
     rng = np.random.default_rng(seed)
     time = {*filter(None, (system.time,))}
-    symbols = sorted({*system.parameters} | time | ({*more} - {*system.q}), key=str)
+    symbols = sorted({*system.parameters} | time | ({*symbols_besides} - {*system.q}), key=str)
     for _ in range(_TRIES):
         values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
         q = rng.standard_normal(system.n)
@@ -266,9 +267,9 @@ def somewhere(
             return q, values
         numbers = NumericConstraints(system.q, system.constraints, system.constraint_names,
                                      {str(s): x for s, x in values.items()})
-        found = nearest_point(numbers, q)
-        if found is not None:
-            return found, values
+        point = nearest_point(numbers, q)
+        if point is not None:
+            return point, values
     return q, values
 
 
@@ -285,10 +286,10 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> b
     mean_size = largest * np.linalg.norm(q / largest) / np.sqrt(len(q))
     slopes = as_dense(constraints.G(q))
     for _ in range(3):
-        way = rng.standard_normal(len(q))
-        way -= np.linalg.lstsq(slopes, slopes @ way, rcond=1e-10)[0]  # along g = 0
-        way *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(way), EPS)
-        near = nearest_point(constraints, q + way)
+        direction = rng.standard_normal(len(q))
+        direction -= np.linalg.lstsq(slopes, slopes @ direction, rcond=1e-10)[0]  # along g = 0
+        direction *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(direction), EPS)
+        near = nearest_point(constraints, q + direction)
         if near is not None:
             return len(dependent_rows(constraints.rows(near))[1]) < dependent
     return False

@@ -119,18 +119,18 @@ class Structure:
                 groups[block].append(term)
                 support[block] |= q
         for term, q, p in self._terms:
-            own = block_of.get(min(q)) if q and not p else None
-            if own is not None and q <= support[own]:
-                groups[own].append(term)
+            kinetic_block = block_of.get(min(q)) if q and not p else None
+            if kinetic_block is not None and q <= support[kinetic_block]:
+                groups[kinetic_block].append(term)
         return groups
 
     @cached_property
     def _potential_groups(self) -> list[list[sp.Expr]]:
         """All other terms, by the coordinates they depend on."""
-        taken = {term for terms in self._kinetic_groups.values() for term in terms}
+        kinetic = {term for terms in self._kinetic_groups.values() for term in terms}
         groups: dict[frozenset[int], list[sp.Expr]] = defaultdict(list)
         for term, q, _ in self._terms:
-            if term not in taken:
+            if term not in kinetic:
                 groups[q].append(term)
         return list(groups.values())
 
@@ -144,12 +144,12 @@ class Structure:
             groups[name.split(":")[0] if ":" in name else f"{row}:"].append(row)
         parts = []
         for rows in groups.values():
-            for some in self._overlapping(rows):
-                parts.append((tuple(self.system.constraints[r] for r in some), tuple(some)))
+            for group in self._overlapping(rows):
+                parts.append((tuple(self.system.constraints[r] for r in group), tuple(group)))
         return self._templates_of(parts)
 
     def _overlapping(self, rows: list[int]) -> Iterator[list[int]]:
-        """Yield rows that share coordinates: unrelated constraints may have one name."""
+        """Yield groups of rows with common coordinates; equal names alone do not relate rows."""
         support = {r: self._indices(self.system.constraints[r], self._q) for r in rows}
         for coordinates in connected([s for s in support.values() if s]):
             yield [r for r in rows if support[r] and min(support[r]) in coordinates]
@@ -174,12 +174,12 @@ class Structure:
     def _templates_of(
         self, parts: Iterable[tuple[tuple[sp.Expr, ...], tuple[int, ...]]]
     ) -> list[ElementTemplate]:
-        found: dict[tuple[sp.Expr, ...], list[Instance]] = {}
+        instances_of: dict[tuple[sp.Expr, ...], list[Instance]] = {}
         for expressions, rows in parts:
             local_expressions, instance = self._canonical(expressions, rows)
-            found.setdefault(local_expressions, []).append(instance)
+            instances_of.setdefault(local_expressions, []).append(instance)
         templates = []
-        for local_expressions, instances in found.items():
+        for local_expressions, instances in instances_of.items():
             first = instances[0]
             templates.append(ElementTemplate(local("x", len(first.q)), local("y", len(first.p)),
                                              local("k", len(first.constants)), local_expressions,
@@ -211,11 +211,11 @@ class Structure:
         The order does not depend on names, so that equal templates get equal symbols.
         """
         anonymous = self._anonymous
-        found: dict[sp.Symbol, None] = {}
+        constants: dict[sp.Symbol, None] = {}
 
         def visit(e: sp.Expr) -> None:
             if e in self._constants:
-                found.setdefault(e)
+                constants.setdefault(e)
             elif not e.is_Atom:
                 for a in sorted((a for a in e.args if a.free_symbols),
                                 key=lambda a: sp.default_sort_key(a.xreplace(anonymous))):
@@ -223,7 +223,7 @@ class Structure:
 
         for e in expressions:
             visit(e)
-        return list(found)
+        return list(constants)
 
     # ------------------------------------------------------------ W
 

@@ -50,13 +50,13 @@ def sum_over_states(
     columns |= dict(zip(system.momenta, run.p.T, strict=True))
     time = system.time or "t"
     forces = [f"lambda_{k}" for k in range(len(system.constraints))]
-    known = dict(zip(forces, at_states(run).T, strict=True)) if forces else {}
-    known |= {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
+    columns_of = dict(zip(forces, at_states(run).T, strict=True)) if forces else {}
+    columns_of |= {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
     values: dict[sp.Symbol, Any] = {}
     for symbol in sorted(e.free_symbols, key=str):
-        if str(symbol) not in known:
-            raise unknown("symbol of a loss", str(symbol), known)
-        values[symbol] = known[str(symbol)]
+        if str(symbol) not in columns_of:
+            raise unknown("symbol of a loss", str(symbol), columns_of)
+        values[symbol] = columns_of[str(symbol)]
     walk = Evaluator(values)
 
     def of_rows(body: sp.Expr) -> Any:
@@ -65,18 +65,18 @@ def sum_over_states(
 
     slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
     zero = 0 * run.t
-    found: dict[str, Any] = {
+    cotangents: dict[str, Any] = {
         "q": np.stack([slopes.get(x, zero) for x in system.coordinates], axis=1),
         "p": np.stack([slopes.get(x, zero) for x in system.momenta], axis=1)}
     if {*forces} & {*slopes}:
         w = np.stack([slopes.get(name, zero) for name in forces], axis=1)
-        found["multipliers"] = to_steps(run, w)
+        cotangents["multipliers"] = to_steps(run, w)
     if time in slopes:
-        found["t"] = slopes[time]
+        cotangents["t"] = slopes[time]
     inner = {name: slopes[name].sum() for name in run.parameters if name in slopes}
     if inner:
-        found["parameters"] = inner
-    return of_rows(e).sum(), found
+        cotangents["parameters"] = inner
+    return of_rows(e).sum(), cotangents
 
 
 def slopes_over_states(
@@ -94,13 +94,13 @@ def slopes_over_states(
     e = as_expression(expression)
     system = run.manifest.system
     time, names = system.time or "t", [*system.coordinates, *system.momenta]
-    known = dict(zip(names, [*run.q.T, *run.p.T], strict=True))
-    known |= {time: run.t, **run.parameters}
+    columns_of = dict(zip(names, [*run.q.T, *run.p.T], strict=True))
+    columns_of |= {time: run.t, **run.parameters}
     values: dict[sp.Symbol, Any] = {}
     for symbol in sorted(e.free_symbols, key=str):
-        if str(symbol) not in known:
-            raise unknown("symbol of a loss with second derivatives", str(symbol), known)
-        values[symbol] = known[str(symbol)]
+        if str(symbol) not in columns_of:
+            raise unknown("symbol of a loss with second derivatives", str(symbol), columns_of)
+        values[symbol] = columns_of[str(symbol)]
     walk = Evaluator(values)
     second = [(str(x), str(y), np.broadcast_to(walk(derivative(derivative(e, x), y)), run.t.shape))
               for x in values for y in values]
@@ -108,12 +108,12 @@ def slopes_over_states(
     def slopes(along: dict[str, Any]) -> dict[str, Any]:
         moved = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
         moved |= {time: along["t"], **along["parameters"]}
-        found = dict.fromkeys(known, 0 * run.t)
+        cotangents = dict.fromkeys(columns_of, 0 * run.t)
         for x, y, by_both in second:
-            found[x] = found[x] + by_both * moved[y]
-        q, p = (np.stack([found[x] for x in getattr(system, kind)], axis=1)
+            cotangents[x] = cotangents[x] + by_both * moved[y]
+        q, p = (np.stack([cotangents[x] for x in getattr(system, kind)], axis=1)
                 for kind in ("coordinates", "momenta"))
-        return {"q": q, "p": p, "t": found[time],
-                "parameters": {name: found[name].sum() for name in run.parameters}}
+        return {"q": q, "p": p, "t": cotangents[time],
+                "parameters": {name: cotangents[name].sum() for name in run.parameters}}
 
     return slopes

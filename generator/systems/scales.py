@@ -81,7 +81,7 @@ def rates(*rates: float | sp.Expr) -> sp.Expr:
     return total
 
 
-def _point(name: str, given: Any) -> list[sp.Expr]:
+def _point(name: str, frame: Any) -> list[sp.Expr]:
     """Return the coordinates of a point, of a body those of its origin."""
-    point = given.point([0, 0, 0]) if hasattr(given, "point_velocity") else given
+    point = frame.point([0, 0, 0]) if hasattr(frame, "point_velocity") else frame
     return [as_expression(x) for x in as_sequence(name, point)]

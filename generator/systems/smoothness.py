@@ -41,7 +41,7 @@ class Meeting(IntEnum):
 
 
 def refuse_kinks(system: System) -> None:
-    """Refuse constraints that have no tangent somewhere, and velocity constraints that jump.
+    """Refuse constraints with a kink or a jump, and velocity constraints with a jump.
 
     Raises
     ------
@@ -60,18 +60,18 @@ def refuse_kinks(system: System) -> None:
         for w in switches_of([g]):
             if w.free_symbols.isdisjoint(system.q):
                 continue
-            found = meeting(g, w, system.q)
-            if found < Meeting.SMOOTH:
-                what = "jumps" if found is Meeting.JUMP else "has a kink"
+            kind = meeting(g, w, system.q)
+            if kind < Meeting.SMOOTH:
+                verb = "jumps" if kind is Meeting.JUMP else "has a kink"
                 raise InputError(
-                    f"The constraint {name!r} of {system.name!r} {what} where {_place(w)}: it has "
+                    f"The constraint {name!r} of {system.name!r} {verb} where {_place(w)}: it has "
                     "no tangent there, and no multiplier. Write it with a continuous derivative, "
                     "or as a stiff force.")
 
 
 def meeting(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Meeting:
     """Return how e, as a function of the symbols, passes through w = 0; seen at random points."""
-    if any(isinstance(part, sp.floor) and part.args[0] == w for part in sp.preorder_traversal(e)):
+    if any(isinstance(node, sp.floor) and node.args[0] == w for node in sp.preorder_traversal(e)):
         return Meeting.JUMP
     terms = [t for t in sp.Add.make_args(e) if not {w, -w}.isdisjoint(switches_of([t]))]
     e = sp.Add(*terms)
@@ -86,10 +86,10 @@ def meeting(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Meeting:
     return worst
 
 
-def _weight(other: sp.Expr, w: sp.Expr, above: int) -> sp.Expr | None:
-    if other == w:
+def _weight(expression: sp.Expr, w: sp.Expr, above: int) -> sp.Expr | None:
+    if expression == w:
         return sp.Integer(above)
-    return sp.Integer(1 - above) if -other == w else None
+    return sp.Integer(1 - above) if -expression == w else None
 
 
 def _same(walk: Evaluator, below: sp.Expr, above: sp.Expr) -> bool:
@@ -104,14 +104,14 @@ def _points_on(
     w: sp.Expr, moving: Sequence[sp.Symbol], symbols: set[sp.Symbol]
 ) -> Iterator[Evaluator]:
     """Yield random points where w = 0, found by moving one of the symbols."""
-    context, draw, found = mp_context(_DIGITS), random.Random(3), 0
+    context, draw, count = mp_context(_DIGITS), random.Random(3), 0
     for attempt in range(_TRIES):
         x = moving[attempt % len(moving)]
         point = {s: context.mpf(draw.uniform(0.25, 1) if s.is_positive else draw.uniform(-1, 1))
                  for s in sorted(symbols, key=str)}
 
-        def value(at: Any, x: sp.Symbol = x, point: dict[sp.Symbol, Any] = point) -> Any:
-            return Evaluator(point | {x: at}, mp=context)(w)
+        def value(coordinate: Any, x: sp.Symbol = x, point: dict[sp.Symbol, Any] = point) -> Any:
+            return Evaluator(point | {x: coordinate}, mp=context)(w)
 
         try:
             root = context.findroot(value, (point[x], point[x] + context.mpf(0.125)))
@@ -120,8 +120,8 @@ def _points_on(
         if not isinstance(root, context.mpf):
             continue
         yield Evaluator(point | {x: root}, mp=context)
-        found += 1
-        if found == _POINTS:
+        count += 1
+        if count == _POINTS:
             return
 
 
@@ -150,26 +150,26 @@ class Switching:
     @cached_property
     def _of_H(self) -> dict[sp.Expr, Meeting]:
         symbols = [*self.system.q, *self.system.p]
-        own = switches_of([self.system.H])
+        switches = switches_of([self.system.H])
         return {w: meeting(self.system.H, w, symbols) for w in self.places[:_MOST_PLACES]
-                if not {w, -w}.isdisjoint(own)}
+                if not {w, -w}.isdisjoint(switches)}
 
     @cached_property
     def jumps_of_H(self) -> list[sp.Expr]:
         """Where H is not continuous."""
-        return [w for w, found in self._of_H.items() if found is Meeting.JUMP]
+        return [w for w, kind in self._of_H.items() if kind is Meeting.JUMP]
 
     def jumps_of_forces(self, *, discrete: bool) -> list[sp.Expr]:
         """Where −H_q + F or H_p is discontinuous in q or p; a discrete gradient is continuous."""
         symbols = [*self.system.q, *self.system.p]
-        found = []
+        jumps = []
         for w in self.places[:_MOST_PLACES]:
-            own = [f for f in self.system.forces if not {w, -w}.isdisjoint(switches_of([f]))]
+            forces = [f for f in self.system.forces if not {w, -w}.isdisjoint(switches_of([f]))]
             kink = not discrete and self._of_H.get(w) is Meeting.KINK
             if not w.free_symbols.isdisjoint(symbols) and (
-                    kink or any(meeting(f, w, symbols) is Meeting.JUMP for f in own)):
-                found.append(w)
-        return found
+                    kink or any(meeting(f, w, symbols) is Meeting.JUMP for f in forces)):
+                jumps.append(w)
+        return jumps
 
     @property
     def named(self) -> str:
@@ -211,8 +211,8 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
         raise InputError(f"A constraint of {system.name!r} switches at {_listed(places)}; what "
                          "turns with both of its sides is not searched for.")
     symbols: dict[sp.Expr, sp.Symbol] = {}
-    taken = {str(s) for s in (*system.q, *system.p, *system.parameters, system.time)}
-    names = (name for i in count() if (name := f"side{i}") not in taken)
+    reserved = {str(s) for s in (*system.q, *system.p, *system.parameters, system.time)}
+    names = (name for i in count() if (name := f"side{i}") not in reserved)
 
     def side(w: sp.Expr) -> sp.Expr:
         if -w in symbols:
@@ -230,5 +230,5 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
 
 
 def _listed(places: Sequence[sp.Expr]) -> str:
-    more = f" and {len(places) - 3} more such places" if len(places) > 3 else ""
-    return ", ".join(map(_place, places[:3])) + more
+    suffix = f" and {len(places) - 3} more such places" if len(places) > 3 else ""
+    return ", ".join(map(_place, places[:3])) + suffix

@@ -110,37 +110,38 @@ def from_mechanics(
     if reader is None:
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
-    found = reader(method)
-    astray = _warn_of_velocities(found.motion, getattr(method, "bodies", None) or ())
-    found.inputs = _inputs(inputs)
+    mechanics = reader(method)
+    astray = _warn_of_velocities(mechanics.motion, getattr(method, "bodies", None) or ())
+    mechanics.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
-    rates = [x.diff(t) for x in found.q]
-    names = _names(found, rates)
-    F, potential = _generalised(found, names)
-    placed, shown_of = _places(found.motion, getattr(method, "bodies", None) or ()) if as_flag(
+    rates = [x.diff(t) for x in mechanics.q]
+    names = _names(mechanics, rates)
+    F, potential = _generalised(mechanics, names)
+    placed, shown_of = _places(mechanics.motion, getattr(method, "bodies", None) or ()) if as_flag(
         "bodies", bodies) else ({}, {})
-    L, *rest = _named(found, [found.L - potential, *found.constraints, *found.rates,
-                              *shown_of.values()], names)
-    m, last = len(found.constraints), len(rest) - len(shown_of)
-    g, bound = rest[:m], rest[m:last]
-    quantities = dict(zip(shown_of, rest[last:], strict=True))
-    q, v = [names[x] for x in found.q], [names[x] for x in rates]
+    L, *named = _named(mechanics, [mechanics.L - potential, *mechanics.constraints,
+                                   *mechanics.rates,
+                                   *shown_of.values()], names)
+    m, last = len(mechanics.constraints), len(named) - len(shown_of)
+    g, bound = named[:m], named[m:last]
+    quantities = dict(zip(shown_of, named[last:], strict=True))
+    q, v = [names[x] for x in mechanics.q], [names[x] for x in rates]
     _refuse_functions(name, [L, *g, *F], t)
-    _refuse_substituted(found, names, [
+    _refuse_substituted(mechanics, names, [
         body for body in getattr(method, "bodies", None) or ()
-        if astray or not found.motion.is_placed(body.masscenter)])
-    given = tuple(found.inputs.values())
+        if astray or not mechanics.motion.is_placed(body.masscenter)])
+    input_symbols = tuple(mechanics.inputs.values())
     everything = [L, *g, *F, *quantities.values()]
-    parameters = sorted(symbols_of(everything) - {*q, *v, *given, t}, key=str)
+    parameters = sorted(symbols_of(everything) - {*q, *v, *input_symbols, t}, key=str)
     system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
                              t if t in symbols_of(everything) else None, name=name,
-                             inputs=given, quantities=quantities, placed=placed)
+                             inputs=input_symbols, quantities=quantities, placed=placed)
     rows = _independent(system, bound)
     _refuse_functions(name, rows, t)
-    own = symbols_of(rows)
-    constants = {*system.parameters, *own} - {*q, *v, *given, t}
+    row_symbols = symbols_of(rows)
+    constants = {*system.parameters, *row_symbols} - {*q, *v, *input_symbols, t}
     return replace(system, parameters=tuple(sorted(constants, key=str)), velocity_constraints=rows,
-                   time=t if t in own else system.time) if rows else system
+                   time=t if t in row_symbols else system.time) if rows else system
 
 
 # ---------------------------------------------------------------- what a method holds
@@ -156,12 +157,12 @@ def _of_kane(method: Any) -> Mechanics:
     if not method.bodies:
         raise InputError("KanesMethod has no bodies as yet; give them as KanesMethod(..., "
                          "bodies=[...]), or call its kanes_equations first.")
-    frame, u, rest = method._inertial, list(method.u), dict.fromkeys(method._uaux, sp.Integer(0))
+    frame, u, zeros = method._inertial, list(method.u), dict.fromkeys(method._uaux, sp.Integer(0))
     kinematics = (method._k_ku_implicit * sp.Matrix(u)
                   + method._k_kqdot_implicit * method._qdot + method._f_k_implicit)
     speeds = _solved(list(kinematics), u)
     rates = list(method._k_nh * sp.Matrix(u) + method._f_nh) if method._k_nh else []
-    motion = FrameMotion(frame, speeds | rest)
+    motion = FrameMotion(frame, speeds | zeros)
     return Mechanics(motion, list(method.q), motion.energy(method.bodies),
                      [*(method.loads or ())], list(method._f_h), rates)
 
@@ -174,8 +175,8 @@ def _of_system(method: Any) -> Mechanics:
     loads = [*method.loads, *(load for actuator in method.actuators
                               for load in actuator.to_loads())]
     speeds = _solved(list(method.kdes), list(method.u)) if method.u else {}
-    rest = dict.fromkeys(method.u_aux, sp.Integer(0))
-    motion = FrameMotion(method.frame, speeds | rest)
+    auxiliary = dict.fromkeys(method.u_aux, sp.Integer(0))
+    motion = FrameMotion(method.frame, speeds | auxiliary)
     return Mechanics(motion, list(method.q), motion.energy(bodies) - V, loads,
                      list(method.holonomic_constraints), list(method.velocity_constraints))
 
@@ -184,8 +185,8 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
     """Return each generalised speed in terms of q and q̇, from kinematic differential equations."""
     slopes = sp.Matrix(equations).jacobian(u)
     constant = sp.Matrix(equations).xreplace(dict.fromkeys(u, sp.Integer(0)))
-    left = slopes.LUsolve(-constant)
-    return dict(zip(u, left, strict=True))
+    solution = slopes.LUsolve(-constant)
+    return dict(zip(u, solution, strict=True))
 
 
 def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
@@ -205,7 +206,7 @@ def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
 
 
 def _refuse_substituted(
-    found: Mechanics, names: Mapping[sp.Expr, sp.Symbol], bodies: Sequence[Any]
+    mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol], bodies: Sequence[Any]
 ) -> None:
     """Refuse bodies whose velocity is the rate of no place: rolling was put into it.
 
@@ -213,19 +214,19 @@ def _refuse_substituted(
     velocity A(q, t) q̇ + a(q, t) is a rate if ∂A_ij/∂q_k = ∂A_ik/∂q_j, seen at a random point.
     """
     t = me.dynamicsymbols._t
-    q = [names[x] for x in found.q]
-    velocities = [names[x.diff(t)] for x in found.q]
+    q = [names[x] for x in mechanics.q]
+    velocities = [names[x.diff(t)] for x in mechanics.q]
     rng = np.random.default_rng(29)
     for body in bodies:
-        v = body.masscenter.vel(found.motion.frame).to_matrix(found.motion.frame)
-        A, a = coefficients_of(_named(found, list(v), names), velocities)
-        rows, x = [[*row, rest] for row, rest in zip(A, a, strict=True)], [*q, t]
+        v = body.masscenter.vel(mechanics.motion.frame).to_matrix(mechanics.motion.frame)
+        A, a = coefficients_of(_named(mechanics, list(v), names), velocities)
+        rows, x = [[*row, rate] for row, rate in zip(A, a, strict=True)], [*q, t]
         constants = symbols_of([e for row in rows for e in row]) - {*x}
         values = {s: float(rng.uniform(0.5, 2.0)) for s in sorted(constants, key=str)}
         W, curls = curls_of(rows, x, rng.uniform(0.5, 1.5, len(x)), values)
         if np.abs(curls).max() > _SMALL * np.abs(W).max():
             raise InputError(
-                f"The velocity of {body.masscenter} in {found.motion.frame} is the rate of no "
+                f"The velocity of {body.masscenter} in {mechanics.motion.frame} is the rate of no "
                 "place: constraints such as rolling have been put into it, where Lagrange's "
                 "equations need multipliers. Give the body all coordinates of its place, and the "
                 "constraints as velocity_constraints, u_dependent of KanesMethod.")
@@ -234,7 +235,7 @@ def _refuse_substituted(
 # ---------------------------------------------------------------- loads
 
 
-def _generalised(found: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
+def _generalised(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
     list[sp.Expr], sp.Expr
 ]:
     """Return the generalised forces of the loads, and the potential of those that have one.
@@ -242,10 +243,10 @@ def _generalised(found: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
     F_i is the slope of the power Σ v·F along q̇_i, with F held: that goes backward through v once,
     for all loads and all coordinates.
     """
-    motion, held = found.motion, dict[sp.Expr, sp.Expr]()
+    motion, magnitudes = mechanics.motion, dict[sp.Expr, sp.Expr]()
     power, potential = sp.Integer(0), sp.Integer(0)
-    for where, load in ((load[0], load[1]) for load in found.loads):
-        energy = _potential(motion, where, load, found.inputs)
+    for where, load in ((load[0], load[1]) for load in mechanics.loads):
+        energy = _potential(motion, where, load, mechanics.inputs)
         if energy is not None:
             potential += energy
             continue
@@ -254,12 +255,12 @@ def _generalised(found: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
         else:
             rates, axes = motion.velocity(where)
         for rate, pushed in zip(rates, motion.components(load, axes), strict=True):
-            symbol = sp.Symbol(f"_w{len(held)}", real=True)
-            held[symbol] = pushed
+            symbol = sp.Symbol(f"_w{len(magnitudes)}", real=True)
+            magnitudes[symbol] = pushed
             power += symbol * rate
-    (power,) = _named(found, [power], names)
-    forces = slopes(power, tuple(names[x.diff(me.dynamicsymbols._t)] for x in found.q))
-    pushes = dict(zip(held, _named(found, [*held.values()], names), strict=True))
+    (power,) = _named(mechanics, [power], names)
+    forces = slopes(power, tuple(names[x.diff(me.dynamicsymbols._t)] for x in mechanics.q))
+    pushes = dict(zip(magnitudes, _named(mechanics, [*magnitudes.values()], names), strict=True))
     return substitute(forces, pushes), potential
 
 
@@ -273,10 +274,10 @@ def _potential(
     changing = {me.dynamicsymbols._t, *inputs}
     if me.find_dynamicsymbols(components) or not changing.isdisjoint(components.free_symbols):
         return None
-    place = motion.place(where)
-    if place is None:
+    position = motion.place(where)
+    if position is None:
         return None
-    return -sp.Add(*(F * motion.along(k, place) for k, F in enumerate(components) if F != 0))
+    return -sp.Add(*(F * motion.along(k, position) for k, F in enumerate(components) if F != 0))
 
 
 def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
@@ -286,10 +287,10 @@ def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
     placed: dict[str, dict[str, list[str]]] = {}
     quantities: dict[str, sp.Expr] = {}
     for body in bodies:
-        place = motion.place(body.masscenter)
-        if place is None:
+        position = motion.place(body.masscenter)
+        if position is None:
             continue
-        x = {f"{body.name}_{axis}": motion.along(k, place) for k, axis in enumerate("xyz")}
+        x = {f"{body.name}_{axis}": motion.along(k, position) for k, axis in enumerate("xyz")}
         R = body.frame.dcm(motion.frame) if isinstance(body, me.RigidBody) else sp.zeros(0, 3)
         axes = {f"{body.name}_R{i + 1}{j + 1}": R[j, i] for j in range(min(len(R), 2))
                 for i in range(3)}
@@ -301,58 +302,60 @@ def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
 # ---------------------------------------------------------------- names
 
 
-def _inputs(given: Sequence[Any]) -> dict[sp.Expr, sp.Symbol]:
+def _inputs(inputs: Sequence[Any]) -> dict[sp.Expr, sp.Symbol]:
     """Return a symbol for each input, which may be a function of time."""
-    found: dict[sp.Expr, sp.Symbol] = {}
-    for u in as_sequence("inputs", given):
+    symbol_of: dict[sp.Expr, sp.Symbol] = {}
+    for u in as_sequence("inputs", inputs):
         if isinstance(u, AppliedUndef):
-            found[u] = sp.Symbol(u.func.__name__, real=True)
+            symbol_of[u] = sp.Symbol(u.func.__name__, real=True)
         elif isinstance(u, sp.Symbol):
-            found[u] = u
+            symbol_of[u] = u
         else:
             raise InputError(f"Input {shown(u)} is neither a symbol nor a function of time; make "
                              "it with sympy.Symbol or dynamicsymbols.")
-    return found
+    return symbol_of
 
 
-def _names(found: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
+def _names(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
     """Return a symbol for each coordinate and each velocity."""
-    for x in found.q:
+    for x in mechanics.q:
         if not isinstance(x, AppliedUndef):
             raise InputError(f"Coordinate {shown(x)} is no function of time; make it with "
                              "sympy.physics.mechanics.dynamicsymbols.")
-    called = {rate: u.func.__name__ for u, rate in found.motion.speeds.items()}
-    names = {x: sp.Symbol(x.func.__name__, real=True) for x in found.q}
-    loads = [e for _, load in ((load[0], load[1]) for load in found.loads)
+    called = {rate: u.func.__name__ for u, rate in mechanics.motion.speeds.items()}
+    names = {x: sp.Symbol(x.func.__name__, real=True) for x in mechanics.q}
+    loads = [e for _, load in ((load[0], load[1]) for load in mechanics.loads)
              for components, _ in load.args for e in components]
-    own = symbols_of([found.L, *found.constraints, *loads]) | {*found.inputs.values()}
-    twice = {str(s) for s in own} & {str(s) for s in names.values()}
+    symbols = symbols_of([mechanics.L, *mechanics.constraints,
+                          *loads]) | {*mechanics.inputs.values()}
+    twice = {str(s) for s in symbols} & {str(s) for s in names.values()}
     if twice:
         raise InputError(f"{min(twice)!r} is a coordinate and a constant or an input; give one of "
                          "them another name.")
-    taken = {str(s) for s in (*names.values(), *own)}
-    for x, rate in zip(found.q, rates, strict=True):
+    reserved = {str(s) for s in (*names.values(), *symbols)}
+    for x, rate in zip(mechanics.q, rates, strict=True):
         name = called.get(rate, f"{x.func.__name__}_t")
-        while name in taken:
+        while name in reserved:
             name += "_"
-        taken.add(name)
+        reserved.add(name)
         names[rate] = sp.Symbol(name, real=True)
     return names
 
 
 def _named(
-    found: Mechanics, expressions: Sequence[sp.Expr], names: Mapping[sp.Expr, sp.Symbol]
+    mechanics: Mechanics, expressions: Sequence[sp.Expr], names: Mapping[sp.Expr, sp.Symbol]
 ) -> list[sp.Expr]:
     """Return expressions in symbols, generalised speeds in terms of q̇."""
-    return substitute(substitute(expressions, found.motion.speeds), {**names, **found.inputs})
+    return substitute(substitute(expressions, mechanics.motion.speeds),
+                      {**names, **mechanics.inputs})
 
 
 def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -> None:
     """Refuse functions of time that are neither coordinates nor speeds."""
-    for part in parts_of(expressions):
-        if isinstance(part, (AppliedUndef, sp.Derivative)):
-            raise InputError(f"System {name!r} contains {part}, which is no coordinate and no "
-                             "speed; put an expression in its place, in t if it is a law.")
+    for node in parts_of(expressions):
+        if isinstance(node, (AppliedUndef, sp.Derivative)):
+            raise InputError(f"System {name!r} contains {node}, which is no coordinate and "
+                             "no speed; put an expression in its place, in t if it is a law.")
 
 
 # ---------------------------------------------------------------- constraints on velocities
@@ -372,13 +375,13 @@ def _independent(
         For one whose a is a combination of others, and whose a₀ is another.
     """
     A, a = coefficients_of(bound, system.velocities)
-    rows = [[*row, rest] for row, rest in zip((*system.G, *A), (*system.g_t, *a), strict=True)]
+    rows = [[*row, rate] for row, rate in zip((*system.G, *A), (*system.g_t, *a), strict=True)]
     if not bound:
         return ()
     flat = [e for row in rows for e in row]
     q, values = somewhere(system, symbols_of(flat))
-    at: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
-    numbers = evaluate(flat, at).reshape(len(rows), system.n + 1)
+    substitution: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
+    numbers = evaluate(flat, substitution).reshape(len(rows), system.n + 1)
     implied = {*dependent_rows(numbers)[1]}
     against = {*dependent_rows(numbers[:, :-1])[1]} - implied
     if against:

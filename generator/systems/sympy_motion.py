@@ -50,7 +50,8 @@ class FrameMotion:
         """Return ½ m v·v + ½ Ω·J·Ω, with Ω in the axes of the body."""
         v = self.velocity(body.masscenter)[0]
         rates = self.turning(body.frame) if isinstance(body, me.RigidBody) else []
-        if not any(isinstance(part, AppliedUndef) for part in parts_of([*v, *rates])):
+        if not any(isinstance(subexpression, AppliedUndef)
+                   for subexpression in parts_of([*v, *rates])):
             return sp.Integer(0)
         moving = body.mass * sp.Add(*(e**2 for e in v)) / 2 if any(v) else sp.Integer(0)
         if not any(rates):
@@ -72,81 +73,82 @@ class FrameMotion:
         from there. From a point at rest it is the rate alone, which is shorter: that is taken where
         exact arithmetic finds it to be the same.
         """
-        near = _nearest(point, lambda other: self.frame in other._vel_dict)
+        near = _nearest(point, lambda neighbour: self.frame in neighbour._vel_dict)
         if near is None:
             raise InputError(f"The velocity of {point} in {self.frame} is not known; place it from "
                              "a point whose velocity is set, or set its own.")
-        given, place = near.vel(self.frame), point.pos_from(near)
-        path = None if given == 0 else self.place(point)
+        velocity, position = near.vel(self.frame), point.pos_from(near)
+        path = None if velocity == 0 else self.place(point)
         if path is None:
-            axes = self._last(place, given)
-            return self._moved(place, given, axes), axes
+            axes = self._last(position, velocity)
+            return self._moved(position, velocity, axes), axes
         axes = self._last(path)
-        short, long = self._moved(path, 0 * given, axes), self._moved(place, given, axes)
+        short, long = self._moved(path, 0 * velocity, axes), self._moved(position, velocity, axes)
         apart = [a - b for a, b in zip(short, long, strict=True)]
         return short if vanish(substitute(apart, self.speeds)) else long, axes
 
     def contradictions(self, bodies: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         """Yield pairs of points whose velocities differ by another rate than their places do."""
-        known = list(dict.fromkeys(point for body in bodies for point in _reached(body.masscenter)
-                                   if self.frame in point._vel_dict))
-        for point in known:
-            near = next((other for other in _reached(point)
-                         if other is not point and other in known), None)
+        points = list(dict.fromkeys(point for body in bodies for point in _reached(body.masscenter)
+                                    if self.frame in point._vel_dict))
+        for point in points:
+            near = next((neighbour for neighbour in _reached(point)
+                         if neighbour is not point and neighbour in points), None)
             if near is None:
                 continue
-            place, gap = point.pos_from(near), near.vel(self.frame) - point.vel(self.frame)
-            left = self._moved(place, gap, self._last(place, gap))
-            if not vanish(substitute(left, self.speeds)):
+            position, gap = point.pos_from(near), near.vel(self.frame) - point.vel(self.frame)
+            residual = self._moved(position, gap, self._last(position, gap))
+            if not vanish(substitute(residual, self.speeds)):
                 yield point, near
 
     def is_placed(self, point: Any) -> bool:
         """Whether the place of a point is known from another one."""
-        return any(other is not point for other in _reached(point))
+        return any(neighbour is not point for neighbour in _reached(point))
 
     def place(self, point: Any) -> Any:
         """Return the place of a point from the nearest one at rest, or None."""
-        rest = _nearest(point, lambda other: other._vel_dict.get(self.frame) == 0)
-        return None if rest is None else point.pos_from(rest)
+        resting = _nearest(point, lambda neighbour: neighbour._vel_dict.get(self.frame) == 0)
+        return None if resting is None else point.pos_from(resting)
 
-    def along(self, k: int, place: Any) -> sp.Expr:
+    def along(self, k: int, position: Any) -> sp.Expr:
         """Return a place along an axis of the inertial frame, added up from frame to frame."""
-        axis, found = (self.frame.x, self.frame.y, self.frame.z)[k], sp.Integer(0)
-        for r, own in sorted(place.args, key=lambda part: len(self._path(part[1]))):
-            if (k, own) not in self._axes:
-                self._axes[k, own] = self.components(axis, own)
-            products = (a * b for a, b in zip(self._axes[k, own], r, strict=True))
-            found = share(found + sp.Add(*products))
-        return found
+        axis, component = (self.frame.x, self.frame.y, self.frame.z)[k], sp.Integer(0)
+        for r, frame in sorted(position.args, key=lambda term: len(self._path(term[1]))):
+            if (k, frame) not in self._axes:
+                self._axes[k, frame] = self.components(axis, frame)
+            products = (a * b for a, b in zip(self._axes[k, frame], r, strict=True))
+            component = share(component + sp.Add(*products))
+        return component
 
     def _last(self, *vectors: Any) -> Any:
         """Return the frame with the longest way to it that any of the vectors is given in."""
-        return max((own for vector in vectors for _, own in vector.args),
-                   key=lambda own: len(self._path(own)), default=self.frame)
+        return max((frame for vector in vectors for _, frame in vector.args),
+                   key=lambda frame: len(self._path(frame)), default=self.frame)
 
-    def _moved(self, place: Any, velocity: Any, axes: Any) -> list[sp.Expr]:
+    def _moved(self, position: Any, velocity: Any, axes: Any) -> list[sp.Expr]:
         """Return v + dr/dt in some axes; in those that r is given in it is r_t + Ω × r."""
         rates = 0 * velocity
-        for r, own in place.args:
-            moved = r.diff(me.dynamicsymbols._t) + sp.Matrix(self.turning(own)).cross(r)
-            rates += me.Vector([(moved, own)])
+        for r, frame in position.args:
+            moved = r.diff(me.dynamicsymbols._t) + sp.Matrix(self.turning(frame)).cross(r)
+            rates += me.Vector([(moved, frame)])
         return self.components(velocity + rates, axes)
 
     def components(self, vector: Any, axes: Any) -> list[sp.Expr]:
         """Return the components of a vector in some axes."""
-        own = {frame: list(numbers) for numbers, frame in vector.args}
+        numbers_in = {frame: list(numbers) for numbers, frame in vector.args}
         path = self._path(axes)
-        if not {*own} <= {*path}:
+        if not {*numbers_in} <= {*path}:
             return list(vector.to_matrix(axes))
-        found, before = [sp.Integer(0)] * 3, None
+        components, before = [sp.Integer(0)] * 3, None
         for turned in path:
-            if any(found):
+            if any(components):
                 R = turned.dcm(before).tolist()
-                found = [sp.Add(*(a * x for a, x in zip(row, found, strict=True))) for row in R]
-            added = own.get(turned, [sp.Integer(0)] * 3)
-            found = [share(a + b) for a, b in zip(found, added, strict=True)]
+                components = [sp.Add(*(a * x for a, x in zip(row, components, strict=True)))
+                              for row in R]
+            added = numbers_in.get(turned, [sp.Integer(0)] * 3)
+            components = [share(a + b) for a, b in zip(components, added, strict=True)]
             before = turned
-        return found
+        return components
 
     def _path(self, axes: Any) -> list[Any]:
         """Return the frames from the inertial one to some axes."""
@@ -155,14 +157,14 @@ class FrameMotion:
 
 def _nearest(point: Any, suits: Callable[[Any], bool]) -> Any:
     """Return the nearest of the points from which the place of one is known, or None."""
-    return next((other for other in _reached(point) if suits(other)), None)
+    return next((neighbour for neighbour in _reached(point) if suits(neighbour)), None)
 
 
 def _reached(point: Any) -> Iterator[Any]:
     """Yield the points from which the place of one is known, itself first, nearer ones earlier."""
-    seen, waiting = {point}, [point]
-    for other in waiting:
-        yield other
-        fresh = [known for known in other._pos_dict if known not in seen]
-        seen.update(fresh)
+    visited, waiting = {point}, [point]
+    for current in waiting:
+        yield current
+        fresh = [neighbour for neighbour in current._pos_dict if neighbour not in visited]
+        visited.update(fresh)
         waiting += fresh

@@ -134,13 +134,13 @@ class System:
         quantities = as_mapping("quantities", self.quantities, "{'height': q[1]}")
         object.__setattr__(self, "quantities", FrozenDict(
             {name: as_expression(e) for name, e in quantities.items()}))
-        for what, letter, count in (("constraint_names", "g", self.m),
-                                    ("velocity_constraint_names", "A", self.velocity_count)):
-            given = as_items(what, getattr(self, what), "texts")
-            names = tuple(as_text("a constraint's name", name) for name in given)
-            object.__setattr__(self, what, names or tuple(f"{letter}{i}" for i in range(count)))
-        for what in ("q", "p", "inputs", "parameters", "velocities"):
-            refuse_unless_symbols(self.name, what, getattr(self, what))
+        for key, letter, count in (("constraint_names", "g", self.m),
+                                   ("velocity_constraint_names", "A", self.velocity_count)):
+            entries = as_items(key, getattr(self, key), "texts")
+            names = tuple(as_text("a constraint's name", name) for name in entries)
+            object.__setattr__(self, key, names or tuple(f"{letter}{i}" for i in range(count)))
+        for key in ("q", "p", "inputs", "parameters", "velocities"):
+            refuse_unless_symbols(self.name, key, getattr(self, key))
         if self.time is not None:
             refuse_unless_symbols(self.name, "time", (self.time,))
         if not self.name.isidentifier() or not self.name.isascii():
@@ -166,11 +166,11 @@ class System:
                 "coordinates; fewer constraints than coordinates must remain. If drives determine "
                 "the whole motion, add a body that moves freely, such as build.point_mass(...)."
             )
-        for what, count in (("constraint", self.m), ("velocity_constraint", self.velocity_count)):
-            if len(names := getattr(self, f"{what}_names")) != count:
+        for key, count in (("constraint", self.m), ("velocity_constraint", self.velocity_count)):
+            if len(names := getattr(self, f"{key}_names")) != count:
                 raise InputError(
-                    f"System {self.name!r} has {count} {what}s and {len(names)} {what}_names; give "
-                    "one name for each constraint, or none.")
+                    f"System {self.name!r} has {count} {key}s and {len(names)} {key}_names; "
+                    "give one name for each constraint, or none.")
         if len(self.forces) not in (0, self.n):
             raise InputError(
                 f"System {self.name!r} has {len(self.forces)} forces on {self.n} coordinates; give "
@@ -184,24 +184,26 @@ class System:
 
             object.__setattr__(self, "time_scale", as_expression(self.time_scale))
             refuse_unscalable(self)
-        for what, kind in (("bodies", BodyLayout), ("joints", JointLayout)):
-            given = as_items(what, getattr(self, what), f"what Multibody makes, {kind.__name__}")
-            if not all(isinstance(one, kind) for one in given):
-                raise InputError(f"{what} = {shown(given)} are none; Multibody makes them.")
-            object.__setattr__(self, what, tuple(given))
+        for key, kind in (("bodies", BodyLayout), ("joints", JointLayout)):
+            entries = as_items(key, getattr(self, key),
+                               f"what Multibody makes, {kind.__name__}")
+            if not all(isinstance(entry, kind) for entry in entries):
+                raise InputError(f"{key} = {shown(entries)} are none; Multibody makes them.")
+            object.__setattr__(self, key, tuple(entries))
         if self.rigid_body and not self.bodies:
             object.__setattr__(self, "bodies", (self._whole_body(),))
 
     def _whole_body(self) -> BodyLayout:
         """Return the body whose quaternion is all of q."""
-        known = {str(s): s for s in self.parameters}
-        inertia = next((letters for letters in (MOMENTS, INVERSE) if {*letters} <= {*known}), ())
+        parameters = {str(s): s for s in self.parameters}
+        inertia = next((letters for letters in (MOMENTS, INVERSE) if {*letters} <= {*parameters}),
+                       ())
         if self.n != 4 or not inertia:
             raise InputError(
                 f"System {self.name!r} is no rigid_body: it has {self.n} coordinates and the "
-                f"parameters {', '.join(known) or 'none'}; a body has a quaternion of 4 and the "
-                "moments I1, I2, I3.")
-        return BodyLayout("body", self.q, tuple(known[letter] for letter in inertia))
+                f"parameters {', '.join(parameters) or 'none'}; a body has a quaternion of 4 and "
+                "the moments I1, I2, I3.")
+        return BodyLayout("body", self.q, tuple(parameters[letter] for letter in inertia))
 
     def __repr__(self) -> str:
         parts = [f"coordinates {few(self.q)}", f"parameters {few(self.parameters)}",
@@ -269,12 +271,12 @@ class System:
                     f"Velocity constraint {name!r} of system {self.name!r} contains "
                     f"{min(map(str, unknown))!r}; it depends on q, velocities, parameters and what "
                     "is declared as time; declare it there, or remove it.")
-        for what, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
-                        *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):
+        for label, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
+                         *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):
             unknown = e.free_symbols - allowed
             if unknown:
                 raise InputError(
-                    f"{what} of system {self.name!r} contains the unknown symbol "
+                    f"{label} of system {self.name!r} contains the unknown symbol "
                     f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
                 )
         for name in self.quantities:
@@ -286,14 +288,14 @@ class System:
 
     def _refuse_inputs_elsewhere(self) -> None:
         """Refuse inputs outside forces: they jump between steps, which changes H and violates g."""
-        places = {what: (e,) for what, e in self.defining.items()}
+        places = {label: (e,) for label, e in self.defining.items()}
         places |= {"a constraint": (*self.constraints, *self.velocity_constraints),
                    "a quantity": tuple(self.quantities.values())}
-        for what, expressions in places.items():
-            found = {s for e in expressions for s in e.free_symbols}.intersection(self.inputs)
-            if found:
+        for label, expressions in places.items():
+            inputs = {s for e in expressions for s in e.free_symbols}.intersection(self.inputs)
+            if inputs:
                 raise InputError(
-                    f"System {self.name!r} has the input {min(map(str, found))!r} in {what}; an "
+                    f"System {self.name!r} has the input {min(map(str, inputs))!r} in {label}; an "
                     "input jumps from step to step: write what it does as forces.")
 
     def _is_guard(self, name: str) -> bool:
@@ -307,7 +309,7 @@ class System:
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """Expressions that the equations of motion are derived from, by field."""
+        """Fields of the system that enter its equations of motion, by name."""
         return {"H": self.H}
 
     @property
@@ -461,8 +463,8 @@ class System:
 
     def _without_units(self, e: sp.Expr) -> sp.Expr:
         """Drop factors free of p that are a non-zero constant wherever g = 0."""
-        kept = [f for f in sp.Mul.make_args(e) if f.has(*self.p) or not self._is_unit(f)]
-        return sp.Mul(*kept)
+        factors = [f for f in sp.Mul.make_args(e) if f.has(*self.p) or not self._is_unit(f)]
+        return sp.Mul(*factors)
 
     def _is_unit(self, factor: sp.Expr) -> bool:
         if not factor.has(*self.q):
@@ -477,8 +479,8 @@ class System:
         """W = (∂f/∂p) g_qᵀ with f = ``hidden``, m × m: g_q H_pp g_qᵀ less dropped factors."""
         rows = jacobian(self.hidden, self.p)
         # Many bodies that roll have no element templates: hundreds of entries of W are written out.
-        products = [[sum((a * b for a, b in zip(row, other, strict=True)), sp.Integer(0))
-                     for other in self.G] for row in rows]
+        products = [[sum((a * b for a, b in zip(row, gradient, strict=True)), sp.Integer(0))
+                     for gradient in self.G] for row in rows]
         if self.velocity_count and self.m > _MANY:
             return products
         return [[shortest(e) for e in row] for row in products]

@@ -36,25 +36,25 @@ def system_digest(*parts: Any) -> str | None:
         return None
 
 
-def _of(value: Any, known: dict[sp.Basic, bytes]) -> bytes:
+def _of(value: Any, digests: dict[sp.Basic, bytes]) -> bytes:
     if isinstance(value, sp.Basic):
-        for part in parts_of([value]):  # what is shared is hashed once
-            if part not in known:
-                known[part] = _of_expression(part, known)
-        return known[value]
+        for subexpression in parts_of([value]):  # what is shared is hashed once
+            if subexpression not in digests:
+                digests[subexpression] = _of_expression(subexpression, digests)
+        return digests[value]
     if value is None or isinstance(value, (str, bool, int, float)):
         return _hash(type(value).__name__, repr(value))
     if isinstance(value, Mapping):
-        return _hash("mapping", *(_of(x, known) for pair in value.items() for x in pair))
+        return _hash("mapping", *(_of(x, digests) for pair in value.items() for x in pair))
     if isinstance(value, (tuple, list)):
-        return _hash("sequence", *(_of(x, known) for x in value))
+        return _hash("sequence", *(_of(x, digests) for x in value))
     if is_dataclass(value):
-        return _hash(_name_of_class(value), *(_of(getattr(value, field.name), known)
+        return _hash(_name_of_class(value), *(_of(getattr(value, field.name), digests)
                                               for field in fields(value)))
     raise TypeError(f"{type(value).__name__} has no digest")
 
 
-def _of_expression(e: sp.Basic, known: Mapping[sp.Basic, bytes]) -> bytes:
+def _of_expression(e: sp.Basic, digests: Mapping[sp.Basic, bytes]) -> bytes:
     kind = _name_of_class(e)
     if isinstance(e, sp.Dummy):
         raise TypeError("a Dummy is another one in each process")
@@ -62,7 +62,7 @@ def _of_expression(e: sp.Basic, known: Mapping[sp.Basic, bytes]) -> bytes:
         return _hash(kind, e.name, repr(sorted(e.assumptions0.items())))
     if not e.args:
         return _hash(kind, sp.srepr(e))
-    return _hash(kind, *(known[argument] for argument in e.args))
+    return _hash(kind, *(digests[argument] for argument in e.args))
 
 
 def _name_of_class(value: Any) -> str:
@@ -76,8 +76,8 @@ def _name_of_class(value: Any) -> str:
 
 
 def _hash(*parts: str | bytes) -> bytes:
-    made = hashlib.blake2b(digest_size=16)
-    for part in parts:
-        data = part.encode() if isinstance(part, str) else part
-        made.update(len(data).to_bytes(8, "little") + data)
-    return made.digest()
+    blake = hashlib.blake2b(digest_size=16)
+    for word in parts:
+        data = word.encode() if isinstance(word, str) else word
+        blake.update(len(data).to_bytes(8, "little") + data)
+    return blake.digest()

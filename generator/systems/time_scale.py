@@ -44,7 +44,7 @@ class ScaledSystem(TransformedSystem):
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """Expressions that define it besides g and F."""
+        """Expressions that define the scaled system besides g and F."""
         return {**super().defining, "scale": self.scale}
 
     @property
@@ -58,15 +58,15 @@ def scaled(system: System) -> System:
     scale = system.time_scale
     if scale is None:
         return system
-    taken = {str(s) for s in (*system.q, *system.p, *system.parameters)} | {*system.quantities}
-    t = system.time or _symbol("t", taken)
-    e = _symbol("p_t", taken | {str(t)})
-    name = str(_symbol("time_scale", taken | {str(t), str(e)}))
+    reserved = {str(s) for s in (*system.q, *system.p, *system.parameters)} | {*system.quantities}
+    t = system.time or _symbol("t", reserved)
+    e = _symbol("p_t", reserved | {str(t)})
+    name = str(_symbol("time_scale", reserved | {str(t), str(e)}))
     power = sp.Add(*(F * v for F, v in zip(system.forces, system.H_p, strict=False)))
     forces = (*(scale * F for F in system.forces), -scale * power) if system.forces else ()
     if not forces and any(t in x.free_symbols for x in (system.H, scale, *system.constraints)):
         forces = (sp.Integer(0),) * (system.n + 1)  # e changes: the work is counted
-    parts = {part.name: getattr(system, part.name) for part in fields(System)}
+    parts = {field.name: getattr(system, field.name) for field in fields(System)}
     return ScaledSystem(**parts | {
         "q": (*system.q, t), "p": (*system.p, e), "H": scale * (system.H + e), "forces": forces,
         "time": None, "time_scale": None, "energy": system.H, "scale": scale,
@@ -78,9 +78,9 @@ def shown_count(system: System) -> int:
     return system.n - isinstance(system, ScaledSystem)
 
 
-def _symbol(name: str, taken: set[str]) -> sp.Symbol:
+def _symbol(name: str, reserved: set[str]) -> sp.Symbol:
     """Return a real symbol with a name that is not taken."""
-    while name in taken:
+    while name in reserved:
         name += "_"
     return sp.Symbol(name, real=True)
 

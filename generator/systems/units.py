@@ -21,8 +21,8 @@ __all__ = ["units_of"]
 class _Solver:
     """Dimensions of symbols, completed by equations."""
 
-    def __init__(self, known: Mapping[sp.Symbol, Dimensions]) -> None:
-        self.known = dict(known)
+    def __init__(self, dimensions: Mapping[sp.Symbol, Dimensions]) -> None:
+        self.known = dict(dimensions)
 
     def of(self, e: sp.Expr) -> Dimensions | None:
         """Return the dimensions of an expression; None if they are unknown."""
@@ -32,12 +32,13 @@ class _Solver:
             pure = (e.is_Rational and e.q & (e.q - 1) == 0) or not e.is_Rational
             return DIMENSIONLESS if pure else None
         if e.is_Add or isinstance(e, (sp.Abs, Switch)):
-            found = (self.of(a) for a in _alike(e))
-            return next((one for one in found if one is not None), None)
+            candidates = (self.of(a) for a in _alike(e))
+            return next((factor for factor in candidates if factor is not None), None)
         if e.is_Mul:
             parts = [self.of(a) for a in e.args]
-            known = [one for one in parts if one is not None]
-            return combined(*((one, 1) for one in known)) if len(known) == len(parts) else None
+            factors = [factor for factor in parts if factor is not None]
+            return combined(*((factor, 1)
+                              for factor in factors)) if len(factors) == len(parts) else None
         if e.is_Pow and e.exp.is_Rational:
             base = self.of(e.base)
             return None if base is None else combined((base, Fraction(int(e.exp.p), int(e.exp.q))))
@@ -49,18 +50,19 @@ class _Solver:
             if dimensions is not None:
                 self.known.setdefault(e, dimensions)
         elif e.is_Add or isinstance(e, (sp.Abs, Switch)):
-            own = dimensions if dimensions is not None else self.of(e)
+            dimensions_of_e = dimensions if dimensions is not None else self.of(e)
             for a in _alike(e):
-                self.assign(a, own)
+                self.assign(a, dimensions_of_e)
             compared = [a for a in e.args if isinstance(e, Switch) and a not in _alike(e)]
             self.assign(sp.Add(*compared, evaluate=False), None)
         elif e.is_Mul:
             parts = {a: self.of(a) for a in e.args}
-            unknown = [a for a, found in parts.items() if found is None]
-            rest = combined(*((found, 1) for found in parts.values() if found is not None))
+            unknown = [a for a, term in parts.items() if term is None]
+            others = combined(*((term, 1) for term in parts.values() if term is not None))
             for a in e.args:
                 single = dimensions is not None and unknown == [a]
-                self.assign(a, combined((dimensions or {}, 1), (rest, -1)) if single else parts[a])
+                self.assign(a, combined((dimensions or {}, 1), (others, -1))
+                            if single else parts[a])
         elif e.is_Pow and e.exp.is_Rational:
             power = Fraction(int(e.exp.q), int(e.exp.p))
             self.assign(e.base, None if dimensions is None else combined((dimensions, power)))
@@ -72,11 +74,11 @@ class _Solver:
 
 def _alike(e: sp.Expr) -> list[sp.Expr]:
     """Return the parts of a sum or of a choice that have its unit."""
-    own = [e.args[i] for i in e.branches] if isinstance(e, Switch) else e.args
-    return [a for a in own if a != 0]
+    terms = [e.args[i] for i in e.branches] if isinstance(e, Switch) else e.args
+    return [a for a in terms if a != 0]
 
 
-def units_of(system: System, given: Mapping[str, str]) -> dict[str, str | None]:
+def units_of(system: System, given_units: Mapping[str, str]) -> dict[str, str | None]:
     """Return the unit of each parameter, coordinate, momentum and quantity; None where unknown.
 
     Parameters
@@ -87,31 +89,31 @@ def units_of(system: System, given: Mapping[str, str]) -> dict[str, str | None]:
         Units that are known by name.
     """
     symbols = {str(x): x for x in (*system.q, *system.p, *system.parameters)}
-    known: dict[sp.Symbol, Dimensions] = {}
+    dimensions: dict[sp.Symbol, Dimensions] = {}
     if system.time is not None:
-        known[system.time] = base_units("s")
+        dimensions[system.time] = base_units("s")
     for body in system.bodies:
         inertia = base_units("kg.m2" if len(body.inertia) == 3 else "1/kg/m2")
-        known |= dict.fromkeys(body.q, DIMENSIONLESS) | dict.fromkeys(body.x, base_units("m"))
-        known |= dict.fromkeys(body.inertia, inertia)
+        dimensions |= dict.fromkeys(body.q, DIMENSIONLESS) | dict.fromkeys(body.x, base_units("m"))
+        dimensions |= dict.fromkeys(body.inertia, inertia)
         if isinstance(body.mass, sp.Symbol):
-            known[body.mass] = base_units("kg")
-    known |= {symbols[name]: _without_angles(base_units(unit)) for name, unit in given.items()
-              if name in symbols}
-    solver = _Solver(known)
-    if known.keys() - {system.time}:
+            dimensions[body.mass] = base_units("kg")
+    dimensions |= {symbols[name]: _without_angles(base_units(unit))
+                   for name, unit in given_units.items() if name in symbols}
+    solver = _Solver(dimensions)
+    if dimensions.keys() - {system.time}:
         _solve(solver, system)
     torques = {x for f in system.forces for x in f.free_symbols} - system.H.free_symbols
-    made: dict[str, str | None] = {}
+    units: dict[str, str | None] = {}
     for name, x in (*symbols.items(), *system.quantities.items()):
-        found = solver.of(x)
-        unit = None if found is None else unit_name(found)
+        dimension = solver.of(x)
+        unit = None if dimension is None else unit_name(dimension)
         if unit == "J" and x in torques:
             unit = "N.m"
         elif unit == "1/s" and system.bodies:
             unit = "rad/s"
-        made[name] = given.get(name, unit)
-    return made
+        units[name] = given_units.get(name, unit)
+    return units
 
 
 def _solve(solver: _Solver, system: System) -> None:
@@ -121,12 +123,13 @@ def _solve(solver: _Solver, system: System) -> None:
         count = len(solver.known)
         solver.assign(system.H, energy)
         for x, p in zip(system.q, system.p, strict=True):
-            for one, other in ((x, p), (p, x)):  # the product of both is an action
-                if (own := solver.known.get(one)) is not None:
-                    solver.assign(other, combined((base_units("J.s"), 1), (own, -1)))
+            for variable, conjugate in ((x, p), (p, x)):  # the product of both is an action
+                if (known_unit := solver.known.get(variable)) is not None:
+                    solver.assign(conjugate, combined((base_units("J.s"), 1), (known_unit, -1)))
         for x, force in zip(system.q, system.forces, strict=False):
-            own = solver.known.get(x)
-            solver.assign(force, None if own is None else combined((energy, 1), (own, -1)))
+            known_unit = solver.known.get(x)
+            solver.assign(force, None if known_unit is None
+                          else combined((energy, 1), (known_unit, -1)))
         for e in (*system.constraints, *system.quantities.values()):
             solver.assign(e, solver.of(e))
 
