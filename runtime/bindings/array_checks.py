@@ -55,9 +55,9 @@ def _are_finite(array: NDArray[Any]) -> bool:
 def converted_to(dtype: Any, array: NDArray[Any]) -> NDArray[Any]:
     """Return a copy of ``as_numbers``' array in a type of NumPy; overflow is infinite."""
     if array.dtype == object:
-        made = [as_float(x, dtype) if isinstance(x, Fraction) else x
-                for x in map(exact, array.flat)]
-        array = np.array(made, dtype=dtype).reshape(array.shape)
+        entries = [as_float(x, dtype) if isinstance(x, Fraction) else x
+                   for x in map(exact, array.flat)]
+        array = np.array(entries, dtype=dtype).reshape(array.shape)
     if array.dtype == dtype:
         return np.array(array, order="C")
     with np.errstate(over="ignore"):
@@ -104,16 +104,16 @@ def as_real(name: str, value: Any, number: Callable[[Fraction], Any] = as_double
     """Return a finite real number, of whatever type it comes, rounded once by ``number``."""
     if number is as_double and isinstance(value, float) and math.isfinite(value):
         return float(value)  # what most calls give
-    given = exact(value)
-    if given is None:
+    exact_value = exact(value)
+    if exact_value is None:
         raise InputError(f"{name} = {shown(value)} is not a real number.{_cure(value)}")
-    if isinstance(given, float):
-        raise InputError(f"{name} = {given} is not finite; give a finite number.")
-    made = number(given)
-    if made - made != 0:
+    if isinstance(exact_value, float):
+        raise InputError(f"{name} = {exact_value} is not finite; give a finite number.")
+    rounded = number(exact_value)
+    if rounded - rounded != 0:
         raise InputError(f"{name} = {shown(value)} is too large; give a smaller number, or choose "
                          "a wider floating-point type.")
-    return made
+    return rounded
 
 
 def _cure(value: Any) -> str:

@@ -49,18 +49,18 @@ def quad(value: Any) -> Any:
     """Return a real number of any type as mpf, rounded once to 113 bits."""
     if isinstance(value, (mpf, int, float)) and not isinstance(value, Rounded):
         return _CONTEXT.mpf(value)
-    found = exact_number(value)
-    if found is None:
+    number = exact_number(value)
+    if number is None:
         raise TypeError(f"{value!r} is no real number")
-    return rounded(found) if isinstance(found, Fraction) else _CONTEXT.mpf(found)
+    return rounded(number) if isinstance(number, Fraction) else _CONTEXT.mpf(number)
 
 
 def rounded(value: Fraction) -> Any:
     """Return the number of binary128 next to a value; infinity beyond their range."""
-    made = _made(*nearest(value, BITS, _LEAST))
-    if abs(made) >= _CONTEXT.ldexp(1, _BIAS + 1):
+    result = _made(*nearest(value, BITS, _LEAST))
+    if abs(result) >= _CONTEXT.ldexp(1, _BIAS + 1):
         return _CONTEXT.ninf if value < 0 else _CONTEXT.inf
-    return made
+    return result
 
 
 def full(shape: tuple[int, ...], value: Any = 0) -> Array:
@@ -102,18 +102,18 @@ def _encoded(value: Any) -> int:
         return _INFINITY if value > 0 else _INFINITY | _SIGN
     unit = max(exponent + length - BITS, _LEAST)  # exponent of the last bit kept
     shift = exponent - unit
-    kept = int(mantissa) << shift if shift >= 0 else _rounded(int(mantissa), -shift)
+    significand = int(mantissa) << shift if shift >= 0 else _rounded(int(mantissa), -shift)
     # The hidden bit of kept, if it has one, adds 1 to the exponent; so does rounding up.
-    bits: int = min(((unit - _LEAST) << (BITS - 1)) + kept, _INFINITY)
+    bits: int = min(((unit - _LEAST) << (BITS - 1)) + significand, _INFINITY)
     return bits | _SIGN if sign else bits
 
 
 def _rounded(mantissa: int, shift: int) -> int:
     """Return mantissa/2^shift rounded to nearest, ties to even."""
-    kept, rest = mantissa >> shift, mantissa & ((1 << shift) - 1)
+    quotient, remainder = mantissa >> shift, mantissa & ((1 << shift) - 1)
     half = 1 << (shift - 1)
-    up = rest > half or (rest == half and kept % 2 == 1)
-    return kept + 1 if up else kept
+    up = remainder > half or (remainder == half and quotient % 2 == 1)
+    return quotient + 1 if up else quotient
 
 
 def _decoded(bits: int) -> Any:
@@ -159,8 +159,8 @@ def as_quads(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
     converted = full(shape)
-    for place, entry in enumerate(array.ravel()):
-        number = converted.flat[place] = quad(entry)
+    for index, entry in enumerate(array.ravel()):
+        number = converted.flat[index] = quad(entry)
         if not _CONTEXT.isfinite(number):
             finite = isinstance(exact_number(entry), Fraction)
             raise InputError(f"{name} = {array} is " + (

@@ -80,14 +80,14 @@ class QuadBinding(Binding):
 
     def converted(self, array: Array) -> Array:
         """Return a copy of a caller's numbers as mpf, infinite where they are beyond the type."""
-        made = binary128.full(array.shape)
-        made.flat[:] = [binary128.quad(x) for x in array.flat]
-        return made
+        quads = binary128.full(array.shape)
+        quads.flat[:] = [binary128.quad(x) for x in array.flat]
+        return quads
 
     def times(self, t0: Any, dt: Any, steps: Array) -> Array:
         """Return t0 + k dt for each k of ``steps``."""
-        made: Array = t0 + steps.astype(object) * dt
-        return made
+        times: Array = t0 + steps.astype(object) * dt
+        return times
 
     # ------------------------------------------------------------ structs
 
@@ -110,14 +110,14 @@ class QuadBinding(Binding):
         """Set the time in the parameter struct to t0 + steps dt."""
         if self.time is not None:
             time = binary128.quad(t0) + steps * binary128.quad(dt)
-            place = len(self.parameter_names) * binary128.BYTES
-            cast(_Block, parameters).write(place, binary128.pack([time]))
+            offset = len(self.parameter_names) * binary128.BYTES
+            cast(_Block, parameters).write(offset, binary128.pack([time]))
 
     def feed(self, parameters: ParameterStruct, row: Array) -> None:
         """Put the inputs of a step into the parameter struct."""
         for name, value in zip(self.input_names, row, strict=True):
-            place = self.parameter_names.index(name) * binary128.BYTES
-            cast(_Block, parameters).write(place, binary128.pack([value]))
+            offset = self.parameter_names.index(name) * binary128.BYTES
+            cast(_Block, parameters).write(offset, binary128.pack([value]))
 
     def options(
         self, tolerance: float | None, max_iterations: int, solver: SolverName
@@ -149,8 +149,8 @@ class QuadBinding(Binding):
     def record_of(self, work: WorkMemory) -> RunRecord:
         """Return the running record of the trajectory that work memory holds: a copy."""
         block = _Block(self.ffi, f"{self.name}_report")
-        held = self.ffi.cast("char *", self.function("report_of")(work))
-        block.write(0, bytes(self.ffi.buffer(held, block.size)))
+        report = self.ffi.cast("char *", self.function("report_of")(work))
+        block.write(0, bytes(self.ffi.buffer(report, block.size)))
         return _Record(block, 0)
 
     def copy_of(self, report: RunRecord) -> RunRecord:
@@ -205,9 +205,9 @@ class _Box:
         after, size = self.memory.tobytes(), binary128.BYTES
         if after == self.before:
             return
-        for place, i in enumerate(range(0, len(after), size)):
+        for index, i in enumerate(range(0, len(after), size)):
             if after[i : i + size] != self.before[i : i + size]:
-                (self.array.flat[place],) = binary128.unpack(after[i : i + size])
+                (self.array.flat[index],) = binary128.unpack(after[i : i + size])
 
 
 class _Block:
@@ -225,12 +225,12 @@ class _Block:
         return binary128.unpack(self.memory[start : start + binary128.BYTES].tobytes())[0]
 
 
-def _recorded(place: int) -> property:
+def _recorded(index: int) -> property:
     """Return a property for the number at that place among those at the end of a report."""
 
     def start(record: _Record) -> int:
         end: int = (record.index + 1) * record.block.size
-        return end - (len(_RECORDED) - place) * binary128.BYTES
+        return end - (len(_RECORDED) - index) * binary128.BYTES
 
     def read(record: _Record) -> Any:
         return record.block.read(start(record))
@@ -241,13 +241,13 @@ def _recorded(place: int) -> property:
     return property(read, write)
 
 
-def _time_step(place: int) -> property:
+def _time_step(offset: int) -> property:
     """Return a property for the smallest or the largest step of t, the first numbers of a report in
     scaled time."""
 
     def read(record: _Record) -> Any:
         start = record.index * record.block.size + _COUNTS
-        return record.block.read(start + place * binary128.BYTES)
+        return record.block.read(start + offset * binary128.BYTES)
 
     return property(read)
 

@@ -63,9 +63,9 @@ class Binding(Compiled):
     ) -> tuple[int, Array, Array]:
         """Try one step from (q, p); return its status and the state after it."""
         ends = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
-        taken = self.ffi.new("int *")
+        iterations = self.ffi.new("int *")
         status = self.function("step")(parameters, options, dt, self.pointer(q), self.pointer(p),
-                                       *map(self.pointer, ends), taken, work)
+                                       *map(self.pointer, ends), iterations, work)
         return int(status), *ends[:2]
 
     def first_half(
@@ -73,9 +73,9 @@ class Binding(Compiled):
         work: WorkMemory,
     ) -> tuple[int, float]:
         """T1 by full Newton: return its status and the size of its last increment."""
-        x, taken = self.new(self.unknowns), self.ffi.new("int *")
+        x, iterations = self.new(self.unknowns), self.ffi.new("int *")
         status = self.function("T1")(parameters, options, dt, self.pointer(q), self.pointer(p),
-                                     self.pointer(x), taken, work)
+                                     self.pointer(x), iterations, work)
         return int(status), self.last_increment(work)
 
     def last_increment(self, work: WorkMemory) -> float:
@@ -113,10 +113,10 @@ class Binding(Compiled):
         """
         times = [self.pointer(t)] if self.quantities_take_time else []
         rows = self.ffi.new("long[2]")
-        found = self.function("near")(
+        is_near = self.function("near")(
             parameters, len(q), *times, self.pointer(q), self.pointer(p), len(values),
             self.ffi.from_buffer("int[]", values), self.pointer(levels), self.pointer(last), rows)
-        return (rows[0], rows[1]) if found else None
+        return (rows[0], rows[1]) if is_near else None
 
     def hamiltonian(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
@@ -173,13 +173,13 @@ class Binding(Compiled):
         return self._other_rates("momenta", parameters, q, v, t)
 
     def _other_rates(
-        self, name: str, parameters: ParameterStruct, q: Array, given: Array, t: Array | None
+        self, name: str, parameters: ParameterStruct, q: Array, rates: Array, t: Array | None
     ) -> Array:
         """Return velocities of momenta or the way back, at the times t as of ``hamiltonian``."""
-        found = self.new(len(q), self.n)
+        result = self.new(len(q), self.n)
         self.function(name)(parameters, len(q), *self._times(t),
-                            *map(self.pointer, (q, given, found)))
-        return found
+                            *map(self.pointer, (q, rates, result)))
+        return result
 
     def _times(self, t: Array | None) -> list[Any]:
         """Return the argument with the times of states, where H or g has time."""
@@ -206,8 +206,8 @@ class Binding(Compiled):
             return g, f
         widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
         for i in range(sets):
-            own = [array + i * width for array, width in zip(arrays, widths, strict=True)]
-            function(self.set_of(parameters, i), rows, *self._times(None), *own)
+            pointers = [array + i * width for array, width in zip(arrays, widths, strict=True)]
+            function(self.set_of(parameters, i), rows, *self._times(None), *pointers)
         return g, f
 
     def sets(self, parameters: ParameterStruct) -> int:

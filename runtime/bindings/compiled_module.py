@@ -139,12 +139,12 @@ class Compiled:
 
     def function(self, name: str) -> Any:
         """Return a function of the module by its short name."""
-        found = self._functions.get(name)
-        if found is None:
-            made = self._function(name)
-            made = checked(made) if self._newton_apart else made
-            found = self._functions[name] = on_large_stack(made, self.frames)
-        return found
+        function = self._functions.get(name)
+        if function is None:
+            compiled = self._function(name)
+            compiled = checked(compiled) if self._newton_apart else compiled
+            function = self._functions[name] = on_large_stack(compiled, self.frames)
+        return function
 
     def _function(self, name: str) -> Callable[..., Any]:
         function: Callable[..., Any] = getattr(self.lib, f"{self.name}_{name}")
@@ -164,8 +164,8 @@ class Compiled:
         """Return a pointer to a checked array, from an entry on; NULL for an empty one."""
         if array.size == 0:
             return self.ffi.NULL
-        found = self.ffi.from_buffer(self._reals, array, require_writable=True)
-        return found + start if start else found
+        address = self.ffi.from_buffer(self._reals, array, require_writable=True)
+        return address + start if start else address
 
     def parameters(self, values: dict[str, Any], t: Any = 0.0) -> ParameterStruct:
         """Return the parameter struct for a run, or a step, that starts at time t."""
@@ -234,8 +234,8 @@ class Compiled:
 
     def times(self, t0: Any, dt: Any, steps: Array) -> Array:
         """Return t0 + k dt for each k of ``steps``, in the type of ``number``."""
-        made: Array = t0 + steps * dt
-        return made
+        times: Array = t0 + steps * dt
+        return times
 
     def coefficients(self) -> list[Fraction]:
         """Return the compiled coefficients in the order of the struct, exactly."""
@@ -298,8 +298,8 @@ class Compiled:
                   *([] if self.time is None else [times])]
         rows = self.new(len(times), max(len(fields), 1))  # one that has none has a field too
         with np.errstate(over="ignore"):
-            for place, column in enumerate(fields):
-                rows[:, place] = column
+            for column_index, column in enumerate(fields):
+                rows[:, column_index] = column
         return rows
 
     def integrate_lanes(
@@ -309,7 +309,7 @@ class Compiled:
         """Advance a batch in place by up to ``steps`` steps, stored from ``row`` of each on."""
         done = [self.pointer(rows.work, row)] if self.has_forces else []
         counts = self.ffi.from_buffer("int[]", rows.iterations, require_writable=True)
-        places = [self.pointer(part, row * width) for part, width in (
+        places = [self.pointer(array, row * width) for array, width in (
             (rows.q, self.n), (rows.p, self.n), (rows.multipliers, self.multipliers))]
         self.function("integrate_lanes")(
             len(constants.dt), constants.parameters, constants.options,

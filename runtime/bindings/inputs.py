@@ -88,14 +88,15 @@ class InputRows:
         """Return those of one run."""
         return replace(self, values=self.values[i : i + 1]) if len(self.values) > 1 else self
 
-    def between(self, part: slice) -> InputRows:
+    def between(self, runs: slice) -> InputRows:
         """Return those of some runs, side by side."""
-        return replace(self, values=self.values[part]) if len(self.values) > 1 else self
+        return replace(self, values=self.values[runs]) if len(self.values) > 1 else self
 
     def taken(self, runs: Array, steps: Array, count: int = 1) -> InputRows:
         """Return those of ``count`` steps after ``steps`` of some runs, as of runs of their own."""
-        at = steps[:, None] + np.arange(count)
-        rows = np.minimum(at // self.hold if self.hold else 0 * at, self.values.shape[1] - 1)
+        step_numbers = steps[:, None] + np.arange(count)
+        rows = np.minimum(step_numbers // self.hold if self.hold else 0 * step_numbers,
+                          self.values.shape[1] - 1)
         owner = runs[:, None] if len(self.values) > 1 else 0
         return InputRows(self.names, np.ascontiguousarray(self.values[owner, rows]), 1)
 
@@ -121,7 +122,7 @@ class InputRows:
 
 
 def as_inputs(
-    given: Any, binding: Compiled, steps: int, hold: Any = 1, runs: int | None = None
+    inputs: Any, binding: Compiled, steps: int, hold: Any = 1, runs: int | None = None
 ) -> InputRows | None:
     """Return the inputs of a run of so many steps, or of ``runs`` of them; None for None.
 
@@ -132,44 +133,44 @@ def as_inputs(
     InputError
         For unknown or missing names, other shapes, what is no finite number.
     """
-    held = as_positive_count("hold", hold, least=1)
-    if given is None or isinstance(given, InputRows):
-        return given
-    if isinstance(given, Inputs):
-        if held != 1:
-            raise InputError(f"hold = {held} is given beside Inputs(..., hold={given.hold}); give "
-                             "it to the Inputs.")
-        given, held = given.values, given.hold
+    count = as_positive_count("hold", hold, least=1)
+    if inputs is None or isinstance(inputs, InputRows):
+        return inputs
+    if isinstance(inputs, Inputs):
+        if count != 1:
+            raise InputError(f"hold = {count} is given beside Inputs(..., hold={inputs.hold}); "
+                             "give it to the Inputs.")
+        inputs, count = inputs.values, inputs.hold
     names = binding.input_names
     if not names:
         raise InputError("inputs are given, and this system has none; declare them by "
                          "System(..., inputs=...).")
-    rows = -(-steps // held)
-    if isinstance(given, Mapping):
-        parts = [_column(name, given, names, rows, runs) for name in _named(given, names)]
+    rows = -(-steps // count)
+    if isinstance(inputs, Mapping):
+        parts = [_column(name, inputs, names, rows, runs) for name in _named(inputs, names)]
         array = np.stack(np.broadcast_arrays(*parts), axis=-1)
     else:
-        array = _table(as_numbers("inputs", given), len(names), rows, runs)
+        array = _table(as_numbers("inputs", inputs), len(names), rows, runs)
     return InputRows(names, binding.array("inputs", array, array.shape),
-                  0 if array.shape[1] == 1 else held)
+                  0 if array.shape[1] == 1 else count)
 
 
-def _named(given: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
-    unknown = [str(name) for name in given if name not in names]
+def _named(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
+    unknown = [str(name) for name in inputs if name not in names]
     if unknown:
         raise InputError(f"Input {unknown[0]!r} is unknown; this system has {', '.join(names)}"
                          f"{proposal(unknown[0], names)}.")
-    missing = [name for name in names if name not in given]
+    missing = [name for name in names if name not in inputs]
     if missing:
         raise InputError(f"Input {missing[0]!r} is not given; give all of {', '.join(names)}.")
     return names
 
 
 def _column(
-    name: str, given: Mapping[str, Any], names: Sequence[str], rows: int, runs: int | None
+    name: str, inputs: Mapping[str, Any], names: Sequence[str], rows: int, runs: int | None
 ) -> Array:
     """Return one input as (runs, rows), either of them 1 where one number serves all."""
-    array = as_numbers(f"Input {name}", given[name])
+    array = as_numbers(f"Input {name}", inputs[name])
     allowed = {(): (1, 1), (rows,): (1, rows)}
     if runs is not None:
         allowed |= {(runs, 1): (runs, 1), (runs, rows): (runs, rows)}

@@ -32,8 +32,8 @@ def as_float(value: Fraction, dtype: Any) -> Any:
     bits = int(about.nmant) + 1
     mantissa, exponent = nearest(value, bits, int(about.minexp) - int(about.nmant))
     number = about.dtype.type(0)
-    for part in range(0, bits + 1, 16):  # each a number of any of the types
-        number += np.ldexp(about.dtype.type(abs(mantissa) >> part & 0xFFFF), part)
+    for shift in range(0, bits + 1, 16):  # each a number of any of the types
+        number += np.ldexp(about.dtype.type(abs(mantissa) >> shift & 0xFFFF), shift)
     with np.errstate(over="ignore"):
         scaled = np.ldexp(number, exponent)
     return -scaled if mantissa < 0 else scaled
@@ -57,10 +57,10 @@ def from_text(value: Any, real: RealName) -> Any:
         raise ValueError("an integer is huge")
     if not REALS[real].wide:
         return value
-    found = decimal(value) if isinstance(value, str) else exact(value)
-    if not isinstance(found, Fraction):
+    number = decimal(value) if isinstance(value, str) else exact(value)
+    if not isinstance(number, Fraction):
         raise ValueError(f"{value!r} is no number")
-    return rounding(real)(found)
+    return rounding(real)(number)
 
 
 ALIGNMENT = 64
@@ -79,9 +79,9 @@ def without_padding(array: NDArray[Any]) -> NDArray[Any]:
     """Return an array with equal bytes for equal numbers: itself, or a copy."""
     if array.dtype != np.longdouble or np.finfo(np.longdouble).nmant != 63:
         return array
-    kept = array.copy(order="C")
-    kept.reshape(-1).view(np.uint8).reshape(-1, kept.itemsize)[:, _X87_BYTES:] = 0
-    return kept
+    copy = array.copy(order="C")
+    copy.reshape(-1).view(np.uint8).reshape(-1, copy.itemsize)[:, _X87_BYTES:] = 0
+    return copy
 
 
 WIDE_BYTES = 16

@@ -94,17 +94,17 @@ class RunState:
         return (self.q.nbytes + self.p.nbytes + binding.image(self.record).size
                 + binding.image(self.work).size)
 
-    def assign(self, binding: Compiled, other: RunState) -> None:
+    def assign(self, binding: Compiled, source: RunState) -> None:
         """Set this state to another one, from which the run then goes on."""
-        self.q[:], self.p[:] = other.q, other.p
-        binding.image(self.record)[:] = binding.image(other.record)
-        binding.image(self.work)[:] = binding.image(other.work)
+        self.q[:], self.p[:] = source.q, source.p
+        binding.image(self.record)[:] = binding.image(source.record)
+        binding.image(self.work)[:] = binding.image(source.work)
 
     def copy(self, binding: Compiled) -> RunState:
         """Return a state of its own memory."""
-        made = RunState.at_start(binding, self.q, self.p)
-        made.assign(binding, self)
-        return made
+        copy = RunState.at_start(binding, self.q, self.p)
+        copy.assign(binding, self)
+        return copy
 
 
 @dataclass(frozen=True)
@@ -149,10 +149,10 @@ class Rows:
         return type(self)(self.q[rows], self.p[rows], self.multipliers[rows],
                           self.iterations[rows], self.work[rows])
 
-    def assign(self, rows: Any, other: Rows) -> None:
+    def assign(self, rows: Any, source: Rows) -> None:
         """Set some rows."""
         for field in fields(self):
-            getattr(self, field.name)[rows] = getattr(other, field.name)
+            getattr(self, field.name)[rows] = getattr(source, field.name)
 
     def copy(self) -> Self:
         """Return rows of their own memory."""

@@ -85,12 +85,12 @@ def _usable(folder: Path) -> Path:
         if error.errno == errno.ENOSPC:
             raise
         why, cure = error.strerror or str(error), "a folder that can be written"
-    made = Path(tempfile.mkdtemp(prefix="gyrospark-"))
-    atexit.register(shutil.rmtree, made, ignore_errors=True)
-    _IN_PLACE[folder] = made
+    temporary = Path(tempfile.mkdtemp(prefix="gyrospark-"))
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    _IN_PLACE[folder] = temporary
     warn(f"The cache folder {str(folder)!r} cannot be used: {why}. What is compiled is kept in "
-         f"{str(made)!r} until this process ends; set GYROSPARK_CACHE to {cure}.")
-    return made
+         f"{str(temporary)!r} until this process ends; set GYROSPARK_CACHE to {cure}.")
+    return temporary
 
 
 def digest(content: Any) -> str:
@@ -124,8 +124,8 @@ def cpu_description() -> str:
     """Return the CPU's model and features, which ``-march=native`` depends on."""
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        wanted = ("model name", "flags", "Features", "CPU part")
-        return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
+        prefixes = ("model name", "flags", "Features", "CPU part")
+        return "\n".join(sorted({line for line in lines if line.startswith(prefixes)}))
     return f"{platform.machine()} {platform.processor()}"
 
 
@@ -140,21 +140,21 @@ def distrusted(path: Path) -> str:
     """
     if os.name == "nt":
         return ""
-    found = path.lstat()
+    status = path.lstat()
     is_file = not path.is_dir()
-    if is_file and not stat.S_ISREG(found.st_mode):
+    if is_file and not stat.S_ISREG(status.st_mode):
         return f"{str(path)!r} is a link"
     if not is_file:
         path = path.resolve()
-        found = path.stat()
+        status = path.stat()
         for above in path.parents:
             mode = above.stat().st_mode
             if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
                 return f"everybody may write to {str(above)!r}, which it is in"
-    if found.st_uid not in (os.geteuid(), 0):
-        return f"{str(path)!r} belongs to user {found.st_uid}, and this is user {os.geteuid()}"
-    sticky = found.st_mode & stat.S_ISVTX and not is_file
-    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
+    if status.st_uid not in (os.geteuid(), 0):
+        return f"{str(path)!r} belongs to user {status.st_uid}, and this is user {os.geteuid()}"
+    sticky = status.st_mode & stat.S_ISVTX and not is_file
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
         return f"other users may write to {str(path)!r}"
     return ""
 
@@ -193,31 +193,31 @@ def _remove_stale(folder: Path, seconds: float) -> None:
     A folder is a build's if its name, its owner and the mark in it say so: the cache may have been
     set to a folder that is used for something else.
     """
-    for left in folder.glob(f"{_BUILD}*"):
+    for build in folder.glob(f"{_BUILD}*"):
         with contextlib.suppress(OSError, ValueError):
-            found, mark = left.lstat(), left / _MARK
-            if (_BUILD_NAME.fullmatch(left.name) and stat.S_ISDIR(found.st_mode)
-                    and time.time() - found.st_mtime > seconds
-                    and (os.name == "nt" or found.st_uid == os.geteuid())
+            status, mark = build.lstat(), build / _MARK
+            if (_BUILD_NAME.fullmatch(build.name) and stat.S_ISDIR(status.st_mode)
+                    and time.time() - status.st_mtime > seconds
+                    and (os.name == "nt" or status.st_uid == os.geteuid())
                     and stat.S_ISREG(mark.lstat().st_mode)
                     and mark.read_text(encoding="ascii") == _MARKED):
-                shutil.rmtree(left, ignore_errors=True)
+                shutil.rmtree(build, ignore_errors=True)
 
 
-def publish(made: Path, name: str) -> Path:
+def publish(file: Path, name: str) -> Path:
     """Move a finished file to its place in the cache, in one step; others may not write to it."""
     target = cache_folder() / name
-    made.chmod(stat.S_IMODE(made.stat().st_mode) & ~(stat.S_IWGRP | stat.S_IWOTH))
-    made.replace(target)
+    file.chmod(stat.S_IMODE(file.stat().st_mode) & ~(stat.S_IWGRP | stat.S_IWOTH))
+    file.replace(target)
     return target
 
 
 def write_cache(name: str, content: Any) -> None:
     """Cache a JSON value under a name, with its checksum."""
     with build_folder() as folder:
-        made = folder / "content.json"
-        made.write_text(json.dumps([digest(content), content]), encoding="utf-8")
-        publish(made, name)
+        file = folder / "content.json"
+        file.write_text(json.dumps([digest(content), content]), encoding="utf-8")
+        publish(file, name)
 
 
 def read_cache(name: str) -> Any:
@@ -258,12 +258,12 @@ def clear() -> int:
     CacheError
         If a file cannot be removed.
     """
-    found = entries()
-    for path in found:
+    files = entries()
+    for path in files:
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
             raise CacheError(f"{str(path)!r} cannot be removed: {error.strerror or error}. Change "
                              "the folder's permissions.") from error
     _remove_stale(cache_folder(), _ENDED_SECONDS)
-    return len(found)
+    return len(files)

@@ -80,14 +80,14 @@ def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: i
 
     An interrupt waits for its end, as it does for a compiled function in the main thread.
     """
-    found: list[Any] = []
+    results: list[Any] = []
     raised: list[BaseException] = []
     seconds: list[float] = []
     context = contextvars.copy_context()
 
     def run() -> None:
         try:
-            found.append(context.run(function, *arguments))
+            results.append(context.run(function, *arguments))
         except BaseException as error:
             raised.append(error)
         seconds.append(time.thread_time())
@@ -107,4 +107,4 @@ def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: i
     _elsewhere.seconds = getattr(_elsewhere, "seconds", 0.0) + seconds[0]
     if raised:
         raise raised[0]
-    return found[0]
+    return results[0]

@@ -155,23 +155,24 @@ def _split(chosen: str) -> tuple[str, ...]:
 
 
 @functools.cache
-def _probe(command: tuple[str, ...], what: str) -> Compiler:
+def _probe(command: tuple[str, ...], label: str) -> Compiler:
     try:
         answer = subprocess.run([*command, "--version"], capture_output=True, check=False,
                                 encoding="utf-8", errors="replace", stdin=subprocess.DEVNULL,
                                 timeout=_VERSION_SECONDS)
     except subprocess.TimeoutExpired as error:
-        raise CompilerError(f"{what} does not answer --version. {_CURE}",
+        raise CompilerError(f"{label} does not answer --version. {_CURE}",
                             command=list(command)) from error
     except OSError as error:
         quoted = ""
-        if len(command) > 1 and what.startswith("The compiler CC="):
+        if len(command) > 1 and label.startswith("The compiler CC="):
             quoted = (" Blanks part a command from its options: quote a path that has some, as in "
                       f"CC={shlex.quote(shlex.quote(' '.join(command)))}.")
-        raise CompilerError(f"{what} does not start: {error.strerror}.{quoted} {_CURE}",
+        raise CompilerError(f"{label} does not start: {error.strerror}.{quoted} {_CURE}",
                             command=list(command)) from error
     if answer.returncode != 0:
-        raise CompilerError(f"{what} answers --version with exit code {answer.returncode}. {_CURE}",
+        raise CompilerError(f"{label} answers --version with exit code {answer.returncode}. "
+                            f"{_CURE}",
                             command=list(command), stderr=answer.stderr)
     return Compiler(command, answer.stdout.strip())
 
@@ -223,22 +224,23 @@ def compile_module(
     kernels = kernels_of(files[f"{name}.c"])
     checks: list[CheckFunction] = []
     apart = not (is_whole() or compiler.portable) and has_newton_apart(name, files)
-    for made in objects_of(name, files, part, whole=is_whole(), apart=apart):
-        inside = folder / made.name
+    for object_file in objects_of(name, files, part, whole=is_whole(), apart=apart):
+        inside = folder / object_file.name
         inside.mkdir(exist_ok=True)
-        (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
-        own_checks = check_functions(f"{name}_{made.name}", kernels, made.checks)
+        (inside / f"{name}.h").write_text(object_file.header, encoding="utf-8")
+        own_checks = check_functions(f"{name}_{object_file.name}", kernels, object_file.checks)
         checks += own_checks
         source = files[f"{name}.c"]
         (inside / f"{name}.c").write_text(
-            with_inline_functions(source) if made.sparse
+            with_inline_functions(source) if object_file.sparse
             else source + check_text(own_checks, source), encoding="utf-8")
         on_duals = compiler.is_gcc and "typedef _Complex" in source
-        own = [*made.flags, *compiler.lower_flags.get(made.level, ()), *more_flags,
-               *(DUAL_FLAGS if on_duals else ())]
-        running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
-                               f"{made.name}.o"], folder))
-        linked.append(f"{made.name}.o")
+        options = [*object_file.flags, *compiler.lower_flags.get(object_file.level, ()),
+                   *more_flags,
+                   *(DUAL_FLAGS if on_duals else ())]
+        running.append(_start([*compile_, *options, "-c", f"{object_file.name}/{name}.c", "-o",
+                               f"{object_file.name}.o"], folder))
+        linked.append(f"{object_file.name}.o")
     everything = is_whole() and part not in ("derivatives", "second", "motion")
     header = files[f"{name}.h"]
     header = header if everything or part == "newton" else declarations_of(name, header, part)

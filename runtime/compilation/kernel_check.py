@@ -59,8 +59,8 @@ class KernelMismatch:
     allowed: float
 
     def __str__(self) -> str:
-        what = f"{self.place} of {self.kernel}" if self.place else self.kernel
-        return (f"{what} is {self.compiled:.17g} where its statements give {self.expected:.17g} "
+        label = f"{self.place} of {self.kernel}" if self.place else self.kernel
+        return (f"{label} is {self.compiled:.17g} where its statements give {self.expected:.17g} "
                 f"(round-off explains {self.allowed:.1e})")
 
 
@@ -148,15 +148,15 @@ class CheckFunction:
         lines += [f"c.{name} = x[{e}];" for e, name in enumerate(kernel.fields)]
         if kernel.on_lanes:
             lines.append("c._used = LANES;")
-        at = {"x": len(kernel.fields), "y": 1 if "" in kernel.outputs else 0}
+        offsets = {"x": len(kernel.fields), "y": 1 if "" in kernel.outputs else 0}
         arguments = ["&c"]
         for name in kernel.order:
             memory, shape = ("x", kernel.inputs[name]) if name in kernel.inputs else (
                 "y", kernel.outputs[name])
             value = "lanes" if kernel.on_lanes else "real"
             cast = f"({value} (*)[{shape[1]}])" if len(shape) == 2 else ""
-            arguments.append(f"{cast}({memory} + {at[memory]})")
-            at[memory] += int(np.prod(shape))
+            arguments.append(f"{cast}({memory} + {offsets[memory]})")
+            offsets[memory] += int(np.prod(shape))
         call = f"{kernel.name}({', '.join(arguments)});"
         return _block(number, [*lines, f"y[0] = {call}" if "" in kernel.outputs else call])
 
@@ -212,11 +212,11 @@ def check_text(functions: Iterable[CheckFunction], source: str) -> str:
 
     A user's parameter may have the name of one of its macros, which are not needed any more.
     """
-    made = [function.text for function in functions]
+    texts = [function.text for function in functions]
     named = {name for function in functions for kernel in function.kernels
              for name in (*kernel.fields, *kernel.inputs, *kernel.outputs)}
     macros = sorted(named & set(re.findall(r"^ *# *define (\w+)", source, re.MULTILINE)))
-    return "".join([*(f"#undef {name}\n" for name in macros), _CLEAR, *made]) if made else ""
+    return "".join([*(f"#undef {name}\n" for name in macros), _CLEAR, *texts]) if texts else ""
 
 
 def differences(
@@ -235,7 +235,7 @@ def differences(
     dict of str to str
         Kernel of which outputs were not compared → why.
     """
-    found: list[KernelMismatch] = []
+    mismatches: list[KernelMismatch] = []
     compared: dict[str, int] = {}
     unchecked: dict[str, str] = {}
     working, wide = arithmetic(real, wide=False), arithmetic(real, wide=True)
@@ -244,11 +244,11 @@ def differences(
         for number, kernel in enumerate(function.kernels):
             worst, missing = _compare(module, function, number, working, wide, real, points)
             compared[kernel.name] = len(outputs_of(kernel)) - len(missing)
-            found += [] if worst is None else [worst]
+            mismatches += [] if worst is None else [worst]
             if missing:
                 outputs = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
                 unchecked[kernel.name] = f"{outputs or 'its value'} is finite at no random point"
-    return found, compared, unchecked
+    return mismatches, compared, unchecked
 
 
 def _compare(
@@ -266,27 +266,28 @@ def _compare(
                           for by in (wide, working))
         values = _compiled(module, function, number, points, count, wide)
         bounds: dict[str, Any] = {}
-        for place in list(missing):
-            exact, rounded = (_doubles(some[place], count) for some in (expected, near))
+        for output in list(missing):
+            exact, rounded = (_doubles(outputs[output], count) for outputs in (expected, near))
             finite = np.isfinite(exact) & np.isfinite(rounded)
             if finite.sum() < 2:
                 continue  # outside of where a root or a logarithm is real: drawn from elsewhere
-            del missing[place]
+            del missing[output]
             with np.errstate(all="ignore"):
-                off, noise = (np.abs(_doubles(some - expected[place], count)[finite])
-                              for some in (values[place], wide.array(near[place], count)))
+                off, noise = (np.abs(_doubles(outputs - expected[output], count)[finite])
+                              for outputs in (values[output], wide.array(near[output], count)))
             unit = 2.0 ** (1 - real.bits) * np.abs(exact[finite]).max()
             allowed = SLACK * max(noise.max(), unit, sys.float_info.min)
             off[np.isnan(off)] = np.inf
-            at = int(off.argmax())
-            if off[at] > allowed:  # or rounding cancels in NumPy, and not with FMA
+            largest = int(off.argmax())
+            if off[largest] > allowed:  # or rounding cancels in NumPy, and not with FMA
                 bounds = bounds or _bounds(kernel, wide, points)
                 allowed = max(allowed, SLACK * float(
-                    2.0 ** (1 - real.bits) * _doubles(bounds[place], count)[finite].max()))
-            if off[at] > excess * allowed:
-                excess = off[at] / allowed
-                found = _doubles(values[place], count)[finite][at]
-                worst = KernelMismatch(kernel.name, place, found, exact[finite][at], allowed)
+                    2.0 ** (1 - real.bits) * _doubles(bounds[output], count)[finite].max()))
+            if off[largest] > excess * allowed:
+                excess = off[largest] / allowed
+                compiled = _doubles(values[output], count)[finite][largest]
+                worst = KernelMismatch(kernel.name, output, compiled, exact[finite][largest],
+                                       allowed)
         if not missing:
             break
     return worst, list(missing)
@@ -296,9 +297,9 @@ def _bounds(
     kernel: KernelText, by: Arithmetic, points: Mapping[str, NDArray[np.float64]]
 ) -> dict[str, Any]:
     """Return bounds of the round-off of each output, in units of ε."""
-    found = evaluate(kernel, RunningError(by), {
+    results = evaluate(kernel, RunningError(by), {
         name: Bounded(by.array(x), by.array(np.zeros_like(x))) for name, x in points.items()})
-    return {place: x.error for place, x in found.items()}
+    return {output: x.error for output, x in results.items()}
 
 
 def _drawn(
@@ -318,10 +319,10 @@ def _compiled(
     high, low = (np.zeros((count, len(outputs))) for _ in range(2))
     memory = np.zeros(64 * (len(points) + len(outputs) + 1), dtype=np.uint8)  # lanes of 64 bytes
     getattr(module.lib, function.name)(
-        number, count, *(ffi.from_buffer("double[]", some) for some in (rows, high, low)),
+        number, count, *(ffi.from_buffer("double[]", array) for array in (rows, high, low)),
         ffi.from_buffer("char[]", memory) + -memory.ctypes.data % 64)
-    return {place: wide.array(high[:, e]) + wide.array(low[:, e])
-            for e, place in enumerate(outputs)}
+    return {output: wide.array(high[:, e]) + wide.array(low[:, e])
+            for e, output in enumerate(outputs)}
 
 
 def _doubles(values: Any, count: int) -> NDArray[np.float64]:

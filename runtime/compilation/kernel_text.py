@@ -117,8 +117,8 @@ def kernels_of(source: str) -> list[KernelText]:
     outputs: dict[str, tuple[int, ...]] = dict.fromkeys(
         re.findall(r"^ *c->(\w+(?:\[\d+\])?) =", body, re.MULTILINE), ())
     names: dict[str, tuple[int, ...]] = dict.fromkeys(re.findall(r"par->(\w+)", body), ())
-    made = KernelText("prepare", "void", "constants", names, outputs, (), body)
-    return [made, *kernels] if outputs else kernels
+    preparation = KernelText("prepare", "void", "constants", names, outputs, (), body)
+    return [preparation, *kernels] if outputs else kernels
 
 
 def _unroll(statement: str, source: str) -> str:
@@ -127,13 +127,13 @@ def _unroll(statement: str, source: str) -> str:
     table = re.search(r"(\w+)\[i\]", statement)
     assert table is not None
     _, _, rows = source.partition(f"static const size_t {table[1]}[")
-    made = []
-    for place, fields in _ROW.findall(rows[: rows.index("};")]):
-        row = f"{statement}\n".replace(f"{table[1]}[i][0]", place)
+    rows_of_c = []
+    for target, fields in _ROW.findall(rows[: rows.index("};")]):
+        row = f"{statement}\n".replace(f"{table[1]}[i][0]", target)
         for k, name in enumerate(_FIELD.findall(fields), start=1):
             row = row.replace(f"parameter_at(par, {table[1]}[i][{k}])", f"par->{name}")
-        made.append(row)
-    return "".join(made)
+        rows_of_c.append(row)
+    return "".join(rows_of_c)
 
 
 def _kernel(match: re.Match[str]) -> KernelText | None:
@@ -154,8 +154,8 @@ def _arrays(
     for argument in filter(None, map(str.strip, text.split(","))):
         if (array := _ARRAY.fullmatch(argument)) is None:
             raise UnreadableError(argument)
-        given, name, sizes = array.groups()
-        (inputs if given else outputs)[name] = tuple(map(int, re.findall(r"\d+", sizes)))
+        is_input, name, sizes = array.groups()
+        (inputs if is_input else outputs)[name] = tuple(map(int, re.findall(r"\d+", sizes)))
         order.append(name)
     return inputs, outputs, tuple(order)
 
@@ -192,32 +192,32 @@ def _parse(line: str) -> tuple[str, str, list[Expression]] | None:
 def _expression(text: str) -> Expression:
     """Return an expression of C in reverse Polish notation (Dijkstra's shunting yard)."""
     text = text.replace("c->_used, ", "")  # how many lanes to do; each point is one
-    made: Expression = []
+    output: Expression = []
     waiting: list[str] = []  # operators, "(" and functions followed by "("
     counts: list[int] = []  # arguments so far of each open parenthesis
     operand = False  # whether the last token ends an operand
-    at = 0
+    position = 0
 
     def release(binding: int) -> None:
         while waiting and waiting[-1] in _OPERATORS and _OPERATORS[waiting[-1]][0] >= binding:
-            made.append((waiting.pop(), "", 0))
+            output.append((waiting.pop(), "", 0))
 
-    while at < len(text):
-        token = _TOKEN.match(text, at)
+    while position < len(text):
+        token = _TOKEN.match(text, position)
         if token is None:
             raise UnreadableError(text)
-        at = token.end()
+        position = token.end()
         sign = token["sign"]
         if token["number"]:
-            made.append(("number", token["number"], 0))
-        elif token["name"] and text[at : at + 1] == "(":
+            output.append(("number", token["number"], 0))
+        elif token["name"] and text[position : position + 1] == "(":
             if _plain(token["name"]) not in _FUNCTIONS:
                 raise UnreadableError(f"{token['name']} is no known function")
             waiting.append(_plain(token["name"]) + "(")
             counts.append(1)
-            at += 1
+            position += 1
         elif token["name"]:
-            made.append(("name", token["name"], 0))
+            output.append(("name", token["name"], 0))
         elif sign == "(":
             waiting.append("(")
             counts.append(1)
@@ -230,7 +230,7 @@ def _expression(text: str) -> Expression:
             else:
                 called, count = waiting.pop(), counts.pop()
                 if called != "(":
-                    made.append(("call", called[:-1], count))
+                    output.append(("call", called[:-1], count))
         elif sign in ("+", "-") and not operand:
             if sign == "-":
                 waiting.append("negate")
@@ -238,11 +238,11 @@ def _expression(text: str) -> Expression:
             release(_OPERATORS[sign][0])
             waiting.append(sign)
         operand = bool(token["number"]) or sign == ")" or bool(
-            token["name"] and text[at - 1] != "(")
+            token["name"] and text[position - 1] != "(")
     release(0)
     if waiting:
         raise UnreadableError(text)
-    return made
+    return output
 
 
 # ---------------------------------------------------------------- numbers
@@ -299,10 +299,10 @@ def _real(function: Callable[..., Any], nan: Any) -> Callable[..., Any]:
     """Return a function of mpmath that is NaN where it is complex or infinite, as C's are."""
     def value(*arguments: Any) -> Any:
         try:
-            found = function(*arguments)
+            number = function(*arguments)
         except (ValueError, ZeroDivisionError):
             return nan
-        return nan if hasattr(found, "_mpc_") else found
+        return nan if hasattr(number, "_mpc_") else number
 
     return value
 
@@ -435,30 +435,30 @@ def evaluate(
     values : mapping
         ``q[0]``, ``c->k1``, ... → array over the points, in numbers of ``by``.
     """
-    known = dict(values)
+    value_of = dict(values)
     outputs: dict[str, Any] = {}
     with np.errstate(all="ignore"):
         for kind, name, expressions in kernel.statements:
             if kind == "clear":
-                known["sum[0]"] = known["sum[1]"] = by.number("0")
+                value_of["sum[0]"] = value_of["sum[1]"] = by.number("0")
                 continue
-            got = _value(expressions[0], by, known)
+            got = _value(expressions[0], by, value_of)
             if kind == "product":
-                known["sum[0]"] = known["sum[0]"] + got
+                value_of["sum[0]"] = value_of["sum[0]"] + got
             elif kind == "local":
-                known[name] = got
+                value_of[name] = got
             else:
-                outputs[name.removeprefix("c->")] = known[name] = got
+                outputs[name.removeprefix("c->")] = value_of[name] = got
     return outputs
 
 
-def _value(expression: Expression, by: Arithmetic | RunningError, known: Mapping[str, Any]) -> Any:
+def _value(expression: Expression, by: Arithmetic | RunningError, inputs: Mapping[str, Any]) -> Any:
     stack: list[Any] = []
     for kind, text, count in expression:
         if kind == "number":
             stack.append(by.number(text))
         elif kind == "name":
-            stack.append(known[text])
+            stack.append(inputs[text])
         elif kind == "negate":
             stack.append(-stack.pop())
         elif kind == "call":
@@ -466,6 +466,6 @@ def _value(expression: Expression, by: Arithmetic | RunningError, known: Mapping
             del stack[len(stack) - count:]
             stack.append(arguments[0] if text == "splat" else by.call(text, arguments))
         else:
-            right, left = stack.pop(), stack.pop()
-            stack.append(_OPERATORS[kind][1](left, right))
+            right, first = stack.pop(), stack.pop()
+            stack.append(_OPERATORS[kind][1](first, right))
     return stack[0]

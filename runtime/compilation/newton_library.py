@@ -52,13 +52,13 @@ static const newton_function *newton_table(void)
     return {name}_newton_table;
 }}
 """]
-    found = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
-    for place, (function, declaration) in enumerate(_in_table(found)):
+    declarations = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
+    for index, (function, declaration) in enumerate(_in_table(declarations)):
         if function == "" or (declaration and not public):
             continue
         text = declaration or _internal(name, header, function)
         kind = text.partition(f"{name}_")[0].strip()
-        called = f"((__typeof__(&{name}_{function}))table[{place}])({', '.join(_names(text))})"
+        called = f"((__typeof__(&{name}_{function}))table[{index}])({', '.join(_names(text))})"
         end = {"void": f"        {called};\n", "int": f"        return {called};\n    return 1;\n"}
         otherwise = f"        return {called};\n    return 0;\n"
         parts.append(f"{text};\n{text}\n{{\n    const newton_function *table = newton_table();\n"
@@ -68,9 +68,9 @@ static const newton_function *newton_table(void)
 
 def table_text(name: str, header: str, check: str) -> str:
     """Return the C of the table, compiled beside the library's object; ``check`` is declared."""
-    found = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
+    declarations = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
     lines, entries = [], []
-    for function, declaration in _in_table(found):
+    for function, declaration in _in_table(declarations):
         if function and not declaration:
             lines.append(f"{_internal(name, header, function)};")
         target = f"{name}_{function}" if function else re.findall(r"\w+(?=\()", check)[0]
@@ -109,9 +109,9 @@ def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
     @module.ffi.def_extern(name=f"{name}_load_newton")  # type: ignore[untyped-decorator]
     def load_newton() -> None:
         try:
-            found = load()
-            module.newton = found  # stays open as long as the module
-            setattr(module.lib, f"{name}_newton_table", module.ffi.cast("void *", found.address))
+            library = load()
+            module.newton = library  # stays open as long as the module
+            setattr(module.lib, f"{name}_newton_table", module.ffi.cast("void *", library.address))
         except BaseException as error:  # raised by ``checked``
             _pending.error = error
 
@@ -131,25 +131,26 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def _in_table(found: dict[str, str]) -> list[tuple[str, str]]:
+def _in_table(declarations: dict[str, str]) -> list[tuple[str, str]]:
     """Return function and declaration of each place; "" is the check."""
-    calls, public = ([(name, text) for name, text in found.items() if bool(text) is some]
-                     for some in (False, True))
+    calls, public = ([(name, text) for name, text in declarations.items()
+                      if bool(text) is is_public]
+                     for is_public in (False, True))
     return [*calls, ("", ""), *sorted(public)]
 
 
 def _declared(name: str, header: str) -> dict[str, str]:
     """Return the public functions of the library and their declarations without semicolon."""
-    wanted = newton_functions(name, header)
-    return {found[1]: found[0][:-1] for found in re.finditer(
-        rf"^\w[\w ]*? \*?{name}_(\w+)\([^;]*;", header, re.MULTILINE) if found[1] in wanted}
+    names = newton_functions(name, header)
+    return {match[1]: match[0][:-1] for match in re.finditer(
+        rf"^\w[\w ]*? \*?{name}_(\w+)\([^;]*;", header, re.MULTILINE) if match[1] in names}
 
 
 def _internal(name: str, header: str, function: str) -> str:
     """Return the declaration of a function that objects call; its structs are not public."""
-    found = re.search(rf"^int {name}_T1\([^;]*?\b(\w[\w ]*?) dt\b", header, re.MULTILINE)
-    assert found is not None
-    real = found[1]
+    match = re.search(rf"^int {name}_T1\([^;]*?\b(\w[\w ]*?) dt\b", header, re.MULTILINE)
+    assert match is not None
+    real = match[1]
     ends = (f"{real} *q1, {real} *p1, {real} *multipliers" if function == "object_advance"
             else f"{real} *x")
     return (f"int {name}_{function}(void *w, const void *options, {real} dt, const {real} *q, "
@@ -159,4 +160,5 @@ def _internal(name: str, header: str, function: str) -> str:
 def _names(declaration: str) -> list[str]:
     """Return the names of a declaration's arguments."""
     arguments = declaration[declaration.index("(") + 1 : declaration.rindex(")")]
-    return [re.findall(r"\w+", re.sub(r"\[[^\]]*\]", "", one))[-1] for one in arguments.split(",")]
+    return [re.findall(r"\w+", re.sub(r"\[[^\]]*\]", "", argument))[-1]
+            for argument in arguments.split(",")]

@@ -109,17 +109,17 @@ def objects_of(
     if whole:
         return [Object("whole", header, _FLAGS, checks=("numbers", "lanes"))]
     if "T1" not in _functions(name, header):  # nothing is solved: a module is one object
-        own = _LANES if part == "lanes" else _functions(name, header) - (_LANES - _BOTH)
+        lane_functions = _LANES if part == "lanes" else _functions(name, header) - (_LANES - _BOTH)
         checks: tuple[Kind, ...] = ("lanes",) if part == "lanes" else ("numbers",)
-        return [Object(part, _only(name, header, own), _FLAGS, checks=checks)]
+        return [Object(part, _only(name, header, lane_functions), _FLAGS, checks=checks)]
     once = _functions(name, header) - _RUNS - _LANES
-    made: dict[int, set[str]] = {
+    groups: dict[int, set[str]] = {
         "newton": {1: once}, "lanes": {3: _LANES, 1: set()}, "runs": {2: _RUNS, 1: once, 4: set()},
     }[part]
     if apart and part != "newton":
-        made.pop(1)
-        made |= {5: once - _NEWTON} if part == "runs" else {}
-    return [_object(name, header, number, functions) for number, functions in made.items()]
+        groups.pop(1)
+        groups |= {5: once - _NEWTON} if part == "runs" else {}
+    return [_object(name, header, number, functions) for number, functions in groups.items()]
 
 
 def has_newton_apart(name: str, files: Mapping[str, str]) -> bool:
@@ -143,13 +143,13 @@ def declarations_of(name: str, header: str, part: Part) -> str:
     """Return a header with the functions that are in a module, for cffi."""
     functions = _functions(name, header)
     if part in _LATER:
-        kept = _LATER[part]
+        names = _LATER[part]
     elif not _has_lanes(name, header):
         return header
     else:
-        kept = functions - (_LANES - _BOTH) if part == "runs" else _LANES
+        names = functions - (_LANES - _BOTH) if part == "runs" else _LANES
     return _declaration(name, r"[^;]*;\n").sub(
-        lambda found: found[0] if found[1] in kept else "", header)
+        lambda match: match[0] if match[1] in names else "", header)
 
 
 def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
@@ -162,8 +162,8 @@ def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
 def _only(name: str, header: str, functions: set[str]) -> str:
     """Return a header whose other functions are static, so that the compiler drops them."""
     return _declaration(name).sub(
-        lambda found: found[0] if found[1] in functions
-        else f"__attribute__((unused)) static {found[0]}", header)
+        lambda match: match[0] if match[1] in functions
+        else f"__attribute__((unused)) static {match[0]}", header)
 
 
 def with_inline_functions(text: str) -> str:
@@ -180,8 +180,8 @@ def _functions(name: str, header: str) -> set[str]:
     return set(_declaration(name).findall(header))
 
 
-def _declaration(name: str, rest: str = "") -> re.Pattern[str]:
-    return re.compile(rf"^(?:const )?\w[\w ]* \*?{name}_(\w+)\({rest}", re.MULTILINE)
+def _declaration(name: str, arguments: str = "") -> re.Pattern[str]:
+    return re.compile(rf"^(?:const )?\w[\w ]* \*?{name}_(\w+)\({arguments}", re.MULTILINE)
 
 
 _STATIC_FUNCTION = re.compile(

@@ -40,18 +40,18 @@ def prebuild(steppers: Mapping[str, dict[str, str]], folder: Path) -> None:
     """
     compiler = replace(find_compiler(), portable=True)
     folder.mkdir(parents=True)
-    made = {}
+    modules = {}
     for name, files in steppers.items():
         for part in ("runs", "lanes"):
             with tempfile.TemporaryDirectory() as inside:
                 module, record = compile_verified(name, files, compiler, Path(inside), part)
                 target = folder / f"{name}_{part}{_SUFFIX}"
                 shutil.move(module, target)
-            made[target.name] = {
+            modules[target.name] = {
                 "source": digest(files), "part": part, "sha256": _checksum(target),
                 "compiler": compiler.version,
                 "flags": " ".join([*compiler.flags, *record["flags"]])}
-    (folder / "modules.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+    (folder / "modules.json").write_text(json.dumps(modules, indent=1) + "\n", encoding="utf-8")
 
 
 def prebuilt_module(files: dict[str, str], part: Part) -> Path | None:
@@ -75,11 +75,11 @@ def prebuilt_provenance(files: dict[str, str]) -> dict[str, str] | None:
 @cache
 def _modules() -> dict[str, dict[str, Any]]:
     try:
-        found: dict[str, dict[str, Any]] = json.loads(
+        modules: dict[str, dict[str, Any]] = json.loads(
             (FOLDER / "modules.json").read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    return found
+    return modules
 
 
 def _checksum(path: Path) -> str:

@@ -32,10 +32,11 @@ def wrap_declarations(declarations: str) -> tuple[str, str]:
     """Return the declarations for cffi, and the C of the functions they declare."""
     text = re.sub(r"/\*.*?\*/", "", declarations, flags=re.DOTALL)
     structs = [_struct(body, name) for body, name in _STRUCT.findall(text)]
-    rest = _KNOWN_LATER.sub("", _ENUM.sub("", _STRUCT.sub("", text)))
-    functions = [_function(" ".join(part.split())) for part in rest.split(";") if part.strip()]
+    prototypes = _KNOWN_LATER.sub("", _ENUM.sub("", _STRUCT.sub("", text)))
+    functions = [_function(" ".join(prototype.split())) for prototype in prototypes.split(";")
+                 if prototype.strip()]
     declared = [f"typedef ... {_OPAQUE};", *_ENUM.findall(text), *structs,
-                *(found[0] for found in _KNOWN_LATER.finditer(text)),
+                *(match[0] for match in _KNOWN_LATER.finditer(text)),
                 *(f"{head};" for head, _ in functions)]
     defined = [f"typedef {TYPE} {_OPAQUE};",
                *(f"static {head}\n{{\n    {body}\n}}" for head, body in functions)]
@@ -45,9 +46,9 @@ def wrap_declarations(declarations: str) -> tuple[str, str]:
 def _struct(body: str, name: str) -> str:
     """Return a struct without its fields of the type; "...;" lets the C compiler tell the rest."""
     fields = [field.strip() for field in body.split(";") if field.strip()]
-    kept = [f"{field};" for field in fields if TYPE not in field]
-    more = ["...;"] if len(kept) < len(fields) else []
-    return f"typedef struct {{ {' '.join([*kept, *more])} }} {name};"
+    lines = [f"{field};" for field in fields if TYPE not in field]
+    ellipsis = ["...;"] if len(lines) < len(fields) else []
+    return f"typedef struct {{ {' '.join([*lines, *ellipsis])} }} {name};"
 
 
 def _function(declaration: str) -> tuple[str, str]:
@@ -59,14 +60,14 @@ def _function(declaration: str) -> tuple[str, str]:
     if match is None:
         raise ValueError(f"No function of C: {declaration}")
     result, name, arguments = match.groups()
-    taken, passed = [], []
+    parameters, passed = [], []
     for argument in arguments.split(","):
         text = re.sub(r"(\w+)\[\d+\]", r"*\1", argument.strip())
-        own = text.split()[-1].lstrip("*")
+        parameter = text.split()[-1].lstrip("*")
         by_value = TYPE in text and "*" not in text
-        taken.append(f"const {TYPE} *{own}" if by_value else text)
-        passed.append(f"*{own}" if by_value else own)
-    call = f"{name}({', '.join(passed) if taken != ['void'] else ''});"
-    head = f"{result.replace(TYPE, 'double')}{PREFIX}{name}({', '.join(taken)})"
+        parameters.append(f"const {TYPE} *{parameter}" if by_value else text)
+        passed.append(f"*{parameter}" if by_value else parameter)
+    call = f"{name}({', '.join(passed) if parameters != ['void'] else ''});"
+    head = f"{result.replace(TYPE, 'double')}{PREFIX}{name}({', '.join(parameters)})"
     body = call if result.strip() == "void" else f"return {'(double)' * (TYPE in result)}{call}"
     return head.replace(TYPE, _OPAQUE), body

@@ -49,8 +49,8 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         if path := prebuilt_module(files, part):
             return import_module(name, path)
         raise
-    whole = part == "lanes" and is_whole()
-    module = _load_compiled(name, files, compiler, "runs" if whole else part)
+    in_runs = part == "lanes" and is_whole()
+    module = _load_compiled(name, files, compiler, "runs" if in_runs else part)
     return module if part == "newton" else connect(
         module, name, partial(load_module, name, files, "newton"))
 
@@ -60,10 +60,10 @@ def _load_compiled(name: str, files: dict[str, str], compiler: Compiler, part: P
     if record := _record(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
             return _with_frames(import_module(name, path, part), record)
-    what = name + {"runs": "", "lanes": " for ensembles", "newton": ": Newton's method",
-                   "derivatives": ": derivatives",
-                   "second": ": second derivatives", "motion": ": accelerations"}[part]
-    with log_task(f"compiling {what}", f"compiled {what}"), build_folder() as folder:
+    label = name + {"runs": "", "lanes": " for ensembles", "newton": ": Newton's method",
+                    "derivatives": ": derivatives",
+                    "second": ": second derivatives", "motion": ": accelerations"}[part]
+    with log_task(f"compiling {label}", f"compiled {label}"), build_folder() as folder:
         built, record = compile_verified(name, files, compiler, folder, part)
         proof = folder / "record.json"
         proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
@@ -83,13 +83,13 @@ def provenance(files: dict[str, str]) -> dict[str, str]:
     try:
         compiler = find_compiler()
         flags = [*compiler.flags, *_further_flags(files, compiler)]
-        made = {"compiler": compiler.version, "flags": " ".join(flags)}
+        record = {"compiler": compiler.version, "flags": " ".join(flags)}
     except CompilerError:
-        if not (made := prebuilt_provenance(files) or {}):
+        if not (record := prebuilt_provenance(files) or {}):
             raise
     return {
         "source": digest(files),
-        **made,
+        **record,
         "cpu": digest(cpu_description()),  # -march=native: another CPU, other instructions
     }
 

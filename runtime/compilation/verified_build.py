@@ -55,8 +55,9 @@ def compile_verified(
         inside = folder / str(number)
         inside.mkdir()
         built, checks = compile_module(name, files, compiler, inside, part, flags)
-        found, compared, unchecked = differences(loaded(name, built, compiler, part), checks, real)
-        if not found:
+        mismatches, compared, unchecked = differences(loaded(name, built, compiler, part), checks,
+                                                      real)
+        if not mismatches:
             if first:
                 warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
                      f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
@@ -70,16 +71,16 @@ def compile_verified(
                      f"the compiler in these kernels would stay: {reasons}.")
             return built, {"flags": list(flags), "kernels": compared,
                            "frames": frames_of(inside), "left_out": unchecked}
-        first = first or found
+        first = first or mismatches
     raise CompilerError(
         f"The compiler {shlex.join(compiler.command)!r} makes wrong code of {name} with "
         f"{' '.join(SAFER_FLAGS[-1])} too: {_listed(first)}. Set CC to another compiler, or to "
         "another version of this one.", command=list(compiler.command))
 
 
-def _listed(found: list[KernelMismatch]) -> str:
-    more = f" and {len(found) - 3} more kernels" if len(found) > 3 else ""
-    return "; ".join(map(str, found[:3])) + more
+def _listed(mismatches: list[KernelMismatch]) -> str:
+    suffix = f" and {len(mismatches) - 3} more kernels" if len(mismatches) > 3 else ""
+    return "; ".join(map(str, mismatches[:3])) + suffix
 
 
 def loaded(name: str, path: Path, compiler: Compiler, part: Part) -> Any:

@@ -39,15 +39,15 @@ class KeptSteps:
 class DerivativeBinding:
     """Calls into the module of derivatives; ``own`` makes its structs, ``primal`` integrates."""
 
-    def __init__(self, own: Binding, primal: Binding, keeps_momentum: bool) -> None:
-        self.own, self.primal = own, primal
-        own.frames += primal.frames  # for integrate_and_keep, which calls the other module
-        self.n = own.n
+    def __init__(self, binding: Binding, primal: Binding, keeps_momentum: bool) -> None:
+        self.own, self.primal = binding, primal
+        binding.frames += primal.frames  # for integrate_and_keep, which calls the other module
+        self.n = binding.n
         #: Whether the scheme keeps f(q, p) = 0.
         self.keeps_momentum = keeps_momentum
         #: Rows of a direction: q, p, parameters, dt, start time.
-        self.rows = 2 * own.n + len(own.parameter_names) + 2
-        self._size = int(own.function("derivative_size")())
+        self.rows = 2 * binding.n + len(binding.parameter_names) + 2
+        self._size = int(binding.function("derivative_size")())
 
     def memory(self) -> Any:
         """Return memory for one thread."""
@@ -58,11 +58,12 @@ class DerivativeBinding:
         self, parameters: ParameterStruct, q: Array, p: Array
     ) -> tuple[Array, Array]:
         """Return the derivatives of g and f, m rows each, by the rows of a direction."""
-        own, (memory, _keep) = self.own, self.memory()
-        g, f = own.new(own.m, self.rows), own.new(own.m, self.rows)
-        if own.m:
-            own.function("constraint_derivatives")(
-                parameters, own.pointer(q), own.pointer(p), own.pointer(g), own.pointer(f), memory)
+        binding, (memory, _keep) = self.own, self.memory()
+        g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
+        if binding.m:
+            binding.function("constraint_derivatives")(
+                parameters, binding.pointer(q), binding.pointer(p), binding.pointer(g),
+                binding.pointer(f), memory)
         return g, f
 
     def quantity_derivatives(
@@ -72,36 +73,36 @@ class DerivativeBinding:
 
         In place of the start time is the time t. None where they are not generated.
         """
-        own, size = self.own, self.rows - 1
+        binding, size = self.own, self.rows - 1
         if not self._has("quantities_by_state"):
             return None
-        count = len(own.quantity_names) + own.clocked
-        rows, found = own.new(count, size), own.new(count, self.rows)
-        time = own.new(1)
+        count = len(binding.quantity_names) + binding.clocked
+        rows, derivatives = binding.new(count, size), binding.new(count, self.rows)
+        time = binding.new(1)
         time[0] = t
-        own.function("quantities_by_state")(
-            parameters, *([own.pointer(time)] if own.quantities_take_time else []),
-            own.pointer(q), own.pointer(p), own.pointer(rows))
-        found[:, : size - 1], found[:, -1] = rows[:, : size - 1], rows[:, -1]
-        return found[: len(own.quantity_names)] if not energy else found[-1:]
+        binding.function("quantities_by_state")(
+            parameters, *([binding.pointer(time)] if binding.quantities_take_time else []),
+            binding.pointer(q), binding.pointer(p), binding.pointer(rows))
+        derivatives[:, : size - 1], derivatives[:, -1] = rows[:, : size - 1], rows[:, -1]
+        return derivatives[: len(binding.quantity_names)] if not energy else derivatives[-1:]
 
     def energy_derivatives(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return the derivatives of H(q, p, t) in scaled time by the rows of a direction."""
-        found = self.quantity_derivatives(parameters, 0.0, q, p, energy=True)
-        assert found is not None
-        row: Array = found[0]
+        derivatives = self.quantity_derivatives(parameters, 0.0, q, p, energy=True)
+        assert derivatives is not None
+        row: Array = derivatives[0]
         return row
 
     def count_switches(
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps
     ) -> int:
         """Return how many of these steps end on another side of a switch of H or the forces."""
-        own = self.own
+        binding = self.own
         if not self._has("count_switches"):
             return 0
-        return int(own.function("count_switches")(
-            parameters, run.dt, steps.first, steps.count, own.pointer(steps.q),
-            own.pointer(steps.p)))
+        return int(binding.function("count_switches")(
+            parameters, run.dt, steps.first, steps.count, binding.pointer(steps.q),
+            binding.pointer(steps.p)))
 
     def _has(self, function: str) -> bool:
         """Whether the module has a function that not all systems have."""
@@ -114,12 +115,13 @@ class DerivativeBinding:
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
         """Fill rows of q, p and x with steps of the primal module; return the status."""
-        own, primal, arguments = self.own, self.primal, run.run
+        binding, primal, arguments = self.own, self.primal, run.run
         address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(
             primal.lib, f"{primal.name}_integrate")))
-        return int(own.function("integrate_and_keep")(
-            address, run.parameters, run.constants.options, *own._fed(arguments.inputs)[:2],
-            arguments.dt, count, own.pointer(q), own.pointer(p), own.pointer(x), run.state.record,
+        return int(binding.function("integrate_and_keep")(
+            address, run.parameters, run.constants.options, *binding._fed(arguments.inputs)[:2],
+            arguments.dt, count, binding.pointer(q), binding.pointer(p), binding.pointer(x),
+            run.state.record,
             run.state.work))
 
     def tangent(
@@ -130,11 +132,11 @@ class DerivativeBinding:
 
         ``multipliers`` gets those of the multipliers, unless it is empty.
         """
-        own, (memory, _keep) = self.own, self.memory()
-        ends = own.new(2 * self.n, dz.shape[1])
-        status = own.function("tangent")(
-            parameters, dt, own.pointer(q), own.pointer(p), own.pointer(x), dz.shape[1],
-            own.pointer(dz), own.pointer(ends), own.pointer(multipliers), memory)
+        binding, (memory, _keep) = self.own, self.memory()
+        ends = binding.new(2 * self.n, dz.shape[1])
+        status = binding.function("tangent")(
+            parameters, dt, binding.pointer(q), binding.pointer(p), binding.pointer(x), dz.shape[1],
+            binding.pointer(dz), binding.pointer(ends), binding.pointer(multipliers), memory)
         return int(status), ends
 
     def adjoint(
@@ -145,11 +147,12 @@ class DerivativeBinding:
 
         ``w`` is that of the end, ``multipliers`` that of the multipliers, or empty.
         """
-        own, (memory, _keep) = self.own, self.memory()
-        z_bar = own.new(self.rows)
-        status = own.function("adjoint")(
-            parameters, dt, own.pointer(q), own.pointer(p), own.pointer(x), own.pointer(w),
-            own.pointer(multipliers), own.pointer(z_bar), memory)
+        binding, (memory, _keep) = self.own, self.memory()
+        z_bar = binding.new(self.rows)
+        status = binding.function("adjoint")(
+            parameters, dt, binding.pointer(q), binding.pointer(p), binding.pointer(x),
+            binding.pointer(w),
+            binding.pointer(multipliers), binding.pointer(z_bar), memory)
         return int(status), z_bar
 
     def integrate_tangent(
@@ -160,12 +163,13 @@ class DerivativeBinding:
 
         ``multipliers`` gets those of each step, unless it is empty.
         """
-        own, (memory, _keep) = self.own, self.memory()
-        return int(own.function("integrate_tangent")(
-            parameters, *own._fed(run.inputs)[:2], run.dt, steps.first, steps.count,
-            own.pointer(steps.q), own.pointer(steps.p), own.pointer(steps.x), dz.shape[1],
-            own.pointer(dz), every, own.pointer(rows), own.pointer(multipliers),
-            own.pointer(tangents), memory))
+        binding, (memory, _keep) = self.own, self.memory()
+        return int(binding.function("integrate_tangent")(
+            parameters, *binding._fed(run.inputs)[:2], run.dt, steps.first, steps.count,
+            binding.pointer(steps.q), binding.pointer(steps.p), binding.pointer(steps.x),
+            dz.shape[1],
+            binding.pointer(dz), every, binding.pointer(rows), binding.pointer(multipliers),
+            binding.pointer(tangents), memory))
 
     def integrate_adjoint(
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, cotangents: Array,
@@ -175,12 +179,13 @@ class DerivativeBinding:
 
         ``multipliers`` has the cotangents of the multipliers of each step, or is empty.
         """
-        own, (memory, _keep) = self.own, self.memory()
-        fed = [*own._fed(run.inputs)[:2], own.pointer(inputs_bar)] if own.input_names else []
-        return int(own.function("integrate_adjoint")(
-            parameters, *fed, run.dt, steps.first, steps.count, own.pointer(steps.q),
-            own.pointer(steps.p), own.pointer(steps.x), own.pointer(cotangents), every,
-            own.pointer(multipliers), own.pointer(w), own.pointer(z_bar), memory))
+        binding, (memory, _keep) = self.own, self.memory()
+        fed = [*binding._fed(run.inputs)[:2],
+               binding.pointer(inputs_bar)] if binding.input_names else []
+        return int(binding.function("integrate_adjoint")(
+            parameters, *fed, run.dt, steps.first, steps.count, binding.pointer(steps.q),
+            binding.pointer(steps.p), binding.pointer(steps.x), binding.pointer(cotangents), every,
+            binding.pointer(multipliers), binding.pointer(w), binding.pointer(z_bar), memory))
 
 
 class KeptRun:
@@ -203,14 +208,14 @@ class KeptRun:
 
     def keep(self, count: int) -> tuple[KeptSteps, int]:
         """Return the next steps, up to one that fails, and the status."""
-        own, state, first = self.binding.own, self.state, self.done
-        q, p = own.new(count + 1, own.n), own.new(count + 1, own.n)
-        x = own.new(count, own.unknowns)
+        binding, state, first = self.binding.own, self.state, self.done
+        q, p = binding.new(count + 1, binding.n), binding.new(count + 1, binding.n)
+        x = binding.new(count, binding.unknowns)
         q[0], p[0] = state.q, state.p
         status = self.binding.integrate_and_keep(self, count, q, p, x)
-        taken = self.done - first
-        state.q[:], state.p[:] = q[taken], p[taken]
-        return KeptSteps(first, q[: taken + 1], p[: taken + 1], x[:taken]), status
+        completed = self.done - first
+        state.q[:], state.p[:] = q[completed], p[completed]
+        return KeptSteps(first, q[: completed + 1], p[: completed + 1], x[:completed]), status
 
 
 class QuadDerivativeBinding(DerivativeBinding):
@@ -218,22 +223,23 @@ class QuadDerivativeBinding(DerivativeBinding):
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
         """Fill rows of q, p and x with steps of the primal module; return the status."""
-        own, primal, kept = self.own, self.primal, run.state
+        binding, primal, kept_state = self.own, self.primal, run.state
         constants, none = run.run.constants(primal), Rows.allocate(primal, 0)
         state = RunState.at_start(primal, q[0], p[0])
         # The run may have been restored to a checkpoint since the last call.
-        primal.image(state.work)[:] = own.image(kept.work)
-        primal.image(state.record)[:] = own.image(kept.record)
+        primal.image(state.work)[:] = binding.image(kept_state.work)
+        primal.image(state.record)[:] = binding.image(kept_state.record)
         for j in range(count):
             status = primal.integrate(constants, 1, 1, state, none)
             if status:
                 return status
-            own.image(kept.work)[:] = primal.image(state.work)
-            own.image(kept.record)[:] = primal.image(state.record)
-            if hasattr(own.lib, f"{PREFIX}{own.name}_frame_state"):
-                own.function("frame_state")(kept.work, state.q, state.p)
+            binding.image(kept_state.work)[:] = primal.image(state.work)
+            binding.image(kept_state.record)[:] = primal.image(state.record)
+            if hasattr(binding.lib, f"{PREFIX}{binding.name}_frame_state"):
+                binding.function("frame_state")(kept_state.work, state.q, state.p)
             q[j + 1], p[j + 1] = state.q, state.p
-            unknowns = own.new(own.unknowns)
-            own.function("keep")(kept.work, run.constants.options, own.pointer(unknowns))
+            unknowns = binding.new(binding.unknowns)
+            binding.function("keep")(kept_state.work, run.constants.options,
+                                     binding.pointer(unknowns))
             x[j] = unknowns
         return 0

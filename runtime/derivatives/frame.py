@@ -32,21 +32,21 @@ class FrameMotion:
     def __init__(
         self, binding: DerivativeBinding, symmetries: tuple[Symmetry, ...], run: RunArguments
     ) -> None:
-        own, n = binding.own, binding.n
+        inner, n = binding.own, binding.n
         self.n, self.dt, self._rows = n, run.dt, binding.rows
         self.moves = bool(symmetries)
         self._places, self._fields = [], []
         for symmetry in symmetries:
-            A = own.new(n, n)
+            A = inner.new(n, n)
             A += np.array(symmetry.A, dtype=A.dtype if A.dtype != object else float)
-            both = own.new(2 * n, 2 * n)
+            both = inner.new(2 * n, 2 * n)
             both[:n, :n], both[n:, n:] = A, -A.T
             self._fields.append(both)
-            self._places.append(2 * n + own.parameter_names.index(symmetry.name))
-        self._sum = own.new(2 * n, 2 * n)
+            self._places.append(2 * n + inner.parameter_names.index(symmetry.name))
+        self._sum = inner.new(2 * n, 2 * n)
         for field, symmetry in zip(self._fields, symmetries, strict=True):
             self._sum += field * run.parameters[symmetry.name]
-        self._new, self._binding = own.new, binding
+        self._new, self._binding = inner.new, binding
 
     def matrix(self, k: int) -> Array:
         """Return S after k steps."""
@@ -84,15 +84,15 @@ class FrameMotion:
 
     def own_derivatives(self, k: int, z: Array) -> Array:
         """Return dS z by the rows of a direction, shape (2 n, rows), of a state z of the frame."""
-        found: Array = self._new(2 * self.n, self._rows)
+        derivatives: Array = self._new(2 * self.n, self._rows)
         X, size = self._sum * (k * self.dt), 2 * self.n
         block = self._new(2 * size, 2 * size)
         block[:size, :size] = block[size:, size:] = X
-        for place, field in zip(self._places, self._fields, strict=True):
+        for index, field in zip(self._places, self._fields, strict=True):
             block[:size, size:] = field * (k * self.dt)
-            found[:, place] = self._exponential(block)[:size, size:] @ z
-        found[:, -2] = k * (self._sum @ (self._exponential(X) @ z))
-        return found
+            derivatives[:, index] = self._exponential(block)[:size, size:] @ z
+        derivatives[:, -2] = k * (self._sum @ (self._exponential(X) @ z))
+        return derivatives
 
     def _exponential(self, X: Array) -> Array:
         largest = max(float(np.abs(row).sum()) for row in X)
@@ -100,9 +100,9 @@ class FrameMotion:
         X = X / 2**halvings
         unit = self._new(*X.shape)
         unit[np.arange(len(X)), np.arange(len(X))] = 1
-        made = unit.copy()
+        series = unit.copy()
         for term in range(_TERMS, 0, -1):
-            made = unit + X @ made / term
+            series = unit + X @ series / term
         for _ in range(halvings):
-            made = made @ made
-        return made
+            series = series @ series
+        return series

@@ -93,15 +93,15 @@ class Gradient:
 
         ``inputs`` are those of each step; by default of one step, whose inputs are parameters.
         """
-        own, n = space.binding.own, space.n
+        binding, n = space.binding.own, space.n
         z_bar = space.pulled_back(z_bar)
-        names = [*own.parameter_names, "dt", "t0"]
+        names = [*binding.parameter_names, "dt", "t0"]
         if inputs is None:
-            inputs = z_bar[[2 * n + names.index(u) for u in own.input_names]][None]
+            inputs = z_bar[[2 * n + names.index(u) for u in binding.input_names]][None]
         numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
-        if own.clocked:
+        if binding.clocked:
             numbers["t0"] = z_bar[n - 1 : n].tolist()[0]
-        q, p = (z_bar[k : k + own.shown].copy() for k in (0, n))
+        q, p = (z_bar[k : k + binding.shown].copy() for k in (0, n))
         return cls(value, q, p, space.normals, inputs, wrt, numbers, switched_steps)
 
     def __repr__(self) -> str:
@@ -122,8 +122,8 @@ class Gradient:
     @property
     def start(self) -> Array:
         """By coordinates of the tangent space at the start."""
-        found: Array = self.basis.T @ np.concatenate([self.q, self.p])
-        return found
+        components: Array = self.basis.T @ np.concatenate([self.q, self.p])
+        return components
 
     def __getitem__(self, name: str) -> Any:
         """Return the derivative by a parameter, "dt", "t0", "q", "p", "start" or "inputs"."""
@@ -206,7 +206,7 @@ class Cotangents:
         return float(np.linalg.norm(np.concatenate(parts).astype(float)))
 
 
-def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) -> Cotangents:
+def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any]) -> Cotangents:
     """Return the cotangents of a trajectory whose rows are of these kinds.
 
     Raises
@@ -215,17 +215,19 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
         For other names and shapes, for what is not finite, for events without derivatives.
     """
     n, of_steps = stepper.binding.n, len(kinds.of_steps)
-    given = as_mapping("cotangents", given, "{'q': ...}")
-    events = given.get("events", {})
-    parameters = as_mapping("cotangents of parameters", given.get("parameters", {}), "{'m': 1.0}")
+    cotangents = as_mapping("cotangents", cotangents, "{'q': ...}")
+    events = cotangents.get("events", {})
+    parameters = as_mapping("cotangents of parameters", cotangents.get("parameters", {}),
+                            "{'m': 1.0}")
     for name in parameters:
         if name not in stepper.binding.parameter_names:
             raise unknown("parameter", name, stepper.binding.parameter_names)
     parameters = {name: as_real(f"The cotangent of {name}", slope, stepper.binding.number)
                   for name, slope in parameters.items()}
-    own = {name: array for name, array in given.items() if name not in ("events", "parameters")}
-    w, s = _arrays(stepper, of_steps + len(kinds.points), own, "")
-    forces = _of_multipliers(stepper, of_steps + len(kinds.points), own)
+    of_rows = {name: array for name, array in cotangents.items()
+               if name not in ("events", "parameters")}
+    w, s = _arrays(stepper, of_steps + len(kinds.points), of_rows, "")
+    forces = _of_multipliers(stepper, of_steps + len(kinds.points), of_rows)
     new, count = stepper.binding.new, kinds.run.rows + 1
     rows, times = new(count, 2 * n), new(count)
     rows[:of_steps], times[:of_steps] = w[:of_steps], s[:of_steps]
@@ -235,59 +237,59 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
         kinds.points, w[of_steps:], s[of_steps:],
         forces[of_steps:] if len(forces) else [None] * len(kinds.points), strict=True))
     for name, parts in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
-        known = [*kinds.events, *kinds.refused]
-        if not known:
+        event_names = [*kinds.events, *kinds.refused]
+        if not event_names:
             raise InputError(f"There are cotangents of the event {name!r}, and this run has no "
                              "events; leave them out.")
-        choose("event", name, known)
-        at = kinds.event(name)
-        w, s = _arrays(stepper, len(at), parts, f" at the event {name}")
-        points += zip(at, w, s, [None] * len(at), strict=True)
+        choose("event", name, event_names)
+        crossings = kinds.event(name)
+        w, s = _arrays(stepper, len(crossings), parts, f" at the event {name}")
+        points += zip(crossings, w, s, [None] * len(crossings), strict=True)
     return Cotangents(rows, times, multipliers, points, parameters)
 
 
-def _of_multipliers(stepper: Stepper, rows: int, given: Mapping[str, Any]) -> Array:
+def _of_multipliers(stepper: Stepper, rows: int, cotangents: Mapping[str, Any]) -> Array:
     """Return the cotangents of multipliers, a row for each state; empty if there are none.
 
     The first state is the end of no step: its row is 0.
     """
     binding = stepper.binding
-    if "multipliers" not in given:
+    if "multipliers" not in cotangents:
         return binding.new(0, binding.multipliers)
-    made = binding.new(rows, *multiplier_shape(stepper))
-    _fill("multipliers", given["multipliers"], made[1:], "", "step that is stored")
-    return made.reshape(rows, -1)
+    rows_of_w = binding.new(rows, *multiplier_shape(stepper))
+    _fill("multipliers", cotangents["multipliers"], rows_of_w[1:], "", "step that is stored")
+    return rows_of_w.reshape(rows, -1)
 
 
 def _arrays(
-    stepper: Stepper, rows: int, given: Mapping[str, Any], where: str
+    stepper: Stepper, rows: int, cotangents: Mapping[str, Any], where: str
 ) -> tuple[Array, Array]:
     """Return cotangents of rows of (q, p) and of their times; in scaled time these are in q."""
-    own = stepper.binding
-    n, shown = own.n, own.shown
-    made, times = own.new(rows, 2 * n), own.new(rows)
-    for name, array in as_mapping("cotangents", given, "{'q': ...}").items():
+    binding = stepper.binding
+    n, shown = binding.n, binding.shown
+    w, times = binding.new(rows, 2 * n), binding.new(rows)
+    for name, array in as_mapping("cotangents", cotangents, "{'q': ...}").items():
         if not where and name == "multipliers":
             continue
         if name not in ("q", "p", "t"):
             raise unknown("kind of cotangents", name, ["q", "p", "t", *(
                 () if where else ("multipliers", "events", "parameters"))])
-        part = {"q": made[:, :shown], "p": made[:, n : n + shown], "t": times}[name]
-        _fill(name, array, part, where, "state")
-    if own.clocked:
-        made[:, n - 1], times = times, 0 * times
-    return made, times
+        target = {"q": w[:, :shown], "p": w[:, n : n + shown], "t": times}[name]
+        _fill(name, array, target, where, "state")
+    if binding.clocked:
+        w[:, n - 1], times = times, 0 * times
+    return w, times
 
 
-def _fill(name: str, array: Any, part: Array, where: str, row: str) -> None:
-    """Put cotangents of rows, or of the last one alone, into ``part``."""
-    numbers, inner = as_numbers(f"cotangents of {name}", array), part.shape[1:]
+def _fill(name: str, array: Any, target: Array, where: str, row: str) -> None:
+    """Put cotangents of rows, or of the last one alone, into ``target``."""
+    numbers, inner = as_numbers(f"cotangents of {name}", array), target.shape[1:]
     if not np.isfinite(numbers.astype(float)).all():
         raise InputError(f"The cotangents of {name} are not finite; give numbers.")
-    if numbers.shape not in (inner, part.shape) or (numbers.shape == inner and not len(part)):
+    if numbers.shape not in (inner, target.shape) or (numbers.shape == inner and not len(target)):
         raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
-                         f"give {part.shape}, a row for each {row}, or {inner} for the last.")
-    part[slice(-1, None) if numbers.shape == inner else slice(None)] = numbers
+                         f"give {target.shape}, a row for each {row}, or {inner} for the last.")
+    target[slice(-1, None) if numbers.shape == inner else slice(None)] = numbers
 
 
 def gradient_of(
@@ -327,17 +329,17 @@ def gradient_of(
 
     def of_points(step: int, q: Array, p: Array) -> Array:
         """Return the cotangent of a state of the frame, of the points in the step behind it."""
-        found: Array = binding.own.new(binding.rows)
+        cotangent: Array = binding.own.new(binding.rows)
         z = np.concatenate([q, p])
         if frame.moves:
             z = frame.matrix(step) @ z
         for i in np.flatnonzero(steps_of_points == step):
-            found += cotangent_at(stepper, run, points[i][0], z, *points[i][1:])
-        if len(inputs_bar) and found.any():
-            inputs_bar[step] += found[columns]
-            found[columns] = 0
-        z_bar[2 * n :] += found[2 * n :]
-        return found[: 2 * n]
+            cotangent += cotangent_at(stepper, run, points[i][0], z, *points[i][1:])
+        if len(inputs_bar) and cotangent.any():
+            inputs_bar[step] += cotangent[columns]
+            cotangent[columns] = 0
+        z_bar[2 * n :] += cotangent[2 * n :]
+        return cotangent[: 2 * n]
 
     w: Array | None = None
     switched = 0
@@ -381,8 +383,8 @@ def _of_frame(
         return cotangent
     z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
     z_bar[:] += frame.own_derivatives(k, z).T @ cotangent
-    made: Array = frame.matrix(k).T @ cotangent
-    return made
+    rotated: Array = frame.matrix(k).T @ cotangent
+    return rotated
 
 
 def _of_stored(
@@ -402,24 +404,24 @@ def _of_stored(
 
 def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers: Array) -> Array:
     """Return the cotangents of the multipliers of each of these steps; empty if there are none."""
-    found: Array = stepper.binding.new(
+    step_multipliers: Array = stepper.binding.new(
         steps.count if len(multipliers) else 0, stepper.binding.multipliers)
     if len(multipliers):
         ends = run.steps_of_rows(run.steps) - steps.first
         stored = (ends > 0) & (ends <= steps.count)
-        found[ends[stored] - 1] = multipliers[stored]
-    return found
+        step_multipliers[ends[stored] - 1] = multipliers[stored]
+    return step_multipliers
 
 
 def _held(inputs_bar: Array, run: RunArguments) -> Array:
     """Return the sums over the steps that each row of inputs is held for."""
     hold = run.inputs.hold if run.inputs is not None else 1
     if hold == 0:
-        whole: Array = inputs_bar.sum(axis=0, keepdims=True)
-        return whole
+        total: Array = inputs_bar.sum(axis=0, keepdims=True)
+        return total
     starts = np.arange(0, len(inputs_bar), hold)
-    found: Array = np.add.reduceat(inputs_bar, starts, axis=0) if len(starts) else inputs_bar
-    return found
+    sums: Array = np.add.reduceat(inputs_bar, starts, axis=0) if len(starts) else inputs_bar
+    return sums
 
 
 # ------------------------------------------------------------------ the steps, from the last on
@@ -434,16 +436,16 @@ def backwards(
     if memory is None:
         yield from _reversed(stepper, run, end)
         return
-    own = stepper.binding
-    width = 16 if own.c_type not in ("float", "double") else np.dtype(own.dtype).itemsize
-    a_step = (2 * own.n + stepper.unknowns) * width
-    kept = stepper._derivative_binding().begin(run)
+    binding = stepper.binding
+    width = 16 if binding.c_type not in ("float", "double") else np.dtype(binding.dtype).itemsize
+    a_step = (2 * binding.n + stepper.unknowns) * width
+    kept_run = stepper._derivative_binding().begin(run)
     if run.steps * a_step <= memory:
-        steps, status = kept.keep(run.steps)
-        _check(stepper, run, kept, status, end)
+        steps, status = kept_run.keep(run.steps)
+        _check(stepper, run, kept_run, status, end)
         yield steps
         return
-    a_checkpoint = kept.state.nbytes(kept.binding.own)
+    a_checkpoint = kept_run.state.nbytes(kept_run.binding.own)
     piece = max(1, math.isqrt(run.steps * a_checkpoint // a_step))
     count = -(-run.steps // piece)
     needed = count * a_checkpoint + piece * a_step
@@ -451,31 +453,32 @@ def backwards(
         raise InputError(f"memory = {memory:,} bytes are too few for {run.steps:,} steps; "
                          f"checkpoints need {needed:,}. Give these, or memory=\"none\".")
     checkpoints = list[RunState]()
-    while kept.done < run.steps:
-        checkpoints.append(kept.state.copy(kept.binding.own))
-        _, status = kept.keep(min(piece, run.steps - kept.done))
+    while kept_run.done < run.steps:
+        checkpoints.append(kept_run.state.copy(kept_run.binding.own))
+        _, status = kept_run.keep(min(piece, run.steps - kept_run.done))
         if status:
-            _check(stepper, run, kept, status, None)
-    _check(stepper, run, kept, 0, end)
+            _check(stepper, run, kept_run, status, None)
+    _check(stepper, run, kept_run, 0, end)
     for checkpoint in reversed(checkpoints):
-        kept.state.assign(kept.binding.own, checkpoint)
-        yield kept.keep(min(piece, run.steps - kept.done))[0]
+        kept_run.state.assign(kept_run.binding.own, checkpoint)
+        yield kept_run.keep(min(piece, run.steps - kept_run.done))[0]
 
 
 def _check(
-    stepper: Stepper, run: RunArguments, kept: Any, status: int, end: tuple[Array, Array] | None
+    stepper: Stepper, run: RunArguments, kept_run: Any, status: int, end: tuple[Array, Array] | None
 ) -> None:
     """Raise where the run fails, or leads elsewhere than it did."""
     if status:
         stepper._run(run)
-        raise singular(kept.done, status)
+        raise singular(kept_run.done, status)
     if end is not None and not stepper.symmetries:
-        _refuse_mismatch((kept.state.q, kept.state.p), end, "the run, done again, ends elsewhere "
-                         "than it did; give the solver that it had")
+        _refuse_mismatch((kept_run.state.q, kept_run.state.p), end,
+                         "the run, done again, ends elsewhere than it did; give the solver that "
+                         "it had")
 
 
-def _refuse_mismatch(found: tuple[Array, Array], wanted: tuple[Array, Array], why: str) -> None:
-    for x, y in zip(found, wanted, strict=True):
+def _refuse_mismatch(end: tuple[Array, Array], stored_end: tuple[Array, Array], why: str) -> None:
+    for x, y in zip(end, stored_end, strict=True):
         size = float(np.abs(y).max(initial=0)) or 1.0
         off = float(np.abs(x - y).max(initial=0)) / size
         if not off <= _MISMATCH:
@@ -491,20 +494,20 @@ def _reversed(
     if end is None:
         last = stepper._run(replace(run, every=max(run.steps, 1)))
         end = last.q[-1], last.p[-1]
-    binding, state, left = stepper._derivative_binding(), end, run.steps
-    while left:
-        count = min(512, left)
+    binding, state, remaining = stepper._derivative_binding(), end, run.steps
+    while remaining:
+        count = min(512, remaining)
         back = stepper._run(replace(
             run, q=state[0].copy(), p=state[1].copy(), dt=-run.dt, steps=count, every=count,
-            t0=run.t0 + left * run.dt))
+            t0=run.t0 + remaining * run.dt))
         state = back.q[-1], back.p[-1]
-        left -= count
+        remaining -= count
         forward = binding.begin(replace(run, q=state[0].copy(), p=state[1].copy(), steps=count,
-                                        t0=run.t0 + left * run.dt))
+                                        t0=run.t0 + remaining * run.dt))
         steps, status = forward.keep(count)
         if status:
-            raise singular(left, status)
-        yield replace(steps, first=left)
+            raise singular(remaining, status)
+        yield replace(steps, first=remaining)
     _refuse_mismatch(state, (run.q, run.p), "running backwards does not lead to the start; give "
                      "memory=\"256 MB\", and the steps are kept")
 
@@ -517,11 +520,11 @@ def value_of(loss: Callable[..., Any], run: Trajectory) -> tuple[Any, Mapping[st
     InputError
         Where it returns anything but a number and cotangents.
     """
-    found = loss(run)
-    if not isinstance(found, tuple) or len(found) != 2:
-        raise InputError(f"The loss returned {shown(found)}; return its value and a dict of "
+    outcome = loss(run)
+    if not isinstance(outcome, tuple) or len(outcome) != 2:
+        raise InputError(f"The loss returned {shown(outcome)}; return its value and a dict of "
                          "cotangents, {'q': ..., 'p': ...}.")
-    value, cotangents = found
+    value, cotangents = outcome
     if np.ndim(value) or exact(getattr(value, "item", lambda: value)()) is None:
         raise InputError(f"The loss returned the value {shown(value)}; return a number and a dict "
                          "of cotangents.")

@@ -30,19 +30,20 @@ _PIECE = 512
 _LOST = 1e-3
 
 
-def pieces(stepper: Stepper, run: RunArguments, kept: Any) -> Iterator[KeptSteps]:
+def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptSteps]:
     """Yield the steps of a run, kept, a piece at a time."""
-    while kept.done < run.steps:
-        steps, status = kept.keep(min(_PIECE, run.steps - kept.done))
+    while kept_run.done < run.steps:
+        steps, status = kept_run.keep(min(_PIECE, run.steps - kept_run.done))
         if status:
             stepper._run(run)  # says why it fails, with everything before
-            raise singular(kept.done, status)
+            raise singular(kept_run.done, status)
         yield steps
 
 
-def split(steps: KeptSteps, at: Array) -> list[KeptSteps]:
+def split(steps: KeptSteps, boundaries: Array) -> list[KeptSteps]:
     """Return kept steps in parts that begin at these steps of the run, a rising sequence."""
-    inside = at[(at > steps.first) & (at < steps.first + steps.count)] - steps.first
+    inside = boundaries[(boundaries > steps.first)
+                        & (boundaries < steps.first + steps.count)] - steps.first
     ends = [0, *inside.tolist(), steps.count]
     return [KeptSteps(steps.first + a, steps.q[a : b + 1], steps.p[a : b + 1], steps.x[a:b])
             for a, b in pairwise(ends)]
@@ -76,11 +77,11 @@ def singular(step: int, status: int) -> GyrosparkError:
                           "derivatives; take a smaller dt.")
 
 
-def warn_of_growth(stepper: Stepper, what: str, growth: float) -> None:
+def warn_of_growth(stepper: Stepper, subject: str, growth: float) -> None:
     """Warn where derivatives have grown by so much that few of their digits are left."""
     lost = growth * float(stepper.binding.epsilon)
     if lost > _LOST:
-        warn(f"{what} grown {growth:.1e} times: of these derivatives at most "
+        warn(f"{subject} grown {growth:.1e} times: of these derivatives at most "
              f"{max(0, -int(np.log10(lost))):d} digits are left. Take a shorter run, or "
              "real=\"float128\".")
 
@@ -108,9 +109,9 @@ class SingleStep:
     def __init__(self, stepper: Stepper, run: RunArguments) -> None:
         refuse_run(run)
         self._binding, self._run = stepper._derivative_binding(), run
-        kept = self._binding.begin(run)
-        (steps,) = pieces(stepper, run, kept)
-        self.parameters = kept.parameters
+        kept_run = self._binding.begin(run)
+        (steps,) = pieces(stepper, run, kept_run)
+        self.parameters = kept_run.parameters
         self.unknowns = steps.x[0].copy()
         self._in_frame = np.concatenate([steps.q[1], steps.p[1]])
         self._frame = FrameMotion(self._binding, stepper.symmetries, run)
@@ -122,21 +123,21 @@ class SingleStep:
 
         Those of the multipliers follow, if they are wanted.
         """
-        run, own = self._run, self._binding.own
-        forces = own.new(own.multipliers if multipliers else 0, dz.shape[1])
-        status, made = self._binding.tangent(
+        run, binding = self._run, self._binding.own
+        forces = binding.new(binding.multipliers if multipliers else 0, dz.shape[1])
+        status, end_directions = self._binding.tangent(
             self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(dz), forces)
         if status:
             raise singular(0, status)
         if self._frame.moves:
-            made = (self._frame.matrix(1) @ made
-                    + self._frame.own_derivatives(1, self._in_frame) @ dz)
-        whole: Array = np.concatenate([made, forces])
-        return whole
+            end_directions = (self._frame.matrix(1) @ end_directions
+                              + self._frame.own_derivatives(1, self._in_frame) @ dz)
+        directions: Array = np.concatenate([end_directions, forces])
+        return directions
 
     def adjoint(self, w: Array, multipliers: Array | None = None) -> Array:
         """Return the cotangent of all rows, of those of the end, w, and of the multipliers."""
-        run, whole = self._run, w
+        run, end_cotangent = self._run, w
         if multipliers is None:
             multipliers = self._binding.own.new(0)
         else:
@@ -149,5 +150,5 @@ class SingleStep:
         if status:
             raise singular(0, status)
         if self._frame.moves:
-            z_bar += self._frame.own_derivatives(1, self._in_frame).T @ whole
+            z_bar += self._frame.own_derivatives(1, self._in_frame).T @ end_cotangent
         return z_bar

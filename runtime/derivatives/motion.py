@@ -43,9 +43,9 @@ _DEPENDENT = 1e12
 class MotionBinding:
     """Calls into the module of accelerations."""
 
-    def __init__(self, own: Binding, manifest: Manifest) -> None:
-        self.own, self.layout = own, Layout.of(manifest)
-        self._size = int(own.function("derivative_size")())
+    def __init__(self, binding: Binding, manifest: Manifest) -> None:
+        self.own, self.layout = binding, Layout.of(manifest)
+        self._size = int(binding.function("derivative_size")())
 
     def _memory(self) -> tuple[Any, Any]:
         keep = aligned(self._size)
@@ -55,42 +55,46 @@ class MotionBinding:
         self, parameters: ParameterStruct, q: Array, p: Array
     ) -> tuple[int, list[Array]]:
         """Return the status, and v, ṗ, q̈ and λ of a state."""
-        own, (memory, _keep) = self.own, self._memory()
-        found = [own.new(own.n), own.new(own.n), own.new(own.n), own.new(own.m)]
-        status = own.function("accelerations")(
-            parameters, own.pointer(q), own.pointer(p), *map(own.pointer, found), memory)
-        return int(status), found
+        binding, (memory, _keep) = self.own, self._memory()
+        arrays = [binding.new(binding.n), binding.new(binding.n), binding.new(binding.n),
+                  binding.new(binding.m)]
+        status = binding.function("accelerations")(
+            parameters, binding.pointer(q), binding.pointer(p), *map(binding.pointer, arrays),
+            memory)
+        return int(status), arrays
 
     def inverse_mass(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return H_pp of a state, in doubles."""
-        own, (memory, _keep) = self.own, self._memory()
-        found = own.new(own.n, own.n)
-        own.function("inverse_mass")(parameters, own.pointer(q), own.pointer(p),
-                                     own.pointer(found), memory)
-        return found.astype(float)
+        binding, (memory, _keep) = self.own, self._memory()
+        H_pp = binding.new(binding.n, binding.n)
+        binding.function("inverse_mass")(parameters, binding.pointer(q), binding.pointer(p),
+                                         binding.pointer(H_pp), memory)
+        return H_pp.astype(float)
 
     def constraint_jacobian(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return g_q of a state, in doubles."""
-        own, (memory, _keep) = self.own, self._memory()
-        g, f = (own.new(own.m, 2 * own.n + len(own.parameter_names) + 2) for _ in range(2))
-        if own.m:
-            own.function("constraint_derivatives")(
-                parameters, own.pointer(q), own.pointer(p), own.pointer(g), own.pointer(f), memory)
-        return g[:, : own.n].astype(float)
+        binding, (memory, _keep) = self.own, self._memory()
+        g, f = (binding.new(binding.m, 2 * binding.n + len(binding.parameter_names) + 2)
+                for _ in range(2))
+        if binding.m:
+            binding.function("constraint_derivatives")(
+                parameters, binding.pointer(q), binding.pointer(p), binding.pointer(g),
+                binding.pointer(f), memory)
+        return g[:, : binding.n].astype(float)
 
     def quantity_rates(
         self, parameters: ParameterStruct, t: Any, q: Array, p: Array, dq: Array, dp: Array, dt: int
     ) -> dict[str, Any]:
         """Return the derivative of each quantity along (dq, dp, dt)."""
-        own = self.own
-        if not own.quantity_names:
+        binding = self.own
+        if not binding.quantity_names:
             return {}
-        rates, time, step = own.new(len(own.quantity_names)), own.new(1), own.new(1)
+        rates, time, step = binding.new(len(binding.quantity_names)), binding.new(1), binding.new(1)
         time[0], step[0] = t, dt
-        own.function("quantity_rates")(
-            parameters, *([own.pointer(time)] if own.quantities_take_time else []),
-            *map(own.pointer, (q, p, dq, dp, step, rates)))
-        return dict(zip(own.quantity_names, rates, strict=True))
+        binding.function("quantity_rates")(
+            parameters, *([binding.pointer(time)] if binding.quantities_take_time else []),
+            *map(binding.pointer, (q, p, dq, dp, step, rates)))
+        return dict(zip(binding.quantity_names, rates, strict=True))
 
 
 @dataclass(frozen=True)
@@ -191,18 +195,18 @@ class Kinematics:
         InputError
             For a joint without an axis that its bodies keep in common.
         """
-        at = self.joints[name]
-        if not at.axis_b:
+        layout = self.joints[name]
+        if not layout.axis_b:
             raise InputError(f"Joint {name!r} has no axis that its bodies keep in common, so no "
                              "one acceleration; ask for those of its bodies.")
-        both = numbers(at.axis_a, self._parameters)
-        axis = self._rotation(at.a) @ np.cross(both[:3], both[3:])
-        carried = np.cross(self._turning(at.a) @ v, axis)
+        both = numbers(layout.axis_a, self._parameters)
+        axis = self._rotation(layout.a) @ np.cross(both[:3], both[3:])
+        carried = np.cross(self._turning(layout.a) @ v, axis)
         if name not in self._slides:
-            rows, drift = self._turning(at.b) - self._turning(at.a), np.zeros(3)
+            rows, drift = self._turning(layout.b) - self._turning(layout.a), np.zeros(3)
         else:
             ends = [self._point(body, numbers(point, self._parameters), v)
-                    for body, point in ((at.a, at.on_a), (at.b, at.on_b))]
+                    for body, point in ((layout.a, layout.on_a), (layout.b, layout.on_b))]
             rows, drift = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
         return (axis @ rows)[None], np.array([axis @ drift + carried @ (rows @ v)])
 
@@ -246,13 +250,13 @@ class StateMotion:
         InputError
             For an unknown name, with the known ones, and a joint without an axis.
         """
-        own, layout = self._binding.own, self._binding.layout
+        binding, layout = self._binding.own, self._binding.layout
         is_joint, v = layout.is_joint(name), self.v.astype(float)
         has_axis = name in layout.joints and bool(layout.joints[name].axis_b)
         if name in layout.measures and not has_axis:
-            still, row, measure = own.new(own.n), [], layout.measures[name]
-            for k in range(own.n):
-                unit = own.new(own.n)
+            still, row, measure = binding.new(binding.n), [], layout.measures[name]
+            for k in range(binding.n):
+                unit = binding.new(binding.n)
                 unit[k] += 1
                 row.append(float(self._along(still, unit, 0)[measure]))
             return np.array([row]), np.array([float(self.quantity_rates()[measure])]), True
@@ -276,10 +280,10 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
     C = np.vstack([_solve(H_pp, rows.T, names).T if is_momentum else rows
                    for rows, _, is_momentum in parts])
     to_p = C @ H_pp
-    held = to_p @ G.T
+    constrained = to_p @ G.T
     mobility = to_p @ C.T
     if len(G):
-        mobility = mobility - held @ _solve(G @ H_pp @ G.T, held.T, names)
+        mobility = mobility - constrained @ _solve(G @ H_pp @ G.T, constrained.T, names)
     scale = np.sqrt(np.abs(np.diag(to_p @ C.T)))
     scaled = mobility / np.outer(scale, scale)
     if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _DEPENDENT:
@@ -363,11 +367,11 @@ class Accelerations:
 
     def _moved(self, name: str, kind: str) -> Array:
         """Return C q̈ + (dC/dt) v of a joint or a body."""
-        found, width = [], 6 if kind == "body" else 1
+        accelerations, width = [], 6 if kind == "body" else 1
         n = self.q.shape[-1]
         for q, v, a in zip(self._states, *(x.reshape(-1, n).astype(float) for x in (
                 self.velocities, self.q)), strict=True):
             rows, drift = getattr(Kinematics(self._layout, self._parameters, q), kind)(name, v)
-            found.append(rows @ a + drift)
+            accelerations.append(rows @ a + drift)
             width = len(drift)
-        return np.array(found).reshape(*self.q.shape[:-1], width)
+        return np.array(accelerations).reshape(*self.q.shape[:-1], width)

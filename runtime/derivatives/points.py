@@ -132,20 +132,20 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
         times = trajectory.tau if stepper.binding.clocked else trajectory.t
         return RunRows(replace(run, every=max(done, 1)), _at_times(stepper, run, times), True,
                        asked, refused)
-    found = RunRows(run, [], False, events, refused)
+    run_rows = RunRows(run, [], False, events, refused)
     last = ending(origin.events, crossings, run.dt)
     if last is not None:
-        return replace(found, points=found.event(last)[-1:], events=asked)
-    return replace(found, points=[Point(done, origin.rest)]) if origin.rest else found
+        return replace(run_rows, points=run_rows.event(last)[-1:], events=asked)
+    return replace(run_rows, points=[Point(done, origin.rest)]) if origin.rest else run_rows
 
 
 def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
     """Return the points at fixed times; a time between two steps belongs to the first of them."""
     ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps + 1]))
-    at = places_of(stepper, run.t0, ends, run.dt, t)
+    places = places_of(stepper, run.t0, ends, run.dt, t)
     fixed = _unit(stepper, stepper.binding.n - 1) if stepper.binding.clocked else None
-    return [replace(_point(run, int(step), rest), normal=fixed)
-            for step, rest in zip(at.steps, at.rest.tolist(), strict=True)]
+    return [replace(_point(run, int(step), remainder), normal=fixed)
+            for step, remainder in zip(places.steps, places.rest.tolist(), strict=True)]
 
 
 def _unit(stepper: Stepper, row: int) -> Array:
@@ -161,12 +161,13 @@ def _point(run: RunArguments, step: int, tau: Any) -> Point:
 
 
 def _of_event(
-    stepper: Stepper, run: RunArguments, event: Event, found: Crossings
+    stepper: Stepper, run: RunArguments, event: Event, crossings: Crossings
 ) -> list[Point]:
-    rest = (found.elapsed - stepper.binding.times(0 * run.t0, run.dt, found.steps)).tolist()
+    full_steps = stepper.binding.times(0 * run.t0, run.dt, crossings.steps)
+    remainders = (crossings.elapsed - full_steps).tolist()
     points = [replace(_point(run, int(step), tau), name=event.name, normal=_normal(
-                  stepper, run, event, found, i))
-              for i, (step, tau) in enumerate(zip(found.steps, rest, strict=True))]
+                  stepper, run, event, crossings, i))
+              for i, (step, tau) in enumerate(zip(crossings.steps, remainders, strict=True))]
     if any(point.tau is None for point in points):
         raise InputError(f"The event {event.name!r} happens at the start itself, where it has no "
                          "derivatives; start before it.")
@@ -174,7 +175,7 @@ def _of_event(
 
 
 def _normal(
-    stepper: Stepper, run: RunArguments, event: Event, found: Crossings, i: int
+    stepper: Stepper, run: RunArguments, event: Event, crossings: Crossings, i: int
 ) -> Array:
     """Return the derivatives of an event's value at one of its crossings."""
     binding, system = stepper._derivative_binding(), stepper.manifest.system
@@ -186,10 +187,11 @@ def _normal(
     if event.quantity not in quantities:
         return _unit(stepper, states[event.quantity])
     there = stepper.binding.start_in_scaled_time(
-        stepper.binding.parameters(run.parameters, run.t0), found.q[i].copy(), found.p[i].copy(),
-        found.t[i])
+        stepper.binding.parameters(run.parameters, run.t0), crossings.q[i].copy(),
+        crossings.p[i].copy(),
+        crossings.t[i])
     rows = binding.quantity_derivatives(
-        binding.own.parameters(run.parameters, run.t0), found.t[i], *there)
+        binding.own.parameters(run.parameters, run.t0), crossings.t[i], *there)
     if rows is None:
         raise InputError(
             f"The event {event.name!r} is of the quantity {event.quantity!r}, and this system has "
@@ -240,13 +242,13 @@ def tangent_at(
     here[-2] = 0
     here[-1, :count] += point.step * dz[-2]
     here[-2, count] = 1
-    made = single_step(stepper, run, point, z).tangent(here, multipliers)
-    Z, v, dt = made[:, :count], made[:, count], here[-1, :count]
+    end_directions = single_step(stepper, run, point, z).tangent(here, multipliers)
+    Z, v, dt = end_directions[:, :count], end_directions[:, count], here[-1, :count]
     if point.normal is None:
         d_tau = -dt
     else:
-        whole = np.concatenate([Z[: 2 * n], here[2 * n :, :count]])
-        d_tau = -(point.normal @ whole) / _rate(point, v[: 2 * n])
+        directions = np.concatenate([Z[: 2 * n], here[2 * n :, :count]])
+        d_tau = -(point.normal @ directions) / _rate(point, v[: 2 * n])
     return Z + v[:, None] * d_tau, dt + d_tau
 
 
@@ -260,25 +262,25 @@ def cotangent_at(
     the multipliers of the step that leads to the point.
     """
     if point.tau is None:
-        found = stepper.binding.new(stepper._derivative_binding().rows)
-        found[: len(w)] = w
-        found[-1] = s
-        return found
+        cotangent = stepper.binding.new(stepper._derivative_binding().rows)
+        cotangent[: len(w)] = w
+        cotangent[-1] = s
+        return cotangent
     step = single_step(stepper, run, point, z)
     if point.normal is None:
-        found = step.adjoint(w, multipliers)
-        of_start = found[-1] - found[-2]
+        cotangent = step.adjoint(w, multipliers)
+        of_start = cotangent[-1] - cotangent[-2]
     else:
         unit = stepper.binding.new(stepper._derivative_binding().rows, 1)
         unit[-2] = 1
         v = step.tangent(unit, multipliers is not None)[:, 0]
-        whole = w if multipliers is None else np.concatenate([w, multipliers])
-        of_tau = point.normal * ((whole @ v + s) / _rate(point, v[: len(w)]))
-        found = step.adjoint(w - of_tau[: len(w)], multipliers)
-        found[len(w) :] -= of_tau[len(w) :]
-        of_start = found[-1] + s
-    found[-2:] = point.step * of_start, of_start
-    return found
+        end_cotangent = w if multipliers is None else np.concatenate([w, multipliers])
+        of_tau = point.normal * ((end_cotangent @ v + s) / _rate(point, v[: len(w)]))
+        cotangent = step.adjoint(w - of_tau[: len(w)], multipliers)
+        cotangent[len(w) :] -= of_tau[len(w) :]
+        of_start = cotangent[-1] + s
+    cotangent[-2:] = point.step * of_start, of_start
+    return cotangent
 
 
 def _rate(point: Point, v: Array) -> Any:

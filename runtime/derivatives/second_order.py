@@ -48,9 +48,9 @@ Slopes = Callable[[dict[str, Any]], Mapping[str, Any]]
 class SecondBinding:
     """Calls into the module of second derivatives; ``own`` makes its structs."""
 
-    def __init__(self, own: Binding, first: DerivativeBinding) -> None:
-        self.own, self.n, self.rows = own, first.n, first.rows
-        self._size = int(own.function("second_size")())
+    def __init__(self, binding: Binding, first: DerivativeBinding) -> None:
+        self.own, self.n, self.rows = binding, first.n, first.rows
+        self._size = int(binding.function("second_size")())
 
     def _memory(self) -> Any:
         return self.own.ffi.cast("void *", self.own.ffi.from_buffer(
@@ -67,22 +67,23 @@ class SecondBinding:
         rows q and p at the start of each step are ``tangents``. ``inputs``: slopes of the inputs of
         each step, then their cotangents and the slopes of these.
         """
-        own, (memory, _keep) = self.own, self._memory()
-        fed = ([*own._fed(run.inputs)[:2], *map(own.pointer, inputs)] if own.input_names else [])
-        return int(own.function("integrate_second")(
+        binding, (memory, _keep) = self.own, self._memory()
+        fed = ([*binding._fed(run.inputs)[:2], *map(binding.pointer, inputs)]
+               if binding.input_names else [])
+        return int(binding.function("integrate_second")(
             parameters, *fed, run.dt, steps.first, steps.count,
-            *map(own.pointer, (steps.q, steps.p, steps.x, tangents, dz, *cotangents)), every,
-            *map(own.pointer, (*w, *z_bar)), memory))
+            *map(binding.pointer, (steps.q, steps.p, steps.x, tangents, dz, *cotangents)), every,
+            *map(binding.pointer, (*w, *z_bar)), memory))
 
     def constraint_slopes(
         self, parameters: ParameterStruct, q: Array, p: Array, dz: Array
     ) -> tuple[Array, Array]:
         """Return how the derivatives of g and f by the rows of a direction change along dz."""
-        own, (memory, _keep) = self.own, self._memory()
-        g, f = own.new(own.m, self.rows), own.new(own.m, self.rows)
-        if own.m:
-            own.function("constraint_second")(
-                parameters, *map(own.pointer, (q, p, dz, g, f)), memory)
+        binding, (memory, _keep) = self.own, self._memory()
+        g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
+        if binding.m:
+            binding.function("constraint_second")(
+                parameters, *map(binding.pointer, (q, p, dz, g, f)), memory)
         return g, f
 
 
@@ -91,9 +92,9 @@ def pulled_back_slope(
     dz: Array, z_bar: Array, z_bar_slope: Array,
 ) -> Array:
     """Return the derivative of ``space.pulled_back(z_bar)`` along dz, which is tangent."""
-    found = z_bar_slope.copy()
+    slope = z_bar_slope.copy()
     if not len(space.g):
-        return found
+        return slope
     n, g, f = space.n, space.g, space.f
     g_slope, f_slope = second.constraint_slopes(parameters, q, p, np.ascontiguousarray(dz))
     G, G_slope = g[:, :n], g_slope[:, :n]
@@ -110,9 +111,9 @@ def pulled_back_slope(
         moved, moved_slope = less(
             f, f_slope, (f_p @ G.T).T, (f_p_slope @ G.T + f_p @ G_slope.T).T,
             z_bar[n : 2 * n], z_bar_slope[n : 2 * n])
-        z_bar, found = z_bar - moved, found - moved_slope
+        z_bar, slope = z_bar - moved, slope - moved_slope
     GG_slope = G_slope @ G.T
-    return found - less(g, g_slope, G @ G.T, GG_slope + GG_slope.T, z_bar[:n], found[:n])[1]
+    return slope - less(g, g_slope, G @ G.T, GG_slope + GG_slope.T, z_bar[:n], slope[:n])[1]
 
 
 @dataclass(frozen=True)
@@ -173,61 +174,63 @@ def hessian_of(
         raise InputError("A Hessian is of states at the ends of steps, and this function depends "
                          "on states within them; give cotangents of rows alone.")
     first, second = stepper._derivative_binding(), stepper._second_binding()
-    own, n = first.own, stepper.n
+    binding, n = first.own, stepper.n
     steps = _kept(stepper, run, memory)
-    parameters, others = (b.own.parameters(run.parameters, run.t0) for b in (first, second))
+    parameters, parameter_pair = (b.own.parameters(run.parameters, run.t0) for b in (first, second))
     space = TangentSpace(first, parameters, run.q, run.p, stepper.constraint_names)
     names, D = _directions(stepper, space, wrt, run)
     count = len(names)
     blocks = split(steps, np.arange(0, run.steps, _BLOCK)) if run.steps else []
     along, starts = _tangents(first, run, parameters, blocks, D)
-    dt_rows = own.new(len(along), count) + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1]
-    made: list[Array] = []
-    gradient = own.new(count)
+    dt_rows = binding.new(len(along), count) + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1]
+    columns: list[Array] = []
+    gradient = binding.new(count)
     for j in range(count):
         dz = np.ascontiguousarray(D[:, j])
         moved = _moved(stepper, run, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
-        z_bar, z_bar_slope = own.new(first.rows), own.new(first.rows)
-        for z, part in ((z_bar, cotangents), (z_bar_slope, moved)):
-            _add_explicit(stepper, run, part, z)
+        z_bar, z_bar_slope = binding.new(first.rows), binding.new(first.rows)
+        for z, cotangents_of_kind in ((z_bar, cotangents), (z_bar_slope, moved)):
+            _add_explicit(stepper, run, cotangents_of_kind, z)
         w, w_slope = cotangents.rows[-1].copy(), moved.rows[-1].copy()
         for block, start in zip(reversed(blocks), reversed(starts), strict=True):
-            rows = own.new(block.count, 2 * n)
+            rows = binding.new(block.count, 2 * n)
             tangent = start[:, j : j + 1].copy()  # is advanced
             first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows,
-                                    own.new(0), tangent)
+                                    binding.new(0), tangent)
             rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
-            here = tuple(_stored(run, block, part.rows) for part in (cotangents, moved))
-            inputs = tuple(own.new(block.count, len(own.input_names)) for _ in range(3))
+            here = tuple(_stored(run, block, cotangents_of_kind.rows)
+                         for cotangents_of_kind in (cotangents, moved))
+            inputs = tuple(binding.new(block.count, len(binding.input_names)) for _ in range(3))
             status = second.integrate_second(
-                run, others, block, rows, dz, here, run.every, (w, w_slope),  # type: ignore[arg-type]
+                run, parameter_pair, block, rows, dz, here, run.every, (w, w_slope),  # type: ignore[arg-type]
                 (z_bar, z_bar_slope), inputs)  # type: ignore[arg-type]
             if status:
                 raise singular(block.first, status)
         z_bar[: 2 * n], z_bar_slope[: 2 * n] = w, w_slope
-        changed = pulled_back_slope(second, space, others, run.q, run.p, dz, z_bar, z_bar_slope)
-        made.append(D.T @ changed)
+        changed = pulled_back_slope(second, space, parameter_pair, run.q, run.p, dz, z_bar,
+                                    z_bar_slope)
+        columns.append(D.T @ changed)
         gradient[j] = dz @ space.pulled_back(z_bar)
-    found = np.array(made).T
-    matrix, rest = (found + found.T) / 2, np.abs(found - found.T) / 2
+    found = np.array(columns).T
+    matrix, defect = (found + found.T) / 2, np.abs(found - found.T) / 2
     size = float(np.abs(matrix).max(initial=0))
-    asymmetry = float(rest.max(initial=0)) / size if size > 0 else 0.0
+    asymmetry = float(defect.max(initial=0)) / size if size > 0 else 0.0
     return Hessian(matrix, asymmetry, names, gradient, space.basis(), value)
 
 
 def _kept(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
     """Return all steps of a run."""
-    limit, own = as_bytes(memory), stepper.binding
-    width = 16 if own.c_type not in ("float", "double") else np.dtype(own.dtype).itemsize
+    limit, binding = as_bytes(memory), stepper.binding
+    width = 16 if binding.c_type not in ("float", "double") else np.dtype(binding.dtype).itemsize
     needed = run.steps * (2 * stepper.n + stepper.unknowns) * width
     if limit is None or needed > limit:
         raise InputError(f"memory = {memory!r} is too little: a Hessian keeps all "
                          f"{run.steps:,} steps, {needed:,} bytes; give these.")
-    kept = stepper._derivative_binding().begin(run)
-    steps, status = kept.keep(run.steps)
+    kept_run = stepper._derivative_binding().begin(run)
+    steps, status = kept_run.keep(run.steps)
     if status:
         stepper._run(run)  # says why it fails, with everything before
-        raise singular(kept.done, status)
+        raise singular(kept_run.done, status)
     return steps
 
 
@@ -263,15 +266,15 @@ def _tangents(
     blocks: list[KeptSteps], D: Array
 ) -> tuple[Array, list[Array]]:
     """Return the directions of stored states, and those at the start of each block."""
-    own, count, size = first.own, D.shape[1], 2 * first.n
+    binding, count, size = first.own, D.shape[1], 2 * first.n
     tangents = D[:size].copy()
     parts, starts = [D[None, :size]], []
     for block in blocks:
         starts.append(tangents.copy())
         stored = (block.first + block.count) // run.every - block.first // run.every
-        rows = own.new(stored, size, count)
+        rows = binding.new(stored, size, count)
         status = first.integrate_tangent(run, parameters, block, np.ascontiguousarray(D),
-                                         run.every, rows, own.new(0), tangents)
+                                         run.every, rows, binding.new(0), tangents)
         if status:
             raise singular(block.first, status)
         parts.append(rows)
@@ -287,26 +290,26 @@ def _moved(
 ) -> Cotangents:
     """Return how cotangents change along a direction."""
     n = stepper.n
-    given: Mapping[str, Any] = {}
+    cotangents: Mapping[str, Any] = {}
     if slopes is not None:
         names = stepper.binding.parameter_names
         if not callable(slopes):
             raise InputError(f"slopes = {shown(slopes)} is no function; give one of directions "
                              "{'q': ..., 'p': ...} that returns how the cotangents change.")
-        given = slopes({"q": along[:, :n], "p": along[:, n:], "t": dt,
-                        "parameters": dict(zip(names, dz[2 * n : -2].tolist(), strict=True))})
-    return checked(given)
+        cotangents = slopes({"q": along[:, :n], "p": along[:, n:], "t": dt,
+                             "parameters": dict(zip(names, dz[2 * n : -2].tolist(), strict=True))})
+    return checked(cotangents)
 
 
 def _add_explicit(
-    stepper: Stepper, run: RunArguments, part: Cotangents, z_bar: Array
+    stepper: Stepper, run: RunArguments, cotangents: Cotangents, z_bar: Array
 ) -> None:
     """Add derivatives by parameters and by the times of rows."""
     names = stepper.binding.parameter_names
-    for name, slope in part.parameters.items():
+    for name, slope in cotangents.parameters.items():
         z_bar[2 * stepper.n + names.index(name)] += slope
-    z_bar[-1] += part.times.sum()
-    z_bar[-2] += (part.times * run.steps_of_rows(run.steps)).sum()
+    z_bar[-1] += cotangents.times.sum()
+    z_bar[-2] += (cotangents.times * run.steps_of_rows(run.steps)).sum()
 
 
 def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
@@ -315,8 +318,8 @@ def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
     here = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
         here[0] = 0  # the state is not stored: its row belongs to an earlier one
-    made: Array = here
-    return made
+    states: Array = here
+    return states
 
 
 def step_slope(
@@ -326,13 +329,13 @@ def step_slope(
     """Return how the cotangent of the start of one step, pulled back, changes along dz."""
     refuse_run(run)
     second, n = stepper._second_binding(), stepper.n
-    own = second.own
-    parameters = own.parameters(run.parameters, run.t0)
+    binding = second.own
+    parameters = binding.parameters(run.parameters, run.t0)
     steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])
-    z_bar, z_bar_slope = own.new(second.rows), own.new(second.rows)
-    none = own.new(1, 2 * n)
-    w, w_slope = w.copy(), own.new(2 * n)
-    inputs = tuple(own.new(1, len(own.input_names)) for _ in range(3))
+    z_bar, z_bar_slope = binding.new(second.rows), binding.new(second.rows)
+    none = binding.new(1, 2 * n)
+    w, w_slope = w.copy(), binding.new(2 * n)
+    inputs = tuple(binding.new(1, len(binding.input_names)) for _ in range(3))
     status = second.integrate_second(
         run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz, (none, none), 1,
         (w, w_slope), (z_bar, z_bar_slope), inputs)  # type: ignore[arg-type]

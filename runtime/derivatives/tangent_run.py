@@ -37,7 +37,7 @@ Array = NDArray[Any]
 
 
 def tangents_of(
-    stepper: Stepper, run: RunArguments, wanted: Tangents | TangentRows
+    stepper: Stepper, run: RunArguments, tangents: Tangents | TangentRows
 ) -> TangentRows:
     """Return the tangents of a checked run at the states that it stores.
 
@@ -48,57 +48,61 @@ def tangents_of(
     StepFailed
         As the run itself does.
     """
-    return _followed(stepper, run, wanted, ())[0]
+    return _followed(stepper, run, tangents, ())[0]
 
 
-def with_tangents(stepper: Stepper, wanted: Any, found: Trajectory) -> Trajectory:
+def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Trajectory:
     """Return a trajectory that ``integrate`` returned with its tangents.
 
-    ``wanted`` are directions, or the tangents of the run at other rows.
+    ``tangents`` are directions, or the tangents of the run at other rows.
     """
-    if not isinstance(wanted, (Tangents, TangentRows)):
-        raise InputError(f"tangents = {shown(wanted)} are none; give gyrospark.Tangents(...).")
-    rows = rows_of(stepper, found, found._origin.run)
+    if not isinstance(tangents, (Tangents, TangentRows)):
+        raise InputError(f"tangents = {shown(tangents)} are none; give gyrospark.Tangents(...).")
+    rows = rows_of(stepper, trajectory, trajectory._origin.run)
     events = [point for points in rows.events.values() for point in points]
-    whole, q, t = _followed(stepper, rows.run, wanted, [*rows.points, *events])
-    own = whole.of_others(*_of_rows(rows, whole, q, t))
-    at, made = len(rows.points), dict[str, TangentRows]()
+    all_rows, q, t = _followed(stepper, rows.run, tangents, [*rows.points, *events])
+    tangent_rows = all_rows.of_others(*_of_rows(rows, all_rows, q, t))
+    offset, tangents_by_event = len(rows.points), dict[str, TangentRows]()
     refused = dict(rows.refused)
     for name, points in rows.events.items():
-        part = slice(at, at + len(points))
-        at += len(points)
-        why = [str(x) for x in q[part] if isinstance(x, InputError)]
+        event_rows = slice(offset, offset + len(points))
+        offset += len(points)
+        why = [str(x) for x in q[event_rows] if isinstance(x, InputError)]
         if why:
             refused[name] = why[0]
         else:
-            states, of_times = _stacked(whole, q[part], t[part])
-            made[name] = own.of_others(states[:, : len(whole.start)], of_times)
-    return changed(found, tangents=replace(own, events=EventTangents(made, refused)))
+            states, of_times = _stacked(all_rows, q[event_rows], t[event_rows])
+            tangents_by_event[name] = tangent_rows.of_others(states[:, : len(all_rows.start)],
+                                                             of_times)
+    at_events = EventTangents(tangents_by_event, refused)
+    return changed(trajectory, tangents=replace(tangent_rows, events=at_events))
 
 
-def _of_rows(rows: RunRows, whole: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
+def _of_rows(
+    rows: RunRows, all_rows: TangentRows, q: list[Any], t: list[Any]
+) -> tuple[Array, Array]:
     """Return directions and times' derivatives of each row: ends of steps, then points."""
     count = len(rows.points)
     for error in q[:count]:
         if isinstance(error, InputError):
             raise error
-    of_steps = whole.together()[: len(rows.of_steps)]
-    made, times = _stacked(whole, q[:count], t[:count])
-    return (np.concatenate([of_steps, made]),
-            np.concatenate([whole.t[: len(of_steps)], times]))
+    of_steps = all_rows.together()[: len(rows.of_steps)]
+    directions, times = _stacked(all_rows, q[:count], t[:count])
+    return (np.concatenate([of_steps, directions]),
+            np.concatenate([all_rows.t[: len(of_steps)], times]))
 
 
-def _stacked(whole: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
-    shape = whole.together().shape[1:]
-    made, times = np.zeros((len(q), *shape), whole.q.dtype), np.zeros(
-        (len(q), shape[1]), whole.q.dtype)
+def _stacked(all_rows: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
+    shape = all_rows.together().shape[1:]
+    directions, times = np.zeros((len(q), *shape), all_rows.q.dtype), np.zeros(
+        (len(q), shape[1]), all_rows.q.dtype)
     for i, (row, time) in enumerate(zip(q, t, strict=True)):
-        made[i], times[i] = row, time
-    return made, times
+        directions[i], times[i] = row, time
+    return directions, times
 
 
 def _followed(
-    stepper: Stepper, run: RunArguments, wanted: Tangents | TangentRows, points: Sequence[Point]
+    stepper: Stepper, run: RunArguments, request: Tangents | TangentRows, points: Sequence[Point]
 ) -> tuple[TangentRows, list[Any], list[Any]]:
     """Return the tangents of the stored states, and those of points and of their times.
 
@@ -106,32 +110,32 @@ def _followed(
     """
     refuse_run(run)
     binding, n = stepper._derivative_binding(), stepper.binding.n
-    own = binding.own
+    binding1 = binding.own
     kept_run = binding.begin(run)
     space = TangentSpace(binding, kept_run.parameters, run.q, run.p, stepper.constraint_names)
-    if isinstance(wanted, Tangents):
-        for name in wanted.parameters if run.inputs is not None else ():
-            if name in own.input_names:
+    if isinstance(request, Tangents):
+        for name in request.parameters if run.inputs is not None else ():
+            if name in binding1.input_names:
                 raise InputError(f"Input {name!r} has a value for each step in this run, so that "
                                  "it is no direction; take the gradient by \"inputs\".")
-        start = Start(space, wanted)
+        start = Start(space, request)
         dz, names = np.ascontiguousarray(start.directions), start.names
     else:
-        dz, names = wanted._directions, wanted.names
-    asked = (wanted.multipliers if isinstance(wanted, Tangents)
-             else wanted.multipliers is not None)
+        dz, names = request._directions, request.names
+    asked = (request.multipliers if isinstance(request, Tangents)
+             else request.multipliers is not None)
     count, inner = dz.shape[1], multiplier_shape(stepper) if asked else None
     tangents = dz[: 2 * n].copy()
     #: Rows that users see, those of multipliers among them.
-    shown = np.r_[space.places, 2 * n : 2 * n + (own.multipliers if inner is not None else 0)]
+    shown = np.r_[space.places, 2 * n : 2 * n + (binding1.multipliers if inner is not None else 0)]
     frame = FrameMotion(binding, stepper.symmetries, run)
     if inner is not None:
         frame.refuse_rotating_multipliers(run)
-    width = 0 if inner is None else own.multipliers
-    made = own.new(run.rows + 1, 2 * n + width, count)
-    made[0, : 2 * n] = tangents
+    width = 0 if inner is None else binding1.multipliers
+    rows_of_tangents = binding1.new(run.rows + 1, 2 * n + width, count)
+    rows_of_tangents[0, : 2 * n] = tangents
     ends = run.steps_of_rows(run.steps)
-    found: list[Any] = [None] * len(points)
+    point_tangents: list[Any] = [None] * len(points)
     times: list[Any] = [None] * len(points)
     steps_of_points = np.array([point.step for point in points], int)
 
@@ -144,45 +148,46 @@ def _followed(
         z, here[: 2 * n] = frame.in_space(step, z, dz, tangents)
         for i in chosen.tolist():
             try:
-                found[i], times[i] = tangent_at(stepper, run, points[i], z, here, width > 0)
+                point_tangents[i], times[i] = tangent_at(
+                    stepper, run, points[i], z, here, width > 0)
             except InputError as error:
-                found[i] = error
+                point_tangents[i] = error
                 continue
-            if own.clocked:
-                found[i], times[i] = found[i][shown], found[i][n - 1]
+            if binding1.clocked:
+                point_tangents[i], times[i] = point_tangents[i][shown], point_tangents[i][n - 1]
 
-    at, last = np.unique(steps_of_points), (run.q, run.p)
+    point_steps, last = np.unique(steps_of_points), (run.q, run.p)
     switched = 0
     for piece in pieces(stepper, run, kept_run):
         switched += binding.count_switches(run, kept_run.parameters, piece)
-        for steps in split(piece, at):
+        for steps in split(piece, point_steps):
             differentiate_points(steps.first, steps.q[0], steps.p[0])
             first, end = steps.first // run.every, steps.first + steps.count
-            rows = own.new(end // run.every - first, 2 * n, count)
-            forces = own.new(steps.count if width else 0, width, count)
+            rows = binding1.new(end // run.every - first, 2 * n, count)
+            forces = binding1.new(steps.count if width else 0, width, count)
             status = binding.integrate_tangent(run, kept_run.parameters, steps, dz, run.every,
                                                rows, forces, tangents)
             if status:
                 raise singular(steps.first, status)
             for i, row in enumerate(rows):
                 k = (first + 1 + i) * run.every
-                made[first + 1 + i, : 2 * n] = _in_space(frame, k, steps, row, dz)
+                rows_of_tangents[first + 1 + i, : 2 * n] = _in_space(frame, k, steps, row, dz)
             if end == run.steps and run.steps % run.every:
-                made[-1, : 2 * n] = _in_space(frame, run.steps, steps, tangents, dz)
+                rows_of_tangents[-1, : 2 * n] = _in_space(frame, run.steps, steps, tangents, dz)
             if width:
                 here = (ends > steps.first) & (ends <= end)
-                made[here, 2 * n :] = forces[ends[here] - 1 - steps.first]
+                rows_of_tangents[here, 2 * n :] = forces[ends[here] - 1 - steps.first]
             last = steps.q[-1], steps.p[-1]
     differentiate_points(run.steps, *last)
     warn_of_growth(stepper, "Directions of the start have",
-                   _growth(names, dz[space.places], made[-1][space.places]))
-    of_times = (made[:, n - 1].copy() if own.clocked else
+                   _growth(names, dz[space.places], rows_of_tangents[-1][space.places]))
+    of_times = (rows_of_tangents[:, n - 1].copy() if binding1.clocked else
                 dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2]))
     warn_of_jumps(stepper, switched)
-    of_steps = None if inner is None else made[1:, 2 * n :].reshape(-1, *inner, count)
-    q, p = (made[:, k : k + own.shown] for k in (0, n))
+    of_steps = None if inner is None else rows_of_tangents[1:, 2 * n :].reshape(-1, *inner, count)
+    q, p = (rows_of_tangents[:, k : k + binding1.shown] for k in (0, n))
     return TangentRows(q, p, names, dz[space.places], of_times, dz, multipliers=of_steps,
-                       switched_steps=switched), found, times
+                       switched_steps=switched), point_tangents, times
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:
@@ -192,6 +197,7 @@ def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> 
 
 def _growth(names: list[str], start: Array, end: Array) -> float:
     """Return by how much the longest of the directions of the start has grown."""
-    own = [k for k, name in enumerate(names) if name.startswith("start[")]
-    before, after = (np.linalg.norm(x[:, own].astype(float), axis=0) for x in (start, end))
+    start_columns = [k for k, name in enumerate(names) if name.startswith("start[")]
+    before, after = (np.linalg.norm(x[:, start_columns].astype(float), axis=0)
+                     for x in (start, end))
     return float((after / np.where(before > 0, before, 1)).max(initial=0))

@@ -111,26 +111,26 @@ class TangentSpace:
 
     def projected(self, dz: Array) -> Array:
         """Return directions whose rows q and p are moved onto the constraints."""
-        n, G, found = self.n, self._G, dz.copy()
+        n, G, directions = self.n, self._G, dz.copy()
         if len(G):
-            found[:n] -= G.T @ solved(G @ G.T, self.g @ found)
+            directions[:n] -= G.T @ solved(G @ G.T, self.g @ directions)
         if len(G) and self.binding.keeps_momentum:
-            found[n : 2 * n] -= G.T @ solved(self._f_p @ G.T, self.f @ found)
+            directions[n : 2 * n] -= G.T @ solved(self._f_p @ G.T, self.f @ directions)
         if self._energy is not None:
-            found[2 * n - 1] = -(self._energy @ found)
-        return found
+            directions[2 * n - 1] = -(self._energy @ directions)
+        return directions
 
     def pulled_back(self, z_bar: Array) -> Array:
         """Return the transpose of ``projected`` applied to a cotangent, or to columns of them."""
-        n, G, found = self.n, self._G, z_bar.copy()
+        n, G, cotangent = self.n, self._G, z_bar.copy()
         if self._energy is not None:
-            of_energy, found[2 * n - 1] = found[2 * n - 1].copy(), 0
-            found -= np.multiply.outer(self._energy, of_energy)
+            of_energy, cotangent[2 * n - 1] = cotangent[2 * n - 1].copy(), 0
+            cotangent -= np.multiply.outer(self._energy, of_energy)
         if len(G) and self.binding.keeps_momentum:
-            found -= self.f.T @ solved((self._f_p @ G.T).T, G @ found[n : 2 * n])
+            cotangent -= self.f.T @ solved((self._f_p @ G.T).T, G @ cotangent[n : 2 * n])
         if len(G):
-            found -= self.g.T @ solved(G @ G.T, G @ found[:n])
-        return found
+            cotangent -= self.g.T @ solved(G @ G.T, G @ cotangent[:n])
+        return cotangent
 
     @property
     def normals(self) -> Array:
@@ -145,8 +145,8 @@ class TangentSpace:
     def refuse_off(self, directions: Array) -> None:
         """Refuse directions of q that leave g = 0, naming the constraint."""
         shown = len(self.places) // 2
-        dq, dp = (part.astype(float) for part in (directions[:shown],
-                                                  directions[shown : 2 * shown]))
+        dq, dp = (block.astype(float) for block in (directions[:shown],
+                                                    directions[shown : 2 * shown]))
         G = self._G[:, :shown].astype(float)
         # A direction along momenta has a dq of round-off alone, where as much of q as of p changes.
         round_off = _ROUNDING * self._shares * np.linalg.norm(dp, axis=0)
@@ -163,8 +163,8 @@ class TangentSpace:
 def solved(A: Array, b: Array) -> Array:
     """Return A⁻¹b in the type of the arrays, by elimination with pivots where NumPy has none."""
     if A.dtype in (np.float32, np.float64):
-        found: Array = np.linalg.solve(A, b)
-        return found
+        solution: Array = np.linalg.solve(A, b)
+        return solution
     A, x = A.copy(), b.copy()
     for k in range(len(A)):
         pivot = k + int(np.argmax(np.abs(A[k:, k])))
@@ -180,88 +180,89 @@ def solved(A: Array, b: Array) -> Array:
 
 def null_space(rows: Array) -> Array:
     """Return an orthonormal basis of {x: rows x = 0}, by Gram-Schmidt done twice; of any type."""
-    size, found = rows.shape[1], list[Array]()
-    left = [*rows]
+    size, basis = rows.shape[1], list[Array]()
+    pivots = [*rows]
     units = [*np.eye(size, dtype=int).astype(rows.dtype)]
-    kept: list[Array] = []
-    for row in left:
-        made = _orthogonal(row, kept)
-        if made is not None:
-            kept.append(made)
-    normal = len(kept)
+    range_basis: list[Array] = []
+    for row in pivots:
+        vector = _orthogonal(row, range_basis)
+        if vector is not None:
+            range_basis.append(vector)
+    normal = len(range_basis)
     # Units in the order of how far they are from what is spanned, so that none is lost.
-    apart = 1.0 - sum((v.astype(float) ** 2 for v in kept), np.zeros(size))
-    while len(found) < size - normal:
-        made = _orthogonal(units[int(np.argmax(apart))], kept)
-        if made is None:
+    apart = 1.0 - sum((v.astype(float) ** 2 for v in range_basis), np.zeros(size))
+    while len(basis) < size - normal:
+        vector = _orthogonal(units[int(np.argmax(apart))], range_basis)
+        if vector is None:
             break
-        apart -= made.astype(float) ** 2
-        kept.append(made)
-        found.append(made)
-    return np.array(found).T.reshape(size, len(found)).copy()
+        apart -= vector.astype(float) ** 2
+        range_basis.append(vector)
+        basis.append(vector)
+    return np.array(basis).T.reshape(size, len(basis)).copy()
 
 
-def _orthogonal(x: Array, others: Sequence[Array]) -> Array | None:
+def _orthogonal(x: Array, basis: Sequence[Array]) -> Array | None:
     """Return x without its parts along others, of length 1; None if nothing is left."""
-    whole = x @ x
+    squared_norm = x @ x
     for _ in range(2):
-        for v in others:
+        for v in basis:
             x = x - v * (v @ x)
-    left = x @ x
-    if not left > 1e-20 * whole:
+    squared_remainder = x @ x
+    if not squared_remainder > 1e-20 * squared_norm:
         return None
-    unit: Array = x / left ** (whole / whole / 2)
+    unit: Array = x / squared_remainder ** (squared_norm / squared_norm / 2)
     return unit
 
 
 class Start:
     """What derivatives are taken by, as columns of directions with their names."""
 
-    def __init__(self, space: TangentSpace, wanted: Tangents) -> None:
+    def __init__(self, space: TangentSpace, tangents: Tangents) -> None:
         binding = space.binding
-        own, n = binding.own, binding.n
-        names = own.parameter_names
+        inner, n = binding.own, binding.n
+        names = inner.parameter_names
         columns: list[Array] = []
         self.names: list[str] = []
-        if wanted.start is not None:
-            given = _given_start(space, wanted, own, own.shown)
-            for k in range(given.shape[1]):
-                column = own.new(binding.rows)
-                column[space.places] = given[:, k]
+        if tangents.start is not None:
+            directions = _given_start(space, tangents, inner, inner.shown)
+            for k in range(directions.shape[1]):
+                column = inner.new(binding.rows)
+                column[space.places] = directions[:, k]
                 columns.append(column)
                 self.names.append(f"start[{k}]")
-        for name in wanted.parameters:
+        for name in tangents.parameters:
             if name not in names:
                 raise unknown("parameter", name, names)
             columns.append(_unit(binding, 2 * n + names.index(name)))
             self.names.append(name)
-        of_time = n - 1 if own.clocked else binding.rows - 1
-        for flag, name, place in ((wanted.dt, "dt", binding.rows - 2), (wanted.t0, "t0", of_time)):
+        of_time = n - 1 if inner.clocked else binding.rows - 1
+        for flag, name, index in ((tangents.dt, "dt", binding.rows - 2),
+                                  (tangents.t0, "t0", of_time)):
             if flag:
-                columns.append(_unit(binding, place))
+                columns.append(_unit(binding, index))
                 self.names.append(name)
         if not columns:
             raise InputError("No direction is asked for; give start, parameters, dt or t0.")
         self.directions = space.projected(np.ascontiguousarray(np.array(columns).T))
 
 
-def _given_start(space: TangentSpace, wanted: Tangents, own: Any, n: int) -> Array:
-    if isinstance(wanted.start, str):
+def _given_start(space: TangentSpace, tangents: Tangents, binding: Any, n: int) -> Array:
+    if isinstance(tangents.start, str):
         return space.basis()
-    given: ArrayLike = wanted.start
-    array = as_numbers("start", given)
+    entry: ArrayLike = tangents.start
+    array = as_numbers("start", entry)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or len(array) != 2 * n:
         raise InputError(f"start has the shape {array.shape}; a direction has {2 * n} rows, those "
                          "of q and of p.")
-    made: Array = own.array("start", array, array.shape)
-    if not wanted.project:
-        space.refuse_off(made)
-    return made
+    directions: Array = binding.array("start", array, array.shape)
+    if not tangents.project:
+        space.refuse_off(directions)
+    return directions
 
 
-def _unit(binding: DerivativeBinding, place: int) -> Array:
+def _unit(binding: DerivativeBinding, index: int) -> Array:
     column: Array = binding.own.new(binding.rows)
-    column[place] = 1
+    column[index] = 1
     return column

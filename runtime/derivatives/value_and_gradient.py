@@ -27,7 +27,7 @@ Array = NDArray[Any]
 
 def objective(
     stepper: Stepper, loss: Callable[..., Any], start: StartNumbers, wrt: tuple[str, ...],
-    dt: Any, span: dict[str, Any], held: Any, memory: str, options: dict[str, Any],
+    dt: Any, span: dict[str, Any], input_rows: Any, memory: str, options: dict[str, Any],
 ) -> Callable[[ArrayLike], tuple[float, Array]]:
     """Return f(x) → (loss, gradient); see ``Stepper.value_and_gradient``.
 
@@ -39,10 +39,11 @@ def objective(
     loss = loss_of(loss)
     parameters = start.parameters
     rows: Any
-    rows, hold = (held.values, held.hold) if isinstance(held, Inputs) else (held, 1)
+    rows, hold = (input_rows.values, input_rows.hold) if isinstance(input_rows,
+                                                                    Inputs) else (input_rows, 1)
     first = stepper._resolved(stepper._run_arguments(
         start.q, start.p, dt=dt, steps=0, t0=start.t,
-        parameters=stepper._parameters_with_inputs(parameters, held)))
+        parameters=stepper._parameters_with_inputs(parameters, input_rows)))
     binding = stepper._derivative_binding()
     space = TangentSpace(binding, binding.own.parameters(first.parameters, first.t0), first.q,
                          first.p, stepper.constraint_names)
@@ -51,30 +52,30 @@ def objective(
     sizes = {"start": basis.shape[1], "inputs": int(np.prod(shape))}
 
     def evaluate(x: ArrayLike) -> tuple[float, Array]:
-        given = as_numbers("x", x)
-        whole = sum(sizes.get(name, 1) for name in wrt)
-        if given.shape != (whole,):
-            raise InputError(f"x has the shape {given.shape}; {', '.join(wrt)} are {whole} "
-                             "numbers.")
+        variables = as_numbers("x", x)
+        variable_count = sum(sizes.get(name, 1) for name in wrt)
+        if variables.shape != (variable_count,):
+            raise InputError(f"x has the shape {variables.shape}; {', '.join(wrt)} are "
+                             f"{variable_count} numbers.")
         here: dict[str, Any] = {"dt": dt, "t0": start.t}
-        now, state, moved, at = dict(parameters), (first.q, first.p), False, 0
-        inputs = held
+        now, state, moved, offset = dict(parameters), (first.q, first.p), False, 0
+        inputs = input_rows
         for name in wrt:
-            part = given[at : at + sizes.get(name, 1)]
-            at += len(part)
+            block = variables[offset : offset + sizes.get(name, 1)]
+            offset += len(block)
             if name == "start":
-                z = np.concatenate(state) + basis @ part
+                z = np.concatenate(state) + basis @ block
                 state, moved = (z[: stepper.n], z[stepper.n :]), True
             elif name == "inputs":
-                inputs = Inputs(part.reshape(shape), hold)
+                inputs = Inputs(block.reshape(shape), hold)
             elif name in here:
-                here[name] = part[0]
+                here[name] = block[0]
             else:
-                now[name], moved = part[0], True
+                now[name], moved = block[0], True
         if stepper.m and moved:
-            found = stepper.consistent(
-                *state, t=here["t0"], parameters=stepper._parameters_with_inputs(now, held))
-            state = found.q, found.p
+            consistent_state = stepper.consistent(
+                *state, t=here["t0"], parameters=stepper._parameters_with_inputs(now, input_rows))
+            state = consistent_state.q, consistent_state.p
         run = stepper.integrate(Start(*state, t=here["t0"]), parameters=now,
                                 inputs=inputs, dt=here["dt"], **span, **options)
         gradient = stepper.gradient(run, loss=loss, wrt=wrt, memory=memory,

@@ -70,27 +70,30 @@ class CudaDevice:
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Memory:
         """Return memory that is 0."""
-        made = self._new(shape, np.dtype(dtype))
-        made.handle.fill(0, stream=self._stream)
-        return made
+        memory = self._new(shape, np.dtype(dtype))
+        memory.handle.fill(0, stream=self._stream)
+        return memory
 
     def put(self, array: Array) -> Memory:
         """Return memory with the numbers of an array."""
-        whole = np.ascontiguousarray(array)
-        made = self._new(whole.shape, whole.dtype)
-        self._copy("cuMemcpyHtoDAsync", int(made.handle.handle), whole.ctypes.data, whole.nbytes)
-        return made
+        contiguous = np.ascontiguousarray(array)
+        memory = self._new(contiguous.shape, contiguous.dtype)
+        self._copy("cuMemcpyHtoDAsync", int(memory.handle.handle), contiguous.ctypes.data,
+                   contiguous.nbytes)
+        return memory
 
     def get(self, memory: Memory) -> Array:
         """Return the numbers."""
-        found = np.empty(memory.shape, memory.dtype)
-        self._copy("cuMemcpyDtoHAsync", found.ctypes.data, int(memory.handle.handle), found.nbytes)
-        return found
+        host_array = np.empty(memory.shape, memory.dtype)
+        self._copy("cuMemcpyDtoHAsync", host_array.ctypes.data, int(memory.handle.handle),
+                   host_array.nbytes)
+        return host_array
 
     def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
         """Begin so many threads, in blocks."""
         name, code = program
-        passed = [int(one.handle.handle) if isinstance(one, Memory) else one for one in arguments]
+        passed = [int(argument.handle.handle) if isinstance(argument, Memory) else argument
+                  for argument in arguments]
         core = self._cuda.core
         config = core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
         core.launch(self._stream, config, code.get_kernel(f"{name}_{kernel}"), *passed)
@@ -101,13 +104,13 @@ class CudaDevice:
 
     def view(self, array: Any) -> View:
         """Return an array of another library; what it has begun there is waited for."""
-        found = self._cuda.view.from_any_interface(array, stream_ptr=int(self._stream.handle))
-        strides = found.strides
+        foreign = self._cuda.view.from_any_interface(array, stream_ptr=int(self._stream.handle))
+        strides = foreign.strides
         if strides is None:  # C order
-            strides = tuple(int(np.prod(found.shape[k + 1:])) for k in range(len(found.shape)))
-        size = found.size * found.dtype.itemsize
-        handle = self._cuda.core.Buffer.from_handle(found.ptr, size, owner=found)
-        return View(Memory(handle, tuple(found.shape), found.dtype), tuple(strides))
+            strides = tuple(int(np.prod(foreign.shape[k + 1:])) for k in range(len(foreign.shape)))
+        size = foreign.size * foreign.dtype.itemsize
+        handle = self._cuda.core.Buffer.from_handle(foreign.ptr, size, owner=foreign)
+        return View(Memory(handle, tuple(foreign.shape), foreign.dtype), tuple(strides))
 
     def share(self, memory: Memory, shape: tuple[int, ...], strides: tuple[int, ...]) -> Any:
         """Return memory as an object with ``__dlpack__``."""

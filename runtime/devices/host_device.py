@@ -82,9 +82,11 @@ class HostDevice:
         """Call the kernel for each thread of as many whole blocks as these are in."""
         library, name = program
         function = getattr(library, f"{name}_{kernel}")
-        passed = [ctypes.c_void_p(one.handle.ctypes.data) if isinstance(one, Memory)
-                  else np.ctypeslib.as_ctypes_type(one.dtype)(one) for one in arguments]
-        block, thread = (ctypes.c_uint.in_dll(library, at) for at in ("blockIdx", "threadIdx"))
+        passed = [ctypes.c_void_p(argument.handle.ctypes.data) if isinstance(argument, Memory)
+                  else np.ctypeslib.as_ctypes_type(argument.dtype)(argument)
+                  for argument in arguments]
+        block, thread = (ctypes.c_uint.in_dll(library, index)
+                         for index in ("blockIdx", "threadIdx"))
         for i in range(-(-threads // THREADS) * THREADS):
             block.value, thread.value = divmod(i, THREADS)
             function(*passed)
@@ -94,9 +96,9 @@ class HostDevice:
 
     def view(self, array: Any) -> View:
         """Return an array with ``__dlpack__`` in memory of the CPU."""
-        found = np.from_dlpack(array)
-        strides = tuple(step // found.itemsize for step in found.strides)
-        return View(Memory(found, found.shape, found.dtype), strides)
+        imported = np.from_dlpack(array)
+        strides = tuple(step // imported.itemsize for step in imported.strides)
+        return View(Memory(imported, imported.shape, imported.dtype), strides)
 
     def share(self, memory: Memory, shape: tuple[int, ...], strides: tuple[int, ...]) -> Array:
         """Return a NumPy array on the memory, which has ``__dlpack__``."""

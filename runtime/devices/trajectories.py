@@ -115,10 +115,10 @@ class Trajectories:
         iterations = np.zeros((count, rows), np.intc)
 
         def store(window: Window) -> None:
-            part = slice(window.first, window.first + window.q.shape[0])
-            q[:, part] = self.device.get(window.q).transpose(2, 0, 1)
-            p[:, part] = self.device.get(window.p).transpose(2, 0, 1)
-            iterations[:, part] = self.device.get(window.iterations).T
+            window_rows = slice(window.first, window.first + window.q.shape[0])
+            q[:, window_rows] = self.device.get(window.q).transpose(2, 0, 1)
+            p[:, window_rows] = self.device.get(window.p).transpose(2, 0, 1)
+            iterations[:, window_rows] = self.device.get(window.iterations).T
 
         self.integrate(max(_WINDOW // (2 * n * count * q.itemsize), 1), store, stop)
         unknown = binding.new(1)[0] + np.nan

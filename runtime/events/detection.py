@@ -193,9 +193,9 @@ class EventDetector:
         self._room: Rows | None = None
         #: How many of the parts have none of terminal events any more.
         self._split = 0
-        self.terminal = any(one.terminal for one in levels.events)
-        self._directions = np.array([one.direction for one in levels.events])
-        self._is_terminal = np.array([one.terminal for one in levels.events])
+        self.terminal = any(event.terminal for event in levels.events)
+        self._directions = np.array([event.direction for event in levels.events])
+        self._is_terminal = np.array([event.terminal for event in levels.events])
 
     def room(self, steps: int) -> Rows:
         """Return rows for the states of so many steps that are not stored."""

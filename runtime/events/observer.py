@@ -66,7 +66,7 @@ def observed(
         trouble, trajectory = error, error.trajectory
     with catch_ctrl_c() as interrupts:
         before = interrupts.requested  # that has ended the run, and not what is solved for now
-        found = observer.settle(lambda: interrupts.requested and not before)
+        crossings_by_name = observer.settle(lambda: interrupts.requested and not before)
     if interrupts.requested and not before:
         raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
@@ -75,7 +75,8 @@ def observed(
     if end is not None:
         row = replace(end.row, work=trajectory.report.work + end.row.work)
         trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed), row)
-    events_by_name = {name: crossings.shown(stepper.binding) for name, crossings in found.items()}
+    events_by_name = {name: crossings.shown(stepper.binding)
+                      for name, crossings in crossings_by_name.items()}
     ends = {name: events_by_name.pop(name) for name in [*events_by_name] if name == end_event}
     trajectory = changed(trajectory, events=events_by_name, _end_event=ends)
     if trouble is None:

@@ -66,11 +66,11 @@ def defects_of_starts(
     the sums over all coordinates, which take O(n²) and are left out for thousands of coordinates.
     """
     for make in (_draws, _each):
-        found = _judged(binding, keeps_f, parameters, q, p, dt, make(binding.n))
-        within = (found.g <= found.g_bound) & (found.f <= found.f_bound)
+        defects = _judged(binding, keeps_f, parameters, q, p, dt, make(binding.n))
+        within = (defects.g <= defects.g_bound) & (defects.f <= defects.f_bound)
         if within.all() or binding.n > _MOST_COORDINATES:
             break
-    return found
+    return defects
 
 
 def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments) -> None:
@@ -80,20 +80,20 @@ def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments)
     parameters = binding.parameters(run.parameters, run.t0)
     if _is_plainly_consistent(binding, parameters, run.q, run.p):
         return
-    found = defects_of_starts(binding, manifest.scheme.keeps_momentum_constraint, parameters,
-                              run.q[None], run.p[None], np.array([run.dt]))
-    if found.consistent[0]:
+    defects = defects_of_starts(binding, manifest.scheme.keeps_momentum_constraint, parameters,
+                                run.q[None], run.p[None], np.array([run.dt]))
+    if defects.consistent[0]:
         return
-    g, f, g_bound, f_bound = (float(x[0]) for x in (found.g, found.f, found.g_bound,
-                                                    found.f_bound))
+    g, f, g_bound, f_bound = (float(x[0]) for x in (defects.g, defects.f, defects.g_bound,
+                                                    defects.f_bound))
     q_size = float(np.linalg.norm(run.q[: binding.shown].astype(float)))
     rigid = manifest.system.rigid_body
     norm = f", |q| = {q_size:.15g}" if rigid else ""
-    what = "q^T p" if rigid else "the momentum constraint"
+    momentum_defect = "q^T p" if rigid else "the momentum constraint"
     if binding.rows:
-        what = "the constraints on momenta and velocities"
+        momentum_defect = "the constraints on momenta and velocities"
     raise InputError(
-        f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
+        f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {momentum_defect} = {f:.3e} "
         f"(allowed {g_bound:.1e} and {f_bound:.1e}). {_cure(binding, manifest, parameters, run)}")
 
 
@@ -112,11 +112,11 @@ def _cure(
     timed = binding.is_timed or binding.clocked
     cure = (f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * timed})` "
             "moves it onto them.")
-    given, moved = (np.concatenate([x[: binding.shown] for x in state]).astype(float)
-                    for state in ((run.q, run.p), (q, p)))
+    state1, moved = (np.concatenate([x[: binding.shown] for x in state]).astype(float)
+                     for state in ((run.q, run.p), (q, p)))
     single = float(np.finfo(np.float32).eps)
-    if binding.epsilon < single and (given.astype(np.float32) == given).all() and (
-            np.abs(moved - given).max() <= 8 * single * np.abs(given).max()):
+    if binding.epsilon < single and (state1.astype(np.float32) == state1).all() and (
+            np.abs(moved - state1).max() <= 8 * single * np.abs(state1).max()):
         cure += (" All its numbers are of single precision: compute them from arrays of doubles, "
                  "x.astype(float).")
     return cure
@@ -165,14 +165,14 @@ class _Moves:
 
 
 def _added(values: Array) -> Array:
-    found: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
-    return found
+    sums: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
+    return sums
 
 
 def _forth_and_back(values: Array) -> Array:
     forth, back = values[:, 1 : _DRAWS + 1], values[:, _DRAWS + 1 :]
-    found: Array = np.abs(forth - back).reshape(len(values), -1) / 2
-    return found
+    half_differences: Array = np.abs(forth - back).reshape(len(values), -1) / 2
+    return half_differences
 
 
 @lru_cache(maxsize=8)
@@ -209,11 +209,11 @@ def _is_plainly_consistent(
         states.append(moved if double else moved.astype(binding.dtype))
     for d in binding.defects(parameters, *states):
         if 0 < d.size <= _FEW:  # in Python's floats: half of the time
-            at, *moved = d.tolist()
+            defect, *moved = d.tolist()
             bound = epsilons / 2 * max(abs(a - b) for forth, back in zip(
                 moved[:_DRAWS], moved[_DRAWS:], strict=True) for a, b in zip(
                 forth, back, strict=True))
-            if not all(abs(x) <= bound for x in at):
+            if not all(abs(x) <= bound for x in defect):
                 return False
             continue
         size, change = np.abs(d[0]), np.abs(d[1 : _DRAWS + 1] - d[_DRAWS + 1 :]).ravel()
@@ -241,18 +241,19 @@ def _judged(
     g_bound, f_bound = (epsilons * change for change in changes)
     for i in np.flatnonzero(f > f_bound):
         row = slice(i, i + 1)
-        own = binding.set_of(parameters, int(i)) if binding.sets(parameters) > 1 else parameters
-        x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
+        own_parameters = binding.set_of(parameters,
+                                        int(i)) if binding.sets(parameters) > 1 else parameters
+        x = binding.guess(own_parameters, dt[i], q[i].copy(), p[i].copy(), binding.work())
         if keeps_f:  # near rest a step rounds what forces add to p, and constraints take away
             kick = float(np.abs(x[binding.kicks]).max(initial=0))
             kick *= 1.0 if binding.solves_increments else abs(float(dt[i]))
-            f_bound[row] = epsilons * _sizes(binding, own, q[row], p[row], dq[row],
+            f_bound[row] = epsilons * _sizes(binding, own_parameters, q[row], p[row], dq[row],
                                              dp[row] + nudge * kick, moves)[3]
             continue
         n = binding.n
         by_q, by_p = (moves.euler * np.array([float(np.abs(d).max())])
                       for d in (x[:n], x[n : 2 * n]))
-        f_bound[row] += _sizes(binding, own, q[row], p[row], by_q, by_p, moves)[3]
+        f_bound[row] += _sizes(binding, own_parameters, q[row], p[row], by_q, by_p, moves)[3]
     return Defects(g, f, g_bound, f_bound)
 
 

@@ -56,12 +56,12 @@ def between(
         raise InputError(f"trajectory = {shown(trajectory)} is none; give what integrate returned.")
     threads = threads_of(workers)
     with catch_ctrl_c() as interrupts:
-        found = _states_at(stepper, trajectory, times, lambda computed: fill_ensemble(
+        states = _states_at(stepper, trajectory, times, lambda computed: fill_ensemble(
             computed, threads, lambda: interrupts.requested))
     if interrupts.requested:
         raise Stopped("Stopped between the steps of a run that is complete; it is in .trajectory.",
                       interrupts.signal, trajectory=trajectory)
-    return found
+    return states
 
 
 def _states_at(
@@ -74,38 +74,40 @@ def _states_at(
     clocked = stepper.binding.clocked
     begin, elapsed = ((trajectory.tau, trajectory.tau) if clocked else
                       (trajectory.t, trajectory.elapsed))
-    at = (_places_in_scaled_time(stepper, trajectory, t, fill) if clocked else
-          places_of(stepper, trajectory.t[0], elapsed, trajectory.dt, t))
-    q, p = (x[at.rows] for x in full_states(trajectory))  # copies
-    work = trajectory.work[at.rows].copy()
+    places = (_places_in_scaled_time(stepper, trajectory, t, fill) if clocked else
+              places_of(stepper, trajectory.t[0], elapsed, trajectory.dt, t))
+    q, p = (x[places.rows] for x in full_states(trajectory))  # copies
+    work = trajectory.work[places.rows].copy()
     of_steps = flat_multipliers(trajectory)
     multipliers = np.zeros((len(t), of_steps.shape[1]), trajectory.q.dtype)
     iterations = np.zeros(len(t), dtype=np.intc)
-    ended = at.rows > 0  # on a state that a step of the run ends at: what that step found
-    multipliers[ended] = of_steps[at.rows[ended] - 1]
-    iterations[ended] = trajectory.iterations[at.rows[ended] - 1]
-    made = _Made(q, p, work, multipliers, iterations)
+    ended = places.rows > 0  # on a state that a step of the run ends at: what that step found
+    multipliers[ended] = of_steps[places.rows[ended] - 1]
+    iterations[ended] = trajectory.iterations[places.rows[ended] - 1]
+    targets = _Made(q, p, work, multipliers, iterations)
     stored = np.rint((elapsed / trajectory.dt).astype(float)).astype(int)
-    for steps, part in _parts(trajectory, at):
-        _go(stepper, trajectory, fill, made, part, begin[at.rows[part]],
-            np.full(len(part), trajectory.dt), begun=stored[at.rows[part]], steps=at.steps[part],
-            most=steps)
-    rest = np.flatnonzero(at.rest != 0)
-    begun = stepper.binding.times(begin[at.rows], trajectory.dt, at.steps)
-    if len(rest):
-        _go(stepper, trajectory, fill, made, rest, begun[rest], at.rest[rest],
-            begun=(stored[at.rows] + at.steps)[rest], steps=np.ones(len(rest), dtype=int), most=1)
+    for steps, group in _parts(trajectory, places):
+        _go(stepper, trajectory, fill, targets, group, begin[places.rows[group]],
+            np.full(len(group), trajectory.dt), begun=stored[places.rows[group]],
+            steps=places.steps[group],
+            step_limit=steps)
+    remaining = np.flatnonzero(places.rest != 0)
+    begun = stepper.binding.times(begin[places.rows], trajectory.dt, places.steps)
+    if len(remaining):
+        _go(stepper, trajectory, fill, targets, remaining, begun[remaining], places.rest[remaining],
+            begun=(stored[places.rows] + places.steps)[remaining],
+            steps=np.ones(len(remaining), dtype=int), step_limit=1)
     if clocked:
-        made.q[:, -1], t = t, begun + at.rest  # the same but for rounding, and τ
-    return _trajectory(stepper, trajectory, t, made)
+        targets.q[:, -1], t = t, begun + places.rest  # the same but for rounding, and τ
+    return _trajectory(stepper, trajectory, t, targets)
 
 
 def stored_steps_at(
-    stepper: Stepper, run: RunArguments, times: ArrayLike, rest: Any = 0
+    stepper: Stepper, run: RunArguments, times: ArrayLike, remainder: Any = 0
 ) -> Array | None:
     """Return the steps of a run after which times are, with its last one; None where all may be.
 
-    The run ends ``rest`` seconds after its last step.
+    The run ends ``remainder`` seconds after its last step.
 
     Raises
     ------
@@ -117,9 +119,9 @@ def stored_steps_at(
     if stepper.binding.clocked:
         return None  # which steps are next to them is known when they are done
     ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps]))
-    ends[1] += rest
-    at = places_of(stepper, run.t0, ends, run.dt, _times(stepper, times))
-    stored_steps = np.unique(np.append(at.steps[at.rows == 0], run.steps))
+    ends[1] += remainder
+    places = places_of(stepper, run.t0, ends, run.dt, _times(stepper, times))
+    stored_steps = np.unique(np.append(places.steps[places.rows == 0], run.steps))
     return stored_steps[stored_steps > 0]
 
 
@@ -135,22 +137,24 @@ class _Made:
 
 
 def _go(
-    stepper: Stepper, trajectory: Trajectory, fill: Callable[[EnsembleStates], None], made: _Made,
-    part: Array, t0: Array, dt: Array, *, begun: Array, steps: Array, most: int,
+    stepper: Stepper, trajectory: Trajectory, fill: Callable[[EnsembleStates], None],
+    targets: _Made,
+    group: Array, t0: Array, dt: Array, *, begun: Array, steps: Array, step_limit: int,
 ) -> None:
     """Take some states, after ``begun`` steps of the run, on by so many steps of dt each."""
-    held = trajectory._inputs
-    inputs = None if held is None else held.taken(0 * begun, begun, most)
-    columns = {name: np.full(len(part), value, stepper.binding.number_type)
+    input_rows = trajectory._inputs
+    inputs = None if input_rows is None else input_rows.taken(0 * begun, begun, step_limit)
+    columns = {name: np.full(len(group), value, stepper.binding.number_type)
                for name, value in trajectory.parameters.items()}
-    computed = run_together(stepper, made.q[part], made.p[part], t0, dt, columns, fill, most,
+    computed = run_together(stepper, targets.q[group], targets.p[group], t0, dt, columns, fill,
+                            step_limit,
                           inputs)
-    row = np.arange(len(part))
+    row = np.arange(len(group))
     rows = computed.rows
-    made.q[part], made.p[part] = rows.q[row, steps], rows.p[row, steps]
-    made.work[part] += rows.work[row, steps]
-    made.multipliers[part] = rows.multipliers[row, steps]
-    made.iterations[part] = rows.iterations[row, steps]
+    targets.q[group], targets.p[group] = rows.q[row, steps], rows.p[row, steps]
+    targets.work[group] += rows.work[row, steps]
+    targets.multipliers[group] = rows.multipliers[row, steps]
+    targets.iterations[group] = rows.iterations[row, steps]
 
 
 def run_together(
@@ -165,8 +169,8 @@ def run_together(
         If one of them finds no step, though the run that they belong to has found its own.
     """
     number = stepper.binding.number_type
-    own = {name: column[0] for name, column in parameters.items()}
-    first = RunArguments(q[0], p[0], dt[0], steps, 1, own, "auto", None, 50, t0[0])
+    parameters_of_first = {name: column[0] for name, column in parameters.items()}
+    first = RunArguments(q[0], p[0], dt[0], steps, 1, parameters_of_first, "auto", None, 50, t0[0])
     computed = EnsembleStates.of(stepper, EnsembleArguments(
         first, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
     fill(computed)
@@ -193,17 +197,17 @@ def partial_steps(
     return q, p
 
 
-def _parts(trajectory: Trajectory, at: Places) -> list[tuple[int, Array]]:
+def _parts(trajectory: Trajectory, places: Places) -> list[tuple[int, Array]]:
     """Return groups of times with whole steps to do: the most of them in a group, and which."""
-    order = np.argsort(at.steps, kind="stable")
-    order = order[at.steps[order] > 0]
-    found, width = [], trajectory.q.shape[1]
+    order = np.argsort(places.steps, kind="stable")
+    order = order[places.steps[order] > 0]
+    groups, width = [], trajectory.q.shape[1]
     while len(order):
-        most = int(at.steps[order[-1]])
-        count = max(1, _AT_ONCE // ((most + 1) * width))
-        found.append((most, order[-count:]))
+        longest = int(places.steps[order[-1]])
+        count = max(1, _AT_ONCE // ((longest + 1) * width))
+        groups.append((longest, order[-count:]))
         order = order[:-count]
-    return found
+    return groups
 
 
 def places_of(stepper: Stepper, t0: Any, stored: Array, dt: Any, t: Array) -> Places:
@@ -224,8 +228,8 @@ def places_of(stepper: Stepper, t0: Any, stored: Array, dt: Any, t: Array) -> Pl
     rows = np.searchsorted(ahead * stored, near, side="right") - 1
     steps = np.array([int(x) for x in (t - stored[rows]) / dt], dtype=int)
     steps += ahead * times(stored[rows], dt, steps + 1) <= near  # a quotient rounds either way
-    rest = t - times(stored[rows], dt, steps)
-    return Places(rows, steps, np.where(abs(rest) <= reach, 0 * rest, rest))
+    remainders = t - times(stored[rows], dt, steps)
+    return Places(rows, steps, np.where(abs(remainders) <= reach, 0 * remainders, remainders))
 
 
 def _places_in_scaled_time(
@@ -248,25 +252,26 @@ def _places_in_scaled_time(
     q, p = q[rows], p[rows]
     # Whole steps from the stored state to the last one that is not behind.
     gaps = np.append(np.diff(trajectory.tau), 0 * trajectory.dt)[rows] / trajectory.dt
-    most = max(int(np.ceil(gaps.max().astype(float) - 1e-3)) - 1, 0) if len(t) else 0
+    step_limit = max(int(np.ceil(gaps.max().astype(float) - 1e-3)) - 1, 0) if len(t) else 0
     steps = np.zeros(len(t), int)
-    if most:
-        states = run_together(stepper, q, p, none, dt, columns, fill, most).rows
+    if step_limit:
+        states = run_together(stepper, q, p, none, dt, columns, fill, step_limit).rows
         passed = ahead * states.q[:, :, -1].astype(t.dtype) <= ahead * t[:, None] + reach
         steps = np.where(gaps > 1, passed.sum(axis=1) - 1, 0)
-        which = np.arange(len(t))
-        q, p = states.q[which, steps], states.p[which, steps]
-    rest, ends = none.copy(), (q, p)
+        indices = np.arange(len(t))
+        q, p = states.q[indices, steps], states.p[indices, steps]
+    remainders, ends = none.copy(), (q, p)
     parameters = binding.parameters(trajectory.parameters)
     for _ in range(_NEWTON):
         missing = t - ends[0][:, -1].astype(t.dtype)
         open_ = np.abs(missing) > reach
         if not open_.any():
             break
-        moved = rest + np.where(open_, missing / binding.time_scales(parameters, *ends), 0)
-        rest = np.where(ahead * moved > ahead * dt, dt, np.where(ahead * moved > 0, moved, none))
-        ends = partial_steps(stepper, q, p, none, rest, columns, fill)
-    return Places(rows, steps, rest)
+        moved = remainders + np.where(open_, missing / binding.time_scales(parameters, *ends), 0)
+        remainders = np.where(ahead * moved > ahead * dt, dt,
+                              np.where(ahead * moved > 0, moved, none))
+        ends = partial_steps(stepper, q, p, none, remainders, columns, fill)
+    return Places(rows, steps, remainders)
 
 
 def epsilon_of_times(stepper: Stepper) -> float:
@@ -277,12 +282,12 @@ def epsilon_of_times(stepper: Stepper) -> float:
 
 def _times(stepper: Stepper, times: ArrayLike) -> Array:
     """Return the times as a row of the stepper's own numbers."""
-    given = np.atleast_1d(as_numbers("times", times))
-    if given.ndim != 1:
-        raise InputError(f"times has shape {given.shape}; give one row of times.")
+    rows = np.atleast_1d(as_numbers("times", times))
+    if rows.ndim != 1:
+        raise InputError(f"times has shape {rows.shape}; give one row of times.")
     number = stepper.binding.number
-    found = [as_real("A time", x, number) for x in given.tolist()]
-    return np.array(found, dtype=stepper.binding.number_type)
+    reals = [as_real("A time", x, number) for x in rows.tolist()]
+    return np.array(reals, dtype=stepper.binding.number_type)
 
 
 def refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
@@ -300,21 +305,21 @@ def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
     """Refuse a trajectory that another stepper made, or another version of this one."""
     here, there = stepper.manifest, trajectory.manifest
     named = ("name", "real", "system", "scheme")
-    other = [name for name in named if getattr(here, name) != getattr(there, name)]
-    if other:
+    differences = [name for name in named if getattr(here, name) != getattr(there, name)]
+    if differences:
         raise InputError(
             f"The trajectory is of {there.name} in {there.real}, not of this stepper, "
-            f"{here.name} in {here.real}: they differ in {other[0]}. Give the stepper that "
+            f"{here.name} in {here.real}: they differ in {differences[0]}. Give the stepper that "
             "made it.")
 
 
 def _trajectory(
-    stepper: Stepper, trajectory: Trajectory, t: Array, made: _Made
+    stepper: Stepper, trajectory: Trajectory, t: Array, targets: _Made
 ) -> Trajectory:
     """Return the states as a trajectory: rows at the times, the report of the whole run."""
     binding = stepper.binding
     parameters = binding.parameters(trajectory.parameters, trajectory.t[0])
-    states = States(binding, stepper.manifest, parameters, t, made.q, made.p,
-                    made.multipliers[1:], made.iterations[1:], made.work)
+    states = States(binding, stepper.manifest, parameters, t, targets.q, targets.p,
+                    targets.multipliers[1:], targets.iterations[1:], targets.work)
     origin = None if trajectory._origin is None else replace(trajectory._origin, between=True)
     return trajectory.of_states(states, tangents=None, _inputs=None, _origin=origin)

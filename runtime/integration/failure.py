@@ -49,31 +49,33 @@ def diagnose(
     binding: Binding, manifest: Manifest, run: Any, status: int, q: Array, p: Array, t: Any
 ) -> Diagnosis:
     """Return why a step from (q, p) at time t ended with this status."""
-    told, increment = _tried_by_newton(binding, run, q, p, t) \
+    newton_status, increment = _tried_by_newton(binding, run, q, p, t) \
         if run.solver != "fixed-point" and binding.solves else (status, None)
-    if told in (_NOT_CONVERGED, _STAGNATED, _DIVERGED):
-        status = told
-    found = Diagnosis(REASONS[status], _detail(status, increment, run.max_iterations), "",
-                      increment)
+    if newton_status in (_NOT_CONVERGED, _STAGNATED, _DIVERGED):
+        status = newton_status
+    diagnosis = Diagnosis(REASONS[status], _detail(status, increment, run.max_iterations), "",
+                          increment)
     dependent = _dependent_constraints(binding, manifest, run, q)
     if dependent:
         return replace(
-            found, detail=f"{found.detail}, where the constraints {dependent} depend on each other",
+            diagnosis,
+            detail=f"{diagnosis.detail}, where the constraints {dependent} depend on each other",
             cure="That is a change point of the mechanism, from which no step is determined: start "
                  "beside it, or pass it with another time step")
     dt, smallest = _smaller_step(binding, run, q, p, t)
     largest = max(run.parameters, key=lambda name: abs(float(run.parameters[name])), default=None)
     if dt is None and status == _NOT_FINITE and largest is not None and (
             abs(float(run.parameters[largest])) > _LARGE):
-        return replace(found, cure=f"{largest} = {float(run.parameters[largest]):.6g} leads out of "
-                       "the range of floating-point numbers; take other units")
+        return replace(diagnosis,
+                       cure=f"{largest} = {float(run.parameters[largest]):.6g} leads out of the "
+                            "range of floating-point numbers; take other units")
     name = "dtau" if binding.clocked else "dt"
     if dt is not None:
-        return replace(found, dt=dt, cure=f"From there a step of {name} = {dt:.9g} does")
+        return replace(diagnosis, dt=dt, cure=f"From there a step of {name} = {dt:.9g} does")
     if status == _TIME_STOPPED:
-        return replace(found, cure="Steps must go forwards in time: take a time_scale that is "
+        return replace(diagnosis, cure="Steps must go forwards in time: take a time_scale that is "
                        "positive wherever the motion comes")
-    return replace(found, cure=f"From there no step down to {name} = {smallest:.3g} does")
+    return replace(diagnosis, cure=f"From there no step down to {name} = {smallest:.3g} does")
 
 
 def _detail(status: int, increment: float | None, iterations: int) -> str:

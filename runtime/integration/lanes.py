@@ -74,14 +74,14 @@ class EnsembleStates:
             1 if detectors else _batches_in_a_call(binding, runs.first)) if in_lanes else 1
         reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)
                    ] if in_lanes else [binding.report() for _ in range(count)]
-        found = cls(
+        states = cls(
             binding, runs, in_lanes, batch,
             Rows.allocate(binding, count, rows), runs.q.copy(), runs.p.copy(),
             np.zeros(count, dtype=np.intc),
             reports, binding.parameter_rows(runs.parameters, runs.t0) if in_lanes else runs.dt,
             runs.dt.astype(binding.dtype), tuple(detectors))
-        found.rows.q[:, 0], found.rows.p[:, 0] = runs.q, runs.p
-        return found
+        states.rows.q[:, 0], states.rows.p[:, 0] = runs.q, runs.p
+        return states
 
     def report(self, i: int) -> RunRecord:
         """Return the running record of a trajectory."""
@@ -130,36 +130,36 @@ class EnsembleStates:
 
     def _fill_lanes(self, batch: int, memory: BatchMemory, stop: Callable[[], bool]) -> None:
         binding, first = self.binding, self.runs.first
-        part = slice(batch * self.batch, (batch + 1) * self.batch)
-        rows, state = self.rows[part], BatchState(
-            self.q[part], self.p[part], self.reports[batch], self.status[part])
+        lanes = slice(batch * self.batch, (batch + 1) * self.batch)
+        rows, state = self.rows[lanes], BatchState(
+            self.q[lanes], self.p[lanes], self.reports[batch], self.status[lanes])
         constants = RunConstants(
-            binding.sets_of(self.parameters[part]),
-            binding.options(first.tolerance, first.max_iterations, first.solver), self.dt[part],
-            None if self.runs.inputs is None else self.runs.inputs.between(part))
+            binding.sets_of(self.parameters[lanes]),
+            binding.options(first.tolerance, first.max_iterations, first.solver), self.dt[lanes],
+            None if self.runs.inputs is None else self.runs.inputs.between(lanes))
         done, pace = 0, ChunkSize()
         while done < first.steps and not state.status.all() and not stop():
             row = done // first.every + 1
             count, every = next_chunk(first, done, pace.begin(first.steps - done))
-            most = rows.iterations[:, row].copy()  # of the pieces before: a row may take several
+            previous = rows.iterations[:, row].copy()  # of earlier pieces: a row may take several
             if self.detectors:
-                seen = Rows.allocate(binding, len(state.q), count + 1)
-                seen.q[:, 0], seen.p[:, 0] = state.q, state.p
-                binding.integrate_lanes(constants, count, 1, state, seen, 1, memory)
-                self._detect(part, done, every, seen, rows[:, row:])
+                visited = Rows.allocate(binding, len(state.q), count + 1)
+                visited.q[:, 0], visited.p[:, 0] = state.q, state.p
+                binding.integrate_lanes(constants, count, 1, state, visited, 1, memory)
+                self._detect(lanes, done, every, visited, rows[:, row:])
             else:
                 binding.integrate_lanes(constants, count, every, state, rows, row, memory)
-            np.maximum(rows.iterations[:, row], most, out=rows.iterations[:, row])
+            np.maximum(rows.iterations[:, row], previous, out=rows.iterations[:, row])
             done += count
             pace.end(count)
 
-    def _detect(self, part: slice, done: int, every: int, seen: Rows, rows: Rows) -> None:
+    def _detect(self, lanes: slice, done: int, every: int, visited: Rows, rows: Rows) -> None:
         """Give the states of a batch to their detectors, and store every ``every``-th."""
-        for i, detector in enumerate(self.detectors[part]):
-            count = int(self.report(part.start + i).steps) - done
+        for i, detector in enumerate(self.detectors[lanes]):
+            count = int(self.report(lanes.start + i).steps) - done
             if count > 0:
-                detector.detect(done, seen.q[i, : count + 1], seen.p[i, : count + 1])
-                thin(seen[i, 1:], count, every, rows[i])
+                detector.detect(done, visited.q[i, : count + 1], visited.p[i, : count + 1])
+                thin(visited[i, 1:], count, every, rows[i])
 
 
 def _batches_in_a_call(binding: Binding, first: RunArguments) -> int:

@@ -72,8 +72,8 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
     start = np.concatenate([run.q, run.p]).astype(float)
     velocity = end(start) - start
     # Momenta of a motion that starts from rest are those of some steps.
-    sizes = [np.abs(start[part]).max() + np.abs(velocity[part]).max() / _PART
-             for part in (slice(0, n), slice(n, 2 * n))]
+    sizes = [np.abs(start[half]).max() + np.abs(velocity[half]).max() / _PART
+             for half in (slice(0, n), slice(n, 2 * n))]
     scale = np.repeat([size or 1.0 for size in sizes], n)
     moves = _NUDGE * np.diag(scale)
     tangents = np.array([(near(start + e) - near(start - e)) / (2 * _NUDGE * scale)

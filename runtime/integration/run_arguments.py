@@ -194,7 +194,7 @@ def end_of_run(
         raise InputError(f"t_end = {_text(end)} is not {'after' if step > 0 else 'before'} the "
                          f"start, t = {_text(begin)}, where dtau = {_text(step)} leads.")
     name = "t_end"
-    while name in {one.name for one in events}:
+    while name in {event.name for event in events}:
         name += "_"
     return Event(clock.time, level=end, terminal=True, name=name)
 
@@ -246,9 +246,9 @@ class EnsembleArguments:
         run = replace(self.first, q=self.q[i], p=self.p[i], dt=dt, t0=t0, parameters=parameters)
         return run.with_inputs(inputs)
 
-    def columns(self, part: slice) -> dict[str, Array]:
+    def columns(self, runs: slice) -> dict[str, Array]:
         """Return the parameters of some of the runs."""
-        return {name: column[part] for name, column in self.parameters.items()}
+        return {name: column[runs] for name, column in self.parameters.items()}
 
 
 @dataclass(frozen=True)
@@ -272,32 +272,35 @@ class RawArguments:
         return shared | {name: column[i] for name, column in columns.items()}
 
 
-def checked_runs(stepper: Stepper, given: RawArguments) -> EnsembleArguments:
+def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments:
     """Return the runs, or raise InputError for the first that is unusable, with its number."""
     def one(i: int) -> RunArguments:
         try:
             return stepper._checked_run(stepper._run_arguments(
-                given.q[i], given.p[i], dt=given.dt[i], t0=given.t0[i],
-                parameters=given.parameters_of(i), excess=0.0, **given.common))
+                arguments.q[i], arguments.p[i], dt=arguments.dt[i], t0=arguments.t0[i],
+                parameters=arguments.parameters_of(i), excess=0.0, **arguments.common))
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
-    first, size = one(0), len(given.q)
-    runs = _plain(stepper, given, first) if size > 1 and not stepper.binding.clocked else None
+    first, size = one(0), len(arguments.q)
+    runs = _plain(stepper, arguments, first) if size > 1 and not stepper.binding.clocked else None
     if runs is None or not _consistent(stepper, runs):
         number = stepper.binding.number_type
         runs = EnsembleArguments.of([first, *(one(i) for i in range(1, size))], number)
     return runs
 
 
-def _plain(stepper: Stepper, given: RawArguments, first: RunArguments) -> EnsembleArguments | None:
+def _plain(
+    stepper: Stepper, arguments: RawArguments, first: RunArguments
+) -> EnsembleArguments | None:
     """Return the runs if all their numbers are plainly usable, else None."""
-    binding, size = stepper.binding, len(given.q)
-    if binding.number_type is object or {given.q.dtype.kind, given.p.dtype.kind} - {*"fiu"}:
+    binding, size = stepper.binding, len(arguments.q)
+    if binding.number_type is object or {arguments.q.dtype.kind, arguments.p.dtype.kind} - {*"fiu"}:
         return None
-    q, p = binding.converted(given.q), binding.converted(given.p)
-    dt, t0 = _numbers(given.dt, binding.number_type), _numbers(given.t0, binding.number_type)
-    parameters = _parameters(stepper, given, first, size)
+    q, p = binding.converted(arguments.q), binding.converted(arguments.p)
+    dt, t0 = _numbers(arguments.dt, binding.number_type), _numbers(arguments.t0,
+                                                                   binding.number_type)
+    parameters = _parameters(stepper, arguments, first, size)
     if dt is None or t0 is None or parameters is None or not dt.all():
         return None
     if not (np.isfinite(q).all() and np.isfinite(p).all()):
@@ -315,45 +318,46 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
     if column.dtype.kind not in "fiu":
         return None
     with np.errstate(over="ignore"):
-        made = column.astype(number)
-    return made if np.isfinite(made).all() else None
+        converted = column.astype(number)
+    return converted if np.isfinite(converted).all() else None
 
 
 def _parameters(
-    stepper: Stepper, given: RawArguments, first: RunArguments, size: int
+    stepper: Stepper, arguments: RawArguments, first: RunArguments, size: int
 ) -> dict[str, Array] | None:
     """Return a column for each parameter; None if one of them needs a look."""
-    found: dict[str, Array] = {}
+    column_of: dict[str, Array] = {}
     number = stepper.binding.number_type
     rates = {symmetry.name for symmetry in stepper.symmetries}
-    if isinstance(given.parameters, tuple):
-        columns: Mapping[str, Any] = given.parameters[1]
+    if isinstance(arguments.parameters, tuple):
+        columns: Mapping[str, Any] = arguments.parameters[1]
         if not columns:  # the first are those of all
             return {name: np.full(size, value, number)
                     for name, value in first.parameters.items()}
-    elif any({*run, *rates} != first.parameters.keys() for run in given.parameters):
+    elif any({*run, *rates} != first.parameters.keys() for run in arguments.parameters):
         return None
     for name, domain in stepper.parameter_domains.items():
-        column = _numbers(_given(given, name, first, size, rates), number)
+        column = _numbers(_given(arguments, name, first, size, rates), number)
         if column is None or not _in_domain(column, domain):
             return None
-        found[name] = column
-    if not all(symmetry.holds_plainly(found) for symmetry in stepper.symmetries):
+        column_of[name] = column
+    if not all(symmetry.holds_plainly(column_of) for symmetry in stepper.symmetries):
         return None  # a look at each, in exact arithmetic
-    return found
+    return column_of
 
 
 def _given(
-    given: RawArguments, name: str, first: RunArguments, size: int, rates: Collection[str]
+    arguments: RawArguments, name: str, first: RunArguments, size: int, rates: Collection[str]
 ) -> Array | list[Any]:
     """Return the column of a parameter; γ and α by their rules, where these apply.
 
     The rates of a co-moving frame are 0 where they are left out.
     """
-    if isinstance(given.parameters, list):
-        values = [run.get(name, 0.0) if name in rates else run[name] for run in given.parameters]
+    if isinstance(arguments.parameters, list):
+        values = [run.get(name, 0.0) if name in rates else run[name]
+                  for run in arguments.parameters]
     else:
-        shared, columns = given.parameters
+        shared, columns = arguments.parameters
         if name in columns:
             return columns[name]
         if name in rates and name not in shared:
@@ -365,7 +369,7 @@ def _given(
     if not any(isinstance(value, Rule) for value in values):
         return values
     try:
-        return [gamma_by_rule(name, value, given.parameters_of(i))
+        return [gamma_by_rule(name, value, arguments.parameters_of(i))
                 if isinstance(value, Rule) else value for i, value in enumerate(values)]
     except InputError:
         return values  # no number: the check of single runs names the run
@@ -387,17 +391,18 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     shared = binding.parameters(runs.first.parameters, runs.first.t0)
     at_once = max(_JUDGED // (binding.n * (2 * binding.n + 1)), 1)
 
-    def judge(part: slice) -> bool:
-        parameters = binding.parameter_sets(runs.columns(part), runs.t0[part]) if varied else shared
-        return bool(defects_of_starts(binding, keeps_f, parameters, runs.q[part], runs.p[part],
-                                      runs.dt[part]).consistent.all())
+    def judge(block: slice) -> bool:
+        parameters = (binding.parameter_sets(runs.columns(block), runs.t0[block])
+                      if varied else shared)
+        return bool(defects_of_starts(binding, keeps_f, parameters, runs.q[block], runs.p[block],
+                                      runs.dt[block]).consistent.all())
 
     with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
         return all(judge(slice(i, i + at_once)) for i in range(0, len(runs), at_once))
 
 
 def as_parameters(
-    given: Any, domains: Mapping[str, str], number: Callable[[Fraction], Any] = as_double,
+    parameters: Any, domains: Mapping[str, str], number: Callable[[Fraction], Any] = as_double,
     symmetries: Sequence[Symmetry] = (),
 ) -> dict[str, Any]:
     """Return the parameters a stepper needs, each checked against its domain.
@@ -409,37 +414,39 @@ def as_parameters(
     InputError
         Naming a missing, unknown or unusable parameter.
     """
-    if not isinstance(given, Mapping):
-        raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
-    given = with_rules(given, domains)
-    plain = _as_plain_parameters(given, domains, number)
+    if not isinstance(parameters, Mapping):
+        raise InputError(f"parameters = {shown(parameters)} is not a dict; give "
+                         f"{', '.join(domains)}.")
+    parameters = with_rules(parameters, domains)
+    plain = _as_plain_parameters(parameters, domains, number)
     if plain is not None:
         refuse_broken(symmetries, plain)
         return plain
     frame = {symmetry.name: 0 for symmetry in symmetries}
     needed = [name for name in domains if name not in frame]
-    missing = [name for name in needed if name not in given]
+    missing = [name for name in needed if name not in parameters]
     if missing:
         raise InputError(
             f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(needed)}."
         )
-    refuse_texts(given, domains)
-    unknown = [str(name) for name in given if name not in domains]
+    refuse_texts(parameters, domains)
+    unknown = [str(name) for name in parameters if name not in domains]
     if unknown:
         raise InputError(
             f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}"
             f"{proposal(unknown[0], domains)}."
         )
-    whole = {**frame, **given}
-    made = {name: _as_parameter(name, domain, whole, number) for name, domain in domains.items()}
-    refuse_broken(symmetries, made)
-    return made
+    values = {**frame, **parameters}
+    checked = {name: _as_parameter(name, domain, values, number)
+               for name, domain in domains.items()}
+    refuse_broken(symmetries, checked)
+    return checked
 
 
-def with_rules(given: Mapping[str, Any], domains: Mapping[str, str]) -> Mapping[str, Any]:
+def with_rules(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> Mapping[str, Any]:
     """Return parameters in which each γ and α that is left out is to be the mean of its moments."""
-    left = [name for name in _names_with_inertia(tuple(domains)) if name not in given]
-    return {**given, **dict.fromkeys(left, GAMMA_M)} if left else given
+    missing = [name for name in _names_with_inertia(tuple(domains)) if name not in parameters]
+    return {**parameters, **dict.fromkeys(missing, GAMMA_M)} if missing else parameters
 
 
 class ParameterCheck:
@@ -449,28 +456,29 @@ class ParameterCheck:
         self._common = common
         self._last: tuple[list[str], list[Any], dict[str, Any]] = [], [], {}
 
-    def __call__(self, given: Any) -> dict[str, Any]:
+    def __call__(self, parameters: Any) -> dict[str, Any]:
         """Return checked parameters, or raise InputError, as ``as_parameters`` does."""
-        names, values, made = self._last
-        if (type(given) is dict and made and len(given) == len(names)
-                and all(map(operator.is_, given.values(), values)) and [*given] == names):
-            return made.copy()
-        made = as_parameters(given, *self._common)
-        if type(given) is dict and {*map(type, given.values())} <= _IMMUTABLE:
-            self._last = [*given], [*given.values()], made.copy()  # at once, for other threads
-        return made
+        names, values, parameters_now = self._last
+        if (type(parameters) is dict and parameters_now and len(parameters) == len(names)
+                and all(map(operator.is_, parameters.values(), values)) and [*parameters] == names):
+            return parameters_now.copy()
+        parameters_now = as_parameters(parameters, *self._common)
+        if type(parameters) is dict and {*map(type, parameters.values())} <= _IMMUTABLE:
+            # One assignment, so that other threads see all three of one call.
+            self._last = [*parameters], [*parameters.values()], parameters_now.copy()
+        return parameters_now
 
 
 def _as_plain_parameters(
-    given: Mapping[str, Any], domains: Mapping[str, str], number: Callable[[Fraction], Any]
+    parameters: Mapping[str, Any], domains: Mapping[str, str], number: Callable[[Fraction], Any]
 ) -> dict[str, Any] | None:
     """Return parameters that are all there as usable floats; None where one of them needs a look.
 
     A tenth of the time, which matters to hundreds of bodies.
     """
-    if number is not as_double or given.keys() != domains.keys():
+    if number is not as_double or parameters.keys() != domains.keys():
         return None
-    values = [*map(given.__getitem__, domains)]
+    values = [*map(parameters.__getitem__, domains)]
     positive, nonzero = _constrained(tuple(domains.values()))
     if ({*map(type, values)} <= {float, np.float64, Rounded} and all(map(math.isfinite, values))
             and min(itertools.compress(values, positive), default=1.0) > 0
@@ -485,7 +493,7 @@ def _constrained(domains: tuple[str, ...]) -> tuple[list[bool], list[bool]]:
     return [x == "positive" for x in domains], [x == "nonzero" for x in domains]
 
 
-def refuse_texts(given: Mapping[str, Any], domains: Mapping[str, str]) -> None:
+def refuse_texts(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> None:
     """Refuse text among parameters: searches and means are other calls.
 
     Raises
@@ -493,7 +501,7 @@ def refuse_texts(given: Mapping[str, Any], domains: Mapping[str, str]) -> None:
     InputError
         For "frame", and for text in place of γ or α.
     """
-    for name, value in given.items():
+    for name, value in parameters.items():
         if name == "frame" and name not in domains:
             raise InputError(f"Parameter frame = {shown(value)} is none; the parameters= of a run "
                              "are numbers: rates of the frame, such as those of "
@@ -506,35 +514,35 @@ def refuse_texts(given: Mapping[str, Any], domains: Mapping[str, str]) -> None:
 
 
 def _as_parameter(
-    name: str, domain: str, given: Mapping[str, Any], number: Callable[[Fraction], Any]
+    name: str, domain: str, parameters: Mapping[str, Any], number: Callable[[Fraction], Any]
 ) -> Any:
-    value = given[name]
+    value = parameters[name]
     if isinstance(value, Rule):
-        value = gamma_by_rule(name, value, given)
-    made = as_real(f"Parameter {name}", value, number)
-    if domain == "positive" and made <= 0:
-        raise InputError(f"Parameter {name} = {made} is not positive, as the system declares it; "
+        value = gamma_by_rule(name, value, parameters)
+    real = as_real(f"Parameter {name}", value, number)
+    if domain == "positive" and real <= 0:
+        raise InputError(f"Parameter {name} = {real} is not positive, as the system declares it; "
                          "give a number above 0. (Where 0 is meant, declare the symbol without "
                          "positive=True.)")
-    if domain == "nonzero" and made == 0:
+    if domain == "nonzero" and real == 0:
         raise InputError(f"Parameter {name} = 0 divides by zero; give a number other than 0.")
-    return made
+    return real
 
 
 @lru_cache(maxsize=16)
 def _names_with_inertia(parameters: tuple[str, ...]) -> list[str]:
     """Return the names of γ and α, of those of all parameters."""
-    known = dict.fromkeys(parameters)
-    return [name for name in parameters if has_inertia(name, known)]
+    names = dict.fromkeys(parameters)
+    return [name for name in parameters if has_inertia(name, names)]
 
 
 def warn_of_negative(parameters: Mapping[str, Any]) -> None:
     """Warn of γ and α below 0; each parameter is a number, or one for each of many runs."""
     for name in _names_with_inertia(tuple(parameters)):
         values = parameters[name]
-        least = values if type(values) is float else float(np.min(values))
-        if least < 0:
-            warn(f"Parameter {name} = {least:.6g} is below 0. The motion does not depend on it, "
+        smallest = values if type(values) is float else float(np.min(values))
+        if smallest < 0:
+            warn(f"Parameter {name} = {smallest:.6g} is below 0. The motion does not depend on it, "
                  "but its error does: several times that of a value near the moments of inertia, "
                  "such as m.")
 
@@ -571,8 +579,8 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any) -> int:
     InputError
         As ``span_of``, and for a time that no whole number of steps leads to.
     """
-    count, rest = span_of(steps, t_end, t0, dt)
-    if not rest:
+    count, remainder = span_of(steps, t_end, t0, dt)
+    if not remainder:
         return count
     end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t", t0), ("dt", dt)))
     times = " and ".join(_text(begin + n * step) for n in (count, count + 1) if n)

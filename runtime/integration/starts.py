@@ -50,16 +50,16 @@ def merged_start(
     if isinstance(start, (Sequence, np.ndarray)):
         raise InputError("p is not given beside q; give both, or a start: a model, a problem, "
                          "run[-1], gs.Start(q, p, parameters).")
-    own = as_start(start)
-    shape = stepper.binding.numbers("q", own.q).shape
+    state = as_start(start)
+    shape = stepper.binding.numbers("q", state.q).shape
     if len(shape) == 1 and shape != (stepper.n,):
         raise InputError(f"The start has {shape[0]} coordinates, and {stepper.name} has "
                          f"{stepper.n}: it is a start of another system.")
-    values = start_parameters(stepper.parameter_domains, own, parameters)
+    values = start_parameters(stepper.parameter_domains, state, parameters)
     rates = [symmetry.name for symmetry in stepper.symmetries]
-    if frame and "frame" in own._rules and values.keys().isdisjoint(rates):
-        values |= dict.fromkeys(rates, Rule(own._rules["frame"]))
-    return StartNumbers(own.q, own.p, values, own.t if t is None else t, own._excess)
+    if frame and "frame" in state._rules and values.keys().isdisjoint(rates):
+        values |= dict.fromkeys(rates, Rule(state._rules["frame"]))
+    return StartNumbers(state.q, state.p, values, state.t if t is None else t, state._excess)
 
 
 def start_parameters(
@@ -69,9 +69,9 @@ def start_parameters(
 
     ``names`` are the parameters of the system.
     """
-    own: dict[str, Any] = {name: value for name, value in start.parameters.items()
-                           if name in names or name not in start._spare}
-    values = {**own, **start.inputs, **as_mapping(
+    start_values: dict[str, Any] = {name: value for name, value in start.parameters.items()
+                                    if name in names or name not in start._spare}
+    values = {**start_values, **start.inputs, **as_mapping(
         "parameters", {} if parameters is None else parameters, "{'m': 1.0}")}
     for name, inertia in start._inertias.items():
         if name in names and name not in values:
@@ -98,35 +98,37 @@ def after_start(names: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> StartNumbers:
     """Return the numbers of many runs: rows of q and p, parameters as an ensemble takes them."""
-    given = {} if parameters is None else parameters
+    entries = {} if parameters is None else parameters
     if p is not None:
-        return StartNumbers(starts, p, given, 0.0)
+        return StartNumbers(starts, p, entries, 0.0)
     if isinstance(starts, HasStart):
         start = as_start(starts)
-        own = ([start_parameters(stepper.parameter_domains, start, one) for one in given]
-               if isinstance(given, Sequence) and all(isinstance(one, Mapping) for one in given)
-               else start_parameters(stepper.parameter_domains, start, given))
-        columns = [] if isinstance(own, list) else [*own.values(), start.t]
-        size = len(own) if isinstance(own, list) else max(
+        rows_or_columns = ([start_parameters(stepper.parameter_domains, start, entry)
+                            for entry in entries]
+                           if isinstance(entries, Sequence)
+                           and all(isinstance(entry, Mapping) for entry in entries)
+                           else start_parameters(stepper.parameter_domains, start, entries))
+        columns = [] if isinstance(rows_or_columns, list) else [*rows_or_columns.values(), start.t]
+        size = len(rows_or_columns) if isinstance(rows_or_columns, list) else max(
             (len(x) for x in columns if np.ndim(x) == 1), default=1)
         q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
                 for x in (stepper.binding.numbers("q", start.q),
                           stepper.binding.numbers("p", start.p)))
-        return StartNumbers(q, p, own, start.t)
+        return StartNumbers(q, p, rows_or_columns, start.t)
     if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
                                           and isinstance(starts[0], (Sequence, np.ndarray))):
         raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
                          "of starts.")
     if not isinstance(starts, Sequence) or not starts or not all(
-            isinstance(one, HasStart) for one in starts):
+            isinstance(entry, HasStart) for entry in starts):
         raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
                          "with columns of parameters, or q and p, a row for each trajectory.")
-    if isinstance(given, Mapping):
-        given = [_row(given, i, len(starts)) for i in range(len(starts))]
-    if len(given) != len(starts):
-        raise InputError(f"{len(given)} sets of parameters are given for {len(starts)} starts.")
-    rows = [merged_start(stepper, one, None, own, frame=False)
-            for one, own in zip(starts, given, strict=True)]
+    if isinstance(entries, Mapping):
+        entries = [_row(entries, i, len(starts)) for i in range(len(starts))]
+    if len(entries) != len(starts):
+        raise InputError(f"{len(entries)} sets of parameters are given for {len(starts)} starts.")
+    rows = [merged_start(stepper, entry, None, rows_or_columns, frame=False)
+            for entry, rows_or_columns in zip(starts, entries, strict=True)]
     return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
                         [row.parameters for row in rows], np.array([row.t for row in rows]))
 

@@ -56,9 +56,9 @@ class ChunkSize:
         self.most = min(FIRST_STEPS, self._largest)
         self._began: float | None = None
 
-    def begin(self, left: int | None = None) -> int:
-        """Return how many steps to do at most; the clock runs, unless no more are ``left``."""
-        self._began = None if left is not None and left <= self.most else self._clock()
+    def begin(self, remaining: int | None = None) -> int:
+        """Return how many steps to do at most; the clock runs, unless no more are ``remaining``."""
+        self._began = None if remaining is not None and remaining <= self.most else self._clock()
         return self.most
 
     def end(self, steps: int) -> None:
@@ -94,9 +94,9 @@ def integrate(
                                            progress, observer)
     if status:
         last = trajectory.report
-        found = diagnose(binding, manifest, run.at_step(last.steps), status, state.q, state.p,
-                         run.t0 + last.steps * run.dt)
-        raise failure_of(binding, run, trajectory, found, state.q)
+        diagnosis = diagnose(binding, manifest, run.at_step(last.steps), status, state.q, state.p,
+                             run.t0 + last.steps * run.dt)
+        raise failure_of(binding, run, trajectory, diagnosis, state.q)
     if interrupts.requested:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
                       ".trajectory.", interrupts.signal, trajectory=trajectory)
@@ -128,8 +128,8 @@ def course(
         if observer.end is not None:  # a step that fails behind it is none of the run's
             status = 0
     binding.works.give_back(state.work)
-    made = trajectory_of(binding, manifest, run, rows, state.record, state.q, state.p)
-    return made, status, state
+    trajectory = trajectory_of(binding, manifest, run, rows, state.record, state.q, state.p)
+    return trajectory, status, state
 
 
 def fill(
@@ -152,9 +152,9 @@ def fill(
         count, every = next_chunk(run, done, pace.begin(run.steps - done))
         if row + count // every > len(rows.iterations):
             rows = rows.with_room(binding, max(2 * row, row + count // every))
-        most = rows.iterations[row]  # of the pieces before, where a row takes several
+        previous = rows.iterations[row]  # of the pieces before, where a row takes several
         status = step_on(constants, count, every, state, rows[row:])
-        rows.iterations[row] = max(most, rows.iterations[row])
+        rows.iterations[row] = max(previous, rows.iterations[row])
         pace.end(count)
         if progress is not None:
             progress(state.steps)
@@ -162,12 +162,12 @@ def fill(
 
 
 def failure_of(
-    binding: Binding, run: RunArguments, trajectory: Trajectory, found: Diagnosis, q: Array
+    binding: Binding, run: RunArguments, trajectory: Trajectory, diagnosis: Diagnosis, q: Array
 ) -> StepFailed:
     """Return the error of a run whose next step, from q, has no solution."""
     done = trajectory.report.steps
     t = binding.time_of(q) if binding.clocked else run.t0 + done * run.dt
-    return StepFailed(step=done + 1, t=float(t), trajectory=trajectory, **asdict(found))
+    return StepFailed(step=done + 1, t=float(t), trajectory=trajectory, **asdict(diagnosis))
 
 
 def advance_and_detect(
@@ -176,41 +176,43 @@ def advance_and_detect(
 ) -> int:
     """Advance as ``binding.integrate`` does, with an event detector on every state."""
     done, start = state.steps, (state.q.copy(), state.p.copy())
-    seen = rows if every == 1 else detector.room(steps)
-    status = binding.integrate(constants, steps, 1, state, seen)
+    visited = rows if every == 1 else detector.room(steps)
+    status = binding.integrate(constants, steps, 1, state, visited)
     count = state.steps - done
     detector.detect(done, start[0][None], start[1][None])
-    detector.detect(done + 1, seen.q[:count], seen.p[:count])
+    detector.detect(done + 1, visited.q[:count], visited.p[:count])
     if every > 1:
-        thin(seen, count, every, rows)
+        thin(visited, count, every, rows)
     return status
 
 
-def thin(seen: Rows, done: int, every: int, rows: Rows) -> None:
+def thin(visited: Rows, done: int, every: int, rows: Rows) -> None:
     """Store every ``every``-th of the states that were seen, ``done`` of them."""
     count = done // every
     if not count:
         return
-    rows.assign(np.s_[:count], seen[every - 1 : done : every])
-    rows.iterations[:count] = seen.iterations[: count * every].reshape(count, every).max(axis=1)
+    rows.assign(np.s_[:count], visited[every - 1 : done : every])
+    rows.iterations[:count] = visited.iterations[: count * every].reshape(count, every).max(axis=1)
 
 
-def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
+def next_chunk(
+    run: RunArguments, done: int, limit: int, rows: int | None = None
+) -> tuple[int, int]:
     """Return how many steps to do next, and how often to store; the very last is stored too.
 
-    ``most`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
+    ``limit`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
     to the next stored state, each piece is stored in its row and the last of them stays.
     """
-    left = run.steps - done
-    to_row = min(run.every - done % run.every, left)
+    remaining = run.steps - done
+    to_row = min(run.every - done % run.every, remaining)
     if run.stored_steps is not None:
-        piece = min(int(run.stored_steps[run.stored(done)]) - done, most)
+        piece = min(int(run.stored_steps[run.stored(done)]) - done, limit)
         return piece, piece
-    if to_row < run.every or run.every > most:
-        piece = min(to_row, most)
+    if to_row < run.every or run.every > limit:
+        piece = min(to_row, limit)
         return piece, piece
-    count = most // run.every if rows is None else min(most // run.every, rows)
-    return min(run.every * count, left - left % run.every), run.every
+    count = limit // run.every if rows is None else min(limit // run.every, rows)
+    return min(run.every * count, remaining - remaining % run.every), run.every
 
 
 def trajectory_of(
@@ -218,14 +220,14 @@ def trajectory_of(
     q: Array, p: Array,
 ) -> Trajectory:
     """Return the rows that were filled; they, the record, q and p are read when asked for."""
-    given = run.parameters.copy()  # those of the trajectory are its owner's
+    values = run.parameters.copy()  # those of the trajectory are its owner's
 
     def states() -> States:
         done = int(record.steps)
         stored = run.stored(done)
         steps = run.steps_of_rows(done)
         return States(
-            binding, manifest, binding.parameters(given, run.t0),
+            binding, manifest, binding.parameters(values, run.t0),
             binding.times(run.t0, run.dt, steps), rows.q[: stored + 1],
             rows.p[: stored + 1], rows.multipliers[1 : stored + 1],
             rows.iterations[1 : stored + 1], rows.work[: stored + 1],

@@ -232,10 +232,12 @@ def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.
     image[pixel_rows, pixel_columns] = (1 - alpha) * behind + alpha * np.clip(colour, 0, 1)
 
 
-def _outline(image: Array, index: NDArray[np.int64], depth: Array, part: NDArray[np.int64],
-             lit: NDArray[np.bool_]) -> None:
+def _outline(
+    image: Array, index: NDArray[np.int64], depth: Array, solid_of_triangle: NDArray[np.int64],
+    lit: NDArray[np.bool_],
+) -> None:
     """Darken pixels in front of another solid, which separates overlapping solids."""
-    solid_of_pixel = np.where(index >= 0, np.where(lit[index], part[index], -2), -1)
+    solid_of_pixel = np.where(index >= 0, np.where(lit[index], solid_of_triangle[index], -2), -1)
     edge = np.zeros(solid_of_pixel.shape, dtype=bool)
     for axis in (0, 1):
         for shift in (1, -1):

@@ -151,18 +151,18 @@ class Scene:
     def points(self, frames: Any) -> Array:
         """Return centres and joints of bodies at some frames, shape (frames, points, 3)."""
         points = []
-        for i, part in enumerate(self.parts):
+        for i, body in enumerate(self.parts):
             joined = [r for tie in self.ties for k, r in ((tie.a, tie.on_a), (tie.b, tie.on_b))
                       if k == i]
-            R = rotation_matrix(part.q[frames])
-            points.append(part.x[frames][:, None]
-                          + np.einsum("kij,nj->kni", R, np.array([part.centre, *joined])))
+            R = rotation_matrix(body.q[frames])
+            points.append(body.x[frames][:, None]
+                          + np.einsum("kij,nj->kni", R, np.array([body.centre, *joined])))
         return np.concatenate(points, axis=1)
 
     def reach(self, frame: int) -> float:
         """Return the size of the scene, of which the thickness of joints is a part."""
         return max(float(np.linalg.norm(np.ptp(self.points([frame])[0], axis=0))),
-                   *(2 * float(part.sizes["box"].max()) for part in self.parts))
+                   *(2 * float(body.sizes["box"].max()) for body in self.parts))
 
     def hides(self, tie: Tie) -> bool:
         """Return whether a joint is in the shapes that a body's model says."""
@@ -364,8 +364,8 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
         local = (centres - centres[i]) @ R @ body.axes
         half = body.sizes["box"]
         inside = body.name not in rolling and any(
-            j != i and (np.abs(local[j]) < half).all() and other.sizes["box"].max() < half.max()
-            for j, other in enumerate(parts))
+            j != i and (np.abs(local[j]) < half).all() and neighbour.sizes["box"].max() < half.max()
+            for j, neighbour in enumerate(parts))
         loose = [r for tie in ties if tie.kind == "rod"
                  for body_index, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if body_index == i]
         shapes = shapes_of(body, attachments, reach, inside=inside, loose=loose)

@@ -93,14 +93,14 @@ class Table:
 
     def whole(self) -> dict[str, Array]:
         """Return the arrays in memory, NaN (0 of whole numbers) where no block has rows."""
-        whole: dict[str, Array] = {}
+        filled: dict[str, Array] = {}
         for index, arrays in self.read():
             for name, array in arrays.items():
-                if name not in whole:
-                    whole[name] = np.full((*self.along.values(), *array.shape[1:]),
-                                          _missing_value(array), array.dtype)
-                whole[name][index] = array
-        return whole
+                if name not in filled:
+                    filled[name] = np.full((*self.along.values(), *array.shape[1:]),
+                                           _missing_value(array), array.dtype)
+                filled[name][index] = array
+        return filled
 
     def columns(self, selection: Any = None) -> Iterator[tuple[list[str], list[Array]]]:
         """Yield the headings and the columns of each block, a column for each number of a state."""

@@ -96,11 +96,12 @@ class Differentiation(Evaluation):
         """Calls of tangents and adjoints, derived and compiled when first called."""
         with self._deriving:
             if not self._derivative_bindings:
-                own = self._bound(load_module(self.name, self._derivative_files(), "derivatives"))
+                module = load_module(self.name, self._derivative_files(), "derivatives")
+                binding = self._bound(module)
                 quad = self.manifest.real == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_bindings.append(kind(
-                    own, self.binding, self.manifest.scheme.keeps_momentum_constraint))
+                    binding, self.binding, self.manifest.scheme.keeps_momentum_constraint))
         return self._derivative_bindings[0]
 
     def _derivative_files(self) -> dict[str, str]:
@@ -128,8 +129,8 @@ class Differentiation(Evaluation):
                         "its second derivatives were first used; make it with "
                         "gyrospark.stepper(...).")
                 files = derive.files(second=True)
-                own = self._bound(load_module(self.name, files, "second"))
-                self._second_bindings.append(SecondBinding(own, first))
+                binding = self._bound(load_module(self.name, files, "second"))
+                self._second_bindings.append(SecondBinding(binding, first))
         return self._second_bindings[0]
 
     def _control_files(self) -> dict[str, str]:
@@ -191,12 +192,12 @@ class Differentiation(Evaluation):
         flat = len(shape) == 1
         as_flag("project", project)
         dz = self._direction(dq, dp, d, shape[1] if len(shape) == 2 else 1)
-        kept, space = self._kept_step(run)
+        single_step, space = self._kept_step(run)
         if not project:
             space.refuse_off(dz[: 2 * n])
-        made = kept.tangent(space.projected(dz))
-        made = made[:, 0] if flat else made
-        return kept.end[:n], kept.end[n:], made[:n], made[n:]
+        directions = single_step.tangent(space.projected(dz))
+        directions = directions[:, 0] if flat else directions
+        return single_step.end[:n], single_step.end[n:], directions[:n], directions[n:]
 
     def vjp(
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
@@ -211,16 +212,17 @@ class Differentiation(Evaluation):
         """
         run = self._single(start, p, dt, parameters, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
-        kept, space = self._kept_step(run)
-        own, n = self._derivative_binding().own, self.n
+        single_step, space = self._kept_step(run)
+        binding, n = self._derivative_binding().own, self.n
 
         def back(wq: ArrayLike, wp: ArrayLike, multipliers: ArrayLike | None = None) -> Gradient:
-            w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
-            forces = None if multipliers is None else own.array(
-                "multipliers", multipliers, multiplier_shape(self)).ravel()  # type: ignore[arg-type]
-            return Gradient.of_cotangent(space, kept.adjoint(w, forces), names)
+            w = np.concatenate([binding.array("wq", wq, (n,)), binding.array("wp", wp, (n,))])
+            forces = None if multipliers is None else binding.array(
+                "multipliers", multipliers,
+                multiplier_shape(self)).ravel()  # type: ignore[arg-type]
+            return Gradient.of_cotangent(space, single_step.adjoint(w, forces), names)
 
-        return kept.end[:n], kept.end[n:], back
+        return single_step.end[:n], single_step.end[n:], back
 
     def hvp(
         self, start: HasStart | ArrayLike, /, *directions: ArrayLike, dt: Number,
@@ -247,17 +249,17 @@ class Differentiation(Evaluation):
         """
         p, dq, dp, wq, wp = after_start("dq, dp, wq, wp", directions)
         run = self._single(start, p, dt, parameters, inputs)
-        own, n = self._derivative_binding().own, self.n
-        kept, space = self._kept_step(run)
+        binding, n = self._derivative_binding().own, self.n
+        single_step, space = self._kept_step(run)
         dz = self._direction(dq, dp, d, 1)[:, 0].copy()
         if not as_flag("project", project):
             space.refuse_off(dz[: 2 * n, None])
-        w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
+        w = np.concatenate([binding.array("wq", wq, (n,)), binding.array("wp", wp, (n,))])
         stepper: Any = self
-        slope = step_slope(stepper, run, space, kept.end, kept.unknowns,
+        slope = step_slope(stepper, run, space, single_step.end, single_step.unknowns,
                            np.ascontiguousarray(space.projected(dz[:, None])[:, 0]), w)
-        labels = [*own.parameter_names, "dt", "t0"]
-        columns = [2 * n + labels.index(u) for u in own.input_names]
+        labels = [*binding.parameter_names, "dt", "t0"]
+        columns = [2 * n + labels.index(u) for u in binding.input_names]
         numbers = dict(zip(labels, slope[2 * n :].tolist(), strict=True))
         return Gradient(None, slope[:n].copy(), slope[n : 2 * n].copy(), space.normals,
                         slope[columns][None], names_of(stepper, None), numbers)
@@ -267,28 +269,28 @@ class Differentiation(Evaluation):
     ) -> Array:
         """Return directions with all rows, a column each."""
         binding, n = self._derivative_binding(), self.n
-        own = binding.own
-        dz: Array = own.new(binding.rows, count)
-        for place, (name, x) in enumerate((("dq", dq), ("dp", dp))):
-            given = as_numbers(name, x)
-            dz[place * n : (place + 1) * n] = own.array(
-                name, given[:, None] if given.ndim == 1 else given, (n, count))
-        names = [*own.parameter_names, "dt", "t0"]
+        derivatives = binding.own
+        dz: Array = derivatives.new(binding.rows, count)
+        for block, (name, x) in enumerate((("dq", dq), ("dp", dp))):
+            columns = as_numbers(name, x)
+            dz[block * n : (block + 1) * n] = derivatives.array(
+                name, columns[:, None] if columns.ndim == 1 else columns, (n, count))
+        names = [*derivatives.parameter_names, "dt", "t0"]
         for name, value in as_mapping("d", {} if d is None else d, "{'m': 1.0}").items():
             if name not in names:
                 raise unknown("name in d", name, names)
-            dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", value, own.number)
+            dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", value, derivatives.number)
         return dz
 
     def _single(
         self, start: Any, p: Any, dt: Number, parameters: Any, inputs: Any
     ) -> RunArguments:
         state = merged_start(self, start, p, parameters)
-        given = dict(as_mapping("parameters", state.parameters, "{'m': 1.0}"))
+        values = dict(as_mapping("parameters", state.parameters, "{'m': 1.0}"))
         if inputs is not None:  # one step: they are parameters
             fed = as_inputs(inputs, self.binding, 1)
-            given |= {} if fed is None else fed.first
-        return self._run_of(state.q, state.p, dt=dt, steps=1, parameters=given, t0=state.t)
+            values |= {} if fed is None else fed.first
+        return self._run_of(state.q, state.p, dt=dt, steps=1, parameters=values, t0=state.t)
 
     def _run_of(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
         raise NotImplementedError
@@ -296,9 +298,10 @@ class Differentiation(Evaluation):
     def _kept_step(self, run: RunArguments) -> tuple[SingleStep, TangentSpace]:
         """Return one step, and the tangent space at its start."""
         stepper: Any = self
-        kept = SingleStep(stepper, run)
-        return kept, TangentSpace(self._derivative_binding(), kept.parameters, run.q, run.p,
-                                  self.constraint_names)
+        single_step = SingleStep(stepper, run)
+        return single_step, TangentSpace(self._derivative_binding(), single_step.parameters, run.q,
+                                         run.p,
+                                         self.constraint_names)
 
     # ------------------------------------------------------------ runs
 
@@ -401,8 +404,8 @@ class Differentiation(Evaluation):
                     loss, run)
         kinds = self._rows_of(run, solver)
 
-        def checked(given: Mapping[str, Any]) -> Any:
-            return cotangents_of(self, kinds, given)  # type: ignore[arg-type]
+        def checked(arrays: Mapping[str, Any]) -> Any:
+            return cotangents_of(self, kinds, arrays)  # type: ignore[arg-type]
 
         stepper: Any = self
         return hessian_of(stepper, kinds.run, checked(cotangents), slopes, checked, names,  # type: ignore[arg-type]
@@ -451,8 +454,8 @@ class Differentiation(Evaluation):
 
         stepper: Any = self
         state = merged_start(self, start, p, parameters)
-        count, rest = span_of(steps, t_end, state.t, dt)
+        count, remainder = span_of(steps, t_end, state.t, dt)
         return objective(
             stepper, loss, state, names_of(stepper, wrt), dt,
-            {"t_end": t_end} if rest else {"steps": count}, inputs, memory,
+            {"t_end": t_end} if remainder else {"steps": count}, inputs, memory,
             {"every": every, "t_eval": t_eval, "events": events, "solver": solver})

@@ -72,8 +72,8 @@ class Dynamics(Differentiation):
                        for row in zip(times, q_rows, p_rows, strict=True))
 
         def rows(name: str, width: int) -> Array:
-            found = np.array([getattr(motion, name) for motion in motions], self.binding.dtype)
-            return found.reshape(*shape, width)
+            arrays = np.array([getattr(motion, name) for motion in motions], self.binding.dtype)
+            return arrays.reshape(*shape, width)
 
         rates = [motion.quantity_rates() for motion in motions]
         return Accelerations(
@@ -167,39 +167,39 @@ class Dynamics(Differentiation):
             For accelerations that leave the constraints or that the inputs do not reach; what
             ``mass_matrix`` raises.
         """
-        p, wanted = after_start("accelerations", accelerations)
-        at = merged_start(self, start, p, parameters, t)
-        motion = self._state_motion(at)
-        if not isinstance(wanted, Mapping):
+        p, targets_by_name = after_start("accelerations", accelerations)
+        state = merged_start(self, start, p, parameters, t)
+        motion = self._state_motion(state)
+        if not isinstance(targets_by_name, Mapping):
             if inputs is not None:
                 raise InputError("Inputs are found for accelerations of joints; give these by "
                                  "name, as in {'elbow': 0.5}.")
-            return self._generalised_forces(motion, wanted)
-        wanted = as_mapping("accelerations", wanted, "{'elbow': 0.5}")
-        if not wanted:
+            return self._generalised_forces(motion, targets_by_name)
+        targets_by_name = as_mapping("accelerations", targets_by_name, "{'elbow': 0.5}")
+        if not targets_by_name:
             raise InputError("accelerations is empty; give those of joints or bodies, as in "
                              "{'elbow': 0.5}.")
-        M, free = joint_inertia(motion, list(wanted))
+        M, free = joint_inertia(motion, list(targets_by_name))
         targets = [_row(name, value, len(rows)) for (name, value), rows
-                   in zip(wanted.items(), free, strict=True)]
+                   in zip(targets_by_name.items(), free, strict=True)]
         if inputs is not None:
-            return self._inputs(at, dict(zip(wanted, targets, strict=True)),
+            return self._inputs(state, dict(zip(targets_by_name, targets, strict=True)),
                                 self._names("inputs", inputs))
         forces = M @ (np.concatenate(targets) - np.concatenate(free))
         ends = np.cumsum([len(rows) for rows in free])[:-1]
-        return {name: float(part[0]) if len(part) == 1 else part
-                for name, part in zip(wanted, np.split(forces, ends), strict=True)}
+        return {name: float(force[0]) if len(force) == 1 else force
+                for name, force in zip(targets_by_name, np.split(forces, ends), strict=True)}
 
     # ------------------------------------------------------------ inside
 
     def _generalised_forces(self, motion: StateMotion, accelerations: ArrayLike) -> Array:
         """Return Q = H_pp⁻¹ (q̈ − q̈(0)); q̈ must stay on the constraints."""
-        given = as_numbers("accelerations", accelerations).astype(float)
-        if given.shape != (self.n,):
-            raise InputError(f"accelerations has the shape {given.shape}; give a dict of joints, "
+        q_dd = as_numbers("accelerations", accelerations).astype(float)
+        if q_dd.shape != (self.n,):
+            raise InputError(f"accelerations has the shape {q_dd.shape}; give a dict of joints, "
                              f"or an entry for each of {self.n} coordinates.")
-        change, G = given - motion.acceleration.astype(float), motion.constraint_jacobian()
-        size = np.abs(given).max() + np.abs(motion.acceleration.astype(float)).max()
+        change, G = q_dd - motion.acceleration.astype(float), motion.constraint_jacobian()
+        size = np.abs(q_dd).max() + np.abs(motion.acceleration.astype(float)).max()
         off = np.abs(G @ change) > _OFF * np.abs(G).sum(axis=1) * size
         if off.any():
             raise InputError("These accelerations leave the constraints "
@@ -209,7 +209,7 @@ class Dynamics(Differentiation):
         return Q
 
     def _inputs(
-        self, at: StartNumbers, targets: Mapping[str, Array], names: Sequence[str]
+        self, state: StartNumbers, targets: Mapping[str, Array], names: Sequence[str]
     ) -> dict[str, Any]:
         """Return the values of inputs, on which accelerations depend linearly, for the targets."""
         for name in names:
@@ -217,8 +217,8 @@ class Dynamics(Differentiation):
                 raise unknown("input", name, self.binding.input_names or ["none: it has no inputs"])
 
         def reached(values: ArrayLike) -> Array:
-            given = dict(zip(names, map(float, np.asarray(values)), strict=True))
-            motion = self._state_motion(replace(at, parameters={**at.parameters, **given}))
+            inputs = dict(zip(names, map(float, np.asarray(values)), strict=True))
+            motion = self._state_motion(replace(state, parameters={**state.parameters, **inputs}))
             return np.concatenate([motion.rate(name)[1] for name in targets])
 
         target, base = np.concatenate([*targets.values()]), reached(np.zeros(len(names)))
@@ -240,15 +240,15 @@ class Dynamics(Differentiation):
                              "them; leave out inputs for the forces on the joints.")
         return dict(zip(names, values.tolist(), strict=True))
 
-    def _names(self, what: str, given: Any) -> list[str]:
-        names = [as_text(f"an entry of {what}", x) for x in as_items(what, given, "names")]
+    def _names(self, label: str, entries: Any) -> list[str]:
+        names = [as_text(f"an entry of {label}", x) for x in as_items(label, entries, "names")]
         if not names or len({*names}) < len(names):
-            raise InputError(f"{what} = {shown(given)} must name one or more, each once.")
+            raise InputError(f"{label} = {shown(entries)} must name one or more, each once.")
         return names
 
-    def _state_motion(self, at: StartNumbers) -> StateMotion:
-        state, values = self._state(at.q, at.p), self._values(at.parameters)
-        (time,) = self._times(at.t, ())
+    def _state_motion(self, start: StartNumbers) -> StateMotion:
+        state, values = self._state(start.q, start.p), self._values(start.parameters)
+        (time,) = self._times(start.t, ())
         return StateMotion(self._motion_binding(), values, time, *state)
 
     def _values(self, parameters: Mapping[str, Number]) -> dict[str, Any]:
@@ -271,9 +271,9 @@ class Dynamics(Differentiation):
 
 def _row(name: str, value: Any, width: int) -> Array:
     """Return a given acceleration as a row of so many doubles."""
-    found = as_numbers(f"accelerations[{name!r}]", value).astype(float)
-    if found.shape not in ((width,), ()) or found.size != width or not np.isfinite(found).all():
+    row = as_numbers(f"accelerations[{name!r}]", value).astype(float)
+    if row.shape not in ((width,), ()) or row.size != width or not np.isfinite(row).all():
         raise InputError(f"accelerations[{name!r}] = {shown(value)} is not {width} finite number"
                          f"{'s' * (width > 1)}"
                          + (": a velocity's and ω's, in space axes." if width > 1 else "."))
-    return found.reshape(width)
+    return row.reshape(width)

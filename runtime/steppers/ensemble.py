@@ -178,8 +178,8 @@ class Ensemble:
                              f"{target.name!r} is none; leave it out.")
         form.require_packages()
         if "ensemble" in form.writers:
-            found: Path = form.function(form.writers["ensemble"])(self, target)
-            return found
+            written: Path = form.function(form.writers["ensemble"])(self, target)
+            return written
         return save_table(table_of_ensemble(self), target, "The ensemble", columns)
 
     def plot(self, *names: str | os.PathLike[str],
@@ -191,8 +191,8 @@ class Ensemble:
         """
         from ..plotting.trajectory_plots import draw_ensemble, names_and_path
 
-        known, target = names_and_path(names, path)
-        return draw_ensemble(self, known, target)
+        columns, target = names_and_path(names, path)
+        return draw_ensemble(self, columns, target)
 
     def show(self, path: str | os.PathLike[str] | None = None, *, member: int = 0,
              **options: Any) -> Any:
@@ -237,19 +237,20 @@ def integrate_members(
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
-        def fill(some: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
-            fill_ensemble(some, threads_of(workers), lambda: interrupts.requested, report)
+        def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
+            fill_ensemble(states, threads_of(workers), lambda: interrupts.requested, report)
 
         fill(computed, report)
         crossings = [] if levels is None else crossings_of(
-            stepper, levels, runs, [one.final_brackets() for one in computed.detectors], fill)
-        found = _ensemble(stepper, computed, crossings, () if levels is None else levels.events)
+            stepper, levels, runs, [detector.final_brackets() for detector in computed.detectors],
+            fill)
+        ensemble = _ensemble(stepper, computed, crossings, () if levels is None else levels.events)
         if tangents is not None:
-            found = _with_tangents(stepper, found, tangents, threads_of(workers),
-                                   lambda: interrupts.requested)
+            ensemble = _with_tangents(stepper, ensemble, tangents, threads_of(workers),
+                                      lambda: interrupts.requested)
     if interrupts.requested:
-        raise _stopped(interrupts, sum(computed.stored), found, found.t.size)
-    return found
+        raise _stopped(interrupts, sum(computed.stored), ensemble, ensemble.t.size)
+    return ensemble
 
 
 def _progress_of(
@@ -260,10 +261,10 @@ def _progress_of(
 
 
 def _stopped(
-    interrupts: Interrupts, stored: int, found: Ensemble | DeviceEnsemble, size: int
+    interrupts: Interrupts, stored: int, ensemble: Ensemble | DeviceEnsemble, size: int
 ) -> Stopped:
     return Stopped(f"Stopped with {stored:,} of {size:,} states; they are in .ensemble.",
-                   interrupts.signal, ensemble=cast(Ensemble, found))
+                   interrupts.signal, ensemble=cast(Ensemble, ensemble))
 
 
 def _checked(
@@ -276,14 +277,14 @@ def _checked(
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
     size = len(starts)
-    given = RawArguments(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
+    arguments = RawArguments(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t", t0, size), size),
                   _each_parameters(stepper._parameters_with_inputs(parameters, inputs), size,
                                    stepper.parameter_domains),
                   options)
     fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]),
                     runs=size)
-    runs = replace(checked_runs(stepper, given), inputs=fed)
+    runs = replace(checked_runs(stepper, arguments), inputs=fed)
     warn_of_negative(runs.parameters)
     warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
     if runs.first.steps:
@@ -312,14 +313,14 @@ def _integrate_on(
                 report(int(there.done.sum()))
             return interrupts.requested
 
-        found = (_ensemble(stepper, there.states(stepper.binding, stop), [], ()) if state is None
-                 else shared_ensemble(stepper, there, like, stop))
+        ensemble = (_ensemble(stepper, there.states(stepper.binding, stop), [], ()) if state is None
+                    else shared_ensemble(stepper, there, like, stop))
         if report is not None:
             report(int(there.done.sum()))
     if interrupts.requested:
         stored = int(sum(runs.first.stored(done) + 1 for done in there.done.tolist()))
-        raise _stopped(interrupts, stored, found, len(runs) * (runs.first.rows + 1))
-    return found
+        raise _stopped(interrupts, stored, ensemble, len(runs) * (runs.first.rows + 1))
+    return ensemble
 
 
 def _levels(stepper: Stepper, events: Any) -> Levels | None:
@@ -336,8 +337,8 @@ def _ensemble(
     """Return the stored states as arrays, NaN behind a failed step, and the failures."""
     binding, runs, rows = stepper.binding, computed.runs, computed.rows
     states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
-    at = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
-    t = binding.times(runs.t0[:, None], runs.dt[:, None], at)
+    steps = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
+    t = binding.times(runs.t0[:, None], runs.dt[:, None], steps)
     if binding.clocked:
         t = rows.q[:, :, -1].astype(t.dtype)
     q, p = (x[:, :, : binding.shown].copy() for x in (rows.q, rows.p))
@@ -351,25 +352,26 @@ def _ensemble(
     if binding.m > 1:
         multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
 
-    shown = [{name: crossing.shown(binding) for name, crossing in one.items()}
-             for one in crossings]
+    shown = [{name: crossing.shown(binding) for name, crossing in events_of_run.items()}
+             for events_of_run in crossings]
 
     def member(i: int) -> Trajectory:
-        made = trajectory_of(binding, stepper.manifest, runs[i], rows[i],
-                             computed.final_report(i), computed.q[i], computed.p[i])
-        return changed(made, events=shown[i] if shown else {},
+        trajectory = trajectory_of(binding, stepper.manifest, runs[i], rows[i],
+                                   computed.final_report(i), computed.q[i], computed.p[i])
+        return changed(trajectory, events=shown[i] if shown else {},
                        _origin=Origin(runs[i], asked))
 
     failures = {i: failure_of(binding, runs[i], member(i),
                                Diagnosis.bare(int(computed.status[i])), computed.q[i])
                 for i in np.flatnonzero(computed.status).tolist()}
-    events = {name: CrossingsOfMany([one[name] for one in shown])
+    events = {name: CrossingsOfMany([events_of_run[name] for events_of_run in shown])
               for name in (shown[0] if shown else ())}
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 
 def _with_tangents(
-    stepper: Stepper, ensemble: Ensemble, wanted: Tangents, threads: int, stop: Callable[[], bool]
+    stepper: Stepper, ensemble: Ensemble, tangents_asked: Tangents, threads: int,
+    stop: Callable[[], bool]
 ) -> Ensemble:
     """Return an ensemble whose trajectories have their tangents, with the bits of each alone."""
     _ = stepper._derivative_binding()  # compiled once, before threads ask for it
@@ -377,11 +379,11 @@ def _with_tangents(
     def made(i: int) -> Trajectory | None:
         if i in ensemble.failures or stop():
             return None
-        return with_tangents(stepper, wanted, ensemble._make(i))
+        return with_tangents(stepper, tangents_asked, ensemble._make(i))
 
     with ThreadPoolExecutor(min(threads, len(ensemble))) as pool:
-        found = list(pool.map(made, range(len(ensemble))))
-    tangents = [None if one is None else one.tangents for one in found]
+        trajectories = list(pool.map(made, range(len(ensemble))))
+    tangents = [None if trajectory is None else trajectory.tangents for trajectory in trajectories]
 
     def member(i: int) -> Trajectory:
         return changed(ensemble._make(i), tangents=tangents[i])

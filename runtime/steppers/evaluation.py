@@ -107,9 +107,9 @@ class Evaluation:
         x = self.binding.guess(run, step, *state, self.binding.work())
         return x + self._origin(*state)
 
-    def _refuse_unless_solving(self, what: str) -> None:
+    def _refuse_unless_solving(self, feature: str) -> None:
         if not self.binding.solves:
-            raise InputError(f"{self.name} has no {what}: its steps are compositions of exact "
+            raise InputError(f"{self.name} has no {feature}: its steps are compositions of exact "
                              "flows; take a stepper of scheme G-L for one.")
 
     # ------------------------------------------------------------ about a state
@@ -181,10 +181,10 @@ class Evaluation:
                                     self._times(state.t, shape))
         return v.reshape(*shape, self.n)
 
-    def _refuse_unless_lagrangian(self, what: str) -> None:
+    def _refuse_unless_lagrangian(self, feature: str) -> None:
         if not self.manifest.system.velocity_names:
-            raise InputError(f"{self.name} has no {what}: its system was given by its Hamiltonian; "
-                             "System.from_lagrangian makes one that knows them.")
+            raise InputError(f"{self.name} has no {feature}: its system was given by its "
+                             "Hamiltonian; System.from_lagrangian makes one that knows them.")
 
     def quantities(
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
@@ -262,9 +262,9 @@ class Evaluation:
                 f"The state {q}, {p} cannot be projected: {REASONS[status]}; give a nearer one."
             )
         with np.errstate(all="ignore"):
-            made = project(CompiledConstraints(self.binding, self.manifest, parameters, q[-1]),
-                           q[: self.n], p[: self.n])
-        return made.q, made.p
+            constraints = CompiledConstraints(self.binding, self.manifest, parameters, q[-1])
+            projection = project(constraints, q[: self.n], p[: self.n])
+        return projection.q, projection.p
 
     # ------------------------------------------------------------ inside
 
@@ -318,9 +318,9 @@ class Evaluation:
                 "take a stepper of the system without time_scale.")
         return as_step(dt, self.binding.number, "dtau" if self.binding.clocked else "dt")
 
-    def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
+    def _parameters(self, parameters: Mapping[str, Number], t: Number = 0.0) -> Any:
         number = self.binding.number
-        values = self.check_parameters(given)
+        values = self.check_parameters(parameters)
         warn_of_negative(values)
         return self.binding.parameters(values, as_real("t", t, number))
 
@@ -328,9 +328,10 @@ class Evaluation:
         self, start: Any, p: Any, parameters: Any, t: Any
     ) -> tuple[tuple[Array, Array], Any]:
         """Return the state of a start, or (q, p), and the parameters there as compiled code."""
-        given = merged_start(self, start, p, parameters, t)
-        state, run = self._state(given.q, given.p), self._parameters(given.parameters, given.t)
-        return self.binding.start_in_scaled_time(run, *state, given.t), run
+        numbers = merged_start(self, start, p, parameters, t)
+        state, run = self._state(numbers.q, numbers.p), self._parameters(numbers.parameters,
+                                                                         numbers.t)
+        return self.binding.start_in_scaled_time(run, *state, numbers.t), run
 
     def _equations_at(
         self, x: ArrayLike, start: Any, p: Any, parameters: Any, t: Any

@@ -110,16 +110,16 @@ class RunDefaults:
         if self.visuals:
             content["visuals"] = {name: [shape.as_json() for shape in shapes]
                                   for name, shapes in self.visuals.items()}
-        events = [asdict(one) | {"level": str(exact(one.level))} for one in self.events]
+        events = [asdict(event) | {"level": str(exact(event.level))} for event in self.events]
         return content | {name: _mapped(content[name], _text) for name in _NUMBERS} | {
             "events": events}
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> RunDefaults:
         """Return what ``as_json`` was made of."""
-        events = tuple(Event(**one | {"level": Fraction(one["level"])})
-                       for one in content["events"])
-        visuals = {name: [Shape(**one) for one in shapes]
+        events = tuple(Event(**entry | {"level": Fraction(entry["level"])})
+                       for entry in content["events"])
+        visuals = {name: [Shape(**entry) for entry in shapes]
                    for name, shapes in content.get("visuals", {}).items()}
         return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS} | {
             "events": events, "visuals": visuals})

@@ -128,14 +128,14 @@ class ContinuedStep(AdvancingRun):
     """A trajectory of ``Stepper.step``: the caller passes all arguments again at each step."""
 
     def __init__(
-        self, binding: Binding, run: RunArguments, given: tuple[Any, ...],
+        self, binding: Binding, run: RunArguments, arguments: tuple[Any, ...],
         work: WorkMemory | None = None,
     ) -> None:
         super().__init__(binding, run, work)
         #: What the caller gave beside the state, as given: a call that gives the same goes on.
-        *self._given, self._given_parameters = *given[:-1], dict(given[-1])
+        *self._given, self._given_parameters = *arguments[:-1], dict(arguments[-1])
 
-    def continues(self, q: Any, p: Any, t0: Any, given: tuple[Any, ...]) -> bool:
+    def continues(self, q: Any, p: Any, t0: Any, arguments: tuple[Any, ...]) -> bool:
         """Whether these are the end of the step before, and all else is as it was."""
         run = self.run
         return (
@@ -143,8 +143,8 @@ class ContinuedStep(AdvancingRun):
             and q.dtype == self.q.dtype and p.dtype == self.p.dtype
             and np.array_equal(q, self.q) and np.array_equal(p, self.p)
             and (self.binding.time is None or t0 == run.t0 + self.steps * run.dt)
-            and all(map(_same, given[:-1], self._given))
-            and _same_numbers(given[-1], self._given_parameters)
+            and all(map(_same, arguments[:-1], self._given))
+            and _same_numbers(arguments[-1], self._given_parameters)
         )
 
     def run_from(self, q: Any, p: Any, t0: Any) -> RunArguments:
@@ -291,11 +291,11 @@ class Simulation:
         """
         if type(steps) is not int or not 0 <= steps <= FIRST_STEPS:
             steps = as_positive_count("steps", steps)
-        given = self._inputs(inputs) if inputs else None
+        values = self._inputs(inputs) if inputs else None
         self._take()
         try:
-            if given is not None:
-                self._held.set_inputs(given)
+            if values is not None:
+                self._held.set_inputs(values)
             status = self._held.advance(steps) if steps <= FIRST_STEPS else self._long(steps)
         finally:
             self._in_use.release()
@@ -365,10 +365,10 @@ class Simulation:
 
         In scaled time it is a coordinate.
         """
-        held = self._held
-        if held.binding.clocked:
-            return held.binding.time_of(held.q)
-        return held.run.t0 + self.steps * self.dt
+        continued = self._held
+        if continued.binding.clocked:
+            return continued.binding.time_of(continued.q)
+        return continued.run.t0 + self.steps * self.dt
 
     @property
     def q(self) -> Array:
@@ -383,12 +383,12 @@ class Simulation:
     @property
     def start(self) -> Start:
         """The state, the parameters and the inputs of now, from which another run may start."""
-        held = self._held
-        parameters = held.run.parameters
-        inputs = {name: parameters[name] for name in held.binding.input_names}
+        continued = self._held
+        parameters = continued.run.parameters
+        inputs = {name: parameters[name] for name in continued.binding.input_names}
         state = start_of_row(self.q, self.p, self.t, parameters, inputs)
-        if held.binding.clocked:
-            state._excess = self._stepper.energy(state) + held.p[-1]
+        if continued.binding.clocked:
+            state._excess = self._stepper.energy(state) + continued.p[-1]
         return state
 
     @property
@@ -408,10 +408,10 @@ class Simulation:
                               "step.start(..., record=True) for sim.trajectory.")
         self._take()
         try:
-            found = self._held.trajectory(self._stepper.manifest)
+            trajectory = self._held.trajectory(self._stepper.manifest)
         finally:
             self._in_use.release()
-        return found.made_by(self._stepper)
+        return trajectory.made_by(self._stepper)
 
     @property
     def report(self) -> Report:
@@ -420,8 +420,8 @@ class Simulation:
         Energy errors leave out what a change of parameters does to H: ``energy_start`` changes
         with it.
         """
-        held = self._held
-        return Report.read(held.record, held.q, held.p, held.binding)
+        continued = self._held
+        return Report.read(continued.record, continued.q, continued.p, continued.binding)
 
     def body(self, name: str | None = None) -> PresentBody | PresentPlaced:
         """Return a rigid body at the present state, with the methods of ``run.body``.
@@ -442,8 +442,8 @@ class Simulation:
         try:
             return self._bodies[name]
         except (KeyError, TypeError):
-            known, at = body_named(self._stepper.manifest, name)
-        return self._bodies.setdefault(name, body_at_present(self._present, known, at))
+            body_name, layout = body_named(self._stepper.manifest, name)
+        return self._bodies.setdefault(name, body_at_present(self._present, body_name, layout))
 
     def joint(self, name: str | None = None) -> PresentJoint:
         """Return a joint at the present state, with the methods of ``run.joint``.
@@ -464,8 +464,8 @@ class Simulation:
         try:
             return self._joints[name]
         except (KeyError, TypeError):
-            known, at = joint_named(self._stepper.manifest, name)
-        return self._joints.setdefault(name, PresentJoint(self._present, known, at))
+            joint_name, layout = joint_named(self._stepper.manifest, name)
+        return self._joints.setdefault(name, PresentJoint(self._present, joint_name, layout))
 
     @property
     def input(self) -> MutableMapping[str, Any]:
@@ -481,10 +481,10 @@ class Simulation:
         return _InputValues(self)
 
     def _set_inputs(self, inputs: Mapping[str, Number]) -> None:
-        given = self._inputs(inputs)
+        values = self._inputs(inputs)
         self._take()
         try:
-            self._held.set_inputs(given)
+            self._held.set_inputs(values)
         finally:
             self._in_use.release()
 
@@ -496,12 +496,13 @@ class Simulation:
         InputError
             If the system has no quantity of that name.
         """
-        place = place_of_quantity(self._stepper.manifest, name)
-        held, t = self._held, self.t
-        time = held.binding.new(1)
+        column = place_of_quantity(self._stepper.manifest, name)
+        continued, t = self._held, self.t
+        time = continued.binding.new(1)
         time[0] = t
-        return held.binding.quantities(held.binding.parameters(held.run.parameters, t), time,
-                                       held.q[None], held.p[None])[0, place]
+        return continued.binding.quantities(continued.binding.parameters(continued.run.parameters,
+                                                                         t), time,
+                                            continued.q[None], continued.p[None])[0, column]
 
     @property
     def parameters(self) -> Mapping[str, Any]:
@@ -519,20 +520,21 @@ class Simulation:
 
     @parameters.setter
     def parameters(self, parameters: Mapping[str, Number]) -> None:
-        held, stepper = self._held, self._stepper
-        made = stepper.check_parameters(parameters)
-        if held.binding.clocked:
+        continued, stepper = self._held, self._stepper
+        checked = stepper.check_parameters(parameters)
+        if continued.binding.clocked:
             raise InputError("A simulation in scaled time keeps its parameters: -H at its start is "
                              "one of its numbers. Start another one from sim.start, by "
                              "step.start(sim.start, parameters=...).")
-        warn_of_negative(made)
+        warn_of_negative(checked)
         deciding = stepper.manifest.system.start_parameters
-        if any(made[name] != held.run.parameters[name] for name in deciding):
-            refuse_inconsistent(held.binding, stepper.manifest,
-                                replace(held.run, q=held.q, p=held.p, parameters=made))
+        if any(checked[name] != continued.run.parameters[name] for name in deciding):
+            refuse_inconsistent(continued.binding, stepper.manifest,
+                                replace(continued.run, q=continued.q, p=continued.p,
+                                        parameters=checked))
         self._take()
         try:
-            held.set_parameters(made)
+            continued.set_parameters(checked)
         finally:
             self._in_use.release()
 
@@ -568,12 +570,12 @@ class Simulation:
 
     def _failure(self, status: int) -> StepFailed:
         """Return the error of a step from here; its trajectory is what is kept."""
-        held, manifest, t, done = self._held, self._stepper.manifest, self.t, self.steps
-        run = replace(held.run, q=held.q.copy(), p=held.p.copy(),
-                      t0=held.run.t0 + done * held.run.dt, steps=done + 1, every=done + 2)
-        found = diagnose(held.binding, manifest, run, status, run.q, run.p, t)
-        return StepFailed(step=done + 1, t=float(t), trajectory=held.trajectory(manifest),
-                          **asdict(found))
+        state, manifest, t, done = self._held, self._stepper.manifest, self.t, self.steps
+        run = replace(state.run, q=state.q.copy(), p=state.p.copy(),
+                      t0=state.run.t0 + done * state.run.dt, steps=done + 1, every=done + 2)
+        diagnosis = diagnose(state.binding, manifest, run, status, run.q, run.p, t)
+        return StepFailed(step=done + 1, t=float(t), trajectory=state.trajectory(manifest),
+                          **asdict(diagnosis))
 
 
 class _PresentState:
@@ -595,10 +597,10 @@ class _PresentState:
 
     def next_step(self) -> Trajectory:
         """Return the step that would follow; the simulation stays where it is."""
-        held = self._held
-        run = replace(held.run, q=held.q.copy(), p=held.p.copy(),
-                      t0=held.run.t0 + held.steps * held.run.dt, steps=1, every=1)
-        return integrate(held.binding, self.manifest, run)
+        continued = self._held
+        run = replace(continued.run, q=continued.q.copy(), p=continued.p.copy(),
+                      t0=continued.run.t0 + continued.steps * continued.run.dt, steps=1, every=1)
+        return integrate(continued.binding, self.manifest, run)
 
 
 class _InputValues(MutableMapping[str, Any]):
@@ -646,9 +648,9 @@ def _simulation(
     stepper: Stepper, run: RunArguments, image: tuple[Any, ...], record: bool
 ) -> Simulation:
     """Return a simulation with a copy of another one's memory."""
-    made = Simulation(stepper, run, record)
-    made._held.image = image
-    return made
+    simulation = Simulation(stepper, run, record)
+    simulation._held.image = image
+    return simulation
 
 
 def _unpickled(
@@ -656,8 +658,8 @@ def _unpickled(
     record: bool = False,
 ) -> Simulation:
     """Return a simulation in another process; the memory means the same to the same code alone."""
-    own = stepper._provenance
-    differs = [name for name in own if own[name] != provenance.get(name)]
+    own_provenance = stepper._provenance
+    differs = [name for name in own_provenance if own_provenance[name] != provenance.get(name)]
     if differs:
         raise InputError(
             f"The simulation was pickled with another {' and another '.join(differs)}: what its "
