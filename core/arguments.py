@@ -29,12 +29,12 @@ _FEW = 6
 
 def few(names: Iterable[object]) -> str:
     """Return the first of some names, and how many there are if that is not all."""
-    found = [str(name) for name in names]
-    first = ", ".join(found[:_FEW]) or "none"
-    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
+    texts = [str(name) for name in names]
+    first = ", ".join(texts[:_FEW]) or "none"
+    return first if len(texts) <= _FEW else f"{first}, … ({len(texts)})"
 
 
-def choose(what: str, value: Any, allowed: Collection[Name], more: str = "") -> Name:
+def choose(label: str, value: Any, allowed: Collection[Name], suffix: str = "") -> Name:
     """Return a value that is one of the allowed names.
 
     Parameters
@@ -56,13 +56,13 @@ def choose(what: str, value: Any, allowed: Collection[Name], more: str = "") -> 
         for name in allowed:
             if name == value:
                 return name
-    raise unknown(what, value, allowed, more)
+    raise unknown(label, value, allowed, suffix)
 
 
-def unknown(what: str, value: Any, allowed: Iterable[str], more: str = "") -> InputError:
+def unknown(label: str, value: Any, allowed: Iterable[str], suffix: str = "") -> InputError:
     """Return the refusal of a name: the allowed ones, and the one that was probably meant."""
     names = list(allowed)
-    return InputError(f"Unknown {what} {shown(value)}; choose {listed(names)}{more}"
+    return InputError(f"Unknown {label} {shown(value)}; choose {listed(names)}{suffix}"
                       f"{proposal(value, names)}.")
 
 
@@ -92,13 +92,13 @@ def listed(names: Iterable[str]) -> str:
     return f"{', '.join(first)} or {last}" if first else last
 
 
-def shown(value: Any, most: int = 80) -> str:
+def shown(value: Any, length: int = 80) -> str:
     """Return a value as a message shows it: on one line, cut to a readable length."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # a repr of somebody else's; of an integer of 5000 digits, too
         text = f"a value of type {type(value).__name__}"
-    return text if len(text) <= most else text[: most - 1] + "…"
+    return text if len(text) <= length else text[: length - 1] + "…"
 
 
 def whole(value: Any) -> int | None:
@@ -108,10 +108,10 @@ def whole(value: Any) -> int | None:
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return None
     try:
-        found: int = int(value)  # type: ignore[call-overload]
+        number: int = int(value)  # type: ignore[call-overload]
     except (OverflowError, ValueError):  # infinity, NaN
         return None
-    return found if found == value else None
+    return number if number == value else None
 
 
 def as_path(name: str, value: Any, example: str) -> Path:
@@ -180,7 +180,7 @@ def as_text(name: str, value: Any) -> str:
     return value
 
 
-def as_items(name: str, value: Any, what: str) -> list[Any]:
+def as_items(name: str, value: Any, content: str) -> list[Any]:
     """Return the items of a list, a tuple or another row; text is none.
 
     Raises
@@ -191,5 +191,5 @@ def as_items(name: str, value: Any, what: str) -> list[Any]:
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
         items = list(value)
     if items is None:
-        raise InputError(f"{name} = {shown(value)} is no list of {what}.")
+        raise InputError(f"{name} = {shown(value)} is no list of {content}.")
     return items

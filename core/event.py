@@ -67,7 +67,7 @@ class Event:
         object.__setattr__(self, "name", self.name or self.quantity)
 
 
-def as_events(given: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
+def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     """Return a caller's events, each of a quantity that the system has.
 
     ``quantities`` are names of quantities, coordinates and momenta, and of the time in scaled time.
@@ -77,15 +77,15 @@ def as_events(given: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     InputError
         For what is no event, an unknown quantity, two events of one name.
     """
-    if type(given) is tuple and not given:
+    if type(argument) is tuple and not argument:
         return ()
-    events = (given,) if isinstance(given, Event) else given
-    if not isinstance(events, Sequence) or not all(isinstance(one, Event) for one in events):
-        raise InputError(f"events = {shown(given)} is no list of events; give "
+    events = (argument,) if isinstance(argument, Event) else argument
+    if not isinstance(events, Sequence) or not all(isinstance(event, Event) for event in events):
+        raise InputError(f"events = {shown(argument)} is no list of events; give "
                          'events=[gs.Event("height", level=0.0, direction=-1)].')
-    for one in events:
-        choose("quantity of an event", one.quantity, quantities)
-    names = [one.name for one in events]
+    for event in events:
+        choose("quantity of an event", event.quantity, quantities)
+    names = [event.name for event in events]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(f"Two events are named {twice[0]!r}; give one of them another "
@@ -95,7 +95,7 @@ def as_events(given: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
 
 def terminal_of(events: Sequence[Event]) -> str:
     """Return what messages call the first terminal event, and "" without one."""
-    return next((f"the terminal event {one.name!r}" for one in events if one.terminal), "")
+    return next((f"the terminal event {event.name!r}" for event in events if event.terminal), "")
 
 
 def refuse_unusable_names(events: Sequence[Event], named: str) -> None:
@@ -105,9 +105,9 @@ def refuse_unusable_names(events: Sequence[Event], named: str) -> None:
     ------
     InputError
     """
-    for one in events:
-        if not _NAME.fullmatch(one.name):
-            raise InputError(f"The event {one.name!r} names {named}; give it a name of letters, "
+    for event in events:
+        if not _NAME.fullmatch(event.name):
+            raise InputError(f"The event {event.name!r} names {named}; give it a name of letters, "
                              'digits and "_", as in gs.Event(..., name="landing").')
 
 
@@ -123,13 +123,13 @@ def event_of_text(
     InputError
         For other text.
     """
-    found = _TEXT.fullmatch(text)
-    level = None if found is None else number(found["level"])
-    words = [] if found is None else found["words"].split()
+    match = _TEXT.fullmatch(text)
+    level = None if match is None else number(match["level"])
+    words = [] if match is None else match["words"].split()
     directions = [word for word in words if word in DIRECTIONS]
-    if found is None or level is None or len(directions) > 1:
+    if match is None or level is None or len(directions) > 1:
         raise InputError(f'The event {text!r} is not read; write "height=0", "height=0 down" or '
                          '"height=0 up stop": a quantity, its level, up, down or both, and stop '
                          "where the run shall end there.")
-    return Event(found["quantity"], level, DIRECTIONS[directions[0]] if directions else 0,
+    return Event(match["quantity"], level, DIRECTIONS[directions[0]] if directions else 0,
                  "stop" in words, name)

@@ -44,11 +44,11 @@ class Rounded(float):
     __slots__ = ("whole",)
     whole: Fraction
 
-    def __new__(cls, whole: Fraction) -> Rounded:
+    def __new__(cls, exact_value: Fraction) -> Rounded:
         """Return the double next to a number."""
-        made = super().__new__(cls, as_double(whole))
-        made.whole = whole
-        return made
+        double = super().__new__(cls, as_double(exact_value))
+        double.whole = exact_value
+        return double
 
     def __getnewargs__(self) -> tuple[Fraction]:  # type: ignore[override]
         """Pickle and copy by the whole number."""
@@ -141,13 +141,14 @@ def knowing(value: Any) -> float:
     return float(value)
 
 
-def nearest(value: Fraction, bits: int, least: int) -> tuple[int, int]:
+def nearest(value: Fraction, bits: int, least_exponent: int) -> tuple[int, int]:
     """Return m and e of the binary number m 2^e next to a value, ties to even.
 
-    m has at most ``bits`` bits, and e is at least ``least``: the last bit of a subnormal number.
+    m has at most ``bits`` bits, and e is at least ``least_exponent``, that of the last bit of a
+    subnormal number.
     """
     size = abs(value.numerator).bit_length() - value.denominator.bit_length()
-    exponent = max(size - bits - 1, least)
+    exponent = max(size - bits - 1, least_exponent)
     while True:
         mantissa = round(value / Fraction(2) ** exponent)  # to even
         if abs(mantissa) <= 1 << bits:
@@ -175,10 +176,10 @@ def digits_of(number: Any) -> Any:
         return float(number)
     if not hasattr(number, "context"):  # NumPy writes the shortest text itself
         return str(number)
-    whole = exact(number)
+    exact_value = exact(number)
     for count in range(_QUAD_DIGITS - 3, _QUAD_DIGITS + 1):
         text = number.context.nstr(number, count)
         mantissa, exponent = nearest(Fraction(text), *_QUAD)
-        if mantissa * Fraction(2) ** exponent == whole:
+        if mantissa * Fraction(2) ** exponent == exact_value:
             return text
     raise ArithmeticError(f"{number!r} has more than {_QUAD[0]} bits.")

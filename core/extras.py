@@ -17,18 +17,18 @@ _EXTRA = re.compile(r"""extra\s*==\s*["']([\w-]+)["']""")
 
 def install(extra: str) -> str:
     """Return the command that installs the packages of an extra, in backticks."""
-    return "`pip install " + " ".join(f'"{one}"' for one in packages_of(extra)) + "`"
+    return "`pip install " + " ".join(f'"{package}"' for package in packages_of(extra)) + "`"
 
 
 def packages_of(extra: str) -> list[str]:
     """Return the requirements of an extra, with extras among them replaced by their own."""
-    found: dict[str, None] = {}
+    requirements: dict[str, None] = {}
     for requirement in _extras()[extra]:
-        own = _OWN.match(requirement)
-        found |= dict.fromkeys(
-            [requirement.partition(";")[0].strip()] if own is None else
-            [one for name in own[1].split(",") for one in packages_of(name)])
-    return list(found)
+        match = _OWN.match(requirement)
+        requirements |= dict.fromkeys(
+            [requirement.partition(";")[0].strip()] if match is None else
+            [package for name in match[1].split(",") for package in packages_of(name)])
+    return list(requirements)
 
 
 def _extras() -> dict[str, list[str]]:
@@ -41,8 +41,8 @@ def _extras() -> dict[str, list[str]]:
         content = tomllib.loads(project.read_text(encoding="utf-8"))
         extras: dict[str, list[str]] = content["project"]["optional-dependencies"]
         return extras
-    found: dict[str, list[str]] = {}
+    requirements_of: dict[str, list[str]] = {}
     for requirement in metadata.requires(_PACKAGE) or ():
         for name in _EXTRA.findall(requirement):
-            found.setdefault(name, []).append(requirement)
-    return found
+            requirements_of.setdefault(name, []).append(requirement)
+    return requirements_of

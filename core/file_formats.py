@@ -100,21 +100,21 @@ def ending_of(path: Path) -> str:
 
 def endings(*kinds: Kind) -> list[str]:
     """Return the endings of all formats of some kinds."""
-    return [one.ending for one in FORMATS if one.kind in kinds]
+    return [file_format.ending for file_format in FORMATS if file_format.kind in kinds]
 
 
-def format_of(path: Path, what: str, *kinds: Kind) -> FileFormat:
+def format_of(path: Path, label: str, *kinds: Kind) -> FileFormat:
     """Return the format that a name asks for.
 
     Raises
     ------
     InputError
-        Where none of these kinds has its ending, naming ``what`` is to be written.
+        Where none of these kinds has its ending, naming ``label`` is to be written.
     """
-    for one in FORMATS:
-        if one.kind in kinds and one.ending == ending_of(path):
-            return one
-    raise InputError(f"{what} cannot be written as {path.name!r}; end it in "
+    for file_format in FORMATS:
+        if file_format.kind in kinds and file_format.ending == ending_of(path):
+            return file_format
+    raise InputError(f"{label} cannot be written as {path.name!r}; end it in "
                      f"{', '.join(endings(*kinds))}.")
 
 
@@ -124,27 +124,27 @@ def staged_file(path: Path) -> Iterator[Path]:
 
     An error or an interrupt removes what was written.
     """
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        yield part
-        part.replace(path)
+        yield temporary
+        temporary.replace(path)
     finally:
         with contextlib.suppress(OSError):
-            part.unlink()
+            temporary.unlink()
 
 
 @contextlib.contextmanager
-def result_file(path: Path, what: str) -> Iterator[Path]:
+def result_file(path: Path, label: str) -> Iterator[Path]:
     """Yield a name as ``staged_file`` does.
 
     Raises
     ------
     GyrosparkError
-        Saying why ``what`` cannot be written, where the system refuses it.
+        Saying why ``label`` cannot be written, where the system refuses it.
     """
     try:
-        with staged_file(path) as part:
-            yield part
+        with staged_file(path) as temporary:
+            yield temporary
     except OSError as error:
-        raise GyrosparkError(f"{what} cannot be written to {str(path)!r}: "
+        raise GyrosparkError(f"{label} cannot be written to {str(path)!r}: "
                              f"{why_unwritable(path, error)}.") from error

@@ -35,9 +35,9 @@ def card(title: str, *parts: str) -> str:
 def table(rows: Iterable[Sequence[object]], heads: Sequence[object] = ()) -> Raw:
     """Return a table; cells are escaped unless they are ``Raw``."""
     def line(cells: Sequence[object], tag: str) -> str:
-        found = "".join(f'<{tag} style="text-align:left">{_escaped(cell)}</{tag}>'
-                        for cell in cells)
-        return f"<tr>{found}</tr>"
+        cells_html = "".join(f'<{tag} style="text-align:left">{_escaped(cell)}</{tag}>'
+                             for cell in cells)
+        return f"<tr>{cells_html}</tr>"
 
     top = f"<thead>{line(heads, 'th')}</thead>" if heads else ""
     body = "".join(line(row, "td") for row in rows)
@@ -63,7 +63,8 @@ def curve(x: Any, y: Any, label: str) -> Raw:
     wide, high = (x1 - x0) or 1.0, (y1 - y0) or 1.0
     line = " ".join(f"{4 + (_WIDTH - 8) * (a - x0) / wide:.1f},"
                     f"{_HEIGHT - 4 - (_HEIGHT - 8) * (b - y0) / high:.1f}" for a, b in points)
-    said = html.escape(f"{label}: {y0:.3g} to {y1:.3g}")
+    caption = html.escape(f"{label}: {y0:.3g} to {y1:.3g}")
     return Raw(f'<figure style="margin:.3em 0"><svg width="{_WIDTH}" height="{_HEIGHT}" role="img" '
-               f'aria-label="{said}"><polyline points="{line}" fill="none" stroke="currentColor"/>'
-               f"</svg><figcaption>{said}</figcaption></figure>")
+               f'aria-label="{caption}"><polyline points="{line}" fill="none" '
+               'stroke="currentColor"/>'
+               f"</svg><figcaption>{caption}</figcaption></figure>")

@@ -53,22 +53,22 @@ def real_array(value: Any) -> Array | None:
     if isinstance(value, (str, bytes, set, frozenset, Mapping)):
         return None
     try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "fiuO" or (given.dtype.kind == "O" and any(
-                isinstance(x, (str, bytes, bool, type(None))) for x in given.flat)):
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiuO" or (array.dtype.kind == "O" and any(
+                isinstance(x, (str, bytes, bool, type(None))) for x in array.flat)):
             return None
-        return np.array(given, dtype=float)
+        return np.array(array, dtype=float)
     except (TypeError, ValueError, OverflowError):  # ragged, symbols, beyond 1e308
         return None
 
 
 def is_tensor(inertia: Any) -> bool:
     """Whether an inertia is given as rows of numbers, a tensor."""
-    found = real_array(inertia)
-    return found is not None and found.ndim == 2
+    array = real_array(inertia)
+    return array is not None and array.ndim == 2
 
 
-def as_inertia(inertia: Any, what: str = "inertia") -> Inertia:
+def as_inertia(inertia: Any, label: str = "inertia") -> Inertia:
     """Return the inertia of a body in kg m²: three principal moments, or a tensor in body axes.
 
     A tensor that is diagonal comes back as its three moments.
@@ -79,45 +79,45 @@ def as_inertia(inertia: Any, what: str = "inertia") -> Inertia:
         Unless it is three numbers above 0, or a symmetric positive definite 3 × 3 matrix, and
         such as a body can have: no moment exceeds the sum of the other two.
     """
-    given = as_moments_or_tensor(inertia, what)
-    I1, I2, I3 = sorted(moments_of(given))
+    checked = as_moments_or_tensor(inertia, label)
+    I1, I2, I3 = sorted(moments_of(checked))
     excess = I3 - (I1 + I2)
     if excess > 8 * _EPS * I3:
-        said = (f"The {what} is {shown(inertia)}, and no body has it: the principal moment "
-                f"{I3:.6g} exceeds the sum {I1 + I2:.6g} of the other two")
+        sentence = (f"The {label} is {shown(inertia)}, and no body has it: the principal moment "
+                    f"{I3:.6g} exceeds the sum {I1 + I2:.6g} of the other two")
         if excess > _TWO_DIGITS * I3:
             raise InputError(
-                f"{said}; correct the moments. (Moments that fluid or rotors add to are "
+                f"{sentence}; correct the moments. (Moments that fluid or rotors add to are "
                 "parameters of a gyrospark.System, which takes any.)")
-        warn(f"{said}. It is taken as it is, as if by rounding; give more digits.")
-    return given
+        warn(f"{sentence}. It is taken as it is, as if by rounding; give more digits.")
+    return checked
 
 
-def as_moments_or_tensor(inertia: Any, what: str = "inertia") -> Inertia:
+def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
     """Return an inertia whose moments are finite and above 0, and nothing else asked of them."""
     if not is_tensor(inertia):
-        return as_moments(inertia, what)
+        return as_moments(inertia, label)
     tensor = np.array(inertia, dtype=float)
     if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
-        raise InputError(f"The {what} {shown(inertia)} is not 3 × 3 finite numbers; give the "
+        raise InputError(f"The {label} {shown(inertia)} is not 3 × 3 finite numbers; give the "
                          "tensor in body axes, or I1, I2 and I3, in kg m².")
     size = float(np.abs(tensor).max())
     if np.abs(tensor - tensor.T).max() > 1e-6 * size:
-        raise InputError(f"The {what} {shown(inertia)} is not symmetric, as inertia tensors are; "
+        raise InputError(f"The {label} {shown(inertia)} is not symmetric, as inertia tensors are; "
                          "give both products of inertia of a pair of axes one value, −∫xy dm.")
     rows = [[_kept(x) for x in row] for row in inertia]
     if not (np.tril(tensor, -1).any() or np.triu(tensor, 1).any()):
-        return as_moments([rows[i][i] for i in range(3)], what)
+        return as_moments([rows[i][i] for i in range(3)], label)
     tensor = (tensor + tensor.T) / 2
     if not size or np.linalg.eigvalsh(tensor / size).min() <= 8 * _EPS:
-        raise InputError(f"The {what} {shown(inertia)} is not positive definite: one of its "
+        raise InputError(f"The {label} {shown(inertia)} is not positive definite: one of its "
                          "principal moments is not above 0; correct its products of inertia.")
     return cast("Tensor", tuple(tuple(
         rows[i][j] if rows[i][j] == rows[j][i] else float(tensor[i, j]) for j in range(3))
         for i in range(3)))
 
 
-def as_moments(inertia: Any, what: str = "inertia", *, zeros: int = 0) -> Moments:
+def as_moments(inertia: Any, label: str = "inertia", *, zeros: int = 0) -> Moments:
     """Return three principal moments as floats, or as given where those lose digits, in kg m².
 
     Raises
@@ -125,18 +125,18 @@ def as_moments(inertia: Any, what: str = "inertia", *, zeros: int = 0) -> Moment
     InputError
         Unless there are three finite moments above 0; up to ``zeros`` of them may be 0.
     """
-    found = real_array(inertia)
-    if found is None or found.ndim != 1:
+    array = real_array(inertia)
+    if array is None or array.ndim != 1:
         raise InputError(
-            f"The {what} {shown(inertia)} is not three numbers; give I1, I2 and I3 in kg m².")
-    moments: list[float] = found.tolist()
+            f"The {label} {shown(inertia)} is not three numbers; give I1, I2 and I3 in kg m².")
+    moments: list[float] = array.tolist()
     if len(moments) != 3:
-        raise InputError(f"The {what} has {len(moments)} moments; give the three principal moments "
-                         "I1, I2, I3, or a 3 × 3 tensor.")
+        raise InputError(f"The {label} has {len(moments)} moments; give the three principal "
+                         "moments I1, I2, I3, or a 3 × 3 tensor.")
     for axis, moment in enumerate(moments, start=1):
         vanishing_allowed = moment == 0 and moments.count(0.0) <= zeros
         if not math.isfinite(moment) or (moment <= 0 and not vanishing_allowed):
-            where = "" if what == "inertia" else f", in the {what}"
+            where = "" if label == "inertia" else f", in the {label}"
             raise InputError(f"The moment I{axis} = {moment!r} kg m² must be finite and above 0"
                              f"{where}.")
     I1, I2, I3 = (_kept(moment) for moment in inertia)
@@ -207,7 +207,7 @@ def tensor_of_inverse(entries: Sequence[float]) -> Tensor:
 # ---------------------------------------------------------------- attitude
 
 
-def unit_quaternions(values: Any, what: str = "quaternion") -> Array:
+def unit_quaternions(values: Any, label: str = "quaternion") -> Array:
     """Return unit quaternions, scalar first, of one or of rows of any length but 0.
 
     Raises
@@ -217,37 +217,37 @@ def unit_quaternions(values: Any, what: str = "quaternion") -> Array:
     """
     q = real_array(values)
     if q is None or q.ndim not in (1, 2) or q.shape[-1] != 4 or not np.isfinite(q).all():
-        raise InputError(f"The {what} is {shown(values)}; give 4 finite numbers, scalar first.")
+        raise InputError(f"The {label} is {shown(values)}; give 4 finite numbers, scalar first.")
     sizes = np.abs(q).max(axis=-1, keepdims=True)
     if not sizes.all():
-        raise InputError(f"The {what} is zero; take (1, 0, 0, 0) for no turn.")
+        raise InputError(f"The {label} is zero; take (1, 0, 0, 0) for no turn.")
     scaled = q / sizes  # so that no square leaves the range of doubles
     norms = np.linalg.norm(scaled, axis=-1, keepdims=True)
     lengths = norms * sizes
     unit: Array = np.where(abs(lengths - 1) <= 4 * _EPS, q, scaled / norms)  # or as it is
-    _warn_of_length(what, values, lengths.ravel())
-    _warn_of_order(what, values, unit)
+    _warn_of_length(label, values, lengths.ravel())
+    _warn_of_order(label, values, unit)
     return unit
 
 
-def _warn_of_length(what: str, values: Any, norms: Array) -> None:
+def _warn_of_length(label: str, values: Any, norms: Array) -> None:
     """Say that quaternions are far from length 1: further than rounding explains.
 
     Entries rounded to d decimals have errors of 10⁻ᵈ/2 each, and |q| one of 10⁻ᵈ at most; d = 2
     is the fewest that anybody rounds to.
     """
-    given = np.asarray(values)
-    eps = float(np.finfo(given.dtype).eps) if given.dtype.kind == "f" else _EPS
-    decimals = max(-int(Decimal(repr(float(x))).as_tuple().exponent) for x in given.ravel()[:400])
+    array = np.asarray(values)
+    eps = float(np.finfo(array.dtype).eps) if array.dtype.kind == "f" else _EPS
+    decimals = max(-int(Decimal(repr(float(x))).as_tuple().exponent) for x in array.ravel()[:400])
     bound = 10.0 ** -min(max(decimals, 2), 17) + 4 * max(eps, _EPS)
     worst = int(np.abs(norms - 1).argmax())
     if abs(norms[worst] - 1) > bound:
         where = "" if len(norms) == 1 else f" in row {worst + 1}"
-        warn(f"The {what}{where} has length {norms[worst]:.9g}, not 1, and was divided by it; "
+        warn(f"The {label}{where} has length {norms[worst]:.9g}, not 1, and was divided by it; "
              "write a unit quaternion if another was meant.")
 
 
-def _warn_of_order(what: str, values: Any, unit: Array) -> None:
+def _warn_of_order(label: str, values: Any, unit: Array) -> None:
     """Say that quaternions look as if their scalar stood last.
 
     Nothing proves it. But all of them, read so, are turns by less than 60°, and by more than 120°
@@ -259,12 +259,12 @@ def _warn_of_order(what: str, values: Any, unit: Array) -> None:
     first = np.atleast_2d(unit)[0]
     here, there = (math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in first[[0, 3]])
     moved = ", ".join(f"{x + 0.0:.6g}" for x in first[[3, 0, 1, 2]])
-    warn(f"The {what} {shown(values)} is read scalar first, a turn by {here:.0f}°. If its scalar "
+    warn(f"The {label} {shown(values)} is read scalar first, a turn by {here:.0f}°. If its scalar "
          f"stands last, a turn by {there:.0f}°, write ({moved}); else give it as a rotation, "
          "which has this unsaid.")
 
 
-def quaternion_of_matrix(matrix: Any, what: str = "rotation") -> Array:
+def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Array:
     """Return the unit quaternion, scalar first and not negative, of a 3 × 3 rotation matrix.
 
     Raises
@@ -274,13 +274,13 @@ def quaternion_of_matrix(matrix: Any, what: str = "rotation") -> Array:
     """
     R = real_array(matrix)
     if R is None or R.shape != (3, 3) or not np.isfinite(R).all():
-        raise InputError(f"The {what} is {shown(matrix)}; give 3 × 3 finite numbers or a SciPy "
+        raise InputError(f"The {label} is {shown(matrix)}; give 3 × 3 finite numbers or a SciPy "
                          "Rotation.")
     with np.errstate(over="ignore", invalid="ignore"):  # no rotation, then
         error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
     if not error <= 1e-6 or determinant < 0:
         raise InputError(
-            f"The {what} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
+            f"The {label} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
             f"det R = {determinant:.3g}; give orthogonal columns, right-handed."
         )
     # 4 q qᵀ, every entry from R; the row with the largest diagonal loses no digits.
@@ -297,10 +297,10 @@ def quaternion_of_matrix(matrix: Any, what: str = "rotation") -> Array:
 # ---------------------------------------------------------------- angles
 
 
-def warn_of_degrees(what: str, angles: Sequence[float], *, cure: str) -> None:
+def warn_of_degrees(label: str, angles: Sequence[float], *, cure: str) -> None:
     """Say that angles beyond a full turn look like degrees."""
     if any(abs(x) > 2 * math.pi for x in angles):
         listed = ", ".join(f"{x:.6g}" for x in angles)
-        warn(f"{what} is [{listed}], taken as radians, more than a turn; if degrees are meant, "
+        warn(f"{label} is [{listed}], taken as radians, more than a turn; if degrees are meant, "
              f"write {cure}.")
 

@@ -57,18 +57,18 @@ def catch_ctrl_c() -> Iterator[Interrupts]:
 
     A program that has its own way with signals keeps it.
     """
-    own = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    with _handling([] if own else [signal.SIGINT]) as interrupts:
+    is_foreign = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    with _handling([] if is_foreign else [signal.SIGINT]) as interrupts:
         yield interrupts
 
 
 @contextlib.contextmanager
-def before_start(what: str) -> Iterator[None]:
+def before_start(subject: str) -> Iterator[None]:
     """Let Ctrl-C during pilot runs end a call that has not begun, without a pilot's trajectory."""
     try:
         yield
     except Stopped as stopped:
-        raise Stopped(f"Stopped before the first step, while {what} was chosen.", stopped.signal
+        raise Stopped(f"Stopped before the first step, while {subject} was chosen.", stopped.signal
                       ) from None
 
 

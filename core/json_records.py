@@ -30,9 +30,9 @@ Decoder = Callable[[Any], Any]
 class UnfitError(InputError):
     """A value of JSON has another type than its field; ``place`` is where it stands."""
 
-    def __init__(self, reason: str, place: str = "") -> None:
+    def __init__(self, reason: str, path: str = "") -> None:
         super().__init__(reason)
-        self.reason, self.place = reason, place
+        self.reason, self.place = reason, path
 
     def __str__(self) -> str:
         return f"{self.place.removeprefix('.') or 'it'} {self.reason}"
@@ -77,16 +77,16 @@ def _is_written(field: Field[Any], record: Any) -> bool:
     return field.default is MISSING or bool(value != field.default)
 
 
-def _refuse(value: Any, what: str) -> Any:
-    raise UnfitError(f"is {shown(value)}, not {what}")
+def _refuse(value: Any, expected: str) -> Any:
+    raise UnfitError(f"is {shown(value)}, not {expected}")
 
 
-def _at(place: str, decode: Decoder, value: Any) -> Any:
+def _at(path: str, decode: Decoder, value: Any) -> Any:
     """Return a decoded value; errors get its place."""
     try:
         return decode(value)
     except UnfitError as error:
-        error.place = f"{place}{error.place}"
+        error.place = f"{path}{error.place}"
         raise
 
 
@@ -103,7 +103,7 @@ def _decoder(hint: Any) -> Decoder:
         return _of_union(inner)
     if origin is tuple:
         return _of_items(_decoder(inner[0])) if inner[1:] == (...,) else _of_row(
-            [_decoder(part) for part in inner])
+            [_decoder(argument) for argument in inner])
     if origin is not None and issubclass(origin, Mapping):
         return _of_mapping(_decoder(inner[1]))
     kinds = (int, float) if hint is float else (hint,)
@@ -113,7 +113,7 @@ def _decoder(hint: Any) -> Decoder:
 
 
 def _of_union(inner: tuple[Any, ...]) -> Decoder:
-    decoders = [_decoder(part) for part in inner]
+    decoders = [_decoder(argument) for argument in inner]
 
     def decode(value: Any) -> Any:
         for decoder in decoders[:-1]:
@@ -157,7 +157,7 @@ def _of_mapping(decode_one: Decoder) -> Decoder:
 
 def _of_record(cls: Any) -> Decoder:
     hints = typing.get_type_hints(cls)
-    known = {field.name: _decoder(hints[field.name]) for field in fields(cls)}
+    decoders = {field.name: _decoder(hints[field.name]) for field in fields(cls)}
     needed = [field.name for field in fields(cls)
               if field.default is MISSING and field.default_factory is MISSING]
 
@@ -165,11 +165,11 @@ def _of_record(cls: Any) -> Decoder:
         if type(value) is not dict:
             _refuse(value, "an object")
         for key in value:
-            if key not in known:
+            if key not in decoders:
                 raise UnfitError(f"has the unknown key {key!r:.60}")
         for key in needed:
             if key not in value:
                 raise UnfitError(f"lacks {key!r}")
-        return cls(**{key: _at(f".{key}", known[key], entry) for key, entry in value.items()})
+        return cls(**{key: _at(f".{key}", decoders[key], entry) for key, entry in value.items()})
 
     return decode

@@ -340,19 +340,19 @@ class Manifest:
     def warnings(self) -> list[tuple[str, str]]:
         """Remarks on tableau, scheme and system, with the part of each."""
         parts = (("tableau", self.tableau), ("scheme", self.scheme), ("system", self.system))
-        return [(name, remark) for name, part in parts if part is not None
-                for remark in part.remarks]
+        return [(name, remark) for name, source in parts if source is not None
+                for remark in source.remarks]
 
     def _check(self) -> None:
         """Refuse sizes that contradict each other."""
         system, n = self.system, len(self.system.coordinates)
-        for name, length, wanted in (
+        for name, length, expected in (
                 ("momenta", len(system.momenta), n),
                 ("velocity_names", len(system.velocity_names) or n, n),
                 ("constraint_names", len(system.constraint_names), len(system.constraints)),
                 ("coordinates", 4 if system.rigid_body else n, n)):
-            if length != wanted:
-                raise UnfitError(f"has {wanted} where {length} belong", f"system.{name}")
+            if length != expected:
+                raise UnfitError(f"has {expected} where {length} belong", f"system.{name}")
         if system.clock is not None and system.clock.scale not in system.quantities:
             raise UnfitError("is no quantity", "system.clock.scale")
         if not self.fast_path.available and self.fast_path.reason is None:

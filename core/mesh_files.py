@@ -46,11 +46,11 @@ def read_triangles(path: Path) -> Array:
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         raise InputError(f"it cannot be read ({error}); check its path.") from None
-    found = _obj(content) if ending == ".obj" else _stl(content)
-    if not len(found) or not np.isfinite(found).all():
+    triangles = _obj(content) if ending == ".obj" else _stl(content)
+    if not len(triangles) or not np.isfinite(triangles).all():
         raise InputError("it has no triangles of finite numbers; correct it.")
-    _check_number(len(found))
-    return found
+    _check_number(len(triangles))
+    return triangles
 
 
 def _check_number(count: int) -> None:
@@ -112,12 +112,12 @@ def located(shape: Shape, model: str | Path) -> Shape:
     if not shape.file:
         return shape
     folder = Path(model).absolute().parent
-    scheme, colon, rest = shape.file.partition("://")
+    scheme, colon, relative = shape.file.partition("://")
     if not colon or scheme == "file":
-        return replace(shape, file=str(folder / (rest or shape.file)))
-    package, _, inner = rest.partition("/")
+        return replace(shape, file=str(folder / (relative or shape.file)))
+    package, _, inner = relative.partition("/")
     for above in (folder, *folder.parents):
-        for place in (above / rest, *([above / inner] if above.name == package else [])):
-            if place.is_file():
-                return replace(shape, file=str(place))
+        for candidate in (above / relative, *([above / inner] if above.name == package else [])):
+            if candidate.is_file():
+                return replace(shape, file=str(candidate))
     return shape

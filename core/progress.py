@@ -162,8 +162,8 @@ def as_progress(progress: Any) -> Progress:
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
         raise InputError(f"progress = {shown(progress)} cannot be called; give True, False, or a "
                          "function that takes the number of steps (or cells) done, such as print.")
-    known: Progress = progress
-    return known
+    callback: Progress = progress
+    return callback
 
 
 @contextlib.contextmanager

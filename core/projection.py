@@ -119,7 +119,7 @@ class Projection:
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: the moves, and each constraint before and after."""
-        rows = [(name, *(f"{part[name]:.1e}" if name in part else "" for part in (
+        rows = [(name, *(f"{column[name]:.1e}" if name in column else "" for column in (
             self.before, self.after, self.hidden_before, self.hidden_after)))
             for name in self.hidden_before]
         moves = [[_moved("q", self.q_moved, self.q_name)],
@@ -167,8 +167,8 @@ def report(
     p_moved, p_name = _furthest(new[1] - old[1], system.momenta)
     return Projection(
         new[0], new[1], q_moved, p_moved, q_name, p_name,
-        *({name: abs(float(x)) for name, x in zip(names[: len(part)], part, strict=True)}
-          for part in (*g, *f)),
+        *({name: abs(float(x)) for name, x in zip(names[: len(defects)], defects, strict=True)}
+          for defects in (*g, *f)),
     )
 
 
@@ -247,13 +247,13 @@ def dependent_rows(
     null = U[:, rank:]
     involved = [i for i in range(len(G)) if np.linalg.norm(null[i]) > np.sqrt(tolerance)]
     left_out: list[int] = []
-    rest = null[involved]  # the null vectors, seen at these rows
+    null_rows = null[involved]  # the null vectors, seen at these rows
     for _ in range(null.shape[1]):
-        sizes = np.linalg.norm(rest, axis=1)
-        at = np.flatnonzero(sizes > SHARE * sizes.max())[-1]
-        left_out.append(involved[at])
-        direction = rest[at] / sizes[at]
-        rest = rest - np.outer(rest @ direction, direction)
+        sizes = np.linalg.norm(null_rows, axis=1)
+        pivot = np.flatnonzero(sizes > SHARE * sizes.max())[-1]
+        left_out.append(involved[pivot])
+        direction = null_rows[pivot] / sizes[pivot]
+        null_rows = null_rows - np.outer(null_rows @ direction, direction)
     return involved, sorted(left_out)
 
 
@@ -346,8 +346,8 @@ def _along(
         return np.zeros(G.shape[1])
     if not isinstance(W, np.ndarray):
         try:
-            found: Array = G.T @ solve_sparse(W, defect)
-            return found
+            correction: Array = G.T @ solve_sparse(W, defect)
+            return correction
         except np.linalg.LinAlgError:  # the dense matrix decides
             G, W = as_dense(G), W.toarray()
     scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(W)), np.finfo(float).tiny))

@@ -15,6 +15,6 @@ def changed(record: Record, **changes: Any) -> Record:
     As ``dataclasses.replace``, which takes ten times as long and evaluates every field. The class
     must have neither ``__post_init__`` nor ``__slots__``.
     """
-    made = object.__new__(type(record))
-    made.__dict__.update(record.__dict__, **changes)
-    return made
+    copy = object.__new__(type(record))
+    copy.__dict__.update(record.__dict__, **changes)
+    return copy

@@ -99,7 +99,7 @@ AIMS: dict[str, Aim] = {"auto": "motion", "auto-energy": "energy"}
 RULES = (*MEANS, *AIMS)
 
 
-def entry_named(name: Any, what: str = "problem") -> Entry:
+def entry_named(name: Any, label: str = "problem") -> Entry:
     """Return the problem or model of a name.
 
     Raises
@@ -110,12 +110,12 @@ def entry_named(name: Any, what: str = "problem") -> Entry:
     for entry in (*PROBLEMS.values(), *MODELS.values()):
         if isinstance(name, str) and name.replace("_", "-") == entry.name.replace("_", "-"):
             return entry
-    raise unknown_name(what, name, [*PROBLEMS, *MODELS])
+    raise unknown_name(label, name, [*PROBLEMS, *MODELS])
 
 
-def unknown_name(what: str, name: Any, names: Sequence[str]) -> InputError:
+def unknown_name(label: str, name: Any, names: Sequence[str]) -> InputError:
     """Return the error for an unknown name, with the closest of names and example files.
     """
     files = {path.stem: f"examples/{path.name}" for path in (_HOME / "examples").glob("*.toml")}
-    return InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "
+    return InputError(f"Unknown {label} {shown(name)}; choose {listed(names)}, or a model file "
                       f"ending in .toml, .urdf, .xml or .sdf{proposal(name, names, spelt=files)}.")

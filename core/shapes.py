@@ -81,10 +81,10 @@ class Shape:
             raise InputError(f"A {self.kind} has file = {shown(self.file)}; a mesh has the name of "
                              "one, and nothing else has.")
 
-    def _array(self, name: str, given: Any, shape: tuple[int, ...]) -> Array:
-        found = real_array(given)
+    def _array(self, name: str, entry: Any, shape: tuple[int, ...]) -> Array:
+        found = real_array(entry)
         if found is None or found.shape != shape or not np.isfinite(found.astype(float)).all():
-            raise InputError(f"The {name} of a {self.kind} is {shown(given)}; give "
+            raise InputError(f"The {name} of a {self.kind} is {shown(entry)}; give "
                              f"{'×'.join(map(str, shape))} finite numbers.")
         return found.astype(float)
 
