@@ -142,10 +142,10 @@ def stepper(
     spec = spec.with_frame(frame).with_energy(energy)
     if named is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
-    made = stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)
+    compiled = stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)
     if visuals:
-        made.visuals = visuals
-    return made
+        compiled.visuals = visuals
+    return compiled
 
 
 def consistent(
@@ -350,23 +350,23 @@ def tableau(
 
     parts = {"A": A, "A_hat": A_hat, "A_tilde": A_tilde, "A_bar": A_bar, "b": b, "b_hat": b_hat,
              "b_tilde": b_tilde, "c": c, "c_tilde": c_tilde}
-    given = [key for key, part in parts.items() if part is not None]
+    keys = [key for key, value in parts.items() if value is not None]
     if scheme is None and stages is None:
         return butcher_tableau(name, parts)
-    if given or scheme is None:
-        both = " and ".join(["stages" if scheme is None else "a scheme", *given])
+    if keys or scheme is None:
+        both = " and ".join(["stages" if scheme is None else "a scheme", *keys])
         raise InputError("Give a scheme with its stages, a file, or A and b of a Butcher tableau; "
                          f"not {both}.")
     if isinstance(scheme, Path) or str(scheme).endswith(".json"):
         if stages is not None:
             raise InputError("A tableau file fixes its stages; leave out stages.")
-        found = tableau_of(Spec.checked(tableau=Path(scheme)))
+        result = tableau_of(Spec.checked(tableau=Path(scheme)))
     else:
-        found = tableau_of(Spec.checked(scheme, stages))
-    if found is None:
-        names = [known.name for known in SCHEMES.values() if known.tableau is not None]
+        result = tableau_of(Spec.checked(scheme, stages))
+    if result is None:
+        names = [entry.name for entry in SCHEMES.values() if entry.tableau is not None]
         raise InputError(f"{scheme} has no SPARK tableau; choose {listed(names)}.")
-    return found
+    return result
 
 
 @dataclass(frozen=True)
@@ -418,11 +418,11 @@ class Derivation:
     def stepper(self) -> tuple[Stepper, RunDefaults | None]:
         """Return the stepper, and the numbers of its model."""
         record = self.record()
-        made = Stepper(record.name, record.files,
-                       Derive(self.further_files, portable=not self.subject))
+        compiled = Stepper(record.name, record.files,
+                           Derive(self.further_files, portable=not self.subject))
         if record.start is not None:  # cached without the folder of the file
-            made.visuals = located_all(record.start.visuals, self.spec.model or "")
-        return made, record.start
+            compiled.visuals = located_all(record.start.visuals, self.spec.model or "")
+        return compiled, record.start
 
     def further_files(self, *, second: bool = False, control: bool = False) -> dict[str, str]:
         """Return the files with tangents and adjoints, or second derivatives; or of control."""
@@ -465,11 +465,11 @@ class Derivation:
         from .generator.pipeline import generate
 
         spec = self.spec.with_profile("control") if kind == "control" else self.spec
-        what = self.subject or str(spec.model or spec.name)
-        what = f"{kind} of {what}" if kind else what
-        method = "" if what.endswith(spec.name) else f" with {spec.method}"
-        with capture_warnings() as messages, log_task(f"deriving {what}{method}",
-                                                      f"derived {what}"):
+        label = self.subject or str(spec.model or spec.name)
+        label = f"{kind} of {label}" if kind else label
+        method = "" if label.endswith(spec.name) else f" with {spec.method}"
+        with capture_warnings() as messages, log_task(f"deriving {label}{method}",
+                                                      f"derived {label}"):
             arguments = self.arguments()
             free = arguments.pop("free", [])
             source = generate(spec, allow_invalid=self.allow_invalid, **arguments,
@@ -590,18 +590,18 @@ def model_stepper(
         With file, key and cure, for whatever in the file is no model.
     """
     def with_values(values: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
-        made, start = derivation(
+        compiled, start = derivation(
             spec, allow_invalid=allow_invalid, settings=values, options=options).stepper()
         assert start is not None
-        return made, start
+        return compiled, start
 
     numbers = {key: number for key, value in settings.items()
                if (number := _plain_number(value)) is not None}
     if not settings or len(numbers) < len(settings) or is_robot(spec.model or ""):
         return with_values(settings)
-    made, start = with_values({})
+    compiled, start = with_values({})
     if numbers.keys() <= {*start.free}:
-        return made, replace(start, parameters={**start.parameters, **numbers})
+        return compiled, replace(start, parameters={**start.parameters, **numbers})
     return with_values(settings)
 
 
@@ -622,9 +622,9 @@ def cached_model(name: str, options: Mapping[str, Any], make: Callable[[], Model
 
     made_by = [name, options, sympy.__version__, generator_fingerprint()]
     key = f"model-{digest(made_by)}.source.json"
-    found = read_cache(key)
-    if found is not None:
-        return Model.of_numbers(RunDefaults.from_json(found[1]), found[0], make)
+    cached = read_cache(key)
+    if cached is not None:
+        return Model.of_numbers(RunDefaults.from_json(cached[1]), cached[0], make)
     model = make()
     of_system = system_digest(model.system)
     if of_system is not None:

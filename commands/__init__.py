@@ -134,17 +134,17 @@ def _former_option(error: click.ClickException) -> str | None:
 @contextlib.contextmanager
 def _printing_warnings(name: str) -> Iterator[None]:
     """Print each warning about the input once, in one line on stderr."""
-    said: set[str] = set()
+    printed: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
         if not issubclass(category, InputWarning):
-            others(message, category, *where, **more)
-        elif str(message) not in said:
-            said.add(str(message))
+            original(message, category, *where, **more)
+        elif str(message) not in printed:
+            printed.add(str(message))
             click.echo(f"{name}: warning: {_one_line(str(message))}", err=True)
 
     with warnings.catch_warnings():
-        others, warnings.showwarning = warnings.showwarning, show
+        original, warnings.showwarning = warnings.showwarning, show
         warnings.simplefilter("always", InputWarning)
         yield
 

@@ -50,8 +50,8 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
 
 def _line(target: Target) -> str:
     """Return what a target is, and what is missing for it, with the cure."""
-    missing = [f"to {what} it: {TOOLS[name].cure}"
-               for what, names in (("build", target.needs), ("check", target.checks))
+    missing = [f"to {action} it: {TOOLS[name].cure}"
+               for action, names in (("build", target.needs), ("check", target.checks))
                for name in names if TOOLS[name].find() is None]
     return f"{target.name:<9}{target.about}" + "".join(f"\n{'':9}{line}" for line in missing)
 

@@ -19,11 +19,11 @@ def list_entries() -> None:
     """Print the cached files with their sizes."""
     from ..runtime.compilation.build_cache import cache_folder, entries
 
-    found = entries()
-    for path in found:
+    files = entries()
+    for path in files:
         with contextlib.suppress(FileNotFoundError):  # cleared meanwhile by somebody else
             click.echo(f"{path.stat().st_size:>10,}  {path.name}")
-    click.echo(f"{len(found)} files in {cache_folder()}")
+    click.echo(f"{len(files)} files in {cache_folder()}")
 
 
 @cache.command()

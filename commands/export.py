@@ -39,8 +39,8 @@ def export(
     format_of(target, "A run", "states").require_packages()
     check_writable("FILE", target)
     recording = open_recording(store)
-    wanted = None if columns is None else [name.strip() for name in columns.split(",")]
-    recording.save(target, euler=euler, degrees=degrees, columns=wanted)
+    names = None if columns is None else [name.strip() for name in columns.split(",")]
+    recording.save(target, euler=euler, degrees=degrees, columns=names)
     click.echo(f"{target}: {recording.states:,} states of {recording.steps_done:,} steps "
                f"({recording.status})")
     return 0

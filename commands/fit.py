@@ -80,13 +80,14 @@ def fit(
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
     state, _ = start_of(step, start, start_time(t))
-    found = fitted(
+    outcome = fitted(
         step, state, times, rows, observe=observed,
         dt=None if dt is None else real_number("--dt", dt),
         free=None if free is None else _names(free), fixed=_names(fixed or ""),
         sigma=None if sigma is None else real_number("--sigma", sigma))
-    click.echo(json.dumps(_result(found), indent=2) if as_json else repr(found)[1:-1])
-    return 0 if found.converged else 1
+    click.echo(json.dumps(_result(outcome), indent=2)
+               if as_json else repr(outcome)[1:-1])
+    return 0 if outcome.converged else 1
 
 
 fit.help = (fit.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
@@ -105,7 +106,7 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
     InputError
         For a file without these columns, and for entries that are no numbers.
     """
-    wanted = ["time", *names]
+    headings = ["time", *names]
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = [line for line in csv.reader(file) if line]
@@ -114,22 +115,22 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
                          f"{getattr(error, 'strerror', None) or error}.") from None
     if len(lines) < 2:
         raise InputError(f"{str(path)!r} has no samples; give a line of names, "
-                         f"{','.join(wanted)}, and a line for each sample.")
+                         f"{','.join(headings)}, and a line for each sample.")
     header = [name.strip() for name in lines[0]]
-    for name in wanted:
+    for name in headings:
         if name not in header:
             raise InputError(f"{str(path)!r} has no column {name!r}, but {few(header)}; name its "
-                             f"columns {','.join(wanted)}, or choose others with --observe.")
-    columns = [header.index(name) for name in wanted]
-    made = np.empty((len(lines) - 1, len(columns)))
+                             f"columns {','.join(headings)}, or choose others with --observe.")
+    columns = [header.index(name) for name in headings]
+    samples = np.empty((len(lines) - 1, len(columns)))
     for i, line in enumerate(lines[1:]):
         for j, column in enumerate(columns):
             text = line[column].strip() if column < len(line) else ""
-            made[i, j] = _number(text)
-            if not math.isfinite(made[i, j]):
+            samples[i, j] = _number(text)
+            if not math.isfinite(samples[i, j]):
                 raise InputError(f"{str(path)!r}, line {i + 2}: {header[column]} is {text!r}, no "
                                  "finite number; leave out lines with missing samples.")
-    return made[:, 0], made[:, 1:]
+    return samples[:, 0], samples[:, 1:]
 
 
 def _number(text: str) -> float:
@@ -139,12 +140,12 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _result(found: Fit) -> dict[str, Any]:
+def _result(outcome: Fit) -> dict[str, Any]:
     """Return the numbers; null for standard deviations of what is not determined."""
     return {
-        "converged": found.converged, "samples": len(found.residuals), "rms": found.rms,
-        "truncation": found.truncation, "iterations": found.iterations,
-        "horizons": found.horizons, "parameters": found.parameters,
-        "sigma": {name: x if math.isfinite(x) else None for name, x in found.sigma.items()},
-        "undetermined": found.undetermined, "q": found.q.tolist(), "p": found.p.tolist(),
+        "converged": outcome.converged, "samples": len(outcome.residuals), "rms": outcome.rms,
+        "truncation": outcome.truncation, "iterations": outcome.iterations,
+        "horizons": outcome.horizons, "parameters": outcome.parameters,
+        "sigma": {name: x if math.isfinite(x) else None for name, x in outcome.sigma.items()},
+        "undetermined": outcome.undetermined, "q": outcome.q.tolist(), "p": outcome.p.tolist(),
     }

@@ -145,7 +145,7 @@ def summary(
 ) -> str:
     """Return the properties of a generated stepper, in a few lines."""
     scheme, system = manifest.scheme, manifest.system
-    remarks = "".join(f"  {part}: {remark}\n" for part, remark in manifest.warnings)
+    remarks = "".join(f"  {subject}: {remark}\n" for subject, remark in manifest.warnings)
     seconds = f"derived and written in {derive:.2f} s"
     if compile_seconds is not None:
         seconds += f", compiled in {compile_seconds:.2f} s"
@@ -169,9 +169,9 @@ def check_files(
     spec: Spec, out: Path, allow_invalid: bool, standalone: bool, derivatives: bool = False
 ) -> int:
     """Compare freshly generated text with the files in ``out``; print a unified diff."""
-    made = _generate(spec, allow_invalid, derivatives)
+    generated = _generate(spec, allow_invalid, derivatives)
     stale = 0
-    for name, text in made.source.files(standalone=standalone).items():
+    for name, text in generated.source.files(standalone=standalone).items():
         path = out / name
         old = _text_of(path)
         diff = list(difflib.unified_diff(
@@ -180,7 +180,7 @@ def check_files(
         ))
         click.echo("".join(diff), nl=False)
         stale |= bool(diff)
-    click.echo(f"{made.source.name}: {'STALE' if stale else 'up to date'}", err=bool(stale))
+    click.echo(f"{generated.source.name}: {'STALE' if stale else 'up to date'}", err=bool(stale))
     return stale
 
 
@@ -198,8 +198,8 @@ def write_files(files: dict[str, str], out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
-            with staged_file(out / name) as part:
-                part.write_text(text, encoding="utf-8")
+            with staged_file(out / name) as temporary:
+                temporary.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(
             f"The output folder {str(out)!r} cannot be written: {error.strerror or error}; "

@@ -68,17 +68,17 @@ def lyapunov(
     if plot is not None:
         check_picture(plot)
     between = whole_number("--every", every)
-    wanted = None if count is None else whole_number("--count", count)
+    exponent_count = None if count is None else whole_number("--count", count)
     _, step, start = started(problem, set, choice)
     begin = start_time(t)
     state, _ = start_of(step, start, begin)
     size, number = steps_for(start, begin, {"dt": dt, "steps": steps, "t_end": t_end})
     with progress_bar(number, quiet=as_json, least=_BAR_FROM) as progress:
-        found = exponents_of(step, state, dt=size, steps=number,
-                             every=between, count=wanted, progress=progress)
-    result = _result(found)
+        spectrum = exponents_of(step, state, dt=size, steps=number,
+                                every=between, count=exponent_count, progress=progress)
+    result = _result(spectrum)
     if plot is not None:
-        found.plot(plot)
+        spectrum.plot(plot)
         result["plot"] = str(plot)
     click.echo(json.dumps(result, indent=2) if as_json else _text(result))
     return 0
@@ -88,17 +88,19 @@ lyapunov.help = (lyapunov.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).re
     "(MODELS)", listed(MODELS))
 
 
-def _result(found: Lyapunov) -> dict[str, Any]:
+def _result(spectrum: Lyapunov) -> dict[str, Any]:
     """Return the numbers; null for those that a run with --count, or a short one, has not."""
     def number(value: float) -> float | None:
         return None if value != value else float(value)
 
     return {
-        "stepper": found.name, "dt": float(found.dt), "steps": found.steps, "every": found.every,
-        "time": float(found.times[-1]), "exponents": [float(x) for x in found.exponents],
-        "errors": [number(x) for x in found.errors], "megno": found.megno, "ftle": found.ftle,
-        "pairing": number(found.pairing), "volume_rate": number(found.volume_rate),
-        "symplectic_defect": found.symplectic_defect,
+        "stepper": spectrum.name, "dt": float(spectrum.dt), "steps": spectrum.steps,
+        "every": spectrum.every,
+        "time": float(spectrum.times[-1]), "exponents": [float(x) for x in spectrum.exponents],
+        "errors": [number(x) for x in spectrum.errors], "megno": spectrum.megno,
+        "ftle": spectrum.ftle,
+        "pairing": number(spectrum.pairing), "volume_rate": number(spectrum.volume_rate),
+        "symplectic_defect": spectrum.symplectic_defect,
     }
 
 

@@ -82,14 +82,14 @@ class Grouped(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write a section for each group."""
-        left = {option.name: record for option in self.get_params(ctx)
-                if isinstance(option, click.Option)
-                and (record := option.get_help_record(ctx)) is not None}
+        records = {option.name: record for option in self.get_params(ctx)
+                   if isinstance(option, click.Option)
+                   and (record := option.get_help_record(ctx)) is not None}
         for heading, names in self.groups.items():
             with formatter.section(heading):
-                formatter.write_dl([left.pop(name) for name in names if name in left])
+                formatter.write_dl([records.pop(name) for name in names if name in records])
         with formatter.section("Others"):
-            formatter.write_dl([*left.values()])
+            formatter.write_dl([*records.values()])
 
 
 def start_option(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -164,16 +164,16 @@ def real_number(name: str, text: str) -> float:
 def solver_from(text: str) -> Solver:
     """Return the solver that an option's text says: ``newton,tolerance=1e-12,max_iterations=20``.
     """
-    kind, *parts = (part.strip() for part in text.split(","))
+    kind, *parts = (entry.strip() for entry in text.split(","))
     read = {"tolerance": real_number, "max_iterations": whole_number}
-    given: dict[str, Any] = {}
-    for part in parts:
-        name, sign, value = (x.strip() for x in part.partition("="))
-        if not sign or name in given or name not in read:
-            raise InputError(f"--solver {text!r} has {part!r}; write NAME,KEY=VALUE with KEY once "
+    settings: dict[str, Any] = {}
+    for entry in parts:
+        name, sign, value = (x.strip() for x in entry.partition("="))
+        if not sign or name in settings or name not in read:
+            raise InputError(f"--solver {text!r} has {entry!r}; write NAME,KEY=VALUE with KEY once "
                              f"among {listed(read)}{proposal(name, read)}.")
-        given[name] = read[name](f"--solver {name}", value)
-    return Solver(choose("solver", kind, get_args(SolverName)), **given)
+        settings[name] = read[name](f"--solver {name}", value)
+    return Solver(choose("solver", kind, get_args(SolverName)), **settings)
 
 
 def start_time(text: str) -> float:

@@ -46,14 +46,14 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
     from ..references.work_precision import measure
 
     if name == "list":
-        _list([named(known) for known in names()], as_json)
+        _list([named(problem) for problem in names()], as_json)
         return 0
     if out is not None:
         check_writable("--out", out)
         check_ending("--out", out, (".md",))
     if plot is not None:
         check_picture(plot)
-    problems = [named(known) for known in (names() if name == "all" else [name])]
+    problems = [named(problem) for problem in (names() if name == "all" else [name])]
     rounds = 1 if quick else 3
     measured = [(problem, list(measure(problem, rounds=rounds, quick=quick)))
                 for problem in problems]
@@ -100,6 +100,6 @@ def _print(problem: Reference, runs: Sequence[WorkPrecisionRun]) -> None:
         worst, off = max(problem.deviations.items(), key=lambda pair: pair[1])
         click.echo(f"  published ({problem.published.source}): off by up to {off:.0e}, in {worst}")
     for run in runs:
-        kept = ", ".join(f"{name} {value:.0e}" for name, value in run.invariants.items())
+        invariants = ", ".join(f"{name} {value:.0e}" for name, value in run.invariants.items())
         click.echo(f"  {run.label:<10} {run.steps:>6} steps  error {run.error:.1e}  "
-                   f"{run.cpu_seconds * 1e3:9.2f} ms  {kept}")
+                   f"{run.cpu_seconds * 1e3:9.2f} ms  {invariants}")

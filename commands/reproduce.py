@@ -141,9 +141,9 @@ def _print(name: str, results: Sequence[Result], out: Path | None, summary: Path
         claims = [claim for result in results for claim in result.claims]
         click.echo(f"{len(results)} results: {counts_line(tables_of(results))}")
         _print_claims([*requirements(results), *(claim for _, claim in failing(results))])
-        known = "" if not failing(results) or unexpected(results) else (
+        suffix = "" if not failing(results) or unexpected(results) else (
             "; why the others do not is known")
-        click.echo(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold{known}")
+        click.echo(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold{suffix}")
     else:
         _print_result(results[0])
     for path in (out / "paper.md" if out is not None else None, summary):
@@ -196,5 +196,5 @@ def _print_table(table: Table) -> None:
 def _print_claims(claims: Sequence[Claim]) -> None:
     for claim in claims:
         mark = "FAILS" if claim.outcome == "fails" else claim.outcome
-        known = f"; {claim.known}" if claim.known else ""
-        click.echo(f"{mark}: {claim.statement}: {claim.found} (wanted: {claim.wanted}{known})")
+        suffix = f"; {claim.known}" if claim.known else ""
+        click.echo(f"{mark}: {claim.statement}: {claim.found} (wanted: {claim.wanted}{suffix})")

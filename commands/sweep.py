@@ -138,14 +138,14 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
 def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, Any]:
     from ..sweeps.results import count_statuses, meanings, summary
 
-    said, counts = meanings(), count_statuses(study, store)
+    meaning_of, counts = meanings(), count_statuses(study, store)
     return {
         "sweep": study.name,
         "steppers": [s.name for s in study.steppers],
         "axes": {axis.name: len(axis) for axis in study.axes},
         "cells": study.size,
         "seconds": seconds,
-        "statuses": {said[code]: count for code, count in sorted(counts.items())},
+        "statuses": {meaning_of[code]: count for code, count in sorted(counts.items())},
         "shown": show,
         **summary(study, store, show),
         "out": str(store),
@@ -170,29 +170,30 @@ def _text(result: dict[str, Any]) -> str:
              f"  {result['cells']:,} cells ({axes}) in {result['seconds']:.1f} s"]
     lines += [f"  {name:<23} {count:,}" for name, count in result["statuses"].items()]
     if result["least"] is not None:
-        at = ", ".join(f"{name} = {value:.6g}" if isinstance(value, float) else f"{name} = {value}"
-                       for name, value in result["least_at"].items())
+        location = ", ".join(f"{name} = {value:.6g}" if isinstance(value, float)
+                             else f"{name} = {value}" for name, value in result["least_at"].items())
         lines += [f"  {result['shown']:<23} from {result['least']:.3e} to {result['most']:.3e}",
-                  f"  least at                {at}"]
+                  f"  least at                {location}"]
     lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]
     return "\n".join(lines)
 
 
-def _print_estimate(found: Estimate, study: Study, workers: int, *, as_json: bool) -> None:
+def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: bool) -> None:
     from dataclasses import asdict
 
-    wall = found.cpu_seconds / workers
+    wall = estimate.cpu_seconds / workers
     if as_json:
-        click.echo(json.dumps(asdict(found) | {"workers": workers, "wall_seconds": wall}, indent=2))
+        totals = {"workers": workers, "wall_seconds": wall}
+        click.echo(json.dumps(asdict(estimate) | totals, indent=2))
         return
-    spread = f"({_duration(found.low / workers)} to {_duration(found.high / workers)})"
+    spread = f"({_duration(estimate.low / workers)} to {_duration(estimate.high / workers)})"
     click.echo("\n".join([
         f"{study.name} with {', '.join(s.name for s in study.steppers)}",
-        f"  {found.cells:,} cells, {found.steps:,} steps in {found.tiles:,} tiles",
+        f"  {estimate.cells:,} cells, {estimate.steps:,} steps in {estimate.tiles:,} tiles",
         f"  on {workers} cores here     {_duration(wall)} {spread}; one core "
-        f"{_duration(found.cpu_seconds)}",
-        f"  on the disk             {_bytes(found.disk_bytes)} in {found.files:,} files",
-        f"  in a worker's memory    {_bytes(found.memory_bytes)}",
+        f"{_duration(estimate.cpu_seconds)}",
+        f"  on the disk             {_bytes(estimate.disk_bytes)} in {estimate.files:,} files",
+        f"  in a worker's memory    {_bytes(estimate.memory_bytes)}",
     ]))
 
 

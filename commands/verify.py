@@ -90,9 +90,9 @@ def verify(
     from ..certificates.verification import verify_composition, verify_stepper
 
     verdicts = []
-    for made in _compositions(target, choice):
-        with log_task(f"verifying {made.name}"):
-            verdicts.append(verify_composition(made))
+    for composition in _compositions(target, choice):
+        with log_task(f"verifying {composition.name}"):
+            verdicts.append(verify_composition(composition))
     for spec in [] if verdicts else _specs(target, choice):
         with log_task(f"verifying {spec.tableau or spec.name}"):
             verdicts.append(verify_stepper(spec))
@@ -117,8 +117,8 @@ def _compositions(target: str | None, choice: dict[str, Any]) -> list[Compositio
     spec = spec_from(**choice)  # which says what may not be given together
     if spec.composition:
         return [composition_named(spec.composition)]
-    found = [composition_of(spec.order or 0, gradients) for gradients in (False, True)]
-    return list(dict.fromkeys(found))
+    compositions = [composition_of(spec.order or 0, gradients) for gradients in (False, True)]
+    return list(dict.fromkeys(compositions))
 
 
 def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
@@ -190,7 +190,7 @@ def _certify(
     with log_task(f"checking what {name} keeps"):
         model = _model(name, choice["rep"])
         rep = choice["rep"] if isinstance(model, Problem) else None  # a file has had its say
-        found = certify(
+        certificate = certify(
             model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
             frame=frame, energy=choice["energy"],
@@ -199,31 +199,31 @@ def _certify(
         )
     drawn = {}
     if plot is not None:
-        with log_task(f"measuring how exact {found.stepper} is"):
-            drawn = _draw(model, found, choice, spec, rep, plot)
+        with log_task(f"measuring how exact {certificate.stepper} is"):
+            drawn = _draw(model, certificate, choice, spec, rep, plot)
     if as_json:
-        click.echo(json.dumps(found.as_dict() | drawn, indent=2, allow_nan=False))
+        click.echo(json.dumps(certificate.as_dict() | drawn, indent=2, allow_nan=False))
     else:
-        _print_certificate(found)
+        _print_certificate(certificate)
         click.echo("".join(f"wrote {path}\n" for path in [drawn.get("plot")] if path), nl=False)
-    return 0 if found.holds else 1
+    return 0 if certificate.holds else 1
 
 
 def _draw(
-    model: Model | Problem, found: Certificate, choice: dict[str, Any], spec: Spec,
+    model: Model | Problem, certificate: Certificate, choice: dict[str, Any], spec: Spec,
     rep: RepName | None, plot: Path,
 ) -> dict[str, Any]:
     """Draw order, work and precision; return what was measured."""
     from ..certificates.accuracy_over_time import accuracy, draw
     from ..certificates.certificate import compiled
 
-    known, step = compiled(model, choice["scheme"], spec.stages, rep, choice["tableau"], True,
-                           energy=choice["energy"],
-                           order=None if spec.composition else spec.order,
-                           composition=spec.composition or None)
-    measured = accuracy(step, known.q0, known.p0, dt=found.dt, steps=found.steps,
-                        parameters=found.parameters)
-    draw(found.model, measured, plot)
+    problem, step = compiled(model, choice["scheme"], spec.stages, rep, choice["tableau"], True,
+                             energy=choice["energy"],
+                             order=None if spec.composition else spec.order,
+                             composition=spec.composition or None)
+    measured = accuracy(step, problem.q0, problem.p0, dt=certificate.dt, steps=certificate.steps,
+                        parameters=certificate.parameters)
+    draw(certificate.model, measured, plot)
     return {"plot": str(plot), "accuracy": asdict(measured)}
 
 
@@ -231,34 +231,34 @@ def _model(name: str, rep: str | None) -> Model | Problem:
     """Return the named problem or model, or the model of a file."""
     if not Path(name).suffix and not Path(name).is_file():
         entry = entry_named(name, "model")
-        own = {"rep": rep} if rep is not None and entry.kind == "model" else {}
-        made: Model | Problem = entry.make(**own)
-        return made
+        options = {"rep": rep} if rep is not None and entry.kind == "model" else {}
+        problem: Model | Problem = entry.make(**options)
+        return problem
     from ..generator.models.model_file import parse_model
     from ..generator.parsing.text_file import model_text
 
     return parse_model(model_text(name), name, rep)
 
 
-def _print_certificate(found: Certificate) -> None:
+def _print_certificate(certificate: Certificate) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"{found.model} with {found.stepper}: {found.steps:,} steps of "
-                        f"{found.dt:g} s", title_justify="left")
+    table = Table(title=f"{certificate.model} with {certificate.stepper}: {certificate.steps:,} steps "
+                        f"of {certificate.dt:g} s", title_justify="left")
     for heading in ("quantity", "found", "should be", ""):
         table.add_column(heading, overflow="fold")
-    for line in found.lines:
+    for line in certificate.lines:
         table.add_row(line.quantity, line.found, line.expected, line.verdict)
     console = Console()
     console.print(table)
-    for line in found.lines:
+    for line in certificate.lines:
         if line.why and not line.holds:
             console.print(f"{line.quantity}: {line.why}", highlight=False, markup=False)
-    failed = [line.quantity for line in found.lines if line.holds is False]
-    judged = sum(line.holds is not None for line in found.lines)
+    failed = [line.quantity for line in certificate.lines if line.holds is False]
+    judged = sum(line.holds is not None for line in certificate.lines)
     result = "holds" if not failed else f"FAILS: {', '.join(failed)}"
-    click.echo(f"{found.model}: {judged} guarantees of {found.stepper}: {result}")
+    click.echo(f"{certificate.model}: {judged} guarantees of {certificate.stepper}: {result}")
 
 
 def _print(verdicts: list[Verification], *, details: bool) -> None:

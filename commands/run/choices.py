@@ -30,10 +30,11 @@ def with_options(
     given = {"gamma": gamma, "alpha": alpha}
     kinds = {name: "alpha" if "alpha" in name else "gamma" for name in start.bodies
              if name in step.parameter_domains}
-    for kind, other in (("gamma", "alpha"), ("alpha", "gamma")):
+    for kind, partner in (("gamma", "alpha"), ("alpha", "gamma")):
         if given[kind] is not None and kind not in kinds.values():
             raise InputError(
-                f"--{kind} does not go with --rep {other}; give --{other} instead." if kinds else
+                f"--{kind} does not go with --rep {partner}; give --{partner} instead."
+                if kinds else
                 f"--{kind} is given, and {start.name} has no body with a {kind}; leave it out."
             )
     numbers: dict[str, Any] = dict(start.parameters)
@@ -69,7 +70,7 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
     """Return the rates that options name."""
     names = [symmetry.name for symmetry in step.symmetries]
     rates = {}
-    for option in (part for text in options for part in text.split(",")):
+    for option in (rate for text in options for rate in text.split(",")):
         name, sign, value = option.partition("=")
         if not sign or name.strip() not in names:
             raise InputError(f"--frame {option!r} is no frame of {step.name}; write auto, start or "
@@ -81,37 +82,37 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
 
 def tuned(
     step: Stepper, state: Start, defaults: RunDefaults, t0: float,
-    given: Mapping[str, str | None], search: Mapping[str, Any]
+    options: Mapping[str, str | None], search: Mapping[str, Any]
 ) -> tuple[Start, Any, dict[str, Any], Tuned | None]:
     """Return the start with numbers that ``gs.tune`` has found, dt, ``steps`` or t_end, and why.
 
-    ``given`` are the options dt, step_error, steps and t_end, ``search`` arguments of ``gs.tune``.
+    ``options`` has dt, step_error, steps and t_end, ``search`` arguments of ``gs.tune``.
     """
     from ...runtime.tuning.tune import tune
 
-    if given["step_error"] is not None:
+    if options["step_error"] is not None:
         numbers: dict[str, Any] = {
             name: (whole_number if name == "steps" else real_number)(
                 f"--{name.replace('_', '-')}", text)
-            for name, text in given.items() if text is not None}
-        found = tune(step, state, **numbers, **search)
-        dt, span = found.dt, _whole({"t_end": numbers["t_end"]}, t0, found.dt)
+            for name, text in options.items() if text is not None}
+        tuning = tune(step, state, **numbers, **search)
+        dt, span = tuning.dt, _whole({"t_end": numbers["t_end"]}, t0, tuning.dt)
     else:
-        dt, span = _span(defaults, given)
+        dt, span = _span(defaults, options)
         span = _whole(span, t0, dt)
         if not search:
             return state, dt, span, None
-        found = tune(step, state, dt=dt, steps=steps_of(span, t0, dt), **search)
-    return state.replace(parameters={**state.parameters, **found.parameters}), dt, span, found
+        tuning = tune(step, state, dt=dt, steps=steps_of(span, t0, dt), **search)
+    return state.replace(parameters={**state.parameters, **tuning.parameters}), dt, span, tuning
 
 
 def steps_for(
-    start: RunDefaults, t0: float, given: Mapping[str, str | None]
+    start: RunDefaults, t0: float, options: Mapping[str, str | None]
 ) -> tuple[float, int]:
     """Return dt and the number of steps of the options dt, steps and t_end, or the model's own."""
     from ...runtime.integration.run_arguments import step_count
 
-    dt, span = _span(start, given)
+    dt, span = _span(start, options)
     return dt, step_count(span.get("steps"), span.get("t_end"), t0, dt)
 
 
@@ -126,12 +127,12 @@ def _whole(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
     """Return the number of steps in place of a time that whole steps lead to."""
     from ...runtime.integration.run_arguments import span_of
 
-    count, rest = span_of(span.get("steps"), span.get("t_end"), t0, dt)
-    return span if rest else {"steps": count}
+    count, remainder = span_of(span.get("steps"), span.get("t_end"), t0, dt)
+    return span if remainder else {"steps": count}
 
 
-def _span(start: RunDefaults, given: Mapping[str, str | None]) -> tuple[float, dict[str, Any]]:
-    dt, steps, t_end = given["dt"], given["steps"], given["t_end"]
+def _span(start: RunDefaults, options: Mapping[str, str | None]) -> tuple[float, dict[str, Any]]:
+    dt, steps, t_end = options["dt"], options["steps"], options["t_end"]
     if dt is None and start.dt is None:
         raise InputError(f"--dt is not given and {start.name} names none; write for example "
                          "--dt 1e-3.")

@@ -153,7 +153,7 @@ def run(
     state, moved = start_of(step, defaults, begin,
                             project=chosen is None or REALS[step.manifest.real].wide)
     method = solver_from(solver)
-    state, size, span, found = tuned(
+    state, size, span, tuning = tuned(
         step, state, defaults, begin,
         {"dt": dt, "step_error": step_error, "steps": steps, "t_end": t_end}, search)
     arguments: dict[str, Any] = {
@@ -176,8 +176,8 @@ def run(
             result = result_of(start, step, done, begin)
             if moved:
                 result["start_moved"] = moved
-            if found is not None:
-                result |= about_tuning(found)
+            if tuning is not None:
+                result |= about_tuning(tuning)
             if chosen is not None and chosen.exact is not None:
                 result |= axis_errors(chosen.exact, done.trajectory)
             for key, targets in (("plot", [] if plot is None else [plot]), ("show", show)):

@@ -83,16 +83,18 @@ def check_targets(
         format_of(out, "A run", "states", "store").require_packages()
 
 
-def events_of(texts: tuple[str, ...], own: Sequence[Event], step: Stepper) -> dict[str, Any]:
+def events_of(
+    texts: tuple[str, ...], model_events: Sequence[Event], step: Stepper
+) -> dict[str, Any]:
     """Return the argument for the model's own events and what --event adds."""
-    events = [*own, *map(_named, texts)]
+    events = [*model_events, *map(_named, texts)]
     return {"events": as_events(events, step.manifest.system.event_quantities)} if events else {}
 
 
 def _named(text: str) -> Event:
     """Return the event that "height=0 down" says, or with a name "landing: height=0 down"."""
-    name, colon, rest = text.partition(":")
-    return event_of_text(rest, name.strip()) if colon else event_of_text(text)
+    name, colon, condition = text.partition(":")
+    return event_of_text(condition, name.strip()) if colon else event_of_text(text)
 
 
 def _is_store(out: Path | None) -> bool:
@@ -174,8 +176,8 @@ def stored_location(out: Path | None) -> str:
     store = out if _is_store(out) else store_beside(out)
     if not store.exists():
         return ""
-    place = repr(str(store)) if _is_store(out) else _hidden(store)
-    return f"What is stored in {place} is whole: the same command with --resume goes on."
+    location = repr(str(store)) if _is_store(out) else _hidden(store)
+    return f"What is stored in {location} is whole: the same command with --resume goes on."
 
 
 def _hidden(store: Path) -> str:
@@ -230,7 +232,7 @@ def _in_memory(
 
 def _ended_by(trajectory: Trajectory, arguments: dict[str, Any]) -> str | None:
     """Return the name of the event that has ended a run."""
-    ends = (one.name for one in arguments.get("events", ()) if one.terminal)
+    ends = (event.name for event in arguments.get("events", ()) if event.terminal)
     return next((name for name in ends if len(trajectory.events.get(name, ()))), None)
 
 

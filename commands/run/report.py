@@ -99,9 +99,9 @@ def result_of(
                                 for name in trajectory.quantities}
     events = done.trajectory.events  # of a stored run the last state alone knows of none
     if events:
-        result["events"] = {name: {"t": [float(t) for t in found.t],
-                                   "rising": found.rising.tolist()}
-                            for name, found in events.items()}
+        result["events"] = {name: {"t": [float(t) for t in crossings.t],
+                                   "rising": crossings.rising.tolist()}
+                            for name, crossings in events.items()}
     if done.ended_by is not None:
         result["ended"] = {"event": done.ended_by, "t": float(events[done.ended_by].t[0])}
     if done.steps < report.steps:
@@ -197,7 +197,7 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
     lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
-    lines += [_event_line(name, found) for name, found in result.get("events", {}).items()]
+    lines += [_event_line(name, crossings) for name, crossings in result.get("events", {}).items()]
     if "ended" in result:
         lines.append("  ended                   by event {event} at t = {t:.12g} s".format(
             **result["ended"]))
@@ -224,7 +224,8 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
     return "\n".join(lines)
 
 
-def _event_line(name: str, found: dict[str, Any]) -> str:
-    times = ", ".join(f"{t:.12g}" for t in found["t"][:4])
-    more = ", …" if len(found["t"]) > 4 else ""
-    return f"  event {name:<17} {len(found['t']):,} times" + (f": {times}{more} s" if times else "")
+def _event_line(name: str, crossings: dict[str, Any]) -> str:
+    times = ", ".join(f"{t:.12g}" for t in crossings["t"][:4])
+    ellipsis = ", …" if len(crossings["t"]) > 4 else ""
+    return f"  event {name:<17} {len(crossings['t']):,} times" + (f": {times}{ellipsis} s"
+                                                                  if times else "")

@@ -53,16 +53,16 @@ def arguments_of(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
                 "(Masses, lengths and the like are keys of a model file, "
                 f"{_file_like(entry.name)}; in Python they are parameters of a run.)"
             )
-        numbers = [real_number(f"--set {key}", part) for part in value.split(",")]
+        numbers = [real_number(f"--set {key}", number) for number in value.split(",")]
         arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)
     return arguments
 
 
 def _file_like(name: str) -> str:
     """Return an example of the same name, or one to begin with."""
-    own = f"examples/{name}.toml"
-    there = Path(__file__).parents[2].joinpath(own).is_file()
-    return own if there else "such as examples/pendulum.toml"
+    example = f"examples/{name}.toml"
+    there = Path(__file__).parents[2].joinpath(example).is_file()
+    return example if there else "such as examples/pendulum.toml"
 
 
 def settings_of(settings: tuple[str, ...]) -> dict[str, str]:
@@ -83,14 +83,14 @@ def start_of(
 
     A number typed with all its digits is not worth a word.
     """
-    known = {name: x for name, x in defaults.parameters.items() if name in step.parameter_domains}
+    values = {name: x for name, x in defaults.parameters.items() if name in step.parameter_domains}
     (q, p), moved = defaults.state, 0.0
     if project:
         means = {name: mean_inertia(inertia) for name, inertia in defaults.bodies.items()
                  if name in step.parameter_domains}
-        q, p = step.project(q, p, parameters=means | known, t=t0)
+        q, p = step.project(q, p, parameters=means | values, t=t0)
         moved = max((abs(float(new) - float(old)) for new, old in zip(
             [*q, *p], [*defaults.q0, *defaults.p0], strict=True)), default=0.0)
         size = max(map(abs, (*defaults.q0, *defaults.p0)))
         moved = moved if moved > 1e-12 * size else 0.0
-    return Start(q, p, known, t0).of_model(defaults.bodies, defaults.rules), moved
+    return Start(q, p, values, t0).of_model(defaults.bodies, defaults.rules), moved
