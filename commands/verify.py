@@ -244,8 +244,9 @@ def _print_certificate(certificate: Certificate) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"{certificate.model} with {certificate.stepper}: {certificate.steps:,} steps "
-                        f"of {certificate.dt:g} s", title_justify="left")
+    table = Table(title=f"{certificate.model} with {certificate.stepper}: "
+                        f"{certificate.steps:,} steps of {certificate.dt:g} s",
+                  title_justify="left")
     for heading in ("quantity", "found", "should be", ""):
         table.add_column(heading, overflow="fold")
     for line in certificate.lines:

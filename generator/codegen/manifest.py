@@ -134,7 +134,7 @@ def _numbers(derived: Derived, program: Program) -> dict[str, Any]:
 
 
 def _remarks(derived: Derived, program: Program) -> list[str]:
-    """Return what a user of the scheme should know of its errors."""
+    """Return warnings of unexpected orders of the error, one sentence each."""
     scheme, remarks = derived.scheme, list[str]()
     if isinstance(scheme, SplittingScheme) and scheme.order > 2 and scheme.work_has_order_2:
         remarks.append("the work of drag on a body with three different moments has order 2, "
@@ -150,9 +150,10 @@ def _composition(scheme: object) -> dict[str, Any]:
     """Return compositions of a splitting, and the longest free motion among its flows over h."""
     if not isinstance(scheme, SplittingScheme):
         return {}
-    return {"compositions": tuple(one.name for one in scheme.compositions),
-            "longest_flow": float(max(abs(a) for one in scheme.compositions for a in
-                                      (*one.drifts[1:-1], one.drifts[0] + one.drifts[-1])))}
+    return {"compositions": tuple(composition.name for composition in scheme.compositions),
+            "longest_flow": float(max(abs(a) for composition in scheme.compositions for a in
+                                      (*composition.drifts[1:-1],
+                                       composition.drifts[0] + composition.drifts[-1])))}
 
 
 def _fast_path(program: Program) -> FastPathManifest:
@@ -167,7 +168,7 @@ def _fast_path(program: Program) -> FastPathManifest:
 
 
 def _given_tableau(tableau: Tableau | None, *, constrained: bool) -> TableauManifest | None:
-    """Say what holds of a given tableau and what does not; the families hold by derivation."""
+    """Return the residuals of a user's tableau; the families satisfy theirs by derivation."""
     if tableau is None or not tableau.given:
         return None
     refusal = FastTableau(tableau).refusal
@@ -193,8 +194,8 @@ def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
         deciding = (system.L, *system.constraints)
     if system.velocity_count:
         deciding = (*deciding, energy_of(system), *system.velocity_constraints)
-    found = {x for e in deciding for x in e.free_symbols}
-    return [str(x) for x in system.parameters if x in found]
+    symbols = {x for e in deciding for x in e.free_symbols}
+    return [str(x) for x in system.parameters if x in symbols]
 
 
 def _hamiltonian(system: System, elements: Elements | None) -> str:
@@ -203,15 +204,15 @@ def _hamiltonian(system: System, elements: Elements | None) -> str:
         return system.texts()[0]
     if elements is None:
         return text_of(energy_of(system))
-    return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in elements.energies)
+    return " + ".join(f"{form['count']} x [{form['text'][0]}]" for form in elements.energies)
 
 
 def _lagrangian(system: System) -> dict[str, Any]:
     """Return L and its velocities, where H is made of one."""
     if not isinstance(system, LagrangianSystem):
         return {}
-    placed = {name: PlacedManifest(**{key: tuple(names) for key, names in one.items()})
-              for name, one in system.placed.items()}
+    placed = {name: PlacedManifest(**{key: tuple(names) for key, names in lists.items()})
+              for name, lists in system.placed.items()}
     return {"lagrangian": system.texts()[1], "velocity_names": _texts(system.velocities),
             "indefinite": not system.is_definite, "placed": placed}
 
@@ -252,9 +253,9 @@ def _section(one: SectionLayout) -> SectionManifest:
         damping=damping, **_vectors(one, "stiffness", "rest", "turn", "extension"))
 
 
-def _vectors(one: JointLayout | SectionLayout | ConstraintForce, *names: str) -> dict[str, Any]:
+def _vectors(source: JointLayout | SectionLayout | ConstraintForce, *names: str) -> dict[str, Any]:
     """Return its vectors of these names; () where it has none."""
-    return {name: _entries(getattr(one, name) or ()) for name in names}
+    return {name: _entries(getattr(source, name) or ()) for name in names}
 
 
 def _entries(entries: Iterable[Entry]) -> tuple[str | float, ...]:
@@ -292,9 +293,9 @@ def frame_manifest(frame: CoMovingFrame, system: System) -> FrameManifest:
 def _equation(e: sp.Expr) -> str:
     """Return e = 0 as a sentence has it: I1 = I2."""
     terms = sp.Add.make_args(e)
-    left = [t for t in terms if not t.could_extract_minus_sign()]
-    right = [-t for t in terms if t.could_extract_minus_sign()]
-    return f"{sp.Add(*left)} = {sp.Add(*right)}"
+    positive = [t for t in terms if not t.could_extract_minus_sign()]
+    negative = [-t for t in terms if t.could_extract_minus_sign()]
+    return f"{sp.Add(*positive)} = {sp.Add(*negative)}"
 
 
 def _terms(e: sp.Expr) -> tuple[tuple[str, dict[str, int]], ...]:

@@ -125,7 +125,7 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
             table, lambda table: _point(builder, table, formulas), table)}
     for table in content.tables("joints"):
         telling(table, lambda table: join(builder, bodies, table), table)
-    place, motion = _names(builder, bodies, formulas.parameters)
+    position, motion = _names(builder, bodies, formulas.parameters)
     if not points:
         _parameters(builder, formulas)
     for table in content.tables("drives"):
@@ -135,7 +135,7 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     if "potential" in content:
         time = {} if "t" in formulas.parameters else {"t": builder.time}
         builder.potential(formulas.read(content, "potential", content.formula("potential"),
-                                        place | time))
+                                        position | time))
     for key, e in formulas.quantities(motion).items():
         builder.quantity(key, e)
     if "time_scale" in content:
@@ -185,14 +185,14 @@ def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str
     if segments > MAX_SEGMENTS:
         raise content.error("beams", f"have {segments} segments; write a count of at most "
                                      f"{MAX_SEGMENTS} for all together.")
-    found: dict[str, Frame] = {"ground": builder.ground}
+    frames: dict[str, Frame] = {"ground": builder.ground}
     for table in tables:
         table.allow("name", "mass", "inertia", "rep", *REPS, "position", *ATTITUDES, "velocity",
                     "angular_velocity")
         table.require("name", "mass", "inertia")
         name = table.symbol("name", table.text("name"))
-        found[name] = telling(table, lambda table: _body(builder, table, rep), table)
-    return found
+        frames[name] = telling(table, lambda table: _body(builder, table, rep), table)
+    return frames
 
 
 def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
@@ -258,26 +258,26 @@ def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlT
 
 
 def _names(
-    builder: Multibody, bodies: Mapping[str, Frame], taken: Collection[str]
+    builder: Multibody, bodies: Mapping[str, Frame], reserved: Collection[str]
 ) -> tuple[dict[str, sp.Expr], dict[str, sp.Expr]]:
     """Return the symbols of formulas of position, and of motion."""
-    place: dict[str, sp.Expr] = {}
+    position: dict[str, sp.Expr] = {}
     motion: dict[str, sp.Expr] = {"t": builder.time}
     for name, body in bodies.items():
         if isinstance(body, BeamEnd):
-            place |= {f"{name}_{x}": e for x, e in zip("xyz", body.point(), strict=True)}
-            place |= _axes(name, body.segment)
+            position |= {f"{name}_{x}": e for x, e in zip("xyz", body.point(), strict=True)}
+            position |= _axes(name, body.segment)
         elif isinstance(body, Particle):
-            place |= {str(x): x for x in body.x}
+            position |= {str(x): x for x in body.x}
             motion |= {str(x): x for x in body.p_x}
         elif isinstance(body, Body):
-            place |= {str(x): x for x in (*body.q, *body.x)}
-            place |= _axes(name, body)
+            position |= {str(x): x for x in (*body.q, *body.x)}
+            position |= _axes(name, body)
             motion |= {str(x): x for x in (*body.p, *body.p_x)}
             motion |= {f"{name}_omega{i}": e for i, e in enumerate(body.angular_velocity, 1)}
-    for what, symbols in builder.measured(taken).items():
-        (place if what in ("angle", "travel") else motion).update(symbols)
-    return place, place | motion
+    for kind, symbols in builder.measured(reserved).items():
+        (position if kind in ("angle", "travel") else motion).update(symbols)
+    return position, position | motion
 
 
 def _axes(name: str, body: Body) -> dict[str, sp.Expr]:
@@ -288,21 +288,23 @@ def _axes(name: str, body: Body) -> dict[str, sp.Expr]:
 
 def join(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable,
-    told: Callable[[dict[str, Any]], dict[str, Any]] = dict,
+    locate: Callable[[dict[str, Any]], dict[str, Any]] = dict,
 ) -> None:
     """Call the method of the joint's type with the keys of its table."""
-    keys = {kind: {key: one for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
+    keys = {kind: {key: parameter for key, parameter in parameters.items()
+                   if parameter.kind is parameter.KEYWORD_ONLY}
             for kind, parameters in JOINTS.items()}
-    kind = _kind(table, {kind: tuple(found) for kind, found in keys.items()})
-    table.require("name", *(key for key, one in keys[kind].items() if one.default is one.empty))
+    kind = _kind(table, {kind: tuple(names) for kind, names in keys.items()})
+    table.require("name", *(key for key, parameter in keys[kind].items()
+                            if parameter.default is parameter.empty))
     ends: Sequence[Frame | str] = (
         _joints(table, kind) if kind in ON_JOINTS else
         _frames(table, bodies, 2 if "b" in JOINTS[kind] else 1))
-    values = {key: table.vector(key, 3) if "ArrayLike" in str(one.annotation) else
-              table.vector(key, 2) if "tuple" in str(one.annotation) else
+    values = {key: table.vector(key, 3) if "ArrayLike" in str(parameter.annotation) else
+              table.vector(key, 2) if "tuple" in str(parameter.annotation) else
               table.number(key, WITH_UNITS.get(key, {}))
-              for key, one in keys[kind].items() if key in table}
-    getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **told(values))
+              for key, parameter in keys[kind].items() if key in table}
+    getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **locate(values))
 
 
 def _force(

@@ -130,19 +130,19 @@ class Assembly:
                 if r is not None:
                     arms.setdefault(frame, []).append(math.hypot(*r))
                     points.append(self.poses[frame].space(r) - np.asarray(self.poses[link.b].x))
-        whole = max(math.hypot(*r) for r in points)
+        extent = max(math.hypot(*r) for r in points)
         slender = {body for beam in self.components.beams for body in beam.segments}
         for body, inertia in self.components.inertia.items():
             if self.components.bodies[body].is_placed or body in slender:
                 continue
             mass = self.components.values[str(body.mass)]
             radius = math.sqrt(max(moments_of(inertia)) / mass)
-            own = max(arms[body], default=0.0)
-            if (whole and radius > _LARGE * whole) or (own and radius < own / _SMALL):
+            reach = max(arms[body], default=0.0)
+            if (extent and radius > _LARGE * extent) or (reach and radius < reach / _SMALL):
                 warn(f"The inertia of {body.name!r} and its mass, {mass:.6g} kg, have the radius "
                      f"of gyration {radius:.3g} m, and its joints are within "
-                     f"{own if own and radius < own else whole:.3g} m; check the units, kg and "
-                     "kg m².")
+                     f"{reach if reach and radius < reach else extent:.3g} m; check the units, kg "
+                     "and kg m².")
 
     @property
     def _coordinate_symbols(self) -> list[sp.Symbol]:
@@ -158,7 +158,8 @@ class Assembly:
         for point in self.components.moving_points:
             poses[point] = Pose.ground()
             poses[point].x, poses[point].v = (
-                np.array(part) for part in zip(*self.components.start_of_point(point), strict=True))
+                np.array(columns) for columns in zip(*self.components.start_of_point(point),
+                                                     strict=True))
         joints = [link for link in self.links if isinstance(link, Joint)]
         rolling = [link for link in self.links if isinstance(link, Rolling)]
         propagate_all(poses, "x", [joint.place for joint in joints],
@@ -206,18 +207,18 @@ class Assembly:
         rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)] if body.q else []
                 for body in self.components.bodies}
         for link in self.links:
-            own = [frame for frame in link.frames if isinstance(frame, Body)]
-            rows[max(own, key=order.__getitem__)] += self._of_link[link]
-        found = [equation for body in self.components.bodies for equation in rows[body]]
+            bodies = [frame for frame in link.frames if isinstance(frame, Body)]
+            rows[max(bodies, key=order.__getitem__)] += self._of_link[link]
+        equations = [equation for body in self.components.bodies for equation in rows[body]]
         slips = [equation for link in self.links if isinstance(link, Rolling)
                  for equation in link.velocity_equations(self.store)]
-        unknown = without - {equation.name for equation in (*found, *slips)}
+        unknown = without - {equation.name for equation in (*equations, *slips)}
         if unknown:
             raise InputError(
                 f"There is no constraint {min(unknown)!r} to leave out; the constraints are "
-                f"{', '.join(repr(equation.name) for equation in (*found, *slips))}."
+                f"{', '.join(repr(equation.name) for equation in (*equations, *slips))}."
             )
-        return ([equation for equation in found if equation.name not in without],
+        return ([equation for equation in equations if equation.name not in without],
                 [equation for equation in slips if equation.name not in without])
 
     def _hamiltonian(self) -> sp.Expr:
@@ -230,14 +231,14 @@ class Assembly:
 
     def make_system(self, left_out: Collection[str]) -> System:
         """Return the system without some constraints; unused parameters leave the store."""
-        equations, slips = ([e for e in part if e.name not in left_out]
-                            for part in (self.equations, self.velocity_equations))
+        equations, slips = ([e for e in candidates if e.name not in left_out]
+                            for candidates in (self.equations, self.velocity_equations))
         store = self.store
         pushes = [*self.components.forces, *(push for link in self.links
                                              for push in link.forces(self.poses, store))]
         H = self._hamiltonian()
-        measures = {symbol: self.connections[joint].measure(what, self.poses, store)
-                    for symbol, (joint, what) in self.components.measures.items()}
+        measures = {symbol: self.connections[joint].measure(measure, self.poses, store)
+                    for symbol, (joint, measure) in self.components.measures.items()}
         acting: dict[sp.Symbol, list[sp.Expr]] = {x: [] for xs, _ in pushes for x in xs}
         for xs, force in pushes:
             for x, e in zip(xs, force, strict=True):
@@ -246,16 +247,16 @@ class Assembly:
         named = set().union(*(e.free_symbols for e in (
             H, *(e for _, force in pushes for e in force), *self.components.quantities.values(),
             *scales)))
-        counted = {joint.name for symbol, (joint, what) in self.components.measures.items()
-                   if symbol in named and what == "angle" and not isinstance(joint, Arm)}
+        counted = {joint.name for symbol, (joint, measure) in self.components.measures.items()
+                   if symbol in named and measure == "angle" and not isinstance(joint, Arm)}
         for link in self.links:
             if isinstance(link, Align | HingedJoint) and hinge_of(link).start_angle is not None:
                 counted.add(link.name)
             if isinstance(link, RheonomicConstraint):
                 counted |= {link.name, link.joints[0].name}
             elif isinstance(link, Coupling | Law):
-                counted |= {joint.name for joint, what in zip(link.joints, link.what, strict=True)
-                            if what == "angle" and not isinstance(joint, Arm)}
+                counted |= {joint.name for joint, kind in zip(link.joints, link.what, strict=True)
+                            if kind == "angle" and not isinstance(joint, Arm)}
         H = H.xreplace(measures)
         scales = [e.xreplace(measures) for e in scales]
         quantities = {name: e.xreplace(measures) for name, e in self.components.quantities.items()}
@@ -281,7 +282,7 @@ class Assembly:
         if unfelt:
             raise InputError(f"Input {str(unfelt[0])!r} of Multibody {self.components.name!r} is "
                              "in no force; write it where it acts, or remove it.")
-        kept, values, there = set(parameters), dict(store), set(equations)
+        parameters_in_use, values, there = set(parameters), dict(store), set(equations)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]
         return System(
@@ -292,14 +293,16 @@ class Assembly:
             time=TIME if TIME in used else None, quantities=quantities,
             time_scale=scales[0] if scales else None,
             inputs=tuple(self.components.inputs),
-            bodies=tuple(body_at(body, kept, values) for body in self.components.bodies if body.q),
+            bodies=tuple(body_at(body, parameters_in_use, values) for body in self.components.bodies
+                         if body.q),
             joints=tuple(joint_at(link, self.poses, [e for e in self._of_link[link] if e in there],
-                                  kept, values, link.name in counted)
+                                  parameters_in_use, values, link.name in counted)
                          for link in self.links
                          if not isinstance(link, Slide) and not any(
                              isinstance(frame, MovingPoint | Particle) for frame in link.frames))
             + tuple(replace(joint_at(link, self.poses, [e for e in self._of_link[link]
-                                                        if e in there], kept, values, False),
+                                                        if e in there], parameters_in_use, values,
+                                     False),
                             name=name, axis_a=(), axis_b=())
                     for name, joint in self.components.aliases.items()
                     for link in [self.connections[joint]]),
@@ -359,11 +362,11 @@ class Assembly:
 
     def _poses_at(self, q: Array, of: Mapping[Frame, Pose] | None = None) -> dict[Frame, Pose]:
         """Return poses at coordinates, with the velocities of others: those described."""
-        poses, place = dict(self.poses if of is None else of), 0
+        poses, offset = dict(self.poses if of is None else of), 0
         for body in self.components.bodies:
             old, described = poses[body], self.poses[body]
-            place, attitude = place + len(body.q), q[place : place + len(body.q)]
-            place, x = place + len(body.x), q[place : place + len(body.x)]
+            offset, attitude = offset + len(body.q), q[offset : offset + len(body.q)]
+            offset, x = offset + len(body.x), q[offset : offset + len(body.x)]
             if not body.q:
                 poses[body] = replace(old, x=x)
                 continue
@@ -391,16 +394,16 @@ def _by_first_use(store: Mapping[str, float]) -> Any:
     return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
 
 
-def body_at(body: Body, kept: set[sp.Symbol], values: Mapping[str, float]) -> BodyLayout:
-    """Return the layout of a body; ``kept`` are the system's parameters, ``values`` of all."""
-    held: dict[str, Any] = {} if body.x else {"origin": _entries(body.origin, kept, values)}
-    return BodyLayout(body.name, body.q, body.inverse or body.inertia, body.x, **held,
-                  centre=_entries(body.centre, kept, values),
-                  mass=_entry(body.mass, kept, values))
+def body_at(body: Body, parameters: set[sp.Symbol], values: Mapping[str, float]) -> BodyLayout:
+    """Return the layout of a body; ``parameters`` are the system's, ``values`` those of all."""
+    origin: dict[str, Any] = {} if body.x else {"origin": _entries(body.origin, parameters, values)}
+    return BodyLayout(body.name, body.q, body.inverse or body.inertia, body.x, **origin,
+                  centre=_entries(body.centre, parameters, values),
+                  mass=_entry(body.mass, parameters, values))
 
 
 def joint_at(
-    link: Connection, poses: Poses, equations: Iterable[Equation], kept: set[sp.Symbol],
+    link: Connection, poses: Poses, equations: Iterable[Equation], parameters: set[sp.Symbol],
     values: Mapping[str, float], counted: bool,
 ) -> JointLayout:
     """Return the layout of a joint; ``equations`` are those of its constraints that remain.
@@ -411,13 +414,13 @@ def joint_at(
     (on_a, on_b), (axis_a, axis_b) = link.places(store), link.axes(poses, store)
     zero = hinge_of(link).zero(poses, store) if counted else ()
     constraint_forces = [
-        (equation.name, _force_entries(equation.constraint_force, kept, values))
+        (equation.name, _force_entries(equation.constraint_force, parameters, values))
         for equation in equations]
-    return JointLayout(link.name, _name(link.a), _name(link.b), _entries(on_a, kept, values),
-                   _entries(on_b, kept, values), _entries(axis_a, kept, values),
-                   _entries(axis_b, kept, values),
-                   _entries(zero, kept, {**values, **store} if zero else values),
-                   tuple(constraint_forces), _section(link, kept, values))
+    return JointLayout(link.name, _name(link.a), _name(link.b), _entries(on_a, parameters, values),
+                   _entries(on_b, parameters, values), _entries(axis_a, parameters, values),
+                   _entries(axis_b, parameters, values),
+                   _entries(zero, parameters, {**values, **store} if zero else values),
+                   tuple(constraint_forces), _section(link, parameters, values))
 
 
 def _section(
@@ -441,18 +444,20 @@ def _name(frame: Frame) -> str:
 
 
 def _force_entries(
-    force: ConstraintForce | None, kept: set[sp.Symbol], values: Mapping[str, float]
+    force: ConstraintForce | None, parameters: set[sp.Symbol], values: Mapping[str, float]
 ) -> ConstraintForce | None:
-    return force and ConstraintForce(force.kind, _entries(force.on_a, kept, values),
-                                     _entries(force.on_b, kept, values))
+    return force and ConstraintForce(force.kind, _entries(force.on_a, parameters, values),
+                                     _entries(force.on_b, parameters, values))
 
 
-def _entries(given: Sequence[Any], kept: set[sp.Symbol], values: Mapping[str, float]) -> Entries:
-    return tuple(_entry(e, kept, values) for e in given)
+def _entries(
+    expressions: Sequence[Any], parameters: set[sp.Symbol], values: Mapping[str, float]
+) -> Entries:
+    return tuple(_entry(e, parameters, values) for e in expressions)
 
 
-def _entry(e: Any, kept: set[sp.Symbol], values: Mapping[str, float]) -> Entry:
+def _entry(e: Any, parameters: set[sp.Symbol], values: Mapping[str, float]) -> Entry:
     """Return a parameter of the system, or the value of another one."""
     if not isinstance(e, sp.Symbol):
         return float(e)
-    return e if e in kept else float(values[str(e)])
+    return e if e in parameters else float(values[str(e)])

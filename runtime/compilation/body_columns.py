@@ -149,17 +149,17 @@ def bodies_of(manifest: Manifest) -> dict[str, BodyAt]:
     columns = {x: column for column, x in enumerate(system.coordinates)}
     bodies = {}
     for name, body in system.bodies.items():
-        place = f"system.bodies.{name}"
+        key = f"system.bodies.{name}"
         inertia = body.inertia or body.inverse_inertia
         if not {*inertia} <= {*system.parameters} or len(inertia) != (3 if body.inertia else 6):
-            raise UnfitError("has another inertia", place)
+            raise UnfitError("has another inertia", key)
         if not {*body.q, *body.x} <= {*columns} or len(body.q) != 4 or len(body.x) not in (0, 3):
-            raise UnfitError("has other coordinates", place)
+            raise UnfitError("has other coordinates", key)
         bodies[name] = BodyAt(
             [columns[x] for x in body.q], list(inertia), [columns[x] for x in body.x],
-            _vector(system, place, body.origin or (0.0, 0.0, 0.0), 3),
-            _vector(system, place, body.centre, 0, 3),
-            None if body.mass is None else _vector(system, place, [body.mass], 1)[0])
+            _vector(system, key, body.origin or (0.0, 0.0, 0.0), 3),
+            _vector(system, key, body.centre, 0, 3),
+            None if body.mass is None else _vector(system, key, [body.mass], 1)[0])
     if system.rigid_body and not bodies:
         bodies["body"] = BodyAt([0, 1, 2, 3], ["I1", "I2", "I3"], [], [0.0, 0.0, 0.0], [], None)
     return bodies
@@ -181,17 +181,17 @@ def joints_of(manifest: Manifest) -> dict[str, JointAt]:
     system = manifest.system
     joints = {}
     for name, joint in system.joints.items():
-        place = f"system.joints.{name}"
+        path = f"system.joints.{name}"
         if not {*joint.bodies} <= {"", *system.bodies}:
-            raise UnfitError("has other bodies", place)
-        vectors = {key: _vector(system, place, getattr(joint, key), 0, length)
+            raise UnfitError("has other bodies", path)
+        vectors = {key: _vector(system, path, getattr(joint, key), 0, length)
                    for key, length in _VECTORS.items()}
-        pulls = [_pull(system, place, key, pull) for key, pull in joint.constraints.items()]
-        known = [pull for pull in pulls if pull is not None]
+        pulls = [_pull(system, path, key, pull) for key, pull in joint.constraints.items()]
+        forces = [pull for pull in pulls if pull is not None]
         a, b = joint.bodies
         joints[name] = JointAt(
-            a=a, b=b, **vectors, pulls=known if len(known) == len(pulls) else None,
-            constraints=len(pulls), section=_section(system, place, joint.section))
+            a=a, b=b, **vectors, pulls=forces if len(forces) == len(pulls) else None,
+            constraints=len(pulls), section=_section(system, path, joint.section))
     return joints
 
 
@@ -248,9 +248,9 @@ def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:
     if name is None and len(bodies) > 1:
         raise InputError(f"System {system!r} is not one rigid body but {len(bodies)}, "
                          f"{', '.join(bodies)}; say which, as in body({next(iter(bodies))!r}).")
-    known = next(iter(bodies)) if name is None else choose(
+    body_name = next(iter(bodies)) if name is None else choose(
         f"body of system {system!r}:", name, bodies)
-    return known, bodies[known]
+    return body_name, bodies[body_name]
 
 
 def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
@@ -262,35 +262,35 @@ def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
         Where there is no joint, or several and none is named.
     """
     system = manifest.system.name
-    joints = {key: at for key, at in joints_of(manifest).items() if at.constraints}
+    joints = {key: layout for key, layout in joints_of(manifest).items() if layout.constraints}
     if not joints:
         raise InputError(f"System {system!r} has no joints; those of gyrospark.Multibody and "
                          "of [[joints]] in model files are asked for here.")
     if name is None and len(joints) > 1:
         raise InputError(f"System {system!r} has {len(joints)} joints, {', '.join(joints)}; "
                          f"say which, as in joint({next(iter(joints))!r}).")
-    known = next(iter(joints)) if name is None else choose(
+    joint_name = next(iter(joints)) if name is None else choose(
         f"joint of system {system!r}:", name, joints)
-    return known, joints[known]
+    return joint_name, joints[joint_name]
 
 
 def _pull(
-    system: SystemManifest, place: str, name: str, pull: ConstraintForceManifest | None
+    system: SystemManifest, path: str, name: str, pull: ConstraintForceManifest | None
 ) -> Pull | None:
     if name not in system.constraint_names:
-        raise UnfitError("has other constraints", place)
+        raise UnfitError("has other constraints", path)
     if pull is None:
         return None
-    on_a, on_b = (_vector(system, place, vector, length) for vector, length in zip(
+    on_a, on_b = (_vector(system, path, vector, length) for vector, length in zip(
         (pull.on_a, pull.on_b), _PULLS[pull.kind], strict=True))
     return Pull(system.constraint_names.index(name), pull.kind, on_a, on_b)
 
 
 def _vector(
-    system: SystemManifest, place: str, entries: Sequence[Entry], *lengths: int
+    system: SystemManifest, path: str, entries: Sequence[Entry], *lengths: int
 ) -> list[Entry]:
     """Return a vector of so many names of parameters and numbers."""
     if len(entries) not in lengths or not all(
             e in system.parameters if isinstance(e, str) else math.isfinite(e) for e in entries):
-        raise UnfitError("has another vector", place)
+        raise UnfitError("has another vector", path)
     return list(entries)
