@@ -1,4 +1,4 @@
-"""Every error that gyrospark raises on purpose; each message names the value and the cure."""
+"""Exceptions and warnings of gyrospark; each message names the value and the cure."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ class GyrosparkError(Exception):
 
 
 class InputError(GyrosparkError, ValueError):
-    """A value that a caller passed is not usable; also a ``ValueError``."""
+    """Unusable value of an argument; also a ``ValueError``."""
 
 
 class AbsentError(InputError, AttributeError):
-    """An attribute that this object could have and has not; ``hasattr`` says False."""
+    """Missing attribute of an object that could have it; ``hasattr`` returns False."""
 
 
 class ArgumentError(InputError, TypeError):
-    """Arguments that do not fit a function: unknown, missing, or too many."""
+    """Unknown, missing or too many arguments of a function."""
 
 
 class InputWarning(UserWarning):
-    """A value that a caller passed is accepted, but suspicious."""
+    """Accepted but suspicious value of an argument."""
 
 
 class TableauError(InputError):

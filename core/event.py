@@ -94,7 +94,7 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
 
 
 def terminal_of(events: Sequence[Event]) -> str:
-    """Return what messages call the first terminal event, and "" without one."""
+    """Return the name of the first terminal event for messages, "" without one."""
     return next((f"the terminal event {event.name!r}" for event in events if event.terminal), "")
 
 

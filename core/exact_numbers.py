@@ -36,7 +36,7 @@ _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "infinity": math.inf}
 
 
 class Rounded(float):
-    """A double that knows the number it was rounded from, as numbers typed in a file or command.
+    """Double with the exact number it was rounded from, such as a decimal typed in a file.
 
     What computes in doubles takes it for one; a wider stepper gets all that was typed.
     """

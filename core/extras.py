@@ -1,4 +1,4 @@
-"""Packages that some calls need and the package itself does not: the extras of pyproject.toml.
+"""Optional packages: the extras of pyproject.toml.
 
 Messages name the packages, so that what they say to type works wherever gyrospark came from.
 """

@@ -1,4 +1,4 @@
-"""A dict that refuses changes."""
+"""Immutable dict."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Value = TypeVar("Value")
 
 
 class FrozenDict(dict[Key, Value]):
-    """A dict that refuses changes, in place of ``types.MappingProxyType``.
+    """Immutable dict, in place of ``types.MappingProxyType``.
 
     Pickle, copy and json take it as they take a dict; ``a | b`` and ``dict(a)`` are dicts that can
     be changed.

@@ -18,7 +18,7 @@ _WIDTH, _HEIGHT = 360, 70
 
 
 class Raw(str):
-    """Text that is HTML already."""
+    """HTML text, which is not escaped again."""
 
     __slots__ = ()
 

@@ -1,4 +1,4 @@
-"""Features that cannot be combined: a table of pairs, each with its reason and a cure.
+"""Incompatible features: a table of pairs, each with its reason and a cure.
 
 ``refuse_together`` raises for the first pair of which a call has both. ``docs/limits.md`` has the
 table as ``table`` prints it; ``pytest tests/core/test_incompatibilities.py --update`` writes it
@@ -70,7 +70,7 @@ FEATURES = {
 
 @dataclass(frozen=True)
 class Pair:
-    """Two features that cannot be combined, why, and what to do instead."""
+    """Pair of incompatible features, the reason and the cure."""
 
     first: str
     second: str

@@ -231,7 +231,7 @@ def unit_quaternions(values: Any, label: str = "quaternion") -> Array:
 
 
 def _warn_of_length(label: str, values: Any, norms: Array) -> None:
-    """Say that quaternions are far from length 1: further than rounding explains.
+    """Warn of quaternions whose length differs from 1 by more than rounding.
 
     Entries rounded to d decimals have errors of 10⁻ᵈ/2 each, and |q| one of 10⁻ᵈ at most; d = 2
     is the fewest that anybody rounds to.
@@ -248,7 +248,7 @@ def _warn_of_length(label: str, values: Any, norms: Array) -> None:
 
 
 def _warn_of_order(label: str, values: Any, unit: Array) -> None:
-    """Say that quaternions look as if their scalar stood last.
+    """Warn of quaternions that seem to have the scalar last.
 
     Nothing proves it. But all of them, read so, are turns by less than 60°, and by more than 120°
     as they are read here: of random attitudes one in seventeen is like that.
@@ -298,7 +298,7 @@ def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Array:
 
 
 def warn_of_degrees(label: str, angles: Sequence[float], *, cure: str) -> None:
-    """Say that angles beyond a full turn look like degrees."""
+    """Warn of angles beyond a full turn, which may be degrees."""
     if any(abs(x) > 2 * math.pi for x in angles):
         listed = ", ".join(f"{x:.6g}" for x in angles)
         warn(f"{label} is [{listed}], taken as radians, more than a turn; if degrees are meant, "

@@ -96,7 +96,7 @@ class JointManifest:
 
 @dataclass(frozen=True, kw_only=True)
 class PlacedManifest:
-    """Quantities that are a body's centre of mass, and its first two axes, in space."""
+    """Names of the quantities with a body's centre of mass and its first two axes in space."""
 
     x: tuple[str, ...]
     axes: tuple[str, ...]
@@ -191,7 +191,7 @@ class SystemManifest:
 
     @property
     def event_quantities(self) -> tuple[str, ...]:
-        """Names that events may be of: quantities, coordinates, momenta; the time, if scaled."""
+        """Names of possible event functions: quantities, coordinates, momenta, and t if scaled."""
         time = () if self.clock is None else (self.clock.time,)
         return (*self.quantities, *self.coordinates, *self.momenta, *time)
 
@@ -238,7 +238,7 @@ class SchemeManifest:
 
 @dataclass(frozen=True, kw_only=True)
 class SymmetryManifest:
-    """A symmetry that a frame may move along: A of its field, J, and where it is one.
+    """Symmetry of a co-moving frame: A of its vector field, J, and the conditions for it.
 
     ``A`` has rows (i, j, fraction); ``vanishing`` are the conditions as polynomials, each a list of
     terms (fraction, {parameter: power}).
@@ -255,7 +255,7 @@ class SymmetryManifest:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameManifest:
-    """The symmetries that co-moving frames move along."""
+    """Symmetries of the co-moving frame."""
 
     symmetries: tuple[SymmetryManifest, ...]
 
@@ -344,7 +344,7 @@ class Manifest:
                 for remark in source.remarks]
 
     def _check(self) -> None:
-        """Refuse sizes that contradict each other."""
+        """Refuse inconsistent sizes."""
         system, n = self.system, len(self.system.coordinates)
         for name, length, expected in (
                 ("momenta", len(system.momenta), n),

@@ -140,7 +140,7 @@ def _install() -> None:
 
 @contextlib.contextmanager
 def log_task(text: str, done: str = "") -> Iterator[None]:
-    """Log that a task begins, and when it is ``done`` how long it took."""
+    """Log the begin of a task, and at its end ``done`` with the duration."""
     _install()
     start, level, result = time.perf_counter(), logging.DEBUG, f"{text}: ended"
     _LOGGER.debug("%s …", text, extra={"task": "begin"})

@@ -42,12 +42,12 @@ class Constrained(Protocol):
 
     @property
     def constraint_names(self) -> Sequence[str]:
-        """What messages call the constraints."""
+        """Names of the constraints in messages."""
         ...
 
     @property
     def velocity_constraint_names(self) -> Sequence[str]:
-        """What messages call the velocity constraints."""
+        """Names of the velocity constraints in messages."""
         ...
 
     @property
@@ -118,7 +118,7 @@ class Projection:
                 f"{_moved('p', self.p_moved, self.p_name)}>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the moves, and each constraint before and after."""
+        """Return HTML for notebooks: the moves, and each constraint before and after."""
         rows = [(name, *(f"{column[name]:.1e}" if name in column else "" for column in (
             self.before, self.after, self.hidden_before, self.hidden_after)))
             for name in self.hidden_before]

@@ -59,12 +59,12 @@ class Entry:
     home: str
 
     def make(self, *arguments: Any, **options: Any) -> Any:
-        """Return what the name stands for; a system takes ``rep`` as its argument."""
+        """Make the named problem, model or system; a system takes ``rep`` as its argument."""
         return self._function(*arguments, **options)
 
     @property
     def about(self) -> str:
-        """What it is, the first sentence of its function's docstring."""
+        """Description: the first sentence of the docstring of its function."""
         first = inspect.getdoc(self._function) or ""
         return " ".join(first.partition("\n\n")[0].split()).removeprefix("Return ")
 

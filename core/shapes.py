@@ -1,4 +1,4 @@
-"""Shapes that bodies are drawn with: boxes, spheres, discs, bars and meshes."""
+"""Shapes of drawn bodies: boxes, spheres, discs, bars and meshes."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class Start:
         return f"<Start: {np.shape(self.q)[-1]} coordinates, t = {self._times} s, {names}>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the numbers."""
+        """Return HTML for notebooks: the numbers."""
         rows = [(name, few(f"{float(x):.6g}" for x in values))
                 for name, values in (("q", np.ravel(self.q)), ("p", np.ravel(self.p)))]
         numbers = {**self.parameters, **self.inputs}
@@ -177,7 +177,7 @@ class Start:
         self, inertias: Mapping[str, Any], rules: Mapping[str, str],
         spare: frozenset[str] = frozenset(),
     ) -> Self:
-        """Set what a model knows of γ and α beside numbers; return the start."""
+        """Set a model's bodies and rules for γ and α; return the start."""
         self._inertias, self._rules, self._spare = inertias, rules, spare
         return self
 

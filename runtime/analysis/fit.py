@@ -125,7 +125,7 @@ class Fit:
         return "\n".join(lines) + ">"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the parameters with a standard deviation, and the report."""
+        """Return HTML for notebooks: the parameters with standard deviations, and the report."""
         heading, *rows = repr(self)[1:-1].splitlines()
         return card(heading, table([row.strip().split(" = ", 1) for row in rows]))
 

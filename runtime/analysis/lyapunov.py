@@ -119,7 +119,7 @@ class Lyapunov:
                 f"{self.megno:.4g}>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the exponents, and MEGNO."""
+        """Return HTML for notebooks: the exponents, and MEGNO."""
         rows = [(f"λ{i}", f"{value:.6g}", f"{error:.2g}") for i, (value, error) in enumerate(
             zip(self.exponents, self.errors, strict=True), 1)]
         return card(f"Lyapunov exponents of {self.name}", table(

@@ -121,7 +121,7 @@ class PeriodicOrbit:
                 f"{self.residuals[-1]:.1e} after {self.iterations} iterations>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the period, the multipliers and the last defect."""
+        """Return HTML for notebooks: the period, the multipliers and the last defect."""
         multipliers = few(_text(value) for value in self.multipliers if value.imag >= 0)
         return card(f"Periodic orbit of {self._stepper.name}", table([
             ("period", f"{float(self.period):.12g} s"), ("steps", f"{self.steps:,}"),

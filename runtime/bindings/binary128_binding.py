@@ -65,7 +65,7 @@ class QuadBinding(Binding):
         return call
 
     def pointer(self, array: Array, start: int = 0) -> Any:
-        """Return what ``function`` takes for an array: the array itself, NULL for an empty one."""
+        """Return the argument of a C function for an array: the array, NULL for an empty one."""
         if start:
             raise ValueError("An array of mpf is packed from its first entry on.")
         return array if array.size else self.ffi.NULL
@@ -279,7 +279,7 @@ class _Record:
 
 
 class _Records(list[_Record]):
-    """Running records that lie side by side."""
+    """Contiguous running records of a batch."""
 
     @property
     def first(self) -> _Record:

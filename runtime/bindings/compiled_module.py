@@ -47,7 +47,7 @@ SOLVERS: dict[SolverName, int] = {"auto": 0, "newton": 1, "fixed-point": 2}
 
 
 class Pool:
-    """Memory that compiled calls need while they run, kept for the next: it is not cleared.
+    """Pool of work memory for compiled calls; it is reused, and not cleared.
 
     Whoever takes some gives it back, unless a call was interrupted; threads may share a pool.
     """
@@ -57,7 +57,7 @@ class Pool:
         self._most = max(1, min(CORES, _KEPT // size))
 
     def take(self) -> Any:
-        """Return memory that nobody else uses."""
+        """Take unused memory from the pool, or allocate it."""
         try:
             return self._free.pop()
         except IndexError:
@@ -153,7 +153,7 @@ class Compiled:
         return lambda *arguments: function(*map(self._passed, arguments))
 
     def _passed(self, argument: Any) -> Any:
-        """Return what cffi takes of NumPy's long double, which it would round to double."""
+        """Return a NumPy long double as a cffi value: cffi itself would round it to double."""
         if not isinstance(argument, np.longdouble):
             return argument
         box = self.ffi.new("long double *")

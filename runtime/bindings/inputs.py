@@ -85,15 +85,15 @@ class InputRows:
                 for i, (name, x) in enumerate(zip(self.names, first.tolist(), strict=True))}
 
     def of(self, i: int) -> InputRows:
-        """Return those of one run."""
+        """Return the inputs of run i."""
         return replace(self, values=self.values[i : i + 1]) if len(self.values) > 1 else self
 
     def between(self, runs: slice) -> InputRows:
-        """Return those of some runs, side by side."""
+        """Return the inputs of a slice of the runs."""
         return replace(self, values=self.values[runs]) if len(self.values) > 1 else self
 
     def taken(self, runs: Array, steps: Array, count: int = 1) -> InputRows:
-        """Return those of ``count`` steps after ``steps`` of some runs, as of runs of their own."""
+        """Return the inputs of ``count`` steps after ``steps`` steps of each run."""
         step_numbers = steps[:, None] + np.arange(count)
         rows = np.minimum(step_numbers // self.hold if self.hold else 0 * step_numbers,
                           self.values.shape[1] - 1)
@@ -108,11 +108,11 @@ class InputRows:
                         strict=True))
 
     def of_steps(self, count: int) -> InputRows:
-        """Return those of the first steps of the first run, a row for each; the last row stays."""
+        """Return the inputs of run 0 for ``count`` steps, a row per step; the last row repeats."""
         return self.taken(np.zeros(1, int), np.zeros(1, int), count)
 
     def refined(self, factor: int) -> InputRows:
-        """Return those of the same run with steps so many times smaller."""
+        """Return the inputs of the same run with steps ``factor`` times smaller."""
         return replace(self, hold=self.hold * factor)
 
     def at(self, step: int) -> Array:

@@ -69,7 +69,7 @@ _X87_BYTES = 10
 
 
 def aligned(size: int) -> NDArray[Any]:
-    """Return that many zeroed bytes at a multiple of ``ALIGNMENT``."""
+    """Return zeroed bytes, aligned to a multiple of ``ALIGNMENT``."""
     room = np.zeros(size + ALIGNMENT, dtype=np.uint8)
     start = -room.__array_interface__["data"][0] % ALIGNMENT
     return room[start : start + size]

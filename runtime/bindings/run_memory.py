@@ -50,7 +50,7 @@ class RunRecord(Protocol):
 
 @dataclass(frozen=True)
 class RunConstants:
-    """What compiled code takes for all steps of a run; ``dt`` is a column of a batch of runs."""
+    """Constant arguments of the steps of a run; ``dt`` is a column for a batch of runs."""
 
     parameters: ParameterStruct
     options: OptionStruct

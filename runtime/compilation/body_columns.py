@@ -99,7 +99,7 @@ class Pull:
 
 @dataclass(frozen=True)
 class JointAt:
-    """What joins two bodies.
+    """Layout of a joint: its bodies, points, axes and constraint forces.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ def _available() -> int:
 
 
 def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: int) -> Any:
-    """Return what a function returns in a thread with that stack; raise what it raises there.
+    """Call a function in a thread with a larger stack; return its result or raise its error.
 
     An interrupt waits for its end, as it does for a compiled function in the main thread.
     """

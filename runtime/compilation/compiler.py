@@ -121,7 +121,7 @@ class Compiler:
 
     @property
     def link_flags(self) -> list[str]:
-        """Flags that make a Python extension of object files."""
+        """Linker flags of a Python extension module."""
         if sys.platform == "darwin":
             return ["-bundle", "-undefined", "dynamic_lookup"]
         return ["-shared"]

@@ -61,7 +61,7 @@ Expression = list[tuple[str, str, int]]
 
 
 class UnreadableError(Exception):
-    """C that is not read here: a loop, a branch, an unknown call."""
+    """Unsupported C: a loop, a branch, an unknown call."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class KernelText:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """The constants that it reads, as written behind ``c->``."""
+        """Names of its constants, as written after ``c->``."""
         return tuple(sorted(set(re.findall(r"c->((?!_used\b)\w+(?:\[\d+\])?)", self.body))))
 
     @property

@@ -1,4 +1,4 @@
-"""Modules that a wheel for one platform brings along, for machines without a C compiler.
+"""Prebuilt modules in a wheel for one platform, for machines without a C compiler.
 
 They are compiled when such a wheel is built (RELEASE.md), for any processor of its architecture: a
 compiler makes faster ones here, so they are taken only where there is none. ``modules.json`` beside

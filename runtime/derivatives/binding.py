@@ -189,7 +189,7 @@ class DerivativeBinding:
 
 
 class KeptRun:
-    """A run that is integrated piece by piece, every step of it kept."""
+    """Run integrated piece by piece; the states and unknowns of every step are stored."""
 
     def __init__(self, binding: DerivativeBinding, run: RunArguments) -> None:
         self.binding, self.run = binding, run

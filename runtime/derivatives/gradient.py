@@ -109,7 +109,7 @@ class Gradient:
         return f"<Gradient{value} by {few(self.wrt)}>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the function, and its derivative by each name of ``wrt``."""
+        """Return HTML for notebooks: the value, and its derivative by each name of ``wrt``."""
         rows = [(name, few(f"{float(x):.6g}" for x in np.ravel(self[name]))) for name in self.wrt]
         value = [] if self.value is None else [("value", f"{self.value:.6g}")]
         return card("Gradient", table([*value, *rows]))
@@ -134,12 +134,12 @@ class Gradient:
         return self._numbers[name]
 
     def vector(self) -> Array:
-        """Return what was asked for as one vector, in the order of ``wrt``."""
+        """Return the gradient as one vector, in the order of ``wrt``."""
         return np.concatenate([np.ravel(np.asarray(self[name])) for name in self.wrt])
 
 
 def names_of(stepper: Stepper, wrt: str | Sequence[str] | None) -> tuple[str, ...]:
-    """Return what a gradient is taken by; by default the start and all parameters.
+    """Return the checked variables of a gradient; by default the start and all parameters.
 
     Raises
     ------

@@ -212,7 +212,7 @@ class Kinematics:
 
 
 class StateMotion:
-    """What is evaluated at one state: its accelerations, H_pp and g_q, and rates by their names."""
+    """Motion at one state: accelerations, H_pp, g_q, and rates of joints and bodies by name."""
 
     def __init__(
         self, binding: MotionBinding, values: Mapping[str, Any], t: Any, q: Array, p: Array,

@@ -65,7 +65,7 @@ class Point:
 
 @dataclass(frozen=True)
 class RunRows:
-    """Of what kind the rows of a trajectory are.
+    """Kinds of the rows of a trajectory: ends of steps, points between them, and events.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class RunRows:
 
 
 def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunRows:
-    """Return of what kind the rows of a trajectory are, which ``run`` leads to.
+    """Classify the rows of a trajectory of ``run``: ends of steps, points between, events.
 
     Raises
     ------

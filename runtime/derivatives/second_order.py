@@ -146,7 +146,7 @@ class Hessian:
         return f"<Hessian by {few(self.names)}>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the gradient and the first columns of the matrix."""
+        """Return HTML for notebooks: the gradient and the first columns of the matrix."""
         rows = [(name, f"{float(slope):.6g}", few(f"{float(x):.6g}" for x in row)) for
                 name, slope, row in zip(self.names, self.gradient, self.matrix, strict=True)]
         return card("Hessian", table(rows, ("", "gradient", "second derivatives")))

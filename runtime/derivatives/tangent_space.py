@@ -215,7 +215,7 @@ def _orthogonal(x: Array, basis: Sequence[Array]) -> Array | None:
 
 
 class Start:
-    """What derivatives are taken by, as columns of directions with their names."""
+    """Start directions of tangents: columns with their names."""
 
     def __init__(self, space: TangentSpace, tangents: Tangents) -> None:
         binding = space.binding

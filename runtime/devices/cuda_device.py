@@ -69,7 +69,7 @@ class CudaDevice:
         return name, _kernels(name, text, architecture, self._card.device_id)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Memory:
-        """Return memory that is 0."""
+        """Allocate zeroed memory."""
         memory = self._new(shape, np.dtype(dtype))
         memory.handle.fill(0, stream=self._stream)
         return memory

@@ -1,4 +1,4 @@
-"""What an ensemble needs of a device: memory, compilation, launches."""
+"""Interface of a device for ensembles: memory, compilation, launches."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Device(Protocol):
         """Return the compiled kernels of a CUDA text, the stepper's name before each."""
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Memory:
-        """Return memory that is 0."""
+        """Allocate zeroed memory."""
 
     def put(self, array: Array) -> Memory:
         """Return memory with the numbers of an array."""

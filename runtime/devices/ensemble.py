@@ -36,7 +36,7 @@ DEVICES: tuple[DeviceName, ...] = ("cpu", "cuda")
 @explain_arguments
 @dataclass(frozen=True, eq=False)
 class DeviceEnsemble:
-    """Trajectories that stay on a card: ``integrate_ensemble`` of arrays that lie there.
+    """Trajectories in the memory of a card: ``integrate_ensemble`` of arrays on the card.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class DeviceEnsemble:
                 f"{self.t.shape[1]:,} states, {len(self.failures):,} failed>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: how many there are, and which failed, the first ones."""
+        """Return HTML for notebooks: the number of trajectories, and the first failures."""
         return ensemble_card(f"DeviceEnsemble of {self._name}", self.t, self.failures)
 
 
@@ -113,7 +113,7 @@ def device_for(asked: DeviceName | None, q: Any, p: Any) -> Device | None:
 
 
 def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
-    """Refuse what trajectories on a card do not have.
+    """Refuse features without an implementation on a card.
 
     Raises
     ------

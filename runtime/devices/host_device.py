@@ -67,7 +67,7 @@ class HostDevice:
         return self._programs[text]
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Memory:
-        """Return memory that is 0."""
+        """Allocate zeroed memory."""
         return self.put(np.zeros(shape, dtype))
 
     def put(self, array: Array) -> Memory:

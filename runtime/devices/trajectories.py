@@ -29,7 +29,7 @@ _WINDOW = 2**28
 
 @dataclass(frozen=True)
 class Window:
-    """Stored states that lie on the device: rows ``first`` to ``first + len(q)`` of all."""
+    """Stored states on the device: rows ``first`` to ``first + len(q)`` of all."""
 
     first: int
     #: (rows, n, trajectories)
@@ -104,7 +104,7 @@ class Trajectories:
 
     @property
     def done(self) -> Array:
-        """Steps that each trajectory has done."""
+        """Completed steps of each trajectory."""
         return self.device.get(self.steps)
 
     def states(self, binding: Binding, stop: Callable[[], bool]) -> DeviceStates:
@@ -160,7 +160,7 @@ def gathered(device: Device, name: str, text: str, q: View, p: View) -> Memory:
 
 @dataclass(frozen=True)
 class DeviceStates(EnsembleStates):
-    """Stored states that were copied from a device, with what is known of each trajectory.
+    """Stored states copied from a device, with status, report and steps of each trajectory.
 
     Multipliers are NaN: a step of profile control keeps none. So is the work of forces.
     """

@@ -69,7 +69,7 @@ class Section:
                 f"{float(self.event.level):g}>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the event, and the numbers of points and trajectories."""
+        """Return HTML for notebooks: the event, and the numbers of points and trajectories."""
         return card(f"Section of {self._stepper.name}", table([
             ("event", f"{self.event.quantity} = {float(self.event.level):g}"),
             ("points", f"{len(self):,}"), ("trajectories", f"{len(self._parameters):,}")]))

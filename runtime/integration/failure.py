@@ -41,7 +41,7 @@ class Diagnosis:
 
     @classmethod
     def bare(cls, status: int) -> Diagnosis:
-        """Return what a status says by itself."""
+        """Return the description of a status code, without the state."""
         return cls(REASONS[status], REASONS[status], "A smaller time step usually cures it")
 
 

@@ -103,7 +103,7 @@ class EnsembleStates:
 
     @property
     def steps_done(self) -> int:
-        """The steps that all trajectories together have done."""
+        """Sum of the completed steps of all trajectories."""
         return sum(int(self.report(i).steps) for i in range(len(self.runs)))
 
     def fill(self, batches: Iterable[int], stop: Callable[[], bool]) -> None:

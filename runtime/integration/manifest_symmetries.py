@@ -1,4 +1,4 @@
-"""The symmetries that a stepper's co-moving frame may move along, as its manifest tells of them.
+"""Symmetries of a stepper's co-moving frame, read from its manifest.
 
     q = e^{ωtA} q̃,   p = e^{−ωtAᵀ} p̃,   H̃ = H − ω J,   J = pᵀA q
 

@@ -84,7 +84,7 @@ class RunArguments:
     open_end: bool = False
 
     def constants(self, binding: Compiled) -> RunConstants:
-        """Return what compiled code takes for all of its steps."""
+        """Return the constant arguments of the compiled steps."""
         return RunConstants(
             binding.parameters(self.parameters, self.t0),
             binding.options(self.tolerance, self.max_iterations, self.solver), self.dt, self.inputs)
@@ -201,7 +201,7 @@ def end_of_run(
 
 @dataclass(frozen=True)
 class Origin:
-    """What a trajectory comes from: its run and events; whether its rows are at times asked for."""
+    """Origin of a trajectory: its run and events; ``between`` if its rows are at given times."""
 
     run: RunArguments
     events: tuple[Event, ...] = ()
@@ -212,7 +212,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class EnsembleArguments:
-    """Runs that agree in steps, every, solver and tolerance; ``runs[i]`` is one of them."""
+    """Runs with equal steps, every, solver and tolerance; ``runs[i]`` is one of them."""
 
     #: The first of them, which says what all have in common.
     first: RunArguments
@@ -472,7 +472,7 @@ class ParameterCheck:
 def _as_plain_parameters(
     parameters: Mapping[str, Any], domains: Mapping[str, str], number: Callable[[Fraction], Any]
 ) -> dict[str, Any] | None:
-    """Return parameters that are all there as usable floats; None where one of them needs a look.
+    """Return the parameters if all are plain valid floats, else None.
 
     A tenth of the time, which matters to hundreds of bodies.
     """

@@ -1,4 +1,4 @@
-"""A figure that Jupyter shows; the one module that imports matplotlib when it is imported."""
+"""Figure for Jupyter; the only module whose import loads matplotlib."""
 
 from __future__ import annotations
 

@@ -302,7 +302,7 @@ def draw_values(
 
 
 def _plottable_values(run: Trajectory) -> dict[str, Callable[[], NDArray[Any]]]:
-    """Return functions that return the values of each state, by name.
+    """Return name → function without arguments, which evaluates a quantity at each state.
 
     Names of the system replace names such as "energy".
     """

@@ -54,7 +54,7 @@ class BodyMotion:
                 f"{len(self._run):,} states>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the states, with attitude and position of the last."""
+        """Return HTML for notebooks: the states, with attitude and position of the last."""
         last = ((name, few(f"{x:.6g}" for x in rows[-1].astype(float))) for name, rows in (
             ("last attitude", self.attitude), ("last position in m", self._origin())))
         return card(f"Body {self.name} of {self._run.manifest.name}", table([

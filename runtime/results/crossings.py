@@ -90,7 +90,7 @@ class Crossings:
                 f"{float(self.t[-1]):.6g} s>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the time and the direction of the first crossings."""
+        """Return HTML for notebooks: time and direction of the first crossings."""
         rows = [(f"{float(t):.9g}", f"{steps:,}", "up" if rising else "down") for t, steps, rising
                 in zip(self.t[:_SHOWN], self.steps, self.rising, strict=False)]
         return card(f"Crossings: {len(self):,}",

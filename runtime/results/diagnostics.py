@@ -68,7 +68,7 @@ class Report:
                 f"{self.constraint_mean:.2e}, momentum {self.momentum_constraint_mean:.2e}>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: iterations, and the largest and mean error of each kind."""
+        """Return HTML for notebooks: iterations, and the largest and mean error of each kind."""
         errors = [(name, f"{largest:.2e}", f"{mean:.2e}") for name, largest, mean in (
             ("energy", self.energy_error_max, self.energy_error_mean),
             ("constraint", self.constraint_max, self.constraint_mean),

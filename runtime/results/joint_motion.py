@@ -54,7 +54,7 @@ class JointMotion:
         return f"<JointMotion of {self.name} ({ends}): {len(self._run):,} states>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the bodies and the states."""
+        """Return HTML for notebooks: the bodies and the states."""
         return card(f"Joint {self.name} of {self._run.manifest.name}", table([
             *zip("ab", (name or "ground" for name in self.bodies), strict=True),
             *self._run._extent()]))

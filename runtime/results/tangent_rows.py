@@ -72,7 +72,7 @@ class TangentRows:
         return (f"<TangentRows of {len(self.q):,} states along {few(self.names)}>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the size of each direction, in the first and last state."""
+        """Return HTML for notebooks: the size of each direction in the first and last state."""
         rows = [(name, *(f"{np.linalg.norm(self[name][i].astype(float)):.6g}" for i in (0, -1)))
                 for name in self.names] if len(self.q) else []
         return card(f"Tangents of {len(self.q):,} states",

@@ -75,12 +75,12 @@ class Derive:
 
     @property
     def of_others(self) -> Derive | None:
-        """What derives more than derivatives; None where that is not known any more."""
+        """Derivation of modules beyond first derivatives; None if it is no longer known."""
         return self.further if self.known else self
 
 
 class Differentiation(Evaluation):
-    """What ``Stepper`` offers of derivatives; the module for them is compiled when first used."""
+    """Methods of ``Stepper`` for derivatives; their module is compiled at the first use."""
 
     def __init__(self, name: str, files: dict[str, str], derive: Derive | None = None) -> None:
         super().__init__(name, files)
@@ -147,7 +147,7 @@ class Differentiation(Evaluation):
         return self._controls
 
     def _portable_derive(self) -> Derive | None:
-        """Return what another process derives with; None if it cannot."""
+        """Return the picklable derivation for another process; None if there is none."""
         derive = self._derive
         if derive is None or not derive.portable:
             return None

@@ -30,7 +30,7 @@ _OFF = 1e-9
 
 
 class Dynamics(Differentiation):
-    """What ``Stepper`` offers of forces and accelerations; its module is compiled when first used.
+    """Methods of ``Stepper`` for forces and accelerations; compiled at the first use.
     """
 
     _motion: MotionBinding | None = None

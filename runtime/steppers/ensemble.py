@@ -124,7 +124,7 @@ class Ensemble:
                 f"states, {len(self.failures):,} failed>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: how many there are, and which failed, the first ones."""
+        """Return HTML for notebooks: the number of trajectories, and the first failures."""
         return ensemble_card(f"Ensemble of {self._name}", self.t, self.failures)
 
     def table(self, columns: str | Iterable[str] | None = None) -> pandas.DataFrame:

@@ -230,7 +230,7 @@ class Evaluation:
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
         parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Projection:
-        """Return what ``project`` does, with a report of what was moved.
+        """Project as ``project`` does; return the state with a report of the moves.
 
         The report's numbers are floats: |g| and the momentum constraint before and after by the
         constraints' names, and the coordinate and the momentum that moved furthest. To print it
@@ -269,7 +269,7 @@ class Evaluation:
     # ------------------------------------------------------------ inside
 
     def _refuse_scaled(self, **features: str) -> None:
-        """Refuse features that are not derived for systems in scaled time."""
+        """Refuse features without a derivation for scaled time."""
         refuse_together(scaled=self.binding.clocked and f"the time_scale of {self.name}",
                         **features)
 
@@ -341,7 +341,7 @@ class Evaluation:
         return unknowns, state, run
 
     def _origin(self, q: Array, p: Array) -> Array:
-        """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
+        """Return the offset of x from the unknowns in C: IMS and EMS solve for increments."""
         origin = self.binding.new(self.unknowns)
         if self.manifest.scheme.unknowns_are_state:
             origin[: 2 * self.binding.n] = np.concatenate([q, p])

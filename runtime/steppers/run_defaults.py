@@ -104,7 +104,7 @@ class RunDefaults:
         return q0, p0
 
     def as_json(self) -> dict[str, Any]:
-        """Return what JSON can hold of it: a double, or the text of a number with more digits."""
+        """Return a JSON value: a double, or text for a number with more digits."""
         content = asdict(replace(self, visuals={}))
         del content["visuals"]
         if self.visuals:
@@ -116,7 +116,7 @@ class RunDefaults:
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> RunDefaults:
-        """Return what ``as_json`` was made of."""
+        """Read the result of ``as_json``."""
         events = tuple(Event(**entry | {"level": Fraction(entry["level"])})
                        for entry in content["events"])
         visuals = {name: [Shape(**entry) for entry in shapes]

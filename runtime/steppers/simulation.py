@@ -104,7 +104,7 @@ class AdvancingRun:
 
     @property
     def image(self) -> tuple[Any, ...]:
-        """All that differs from a run that has just begun."""
+        """State and memory, in which a run differs from one that has just begun."""
         return self.q.copy(), self.p.copy(), self.binding.image(self.work).tobytes()
 
     @image.setter
@@ -114,7 +114,7 @@ class AdvancingRun:
         memory[:] = np.frombuffer(image[2], dtype=np.uint8)
 
     def trajectory(self, manifest: Manifest) -> Trajectory:
-        """Return what is kept of the run: the state reached."""
+        """Return the current state as a trajectory of one row."""
         t = self.run.t0 + self.steps * self.run.dt
         run = replace(self.run, q=self.q, p=self.p, t0=t, steps=self.steps + 1,
                       every=self.steps + 2)
@@ -153,7 +153,7 @@ class ContinuedStep(AdvancingRun):
 
 
 class RecordingRun(AdvancingRun):
-    """A run that stores each of its states, as ``integrate`` does, in several calls."""
+    """Run that is advanced in several calls and stores every state."""
 
     def __init__(self, binding: Binding, run: RunArguments) -> None:
         super().__init__(binding, run)
@@ -211,7 +211,7 @@ class RecordingRun(AdvancingRun):
 
     @property
     def image(self) -> tuple[Any, ...]:
-        """All that differs from a run that has just begun."""
+        """State and memory, in which a run differs from one that has just begun."""
         done = self.steps
         return (*super().image, self.binding.image(self.record).tobytes(),
                 self._rows[: done + 1].copy(), self._inputs[:done].copy(), self._fed, self._failed)
@@ -237,7 +237,7 @@ class RecordingRun(AdvancingRun):
 
 @explain_arguments
 class Simulation:
-    """A trajectory that its caller advances: ``Stepper.start`` makes it, ``advance`` takes steps.
+    """Trajectory advanced by its caller: ``Stepper.start`` makes it, ``advance`` takes steps.
 
     However the steps are shared out among calls, their bits are those of one ``integrate``. One
     thread at a time may use it; ``copy`` gives another its own.
@@ -263,7 +263,7 @@ class Simulation:
                 f"t = {float(self.t):.6g} s>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the time, the state and the errors so far."""
+        """Return HTML for notebooks: the time, the state and the errors so far."""
         rows = [("t", f"{float(self.t):.6g} s"), ("steps", f"{self.steps:,}"),
                 *((name, few(f"{float(x):.6g}" for x in values))
                   for name, values in (("q", self.q), ("p", self.p)))]

@@ -109,7 +109,7 @@ class Stepper(Dynamics):
         return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: method, system, and what a run must be given."""
+        """Return HTML for notebooks: method, system, and the arguments of a run."""
         system, scheme = self.manifest.system, self.manifest.scheme
         domains = self.parameter_domains.items()
         rows = [("method", f"{scheme.method}, order {self.order}, {self.unknowns} unknowns"),
@@ -132,7 +132,7 @@ class Stepper(Dynamics):
 
     @property
     def _provenance(self) -> dict[str, str]:
-        """What the bits of a result depend on beside its arguments: source, compiler, CPU."""
+        """Source, compiler and CPU, on which the bits of a result depend beside its arguments."""
         return provenance(self.files)
 
     # ------------------------------------------------------------ stepping
