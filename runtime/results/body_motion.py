@@ -45,9 +45,9 @@ class BodyMotion:
         The body's.
     """
 
-    def __init__(self, trajectory: Trajectory, name: str, layout: BodyAt) -> None:
+    def __init__(self, trajectory: Trajectory, name: str, at: BodyAt) -> None:
         self.name = name
-        self._run, self._at = trajectory, layout
+        self._run, self._at = trajectory, at
 
     def __repr__(self) -> str:
         return (f"<BodyMotion of {self.name} in {self._run.manifest.name}: "

@@ -45,9 +45,9 @@ class JointMotion:
         The names of a and b; ``""`` is the ground.
     """
 
-    def __init__(self, trajectory: Trajectory, name: str, layout: JointAt) -> None:
-        self.name, self.bodies = name, (layout.a, layout.b)
-        self._run, self._at = trajectory, layout
+    def __init__(self, trajectory: Trajectory, name: str, at: JointAt) -> None:
+        self.name, self.bodies = name, (at.a, at.b)
+        self._run, self._at = trajectory, at
 
     def __repr__(self) -> str:
         ends = ", ".join(name or "ground" for name in self.bodies)
