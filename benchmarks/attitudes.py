@@ -37,8 +37,8 @@ def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: ArrayLike) -> Array:
     """Return Ω = J⁻¹ L(q) p / 2 for principal moments or a tensor J."""
     momentum = (left_matrix(q) @ np.asarray(p)[..., None])[..., 0] / 2
     J = np.asarray(inertia)
-    found: Array = momentum / J if J.ndim == 1 else np.linalg.solve(J, momentum.T).T
-    return found
+    omega: Array = momentum / J if J.ndim == 1 else np.linalg.solve(J, momentum.T).T
+    return omega
 
 
 def quaternion_of(R: ArrayLike) -> Array:

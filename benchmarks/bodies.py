@@ -166,11 +166,11 @@ def _mujoco(motion: Motion, scene: ReferenceScene) -> Iterator[Entry]:
 
 
 def _pydy(motion: Motion, scene: ReferenceScene) -> Iterator[Entry]:
-    made: list[PydyBodies] = []
+    cached: list[PydyBodies] = []
 
     def prepare(tolerance: float) -> Prepared:
-        made[:] = made or [PydyBodies(scene)]
-        return motion.prepared("DOP853", None, 8, partial(made[0].run, tolerance, T_END))
+        cached[:] = cached or [PydyBodies(scene)]
+        return motion.prepared("DOP853", None, 8, partial(cached[0].run, tolerance, T_END))
 
     for tolerance in TOLERANCES:
         yield Entry("pydy", f"DOP853 tol {tolerance:g}", partial(prepare, tolerance),
@@ -282,13 +282,13 @@ def _swung(links: Links, step: gs.Stepper, dt: float) -> Array:
 
 
 def _pydy_links(motion: Motion, links: Links) -> Iterator[Entry]:
-    made: list[PydyMechanics] = []
+    cached: list[PydyMechanics] = []
 
     def prepare(tolerance: float) -> Prepared:
-        made[:] = made or [PydyMechanics(links.system(), _VALUES)]
+        cached[:] = cached or [PydyMechanics(links.system(), _VALUES)]
         entered = motion.prepared("DOP853", None, 8, lambda: links.centres(
-            made[0].run(tolerance, links.start, T_END)))
-        return replace(entered, errors=entered.errors | {"derived in (s)": made[0].cost})
+            cached[0].run(tolerance, links.start, T_END)))
+        return replace(entered, errors=entered.errors | {"derived in (s)": cached[0].cost})
 
     for tolerance in (*TOLERANCES, 1e-10):
         yield Entry("pydy", f"DOP853 tol {tolerance:g}", partial(prepare, tolerance),

@@ -46,20 +46,20 @@ class Counter:
     missing: str = ""
 
 
-def find_counter(wanted: str | None = None) -> Counter:
+def find_counter(version: str | None = None) -> Counter:
     """Return gcc of a major version, any without one, or why there is no counting here."""
     if platform.machine() not in ("x86_64", "AMD64"):
         return Counter(missing=f"Instructions are counted on x86-64, not {platform.machine()}.")
     if shutil.which("valgrind") is None:
         return Counter(missing="There is no valgrind here.")
-    for name in ("gcc", f"gcc-{wanted}"):
+    for name in ("gcc", f"gcc-{version}"):
         path = shutil.which(name)
         if path is None:
             continue
         major = _output([path, "-dumpversion"]).partition(".")[0].strip()
-        if wanted in (None, major):
+        if version in (None, major):
             return Counter(path, major)
-    return Counter(missing=f"There is no gcc {wanted or ''}".rstrip() + " here.")
+    return Counter(missing=f"There is no gcc {version or ''}".rstrip() + " here.")
 
 
 def recorded() -> dict[str, Any]:
@@ -99,12 +99,12 @@ def _build(counter: Counter, name: str, rep: str, folder: Path) -> Path:
 
 def _count(program: Path, steps: int) -> int:
     """Return the instructions of the whole process."""
-    said = _output(["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null",
-                    str(program), str(steps)])
-    found = re.search(r"Collected\s*:\s*(\d+)", said)
-    if found is None:
-        raise RuntimeError(f"valgrind says no count: {said}")
-    return int(found.group(1))
+    output = _output(["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null",
+                      str(program), str(steps)])
+    match = re.search(r"Collected\s*:\s*(\d+)", output)
+    if match is None:
+        raise RuntimeError(f"valgrind says no count: {output}")
+    return int(match.group(1))
 
 
 def _output(command: list[str]) -> str:

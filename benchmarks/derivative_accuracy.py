@@ -131,8 +131,8 @@ class _Step:
     def basis(self) -> Array:
         """Return a basis of the tangent space at the start."""
         zero = self.q - self.q
-        found: Array = self.back()(zero, zero).basis
-        return found
+        basis: Array = self.back()(zero, zero).basis
+        return basis
 
     def back(self) -> Any:
         """Return the transposed derivative."""
@@ -142,9 +142,9 @@ class _Step:
     def forth(self, v: Array, d: Mapping[str, Any] | None = None, sign: int = 1) -> Array:
         """Return the derivative along v and d, of the step back where ``sign`` is −1."""
         n = self.step.n
-        made = self.step.jvp(gs.Start(self.q, self.p, t=self.t0), v[:n], v[n:], dt=sign * self.dt,
-                             d=d, parameters=self.values)
-        return np.concatenate(made[2:])
+        images = self.step.jvp(gs.Start(self.q, self.p, t=self.t0), v[:n], v[n:], dt=sign * self.dt,
+                               d=d, parameters=self.values)
+        return np.concatenate(images[2:])
 
     def end(self, v: Array | None = None, d: Mapping[str, Any] | None = None, shift: Any = 0
             ) -> tuple[Array, Array]:
@@ -154,9 +154,9 @@ class _Step:
             q, p = q + shift * v[:n], p + shift * v[n:]
         values = {k: x + shift * d.get(k, 0) for k, x in self.values.items()}
         if self.step.m and shift:
-            found = self.step.consistent(q, p, parameters=values, t=self.t0)
-            q = found.q
-            p = found.p if self.step.manifest.scheme.keeps_momentum_constraint else p
+            consistent = self.step.consistent(q, p, parameters=values, t=self.t0)
+            q = consistent.q
+            p = consistent.p if self.step.manifest.scheme.keeps_momentum_constraint else p
         run = self.step.integrate(gs.Start(q, p, t=self.t0), dt=self.dt + shift * d.get("dt", 0),
                                   steps=1, parameters=values)
         return run.q[-1], run.p[-1]
@@ -166,8 +166,8 @@ def _exact(subject: Subject, values: Mapping[str, Any], real: str) -> _Step:
     step = subject.stepper(real)
     zero = step.binding.new(1)[0]
     numbers = {k: zero + x for k, x in values.items()}
-    found = step.consistent(subject.model.q0, subject.model.p0, parameters=numbers)
-    return _Step(step, found.q, found.p, numbers, zero + subject.dt, zero)
+    consistent = step.consistent(subject.model.q0, subject.model.p0, parameters=numbers)
+    return _Step(step, consistent.q, consistent.p, numbers, zero + subject.dt, zero)
 
 
 def _omega(n: int) -> Array:

@@ -167,7 +167,7 @@ class Citations:
         return f"<Citations: {', '.join(self.reasons)}; print them, or take .bibtex()>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: each work, and the reason to cite it."""
+        """Return HTML for notebooks: each work, and the reason to cite it."""
         return card("Citations", table(zip(self, self.reasons.values(), strict=True)))
 
 

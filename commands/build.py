@@ -49,7 +49,7 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
 
 
 def _line(target: Target) -> str:
-    """Return what a target is, and what is missing for it, with the cure."""
+    """Return a target, its description, and missing tools with their cure."""
     missing = [f"to {action} it: {TOOLS[name].cure}"
                for action, names in (("build", target.needs), ("check", target.checks))
                for name in names if TOOLS[name].find() is None]

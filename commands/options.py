@@ -1,4 +1,4 @@
-"""Options that several commands share. Values are checked by ``Spec``, in its own words."""
+"""Options of several commands. ``Spec`` checks their values."""
 
 from __future__ import annotations
 

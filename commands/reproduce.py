@@ -105,7 +105,7 @@ def _sound(results: Sequence[Result]) -> bool:
 def _progress(
     total: int, *, quiet: bool
 ) -> Iterator[tuple[Callable[[str, int], None] | None, Callable[[str], None] | None]]:
-    """Yield callbacks that move a bar on the terminal; elsewhere say a line for each result."""
+    """Yield callbacks of progress: a bar on a terminal, elsewhere one line for each result."""
     if quiet or sys.stderr is None or (total == 1 and not sys.stderr.isatty()):
         yield None, None
         return

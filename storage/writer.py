@@ -58,7 +58,7 @@ class Batch:
 
 
 class Writer:
-    """A thread that writes batches in their order; at most one waits.
+    """Thread for writing batches in order; at most one waits.
 
     As a context manager: at its end all batches are on the disk. An error in the thread is raised
     by the next ``put``, and at the end.

@@ -180,7 +180,7 @@ class _ClusterCapacity:
             self._last_worker_time = self._counted
 
     def measure(self, submitted_count: int) -> None:
-        """Check that workers exist to finish the submitted tiles.
+        """Count workers; fail if the cluster has had none for a long time.
 
         Raises
         ------

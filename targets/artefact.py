@@ -124,7 +124,7 @@ class Built:
         return f"<Built {self.target.name} of {self.stepper.name}: {str(self.path)!r}>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: where it is, its files and its start."""
+        """Return HTML for notebooks: path, files and start."""
         return card(f"Built {self.target.name} of {self.stepper.name}", table([
             ("path", self.path), ("files", few(self.files)), ("platforms", few(self.platforms)),
             ("step", f"{self.options.dt:g} s"), ("parameters", few(

@@ -251,7 +251,7 @@ def _options(
 
 
 def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
-    """Refuse numbers that are infinite, subnormal or 0 in float."""
+    """Refuse numbers outside the normal range of float."""
     limits = np.finfo(np.float32)
     for name, x in numbers.items():
         if x != 0 and not float(limits.tiny) <= abs(x) <= float(limits.max):

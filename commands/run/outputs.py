@@ -32,7 +32,7 @@ _SHOWN = 20_000
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """A run that came to an end, its own or another.
+    """Finished or interrupted run, with the written file.
 
     Attributes
     ----------

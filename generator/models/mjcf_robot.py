@@ -111,7 +111,7 @@ class MjcfKey:
 
 @dataclass(eq=False)
 class MjcfRobot(Robot):
-    """All that is read: the tree, and what MJCF alone has.
+    """Tree of bodies, and the elements of MJCF only: sites, tendons, actuators, keyframes.
 
     ``looks`` has groups of geoms and their shapes by the number of the body, −1 for the ground.
     """

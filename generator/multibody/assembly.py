@@ -424,19 +424,21 @@ def joint_at(
 
 
 def _section(
-    link: Connection, kept: set[sp.Symbol], values: Mapping[str, float]
+    link: Connection, parameters: set[sp.Symbol], values: Mapping[str, float]
 ) -> SectionLayout | None:
     """Return the section of a joint of a beam; None of another joint."""
     if not isinstance(link, BeamJoint):
         return None
     store: Store = {}
-    one = link.section(store)
+    section = link.section(store)
     values = {**values, **store}
-    stiffness, rest, turn, extension = (
-        _entries(entries, kept, values)
-        for entries in (one.stiffness, one.rest, one.turn, one.extension))
-    return replace(one, spacing=_entry(one.spacing, kept, values), stiffness=stiffness, rest=rest,
-                   turn=turn, extension=extension, damping=_entry(one.damping, kept, values))
+    stiffness, rest_strain, turn, extension = (
+        _entries(entries, parameters, values)
+        for entries in (section.stiffness, section.rest, section.turn, section.extension))
+    return replace(section, spacing=_entry(section.spacing, parameters, values),
+                   stiffness=stiffness, rest=rest_strain,
+                   turn=turn, extension=extension,
+                   damping=_entry(section.damping, parameters, values))
 
 
 def _name(frame: Frame) -> str:

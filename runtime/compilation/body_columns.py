@@ -204,22 +204,23 @@ def beam_named(manifest: Manifest, name: Any) -> tuple[str, list[JointAt]]:
         Where there is no beam, or several and none is named.
     """
     system, beams = manifest.system.name, dict[str, list[JointAt]]()
-    for at in joints_of(manifest).values():
-        if at.section is not None:
-            beams.setdefault(at.section.beam, []).append(at)
+    for joint in joints_of(manifest).values():
+        if joint.section is not None:
+            beams.setdefault(joint.section.beam, []).append(joint)
     if not beams:
         raise InputError(f"System {system!r} has no beam; those of gyrospark.Multibody and of "
                          "[[beams]] in model files are asked for here.")
     if name is None and len(beams) > 1:
         raise InputError(f"System {system!r} has {len(beams)} beams, {', '.join(beams)}; say "
                          f"which, as in beam({next(iter(beams))!r}).")
-    known = next(iter(beams)) if name is None else choose(
+    beam_name = next(iter(beams)) if name is None else choose(
         f"beam of system {system!r}:", name, beams)
-    return known, sorted(beams[known], key=lambda at: at.section.arc if at.section else 0.0)
+    return beam_name, sorted(beams[beam_name],
+                             key=lambda joint: joint.section.arc if joint.section else 0.0)
 
 
 def _section(
-    system: SystemManifest, place: str, section: SectionManifest | None
+    system: SystemManifest, path: str, section: SectionManifest | None
 ) -> SectionManifest | None:
     """Return the section of a joint, its vectors checked."""
     if section is not None:
@@ -227,7 +228,7 @@ def _section(
                 (section.stiffness, (3,)), (section.rest, (3,)), (section.extension, (0, 3)),
                 (section.turn, (4 if section.holder else 0,)),
                 ([section.spacing, section.damping], (2,))):
-            _vector(system, place, entries, *lengths)
+            _vector(system, path, entries, *lengths)
     return section
 
 

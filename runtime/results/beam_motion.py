@@ -55,16 +55,16 @@ class BeamMotion:
 
     def __init__(self, trajectory: Trajectory, name: str, sections: list[JointAt]) -> None:
         self.name, self._run, self._sections = name, trajectory, sections
-        self._inner = [at for at in sections if not _of(at).holder]
-        self.segments = (*(at.a for at in self._inner), self._inner[-1].b)
-        self.arc = np.array([_of(at).arc for at in sections])
+        self._inner = [joint for joint in sections if not _of(joint).holder]
+        self.segments = (*(joint.a for joint in self._inner), self._inner[-1].b)
+        self.arc = np.array([_of(joint).arc for joint in sections])
 
     def __repr__(self) -> str:
         return (f"<BeamMotion of {self.name} in {self._run.manifest.name}: {len(self.segments)} "
                 f"segments, {len(self._run):,} states>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the segments and the states."""
+        """Return HTML for notebooks: the segments and the states."""
         return card(f"Beam {self.name} of {self._run.manifest.name}", table([
             ("segments", str(len(self.segments))), *self._run._extent()]))
 
@@ -73,7 +73,8 @@ class BeamMotion:
 
         The ends between two segments of a beam that stretches are the means of both.
         """
-        fronts = np.stack([point for at in self._inner for point in self._points(at)], axis=-2)
+        fronts = np.stack([point for joint in self._inner for point in self._points(joint)],
+                          axis=-2)
         first, last = self._inner[0], self._inner[-1]
         start = self._run.body(first.a).position(-self._numbers(first.on_a))
         end = self._run.body(last.b).position(-self._numbers(last.on_b))
@@ -93,8 +94,9 @@ class BeamMotion:
 
         The third component is the torsion, and |κ| = (f/h) sin(θ/2) at the angle θ.
         """
-        return np.stack([_of(at).ratio / self._number(_of(at).spacing) * self._strain(at)[1]
-                         for at in self._sections], axis=-2)
+        return np.stack([_of(joint).ratio / self._number(_of(joint).spacing)
+                         * self._strain(joint)[1]
+                         for joint in self._sections], axis=-2)
 
     def force(self, frame: AxesName = "space") -> Array:
         """Return the force n of the part after on the part before, shape (N+1, K, 3), in N.
@@ -108,9 +110,9 @@ class BeamMotion:
             For another frame.
         """
         multipliers = multipliers_at_states(self._run).astype(float) if any(
-            at.constraints for at in self._sections) else np.zeros(0)
-        return self._in(frame, [np.add(*self._strained(at)) if _of(at).extension else
-                                self._reaction(at, multipliers) for at in self._sections])
+            joint.constraints for joint in self._sections) else np.zeros(0)
+        return self._in(frame, [np.add(*self._strained(joint)) if _of(joint).extension else
+                                self._reaction(joint, multipliers) for joint in self._sections])
 
     def tension(self) -> Array:
         """Return n along the tangent of the section, shape (N+1, K), in N."""
@@ -124,14 +126,14 @@ class BeamMotion:
         segments' length.
         Takes the same argument and raises the same error as ``force``.
         """
-        return self._in(frame, [self._moment(at) for at in self._sections])
+        return self._in(frame, [self._moment(joint) for joint in self._sections])
 
     # ------------------------------------------------------------ inside
 
-    def _sides(self, at: JointAt) -> list[tuple[str, Array]]:
+    def _sides(self, joint: JointAt) -> list[tuple[str, Array]]:
         """Return body and attitude of the section in its axes, before the section and after."""
-        section, still = _of(at), np.array([1.0, 0.0, 0.0, 0.0])
-        sides = [(at.a, still), (at.b, still)]
+        section, still = _of(joint), np.array([1.0, 0.0, 0.0, 0.0])
+        sides = [(joint.a, still), (joint.b, still)]
         if section.holder:
             holder = 0 if section.holder == "a" else 1
             sides[holder] = (sides[holder][0], self._numbers(section.turn))
@@ -139,43 +141,43 @@ class BeamMotion:
                 sides.reverse()
         return sides
 
-    def _attitudes(self, at: JointAt) -> list[Array]:
+    def _attitudes(self, joint: JointAt) -> list[Array]:
         """Return the attitudes of the section before and after in space, shape (N+1, 4) each."""
         return [quaternion_product(self._run.body(name).attitude.astype(float) if name else
                        np.broadcast_to([1.0, 0, 0, 0], (*self._run.q.shape[:-1], 4)), turn)
-                for name, turn in self._sides(at)]
+                for name, turn in self._sides(joint)]
 
-    def _strain(self, at: JointAt) -> tuple[Array, Array]:
+    def _strain(self, joint: JointAt) -> tuple[Array, Array]:
         """Return w and u, shape (N+1, 1) and (N+1, 3)."""
-        q_a, q_b = self._attitudes(at)
+        q_a, q_b = self._attitudes(joint)
         w = (q_a * q_b).sum(axis=-1, keepdims=True)
         return w, np.einsum("...ij,...j->...i", left_matrix(q_a), q_b)
 
-    def _moment(self, at: JointAt) -> Array:
-        section = _of(at)
+    def _moment(self, joint: JointAt) -> Array:
+        section = _of(joint)
         ratio = section.ratio / self._number(section.spacing)
-        (w, u), (q_a, q_b) = self._strain(at), self._attitudes(at)
+        (w, u), (q_a, q_b) = self._strain(joint), self._attitudes(joint)
         strain = u - self._numbers(section.rest)
         tau = self._number(section.damping)
         if tau:
             spins = [turned(_conjugate(q), self._spin(name)) for q, (name, _) in
-                     zip((q_a, q_b), self._sides(at), strict=True)]
+                     zip((q_a, q_b), self._sides(joint), strict=True)]
             strain = strain + tau / 2 * (w * (spins[1] - spins[0]) + np.cross(u, sum(spins)))
         m = ratio * self._numbers(section.stiffness) * strain
         moment = turned(q_a, w * m + np.cross(u, m))
         if section.extension:  # the term with the axes of a acts on a at P_b, that of b at P_a
-            points, terms = self._points(at), self._strained(at)
+            points, terms = self._points(joint), self._strained(joint)
             moment = moment + np.cross(points[1] - points[0], terms[0] - terms[1]) / 2
         return moment
 
-    def _strained(self, at: JointAt) -> list[Array]:
+    def _strained(self, joint: JointAt) -> list[Array]:
         """Return n of a joint that stretches, the terms with the axes of a and of b."""
-        across, along, length = self._numbers(_of(at).extension)
-        tau, points = self._number(_of(at).damping), self._points(at)
+        across, along, length = self._numbers(_of(joint).extension)
+        tau, points = self._number(_of(joint).damping), self._points(joint)
         d = points[1] - points[0]
-        bodies = [self._run.body(name) for name in (at.a, at.b)]
+        bodies = [self._run.body(name) for name in (joint.a, joint.b)]
         speed = np.subtract(*(body.velocity(self._numbers(r)) for body, r in
-                              zip(bodies[::-1], (at.on_b, at.on_a), strict=True)))
+                              zip(bodies[::-1], (joint.on_b, joint.on_a), strict=True)))
         terms = []
         for body in bodies:
             rate = d + tau * (speed - np.cross(body.angular_velocity("space"), d)) if tau else d
@@ -184,11 +186,11 @@ class BeamMotion:
                 axis=-1, keepdims=True) * t) / (2 * length))
         return terms
 
-    def _reaction(self, at: JointAt, multipliers: Array) -> Array:
+    def _reaction(self, joint: JointAt, multipliers: Array) -> Array:
         """Return n of a joint with constraints: the opposite of the force on the part after."""
-        sign = -1.0 if self._sides(at)[1][0] == at.b else 1.0
+        sign = -1.0 if self._sides(joint)[1][0] == joint.b else 1.0
         force = np.zeros((*multipliers.shape[:-1], 3))
-        for pull in at.pulls or ():
+        for pull in joint.pulls or ():
             force = force + multipliers[..., pull.index, None] * self._numbers(pull.on_a)
         return sign * force
 
@@ -196,17 +198,17 @@ class BeamMotion:
         """Return vectors in space in the axes of ``frame``; the section's halve the angle."""
         choose("frame", frame, ["space", "section"])
         if frame == "section":
-            for k, at in enumerate(self._sections):
-                q_a, q_b = self._attitudes(at)
+            for k, joint in enumerate(self._sections):
+                q_a, q_b = self._attitudes(joint)
                 q = q_a + np.sign((q_a * q_b).sum(axis=-1, keepdims=True)) * q_b
                 q = q / np.linalg.norm(q, axis=-1, keepdims=True)
                 vectors[k] = turned(_conjugate(q), vectors[k])
         return np.stack(vectors, axis=-2)
 
-    def _points(self, at: JointAt) -> tuple[Array, Array]:
+    def _points(self, joint: JointAt) -> tuple[Array, Array]:
         """Return the joint's points on a and on b in space, shape (N+1, 3) each."""
-        return (self._run.body(at.a).position(self._numbers(at.on_a)),
-                self._run.body(at.b).position(self._numbers(at.on_b)))
+        return (self._run.body(joint.a).position(self._numbers(joint.on_a)),
+                self._run.body(joint.b).position(self._numbers(joint.on_b)))
 
     def _spin(self, name: str) -> Array:
         return self._run.body(name).angular_velocity("space") if name else np.zeros(
@@ -219,9 +221,9 @@ class BeamMotion:
         return float(self._numbers([entry])[0])
 
 
-def _of(at: JointAt) -> SectionManifest:
-    assert at.section is not None
-    return at.section
+def _of(joint: JointAt) -> SectionManifest:
+    assert joint.section is not None
+    return joint.section
 
 
 def _conjugate(q: Array) -> Array:
