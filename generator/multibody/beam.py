@@ -44,10 +44,12 @@ from .joints import (
 )
 from .rigid_body import rotation_matrix
 
-__all__ = ["Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along", "section_of",
+__all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along", "section_of",
            "strain_between"]
 
 Array = NDArray[Any]
+#: Of the tube that a beam is drawn as: one for all segments.
+COLOUR = "#7d8794"
 _STILL = (1.0, 0.0, 0.0, 0.0)
 #: Differences of lengths and components of unit vectors below this are round-off.
 _ROUNDING = 1e-13

@@ -46,6 +46,7 @@ from ..systems.numeric_system import NumericSystem
 from ..systems.redundant_constraints import Redundancy
 from .assembly import Assembly
 from .beam import (
+    COLOUR,
     Beam,
     BeamEnd,
     BeamJoint,
@@ -497,7 +498,7 @@ class Multibody:
             segments.append(self._add(body, begin, of_segment, as_inertia(
                 moments, f"inertia of {name!r}"), None))
             half = float(np.linalg.norm(chord)) / 2
-            self.visual(body, Shape.bar((0, 0, -half), (0, 0, half), thick or h / 8))
+            self.visual(body, Shape.bar((0, 0, -half), (0, 0, half), thick or h / 8, COLOUR))
         halves = np.linalg.norm(chords, axis=1) / 2
         beam = Beam(
             name, tuple(segments),

@@ -215,6 +215,41 @@ def test_damping_dissipates_and_conserves_momenta(extension):
     assert np.abs(forces(rigid)[3]).max() <= 64 * EPS
 
 
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_column_buckles_at_the_load_of_its_segments(count):
+    """θ_i = sin((i − ½) φ), φ = π/2N: P = 4 sin²(φ/2) EI/h², π² EI/(4 L²) in the limit.
+
+    There the least eigenvalue of the stiffness H_qq + λ g_qq on g_q δq = 0 changes its sign.
+    """
+    critical = 4 * np.sin(np.pi / (4 * count)) ** 2 * count**2
+    assert critical == pytest.approx(np.pi**2 / 4, rel=0.06 * (2 / count) ** 2)
+    build = builder()
+    beam = build.beam("rod", count=count, **STRAIGHT | {"twisting": 9.0})
+    build.fixed("clamp", build.ground, beam.first)
+    build.potential(build.parameter("load", 1.0) * beam.last.point()[0])
+    model = build.model()
+    system = model.system
+
+    def least(load):
+        def at(q):
+            return {**dict(zip(system.q, q, strict=True)), **dict.fromkeys(system.p, 0.0),
+                    **{s: {**model.parameters, "load": load}[str(s)] for s in system.parameters}}
+
+        def matrix(rows, q):
+            return evaluate([e for row in rows for e in row], at(q)).reshape(len(rows), -1)
+
+        G, q0 = matrix(system.G, model.q0), model.q0
+        force, *_ = np.linalg.lstsq(G.T, -evaluate(system.H_q, at(q0)), rcond=None)
+        # g is of degree 2, so that differences of g_q are exact.
+        bending = np.stack([(matrix(system.G, q0 + e) - G).T @ force for e in np.eye(system.n)])
+        free = np.linalg.svd(G)[2][system.m :].T
+        return np.linalg.eigvalsh(free.T @ (matrix(system.H_qq, q0) + bending) @ free)[0]
+
+    assert least(0.999 * critical) > 1e-5
+    assert abs(least(critical)) <= 1e-12
+    assert least(1.001 * critical) < -1e-5
+
+
 def spaghetti(count: int) -> gs.Model:
     """Return Simo and Vu-Quoc's flying rod (J. Appl. Mech. 53, 1986) in the plane."""
     build = builder("spaghetti")
@@ -409,6 +444,17 @@ def test_what_starts_on_a_turning_shaft_turns_with_it():
     build.fixed("root", shaft, beam.first)
     model = build.model()
     assert model.p0[-3:] == pytest.approx([0, 3 * 0.75 * 0.5, 0], abs=16 * EPS)
+
+
+def test_a_beam_is_drawn_as_a_tube_from_end_to_end():
+    """Bars with round ends of one radius and colour, each as long as its segment."""
+    build = builder()
+    build.beam("rod", count=4, radius=0.02, **STRAIGHT)
+    shapes = [shape for shapes in build.model().visuals.values() for shape in shapes]
+    assert {(shape.kind, shape.colour) for shape in shapes} == {("bar", shapes[0].colour)}
+    assert shapes[0].colour
+    assert np.array([shape.size for shape in shapes]) == pytest.approx(
+        np.array([[0.02, 0.02, 1 / 8]] * 4))
 
 
 # ---------------------------------------------------------------- model files
