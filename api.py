@@ -17,7 +17,7 @@ from .core.arguments import as_flag, listed, shown
 from .core.errors import InputError
 from .core.inertia import RepName
 from .core.mesh_files import located_all
-from .core.progress import log_task
+from .core.progress import Progress, log_stages, log_task
 from .core.projection import Projection, project
 from .core.real_types import RealName
 from .core.registry import MODELS
@@ -68,6 +68,7 @@ def stepper(
     allow_invalid: bool = False,
     order: int | None = None,
     composition: str | None = None,
+    progress: Progress = None,
 ) -> Stepper:
     """Return a compiled stepper, generated and compiled on first use, from the cache after.
 
@@ -103,6 +104,9 @@ def stepper(
         Of scheme splitting: exact flows of parts of H in turn, for bodies without joints.
     composition : str, optional
         Of scheme splitting, in place of ``order``: a composition by name, such as ``"SABAG6"``.
+    progress : callable or bool, optional
+        As of ``integrate``; a function is called with the stages done, and their number, 2:
+        derivation and compilation.
 
     Raises
     ------
@@ -142,7 +146,10 @@ def stepper(
     spec = spec.with_frame(frame).with_energy(energy)
     if named is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
-    compiled = stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)
+    with log_stages(f"making {spec.name}", 2, progress) as end_stage:
+        compiled = stepper_of(spec, None if named is not None else system, own_tableau,
+                              allow_invalid, derived=end_stage)
+        end_stage()
     if visuals:
         compiled.visuals = visuals
     return compiled
@@ -415,9 +422,13 @@ class Derivation:
     allow_invalid: bool = False
     subject: str = ""
 
-    def stepper(self) -> tuple[Stepper, RunDefaults | None]:
-        """Return the stepper, and the numbers of its model."""
+    def stepper(
+        self, derived: Callable[[], object] = lambda: None
+    ) -> tuple[Stepper, RunDefaults | None]:
+        """Return the stepper, and the numbers of its model; ``derived`` is called before C is
+        compiled."""
         record = self.record()
+        derived()
         compiled = Stepper(record.name, record.files,
                            Derive(self.further_files, portable=not self.subject))
         if record.start is not None:  # cached without the folder of the file
@@ -558,13 +569,16 @@ def _named_stepper(spec: Spec) -> Stepper:
 
 
 def stepper_of(
-    spec: Spec, system: Any = None, tableau: Any = None, allow_invalid: bool = False
+    spec: Spec, system: Any = None, tableau: Any = None, allow_invalid: bool = False,
+    derived: Callable[[], object] = lambda: None,
 ) -> Stepper:
     """Return the stepper of a spec; a system and a tableau take the place of the spec's."""
     files = spec.model or spec.tableau
     if system is None and tableau is None and files is None and not allow_invalid:
-        return _named_stepper(spec)
-    return derivation(spec, system, tableau, allow_invalid).stepper()[0]
+        named = _named_stepper(spec)
+        derived()
+        return named
+    return derivation(spec, system, tableau, allow_invalid).stepper(derived)[0]
 
 
 def model_stepper(

@@ -20,6 +20,7 @@ from ..core.errors import InputError
 from ..core.exact_numbers import Number
 from ..core.html import card, table
 from ..core.inertia import RepName
+from ..core.progress import Progress, log_stages
 from ..core.real_types import REALS, RealName
 from ..core.registry import FRAMES, SYSTEMS
 from ..core.warnings import capture_warnings
@@ -113,6 +114,7 @@ def certify(
     parameters: Mapping[str, Number] | None = None,
     order: int | None = None,
     composition: str | None = None,
+    progress: Progress = None,
 ) -> Certificate:
     """Integrate a model and check the properties that the scheme guarantees.
 
@@ -131,6 +133,9 @@ def certify(
     parameters : mapping, optional
         Values in place of the model's. With co-moving frames the rates too, by default the least
         squares of the start.
+    progress : callable or bool, optional
+        As of ``integrate``; a function is called with the stages done, and their number, 3: the
+        stepper, its run, the properties.
 
     Returns
     -------
@@ -150,31 +155,37 @@ def certify(
     if choose("real", real, REALS) not in ("double", "float"):
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
-    known_model, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real,
-                                 energy=energy, order=order, composition=composition)
-    step._refuse_scaled(certificate="a certificate")
-    if step.manifest.system.velocity_names:
-        raise InputError(f"System {known_model.system.name!r} is from a Lagrangian, and its H is "
-                         "not written out: guarantees are not proved for it. Certify a model with "
-                         "the system that its legendre() returns.")
-    if dt is None:
-        dt = known_model.dt
-    if dt is None:
-        raise InputError(f"Model {known_model.name!r} names no time step; give dt.")
-    count = as_positive_count("steps", (known_model.steps or STEPS) if steps is None else steps,
-                              least=2)
-    changes = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
-    for name in changes:
-        if name not in step.parameter_domains:
-            raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "
-                             f"are {', '.join(step.parameter_domains) or 'none'}.")
-    run = step.integrate(known_model, dt=as_step(dt), steps=count, parameters=changes)
-    numbers = dict(run.parameters)
-    guarantees = _guarantees(known_model, step, scheme, stages, tableau, numbers)
-    round_off = RoundOff(known_model.system, run, numbers, step)
-    with capture_warnings():  # the run above has warned already
-        lines = list(Examination(known_model, step, guarantees, run, numbers, round_off).lines())
-    return Certificate(model.name, step.name, step.order, run.dt, count, numbers, lines)
+    with log_stages("certifying", 3, progress) as end_stage:
+        known_model, step = compiled(
+            model, scheme, stages, rep, tableau, allow_invalid, frame, real, energy=energy,
+            order=order, composition=composition)
+        end_stage()
+        step._refuse_scaled(certificate="a certificate")
+        if step.manifest.system.velocity_names:
+            raise InputError(f"System {known_model.system.name!r} is from a Lagrangian, and its H "
+                             "is not written out: guarantees are not proved for it. Certify a "
+                             "model with the system that its legendre() returns.")
+        if dt is None:
+            dt = known_model.dt
+        if dt is None:
+            raise InputError(f"Model {known_model.name!r} names no time step; give dt.")
+        count = as_positive_count("steps", (known_model.steps or STEPS) if steps is None else steps,
+                                  least=2)
+        changes = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
+        for name in changes:
+            if name not in step.parameter_domains:
+                raise InputError(f"{name!r} is no parameter of model {model.name!r}; its "
+                                 f"parameters are {', '.join(step.parameter_domains) or 'none'}.")
+        run = step.integrate(known_model, dt=as_step(dt), steps=count, parameters=changes)
+        end_stage()
+        numbers = dict(run.parameters)
+        guarantees = _guarantees(known_model, step, scheme, stages, tableau, numbers)
+        round_off = RoundOff(known_model.system, run, numbers, step)
+        with capture_warnings():  # the run above has warned already
+            lines = list(Examination(
+                known_model, step, guarantees, run, numbers, round_off).lines())
+        end_stage()
+        return Certificate(model.name, step.name, step.order, run.dt, count, numbers, lines)
 
 
 def compiled(

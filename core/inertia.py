@@ -24,7 +24,7 @@ from .warnings import warn
 __all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
            "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
            "inverse_entries", "is_tensor", "moments_of", "quaternion_of_matrix", "real_array",
-           "tensor_of_inverse", "unit_quaternions", "warn_of_degrees"]
+           "refuse_impossible_inertias", "tensor_of_inverse", "unit_quaternions", "warn_of_degrees"]
 
 #: The two representations of the inertia, by the parameter that each adds; ``RepName`` are its
 #: entries, for editors and type checkers.
@@ -202,6 +202,54 @@ def tensor_of_inverse(entries: Sequence[float]) -> Tensor:
                          "matrix is not positive definite.")
     J = np.linalg.inv(K / size) / size
     return cast("Tensor", tuple(tuple(row) for row in ((J + J.T) / 2).tolist()))
+
+
+def refuse_impossible_inertias(
+    bodies: Mapping[str, Sequence[str]], parameters: Mapping[str, Any]
+) -> None:
+    """Refuse inertias among parameters that ``as_inertia`` refuses.
+
+    Parameters
+    ----------
+    bodies : mapping
+        The parameters of each body: I1, I2, I3, or K11, K12, K13, K22, K23, K33 of J⁻¹.
+    parameters : mapping
+        One number for each parameter, or a column for each.
+
+    Raises
+    ------
+    InputError
+        With the body's name.
+    """
+    for count in (3, 6):
+        names = {body: entries for body, entries in bodies.items() if len(entries) == count}
+        if not names:
+            continue
+        values = np.array([[parameters[entry] for entry in entries]
+                           for entries in names.values()], dtype=float)
+        moments = values if count == 3 else _moments_of_inverses(values)
+        with np.errstate(over="ignore"):
+            largest = moments.max(axis=1)
+            others = moments.sum(axis=1) - largest
+        impossible = ~(largest - others <= _TWO_DIGITS * largest)  # NaN of a singular J⁻¹ too
+        if impossible.any():
+            body, *row = np.argwhere(impossible)[0].tolist()
+            entries = values[(body, slice(None), *row)].tolist()
+            as_inertia(entries if count == 3 else tensor_of_inverse(entries),
+                       f"inertia of {list(names)[body]!r}")
+
+
+def _moments_of_inverses(values: Array) -> Array:
+    """Return principal moments, shape (bodies, 3, ...), NaN unless J⁻¹ is positive definite.
+
+    ``values`` are K11, K12, K13, K22, K23, K33, shape (bodies, 6, ...).
+    """
+    upper = np.moveaxis(values, 1, -1)
+    K = np.zeros((*upper.shape[:-1], 3, 3))
+    K[(..., *np.tril_indices(3))] = upper[..., [0, 1, 3, 2, 4, 5]]  # eigvalsh reads this half
+    inverse_moments = np.linalg.eigvalsh(K)
+    moments = 1 / np.where(inverse_moments > 0, inverse_moments, np.nan)
+    return np.moveaxis(moments, -1, 1)
 
 
 # ---------------------------------------------------------------- attitude

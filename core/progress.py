@@ -21,8 +21,8 @@ from typing import Any
 from .arguments import shown
 from .errors import InputError
 
-__all__ = ["TERMINAL", "Progress", "as_progress", "hide_tasks", "log_progress", "log_task",
-           "terminal_messages"]
+__all__ = ["TERMINAL", "Progress", "as_progress", "hide_tasks", "log_progress", "log_stages",
+           "log_task", "terminal_messages"]
 
 _LOGGER = logging.getLogger("gyrospark")
 #: A function that is called with the steps or cells done; whether progress is shown.
@@ -215,6 +215,23 @@ def log_progress(
         finally:
             if begun:
                 _LOGGER.debug("%s: ended", text, extra={"task": "end"})
+
+
+@contextlib.contextmanager
+def log_stages(text: str, total: int, progress: Progress) -> Iterator[Callable[[], None]]:
+    """Yield a function that a task calls after each of its stages; see ``log_progress``.
+
+    A function of the caller is called with the number of stages done, and of all.
+    """
+    done = 0
+    with log_progress(text, total, progress) as report:
+        def end_stage() -> None:
+            nonlocal done
+            done += 1
+            if report is not None:
+                report(done, total)
+
+        yield end_stage
 
 
 @contextlib.contextmanager

@@ -98,6 +98,8 @@ class Start:
         #: Inertia of the bodies by the names of γ or α, and the rules of these and of the frame.
         self._inertias: Mapping[str, Any] = {}
         self._rules: Mapping[str, str] = {}
+        #: Time step and number of steps of the model's runs, None where it names none.
+        self._span: tuple[Any, Any] = None, None
         #: Parameters that some steppers of the system do not have.
         self._spare: frozenset[str] = frozenset()
         #: H + e of a state in scaled time: 0 where a run starts, later what its steps made of that.
@@ -171,14 +173,14 @@ class Start:
         if other := changes.keys() - own.keys():
             raise InputError(f"replace has no argument {min(other)!r}; it takes "
                              f"{', '.join(own)}.")
-        return Start(**own | changes).of_model(self._inertias, self._rules, self._spare)
+        return Start(**own | changes).of_model(self._inertias, self._rules, self._spare, self._span)
 
     def of_model(
         self, inertias: Mapping[str, Any], rules: Mapping[str, str],
-        spare: frozenset[str] = frozenset(),
+        spare: frozenset[str] = frozenset(), span: tuple[Any, Any] = (None, None),
     ) -> Self:
-        """Set a model's bodies and rules for γ and α; return the start."""
-        self._inertias, self._rules, self._spare = inertias, rules, spare
+        """Set a model's bodies, its rules for γ and α, and its dt and steps; return the start."""
+        self._inertias, self._rules, self._spare, self._span = inertias, rules, spare, span
         return self
 
 

@@ -31,7 +31,7 @@ from ..runtime.derivatives.kept_steps import pieces, singular, split
 from ..runtime.derivatives.second_order import pulled_back_slope
 from ..runtime.derivatives.tangent_space import TangentSpace
 from ..runtime.integration.consistency import refuse_singular_mass
-from ..runtime.integration.run_arguments import RunArguments, as_parameters
+from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["DiscreteFlow"]
@@ -211,8 +211,7 @@ class DiscreteFlow:
         parameter_values |= dict(zip(self.input_names, input_rows[0, 0].tolist(), strict=True))
         run = RunArguments(
             q.copy(), p.copy(), float(dt), self.steps, self.steps,
-            as_parameters(parameter_values, stepper.parameter_domains, binding.number,
-                          stepper.symmetries),
+            stepper.check_parameters(parameter_values),
             "auto", None, 50, float(t0),
             InputRows(self.input_names, input_rows, 1) if self.input_names else None)
         refuse_singular_mass(binding, stepper.manifest, run)

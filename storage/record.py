@@ -20,6 +20,7 @@ from ..core.records import changed
 from ..core.solver import Solver
 from ..runtime.bindings.real_numbers import from_text
 from ..runtime.integration.run_arguments import RunArguments, step_count
+from ..runtime.results.rotation_rate import LOOKED_AT
 from ..runtime.steppers.stepper import Stepper
 from .array_layout import (
     EXTENDS,
@@ -82,8 +83,10 @@ def record(
     if recording.status != COMPLETE and not recording.status.startswith(ENDED):
         raise recording.failure()
     if not warned:
-        last = recording._in_memory(range(len(recording) - 1, len(recording)))
-        stepper.rotations.warn(last.parameters, last.time_steps, last.q, last.p)
+        count = len(recording)
+        stride = -(-count // LOOKED_AT)  # up to the last row
+        rows = recording._in_memory(range((count - 1) % stride, count, stride))
+        stepper.rotations.warn(rows.parameters, rows.time_steps, rows.q, rows.p)
     return recording
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.arguments import as_mapping, shown, whole
 from ..core.errors import InputError
+from ..core.inertia import refuse_impossible_inertias
 from ..core.warnings import warn
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..runtime.bindings.array_checks import as_positive_count
@@ -16,6 +17,7 @@ from ..runtime.steppers.stepper import Stepper
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
 from .study import Study, checked_study
 from .sweep_model import base_parameters, resolve, starts
+from .tiles import cells_of, tiles_of
 
 __all__ = ["plan"]
 
@@ -66,8 +68,17 @@ def plan(
         name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
         common_parameters, np.array(start.q0), np.array(start.p0), start.dt if dt is None else dt,
         seed=seed, **options))
+    _refuse_impossible_inertias(study)
     _warn_of_moved_start(study, common_parameters | study.parameters)
     return study
+
+
+def _refuse_impossible_inertias(study: Study) -> None:
+    """Refuse a study with a cell whose parameters are an inertia that no body has."""
+    bodies = {body: names for body, names in study.steppers[0]._inertias.items()
+              if any(map(study.varied, names))}
+    for tile in tiles_of(study) if bodies else ():
+        refuse_impossible_inertias(bodies, cells_of(study, tile).parameters)
 
 
 def _points(name: str, table: Any) -> tuple[Axis, int | None]:

@@ -16,12 +16,14 @@ from ..core.exact_numbers import Number
 from ..core.incompatibilities import refuse_together
 from ..core.inertia import RepName
 from ..core.manifest import Manifest
+from ..core.progress import Progress, log_stages
 from ..core.real_types import RealName
 from ..core.registry import MEANS, MODELS, SYSTEMS, entry_named
 from ..core.start import Rule
 from ..generator.schemes.named_schemes import SCHEMES
 from ..generator.spec import Spec, is_model_file
 from ..runtime.bindings.array_checks import as_array, as_step
+from ..runtime.compilation.body_columns import built_inertias
 from ..runtime.integration.run_arguments import as_parameters
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.run_defaults import RunDefaults
@@ -57,6 +59,7 @@ def build(
     parameters: Mapping[str, Number] | None = None,
     out: str | Path | None = None,
     platforms: str | Sequence[str] | None = None,
+    progress: Progress = None,
 ) -> Built:
     """Write a stepper of profile control as an artefact that another program takes.
 
@@ -83,6 +86,9 @@ def build(
         gyrospark did not write there is never written over.
     platforms : str or sequence of str, optional
         For which platforms the artefact holds binaries, where the target has some.
+    progress : callable or bool, optional
+        As of ``integrate``; a function is called with the stages done, and their number, 2:
+        derivation, and the artefact.
 
     Returns
     -------
@@ -119,23 +125,27 @@ def build(
     if path is not None:
         check_out(path)
     model = None if isinstance(system, (str, Problem)) else system
-    files_and_defaults = [text_of(spec, model) for spec in specs]
-    steppers = tuple(_written_stepper(files) for files, _ in files_and_defaults)
-    first = steppers[0]
-    _, model_defaults = files_and_defaults[0]
-    defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else model_defaults
-    options = _options(first, defaults, dt, start, parameters, steppers)
-    if start is not None:
-        _refuse_off_constraints(specs[0], model, options)
-    if path is None:
-        path = Path(f"{first.name}{chosen_target.suffix}")
-        check_out(path)
-    content = module.files(first.manifest, first.sources, options)
-    facts = {"target": chosen_target.name, "stepper": first.name, "dt": options.dt, "q": options.q,
-             "p": options.p, "parameters": dict(options.parameters), "platforms": platform_names}
-    with staging(path, content) as folder:
-        names = place(module.compile(folder, platform_names), path, facts)
-    return Built(chosen_target, path, names, platform_names, first, options)
+    with log_stages(f"building {chosen_target.name}", 2, progress) as end_stage:
+        files_and_defaults = [text_of(spec, model) for spec in specs]
+        end_stage()
+        steppers = tuple(_written_stepper(files) for files, _ in files_and_defaults)
+        first = steppers[0]
+        _, model_defaults = files_and_defaults[0]
+        defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else model_defaults
+        options = _options(first, defaults, dt, start, parameters, steppers)
+        if start is not None:
+            _refuse_off_constraints(specs[0], model, options)
+        if path is None:
+            path = Path(f"{first.name}{chosen_target.suffix}")
+            check_out(path)
+        content = module.files(first.manifest, first.sources, options)
+        facts = {"target": chosen_target.name, "stepper": first.name, "dt": options.dt,
+                 "q": options.q, "p": options.p, "parameters": dict(options.parameters),
+                 "platforms": platform_names}
+        with staging(path, content) as folder:
+            names = place(module.compile(folder, platform_names), path, facts)
+        end_stage()
+        return Built(chosen_target, path, names, platform_names, first, options)
 
 
 def target_named(name: Any) -> Target:
@@ -296,5 +306,6 @@ def _parameter_values(
     if parameters is not None and not isinstance(parameters, Mapping):
         raise InputError(f"parameters = {shown(parameters)} is not a dict; give "
                          f"{', '.join(domains)}.")
-    values = as_parameters({**defaults, **(parameters or {})}, domains)
+    values = as_parameters({**defaults, **(parameters or {})}, domains,
+                           bodies=built_inertias(manifest.system))
     return {field: float(values.get(field, 0.0)) for field in parameter_fields(manifest)}

@@ -76,7 +76,7 @@ class Formulas:
             self.mentioned |= names_in(text)
             return formula
         except InputError as error:
-            raise table.error(key, f"is no formula: {error}") from None
+            raise table.error(key, f"cannot be read as a formula: {error}") from None
 
     def read_all(
         self, table: TomlTable, key: str, names: Mapping[str, sp.Expr],

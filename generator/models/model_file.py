@@ -257,12 +257,13 @@ def _set(content: TomlTable, key: str, value: str) -> None:
                           and entry.get("name") == word), None)
         else:
             table = table.get(word) if isinstance(table, dict) else None
-    parameters = list(content.table("parameters").content)
-    if not isinstance(table, dict) or ("." not in key and last not in parameters):
+    names = list(content.table("parameters").content)
+    if not isinstance(table, dict) or ("." not in key and last not in names):
+        parameters = (f"set its parameter {listed(names)}" if names else
+                      "it has no [parameters] to set")
         raise content.file_error(
-            f"it has no {shown(key)} to set; choose "
-            f"{listed(parameters or ['none of its parameters'])}, or a table and a key, such as "
-            f"start.euler{proposal(key, parameters)}.")
+            f"it has no {shown(key)}; {parameters}, or a table and a key, such as "
+            f"start.euler{proposal(key, names)}.")
     table[last] = _value(value)
 
 

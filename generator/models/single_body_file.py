@@ -106,7 +106,7 @@ def _inertia(body: TomlTable) -> Inertia:
     try:
         return as_inertia(inertia_numbers(body), "inertia")
     except InputError as problem:
-        raise body.error("inertia", f"is none: {problem}") from None
+        raise body.error("inertia", f"cannot be used: {problem}") from None
 
 
 def inertia_numbers(body: TomlTable) -> list[Any]:

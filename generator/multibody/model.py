@@ -208,7 +208,8 @@ class Model:
     def start(self) -> Start:
         """Where a run of it starts; γ and α without a value are found by its rules."""
         rules = {**self.rules, **({"frame": "start"} if self.frame else {})}
-        return Start(self.q0, self.p0, self.parameters).of_model(self.bodies, rules)
+        return Start(self.q0, self.p0, self.parameters).of_model(
+            self.bodies, rules, span=(self.dt, self.steps))
 
     def equilibrium(self) -> Model:
         """Return the model that starts at rest in static equilibrium, near its start.

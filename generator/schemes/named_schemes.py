@@ -122,4 +122,5 @@ def scheme_named(name: Any) -> Scheme:
     InputError
         For an unknown name; names the allowed ones.
     """
-    return SCHEMES[choose("scheme", name, SCHEMES)]
+    return SCHEMES[choose("scheme", name, SCHEMES, "; the Butcher tableau of another method is "
+                          "given as tableau=gyrospark.tableau(A=..., b=..., c=...)")]

@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
@@ -120,6 +120,18 @@ class System:
     velocities: tuple[sp.Symbol, ...] = field(default=(), kw_only=True)
     velocity_constraint_names: tuple[str, ...] = field(default=(), kw_only=True)
     time_scale: sp.Expr | None = field(default=None, kw_only=True)
+
+    if TYPE_CHECKING:  # sequences become tuples of expressions
+        def __init__(
+            self, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], parameters: Sequence[sp.Symbol],
+            H: sp.Expr | float, constraints: Sequence[sp.Expr] = (), *, name: str = "system",
+            constraint_names: Sequence[str] = (), forces: Sequence[sp.Expr | float] = (),
+            time: sp.Symbol | None = None, inputs: Sequence[sp.Symbol] = (),
+            quantities: Mapping[str, sp.Expr] = ..., rigid_body: bool = False,
+            bodies: tuple[BodyLayout, ...] = (), joints: tuple[JointLayout, ...] = (),
+            velocity_constraints: Sequence[sp.Expr] = (), velocities: Sequence[sp.Symbol] = (),
+            velocity_constraint_names: Sequence[str] = (), time_scale: sp.Expr | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs",

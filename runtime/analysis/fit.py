@@ -203,8 +203,14 @@ class Fitting:
 
     def residuals(self, point: Point, halvings: int = 0) -> Array:
         """Return residuals of the samples, shape (samples, c)."""
-        return self.observation.residuals(self.data[: self.samples],
-                                          *self.states(point, halvings))[0]
+        return self._observed(point, *self.states(point, halvings))[0]
+
+    def _observed(
+        self, point: Point, q: Array, p: Array
+    ) -> tuple[Array, Array, Array, dict[str, Array]]:
+        """Return residuals of the samples and their derivatives, as ``Observation`` does."""
+        return self.observation.residuals(
+            self.data[: self.samples], q, p, self.run.parameters | point.parameters)
 
     def scaled_residuals(self, point: Point) -> Array:
         """Return residuals in standard deviations."""
@@ -222,13 +228,15 @@ class Fitting:
         Sets the basis and the sizes of ``point``.
         """
         q, p = self.states(point)
-        r, by_q, by_p = self.observation.residuals(self.data[: self.samples], q, p)
+        r, by_q, by_p, by_parameters = self._observed(point, q, p)
         run, sample_rows = self.arguments(point)
         directions = Tangents(start="all" if self.start else None, parameters=self.free)
         tangents = tangents_of(self.step, run, directions)
         dq, dp = (np.asarray(x[sample_rows], dtype=float) for x in (tangents.q, tangents.p))
         J = by_q @ dq + by_p @ dp
         starts = J.shape[2] - len(self.free)
+        for column, name in enumerate(self.free, starts):
+            J[:, :, column] += by_parameters.get(name, 0.0)
         point.basis = np.asarray(tangents.start[:, :starts], dtype=float)
         largest = [float(np.linalg.norm(x, axis=1).max()) or 1.0 for x in (q, p)]
         point.sizes = np.repeat(largest, self.step.n)
@@ -305,7 +313,7 @@ def fit(
         a thousandth of a step.
     data : array_like, shape (N, columns)
         A row for each sample. Of attitudes unit quaternions from body to space axes, scalar first,
-        of either sign.
+        of either sign; of angular velocities Ω in body axes, in rad/s.
     dt : float, optional
         Time step; by default the smallest distance of two samples.
     parameters : mapping
@@ -313,9 +321,11 @@ def fit(
         it has for the first guess: it changes no motion beyond truncation.
     inputs
         As of ``integrate``.
-    observe : {"attitude", "q", "p"}, or name, or a sequence of them, or callable
-        What the columns of data are: the attitudes of all bodies, four columns each, or of one,
-        "upper attitude"; all coordinates or momenta; a coordinate or a momentum by name. A function
+    observe : {"attitude", "angular_velocity", "q", "p"}, name, sequence of them, or callable
+        What the columns of data are, attitudes first, then angular velocities: the attitudes of all
+        bodies, four columns each, or of one, "upper attitude"; the angular velocities, three
+        columns each, as ``run.body().angular_velocity()`` has them, or "upper angular_velocity";
+        all coordinates or momenta; a coordinate or a momentum by name. A function
         of q and p, rows of states of shape (N, n), returns (values, by_q, by_p) of the shapes
         (N, columns), (N, columns, n) and (N, columns, n): what the data measure, and its
         derivatives.

@@ -3,11 +3,14 @@
 The residual of a measured attitude d at the attitude q is the rotation vector between them in rad,
 in the axes of the measured body: r = 2 sign(dᵀq) L(d) q, with L(d) q the vector part of d* q. The
 sign makes d and −d the same measurement.
+
+An angular velocity is Ω = J⁻¹ ½ L(q) p (19) in body axes, which depends on the inertia too:
+∂Ω/∂p = J⁻¹ ½ L(q), ∂Ω/∂q = −J⁻¹ ½ L(p), ∂Ω/∂K_ij of K = J⁻¹ from Ω = K l, and ∂Ω_i/∂I_i = −Ω_i/I_i.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_items, shown, unknown
 from ...core.errors import InputError
 from ..bindings.array_checks import as_numbers
-from ..compilation.body_columns import bodies_of
+from ..compilation.body_columns import BodyAt, bodies_of
 from ..rigid_body.quaternion import left_matrix
 
 if TYPE_CHECKING:
@@ -42,6 +45,8 @@ class Observation:
     ----------
     attitudes : list of list of int
         Columns of q that are the quaternion of a body; four columns of data for each come first.
+    turning : list of BodyAt
+        Bodies whose angular velocity is measured; three columns of data for each come next.
     columns : list of int
         Columns of (q, p) that are measured as they are; a column of data for each.
     function : callable or None
@@ -52,6 +57,7 @@ class Observation:
 
     n: int
     attitudes: list[list[int]]
+    turning: list[BodyAt]
     columns: list[int]
     function: Observe | None
     names: list[str]
@@ -92,12 +98,18 @@ class Observation:
             attitudes /= norms[:, None]
         return measurements
 
-    def residuals(self, data: Array, q: Array, p: Array) -> tuple[Array, Array, Array]:
-        """Return residuals, shape (rows, c), and their derivatives by q and p, (rows, c, n)."""
+    def residuals(
+        self, data: Array, q: Array, p: Array, parameters: Mapping[str, float]
+    ) -> tuple[Array, Array, Array, dict[str, Array]]:
+        """Return residuals, shape (rows, c), and their derivatives by q and p, (rows, c, n).
+
+        Last the derivatives by parameters of which the measured quantities depend beside q and p,
+        (rows, c) each.
+        """
         if self.function is not None:
-            return self._of_function(self.function, data, q, p)
-        # Columns of residuals: three angles for each attitude, then one for each other quantity.
-        sample_count, first_column = len(data), 3 * len(self.attitudes)
+            return *self._of_function(self.function, data, q, p), {}
+        # Columns of residuals: three for each attitude, for each angular velocity, then others.
+        sample_count, first_column = len(data), 3 * (len(self.attitudes) + len(self.turning))
         count = first_column + len(self.columns)
         residuals = np.zeros((sample_count, count))
         by_state = np.zeros((sample_count, count, 2 * self.n))
@@ -109,11 +121,22 @@ class Observation:
             by_state[:, angle_columns, columns] = left_matrices * sign[:, None, None]
             rotated = (left_matrices @ attitude[:, :, None])[:, :, 0]
             residuals[:, angle_columns] = rotated * sign[:, None]
+        by_parameters: dict[str, Array] = {}
+        of_data = data[:, 4 * len(self.attitudes) :]
+        for k, body in enumerate(self.turning):
+            omega, by_q, by_p, by_inertia = _turning(body, q[:, body.q], p[:, body.q], parameters)
+            place = 3 * (len(self.attitudes) + k)
+            residuals[:, place : place + 3] = omega - of_data[:, 3 * k : 3 * k + 3]
+            by_state[:, place : place + 3, body.q] = by_q
+            by_state[:, place : place + 3, [self.n + i for i in body.q]] = by_p
+            for name, change in by_inertia.items():
+                whole = by_parameters.setdefault(name, np.zeros_like(residuals))
+                whole[:, place : place + 3] = change
         if self.columns:
             z = np.concatenate([q, p], axis=1)
-            residuals[:, first_column:] = z[:, self.columns] - data[:, 4 * len(self.attitudes) :]
+            residuals[:, first_column:] = z[:, self.columns] - of_data[:, 3 * len(self.turning) :]
             by_state[:, range(first_column, count), self.columns] = 1.0
-        return residuals, by_state[:, :, : self.n], by_state[:, :, self.n :]
+        return residuals, by_state[:, :, : self.n], by_state[:, :, self.n :], by_parameters
 
     def _of_function(
         self, function: Observe, data: Array, q: Array, p: Array
@@ -136,6 +159,27 @@ class Observation:
         return predictions - data, by_q, by_p
 
 
+def _turning(
+    body: BodyAt, q: Array, p: Array, parameters: Mapping[str, float]
+) -> tuple[Array, Array, Array, dict[str, Array]]:
+    """Return Ω, shape (rows, 3), its derivatives by q and p, and by each inertia parameter."""
+    half_L, half_L_of_p = left_matrix(q) / 2, left_matrix(p) / 2
+    l = np.einsum("kij,kj->ki", half_L, p)  # noqa: E741  the paper's letter
+    values = np.array([parameters[name] for name in body.inertia])
+    if len(values) == 3:
+        K = np.diag(1 / values)
+        changes = [np.diag(row) for row in -np.diag(values**-2.0)]
+    else:
+        units = []
+        for i, j in zip(*np.triu_indices(3), strict=True):
+            unit = np.zeros((3, 3))
+            unit[i, j] = unit[j, i] = 1.0
+            units.append(unit)
+        K, changes = sum(value * unit for value, unit in zip(values, units, strict=True)), units
+    return l @ K, -K @ half_L_of_p, K @ half_L, {
+        name: l @ change for name, change in zip(body.inertia, changes, strict=True)}
+
+
 def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Observation:
     """Return the observation that the argument ``observe`` of ``fit`` names.
 
@@ -146,32 +190,39 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
     """
     n = step.n
     if callable(observe):
-        return Observation(n, [], [], observe, [])
+        return Observation(n, [], [], [], observe, [])
     system = step.manifest.system
     coordinates, momenta = list(system.coordinates), list(system.momenta)
     state_names = coordinates + momenta
     bodies = bodies_of(step.manifest)
     vector_columns = {"q": list(range(n)), "p": list(range(n, 2 * n))}
     attitude_columns = {f"{name} attitude": [body.q] for name, body in bodies.items()}
+    turning_bodies = {f"{name} angular_velocity": [name] for name in bodies}
     if bodies:
         attitude_columns["attitude"] = [body.q for body in bodies.values()]
+        turning_bodies["angular_velocity"] = [*bodies]
     names = [observe] if isinstance(observe, str) else as_items("observe", observe, "names")
     attitudes: list[list[int]] = []
+    turning: list[str] = []
     columns: list[int] = []
     for name in names:
         if not isinstance(name, str):
             raise InputError(f"observe has {shown(name)}, which is no name; write text.")
         if name in attitude_columns:
             attitudes += attitude_columns[name]
+        elif name in turning_bodies:
+            turning += turning_bodies[name]
         elif name in vector_columns:
             columns += vector_columns[name]
         elif name in state_names:
             columns.append(state_names.index(name))
         else:
             raise unknown("quantity to observe", name,
-                          [*attitude_columns, *vector_columns, *state_names],
+                          [*attitude_columns, *turning_bodies, *vector_columns, *state_names],
                           " or a function of (q, p)")
     if not names:
         raise InputError("observe names nothing; give for example observe=\"attitude\".")
-    labels = [coordinates[i] for body in attitudes for i in body]
-    return Observation(n, attitudes, columns, None, [*labels, *(state_names[i] for i in columns)])
+    labels = [*(coordinates[i] for body in attitudes for i in body),
+              *(f"{name}_omega{axis}" for name in turning for axis in (1, 2, 3)),
+              *(state_names[i] for i in columns)]
+    return Observation(n, attitudes, [bodies[name] for name in turning], columns, None, labels)

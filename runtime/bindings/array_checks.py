@@ -90,7 +90,8 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
     try:
         array = np.asarray(value)
     except ValueError as error:
-        raise InputError(f"{name} is ragged; give an array of numbers.") from error
+        raise InputError(f"{name} {_unequal_rows(value)}; give an array of numbers, with rows of "
+                         "equal length.") from error
     strange = [array.dtype] if array.dtype.kind not in "fiuO" else [
         type(x).__name__ for x in array.flat if exact(x) is None] if array.dtype == object else []
     if strange:
@@ -98,6 +99,17 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
             f"{name} has entries of type {strange[0]}; give real numbers (float64 is best)."
         )
     return array
+
+
+def _unequal_rows(value: Any) -> str:
+    """Return how the rows of a ragged sequence differ: the first whose length is another."""
+    lengths = [len(row) if hasattr(row, "__len__") else None for row in value]
+    other = next((i for i, length in enumerate(lengths) if length != lengths[0]), None)
+    if other is None:
+        return "has rows of unequal shapes"
+    first, second = ("is one number" if length is None else f"has {length} entries"
+                     for length in (lengths[0], lengths[other]))
+    return f"has unequal rows: row 0 {first}, row {other} {second}"
 
 
 def as_real(name: str, value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:
@@ -126,6 +138,9 @@ def as_step(
     value: Any, number: Callable[[Fraction], Any] = as_double, name: str = "dt"
 ) -> Any:
     """Return a usable time step: finite and not zero; negative integrates backwards."""
+    if value is None:
+        raise InputError(f"{name} is not given; give the time step in seconds, such as "
+                         f"{name} = 1e-3.")
     if isinstance(value, str):
         raise InputError(f"{name} = {shown(value)} is no number; give seconds, such as those of "
                          "gyrospark.tune(step, start, step_error=1e-9, t_end=1).dt.")

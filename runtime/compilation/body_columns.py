@@ -26,7 +26,7 @@ from ...core.manifest import (
 )
 
 __all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "beam_named", "bodies_of", "body_named",
-           "joint_named", "joints_of", "numbers", "placed_of"]
+           "built_inertias", "joint_named", "joints_of", "numbers", "placed_of"]
 
 Array = NDArray[np.float64]
 #: Vectors of a joint, where it has them, and how many entries they have.
@@ -230,6 +230,16 @@ def _section(
                 ([section.spacing, section.damping], (2,))):
             _vector(system, path, entries, *lengths)
     return section
+
+
+def built_inertias(system: SystemManifest) -> dict[str, tuple[str, ...]]:
+    """Return the inertia parameters of each body of a builder.
+
+    Those of another system may be effective moments, which fluid or rotors add to.
+    """
+    entries = {} if system.rigid_body else {
+        name: body.inertia or body.inverse_inertia for name, body in system.bodies.items()}
+    return {name: names for name, names in entries.items() if {*names} <= system.parameters.keys()}
 
 
 def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:

@@ -26,6 +26,8 @@ from ...core.arguments import proposal, shown
 from ...core.errors import ArgumentError, InputError
 from ...core.event import Event
 from ...core.exact_numbers import Rounded, as_double, exact
+from ...core.frozen_dict import NO_PARAMETERS
+from ...core.inertia import refuse_impossible_inertias
 from ...core.manifest import ClockManifest
 from ...core.start import GAMMA_M, Rule
 from ...core.warnings import warn
@@ -181,7 +183,10 @@ def step_argument(binding: Binding, dt: Any, dtau: Any) -> Any:
                          "no time_scale; give dt.")
     name, step = ("dtau", dtau) if binding.clocked else ("dt", dt)
     if step is None:
-        raise ArgumentError(f"{name} = None is no step; give a number.")
+        cure = ("the step of scaled time, such as dtau=1e-3." if binding.clocked else
+                "the time step in seconds, such as dt=1e-3, or that of "
+                "gyrospark.tune(step, start, step_error=1e-9, t_end=1).dt.")
+        raise ArgumentError(f"{name} is not given; give {cure}")
     return step
 
 
@@ -343,6 +348,10 @@ def _parameters(
         column_of[name] = column
     if not all(symmetry.holds_plainly(column_of) for symmetry in stepper.symmetries):
         return None  # a look at each, in exact arithmetic
+    try:
+        refuse_impossible_inertias(stepper._inertias, column_of)
+    except InputError:
+        return None  # the check of single runs names the run
     return column_of
 
 
@@ -403,11 +412,12 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
 
 def as_parameters(
     parameters: Any, domains: Mapping[str, str], number: Callable[[Fraction], Any] = as_double,
-    symmetries: Sequence[Symmetry] = (),
+    symmetries: Sequence[Symmetry] = (), bodies: Mapping[str, Sequence[str]] = NO_PARAMETERS,
 ) -> dict[str, Any]:
     """Return the parameters a stepper needs, each checked against its domain.
 
     The rates of a co-moving frame, those of ``symmetries``, are 0 where they are not given.
+    ``bodies`` have the names of inertias, which are checked as builders check them.
 
     Raises
     ------
@@ -421,6 +431,7 @@ def as_parameters(
     plain = _as_plain_parameters(parameters, domains, number)
     if plain is not None:
         refuse_broken(symmetries, plain)
+        refuse_impossible_inertias(bodies, plain)
         return plain
     frame = {symmetry.name: 0 for symmetry in symmetries}
     needed = [name for name in domains if name not in frame]
@@ -440,6 +451,7 @@ def as_parameters(
     checked = {name: _as_parameter(name, domain, values, number)
                for name, domain in domains.items()}
     refuse_broken(symmetries, checked)
+    refuse_impossible_inertias(bodies, checked)
     return checked
 
 

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.arguments import as_mapping, shown
-from ...core.errors import InputError
+from ...core.errors import ArgumentError, InputError
 from ...core.start import HasStart, Rule, Start, as_start
-from .run_arguments import step_count
+from .run_arguments import step_argument, step_count
 
 if TYPE_CHECKING:
+    from ..bindings.binding import Binding
     from ..steppers.evaluation import Evaluation
 
-__all__ = ["StartNumbers", "after_start", "merged_start", "merged_starts", "start_parameters",
-           "steps_of_all"]
+__all__ = ["StartNumbers", "after_start", "merged_start", "merged_starts", "span_or_own",
+           "start_parameters", "steps_of_all"]
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ def merged_start(
         For what is no start, and for one of another number of coordinates.
     """
     if p is not None:
+        _refuse_second_state(start, p)
         return StartNumbers(start, p, {} if parameters is None else parameters,
                             0.0 if t is None else t)
     if isinstance(start, (Sequence, np.ndarray)):
@@ -60,6 +62,29 @@ def merged_start(
     if frame and "frame" in state._rules and values.keys().isdisjoint(rates):
         values |= dict.fromkeys(rates, Rule(state._rules["frame"]))
     return StartNumbers(state.q, state.p, values, state.t if t is None else t, state._excess)
+
+
+def span_or_own(
+    binding: Binding, start: Any, dt: Any, dtau: Any, steps: Any, t_end: Any
+) -> tuple[Any, Any]:
+    """Return the step and the number of steps that are given, else those of a model.
+
+    Raises
+    ------
+    InputError
+        As ``step_argument``.
+    """
+    own_dt, own_steps = start.start._span if isinstance(start, HasStart) else (None, None)
+    if dt is None and not binding.clocked:
+        dt = own_dt
+    return step_argument(binding, dt, dtau), own_steps if steps is None is t_end else steps
+
+
+def _refuse_second_state(start: Any, p: Any) -> None:
+    """Refuse p beside a start, which has its own."""
+    if isinstance(start, HasStart):
+        raise ArgumentError(f"p = {shown(p)} is given beside a start, which has its own momenta; "
+                            "leave it out, and give other arguments by name, such as dt=1e-3.")
 
 
 def start_parameters(
@@ -100,6 +125,7 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
     """Return the numbers of many runs: rows of q and p, parameters as an ensemble takes them."""
     entries = {} if parameters is None else parameters
     if p is not None:
+        _refuse_second_state(starts, p)
         return StartNumbers(starts, p, entries, 0.0)
     if isinstance(starts, HasStart):
         start = as_start(starts)

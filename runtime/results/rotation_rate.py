@@ -19,7 +19,7 @@ from ..compilation.body_columns import BodyAt, bodies_of
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["LOST", "FastestRotation", "Rotations", "fastest_rotation", "phase_error"]
+__all__ = ["LOOKED_AT", "LOST", "FastestRotation", "Rotations", "fastest_rotation", "phase_error"]
 
 Array = NDArray[Any]
 
@@ -37,7 +37,7 @@ LOST = 0.05
 _MOST_A_FLOW = 2.0
 #: Stored states of a run that are looked at for a warning: all of a long run would cost as much as
 #: the steps of a small system.
-_LOOKED_AT = 64
+LOOKED_AT = 64
 #: Bodies of one state up to which floats are faster than arrays.
 _FEW = 8
 
@@ -180,7 +180,7 @@ class Rotations:
         count = len(trajectory) - 1
         if count < 2:  # a step's end is the start of the next call, which looks at it
             return
-        sampled = slice(None, 0, -max(1, count // _LOOKED_AT))
+        sampled = slice(None, 0, -max(1, count // LOOKED_AT))
         self.warn(trajectory.parameters, trajectory.time_steps[sampled], trajectory.q[sampled],
                   trajectory.p[sampled])
 

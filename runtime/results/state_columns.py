@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from itertools import groupby
@@ -77,7 +78,9 @@ def headings(
     system_labels |= {"velocities": ("velocity", system.velocity_names)}
     system_labels |= {QUANTITY + name: ("quantity", (name,)) for name in system.quantities}
     system_labels |= {name: ("body", labels) for name, labels in of_bodies.items()}
-    numbered_by_array = {name: [name + "_".join(map(str, index)) for index in np.ndindex(*shape)]
+    constraints = {"multipliers": system.constraint_names,
+                   "reactions": system.velocity_constraint_names}
+    numbered_by_array = {name: _numbered(name, shape, constraints.get(name, ()))
                          for name, shape in shapes.items()}
     used_headings = {label for name, labels in numbered_by_array.items()
                      if name not in system_labels for label in labels}
@@ -90,6 +93,14 @@ def headings(
             used_headings.add(label)
             headings_in_order.append(label)
     return headings_in_order
+
+
+def _numbered(name: str, shape: tuple[int, ...], constraints: Sequence[str]) -> list[str]:
+    """Return headings with numbers of places; of constraints, the last axis, with their names."""
+    words = ["_".join(re.findall(r"\w+", constraint)) for constraint in constraints]
+    named = len(shape) == 2 and shape[-1] == len({*words})
+    return [name + "_".join(map(str, (*index[:-1], words[index[-1]]) if named else index))
+            for index in np.ndindex(*shape)]
 
 
 def places_of(

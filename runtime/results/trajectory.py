@@ -35,6 +35,7 @@ from .body_motion import BodyMotion, FrameName, PlacedMotion, total_momenta
 from .crossings import Crossings
 from .diagnostics import Report
 from .joint_motion import JointMotion
+from .rotation_rate import fastest_rotation
 from .run_arrays import OUTPUTS, States, place_of_quantity, value_of
 from .start_of_row import start_of_row
 from .table import save_table, table_of_run
@@ -271,6 +272,15 @@ class Trajectory(Shown):
         steps: Array = (np.full(len(self), self.dt) if clock is None else
                         self.dt * self.quantity(clock.scale))
         return steps
+
+    @property
+    def rotation_max(self) -> float:
+        """The largest rotation |Ω Δt| of a body in a step, in rad, of the stored states.
+
+        0 where no body turns, and along a co-moving frame. A method of order r bears r/2 + 1/2 rad.
+        """
+        fastest = fastest_rotation(self)
+        return 0.0 if fastest is None else fastest.radians
 
     @property
     def elapsed(self) -> Array:
@@ -603,8 +613,11 @@ class Trajectory(Shown):
         column_options = {"columns": columns, "euler": euler, "angular_velocity": angular_velocity}
         named = [name for name, value in column_options.items() if value is not None]
         if not form.tabular and (named or degrees):
-            raise InputError(f"{(named or ['degrees'])[0]} is for files of columns, .csv and "
-                             f".parquet, and {target.name!r} is none; leave it out.")
+            option = (named or ["degrees"])[0]
+            cure = ("leave it out" if option == "columns" else
+                    f"take run.dataset({option}=...), which xarray writes to .nc or .zarr")
+            raise InputError(f"{option} is for files of columns, .csv and .parquet, which "
+                             f"{target.name!r} is not; {cure}.")
         form.require_packages()
         if "trajectory" in form.writers:
             written_path: Path = form.function(form.writers["trajectory"])(self, target)

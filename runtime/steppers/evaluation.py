@@ -22,6 +22,7 @@ from ...engine.amalgamate import complete
 from ..bindings.array_checks import as_real, as_step
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
 from ..bindings.run_memory import ParameterStruct
+from ..compilation.body_columns import built_inertias
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
 from ..integration.manifest_symmetries import symmetries_of
@@ -46,9 +47,10 @@ class Evaluation:
         self.unknowns = self.binding.unknowns
         self.parameter_domains: Mapping[str, str] = self.manifest.system.parameters
         self.symmetries = symmetries_of(self.manifest)
+        self._inertias = built_inertias(self.manifest.system)
         #: Returns parameters as numbers, or raises InputError.
         self.check_parameters = ParameterCheck(self.parameter_domains, self.binding.number,
-                                               self.symmetries)
+                                               self.symmetries, self._inertias)
         #: Shapes of bodies by their names, where its model has some; "" is the ground.
         self.visuals: Mapping[str, Sequence[Shape]] = {}
 

@@ -44,12 +44,11 @@ from ..integration.run_arguments import (
     end_of_run,
     in_scaled_time,
     span_of,
-    step_argument,
     step_count,
     warn_of_late_start,
     warn_of_negative,
 )
-from ..integration.starts import merged_start, merged_starts, steps_of_all
+from ..integration.starts import merged_start, merged_starts, span_or_own, steps_of_all
 from ..integration.step_loop import integrate
 from ..results.missed_rates import warn_of_missed_rate
 from ..results.rotation_rate import Rotations
@@ -210,7 +209,7 @@ class Stepper(Dynamics):
         method = as_solver(solver)
         state = merged_start(self, start, p, parameters)
         run = self._resolved(self._run_arguments(
-            state.q, state.p, dt=step_argument(self.binding, dt, dtau), steps=0,
+            state.q, state.p, dt=span_or_own(self.binding, start, dt, dtau, 0, None)[0], steps=0,
             parameters=state.parameters, t0=state.t, solver=method, excess=state.excess))
         self._warned(run)
         return Simulation(self, run, as_flag("record", record))
@@ -267,12 +266,12 @@ class Stepper(Dynamics):
             a body |q| = 1 and qᵀp = 0).
         p : array_like, shape (n,), optional
             The momenta, where the first argument is q.
-        dt : float
-            Time step; negative integrates backwards. As the parameters and the time of a start, a
-            real number of any type, rounded once to the stepper's own: with ``real="float128"``
-            mpmath numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep 34 digits, and a Python
-            float is the binary number that it holds. ``gyrospark.tune`` finds the step
-            for an error.
+        dt : float, optional
+            Time step; negative integrates backwards; by default that of a model. As the parameters
+            and the time of a start, a real number of any type, rounded once to the stepper's own:
+            with ``real="float128"`` mpmath numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep
+            34 digits, and a Python float is the binary number that it holds. ``gyrospark.tune``
+            finds the step for an error.
         dtau : float
             In place of ``dt``, of a system with a ``time_scale`` σ: the constant step of τ, of
             which t takes steps ∫σ dτ.
@@ -281,7 +280,7 @@ class Stepper(Dynamics):
             lies between two steps, the last one is a real step of a part of Δt, and a longer run
             goes on from ``Trajectory.grid_end``, the state of the last whole step.
         steps : int, optional
-            Number of steps, 0 or more, in place of ``t_end``.
+            Number of steps, 0 or more, in place of ``t_end``; by default that of a model.
         parameters : mapping, optional
             Values that win over those of the start; together all of ``parameter_domains``, and
             rates of ``symmetries`` if wanted. Where ``gamma`` or ``alpha`` is left out it is the
@@ -333,7 +332,7 @@ class Stepper(Dynamics):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        dt = step_argument(self.binding, dt, dtau)
+        dt, steps = span_or_own(self.binding, start, dt, dtau, steps, t_end)
         state = merged_start(self, start, p, parameters)
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver), "excess": state.excess}
@@ -429,7 +428,7 @@ class Stepper(Dynamics):
 
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
-        dt = step_argument(self.binding, dt, dtau)
+        dt, steps = span_or_own(self.binding, starts, dt, dtau, steps, t_end)
         refuse_together(ensemble="an ensemble", open_end=self.binding.clocked
                         and t_end is not None and "t_end in scaled time")
         state = merged_starts(self, starts, p, parameters)

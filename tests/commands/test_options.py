@@ -14,6 +14,7 @@ from gyrospark.commands import gyrospark as command_line
 from gyrospark.core.former_names import FORMER_OPTIONS
 from gyrospark.runtime.analysis.lyapunov import Lyapunov
 from gyrospark.targets.artefact import Built
+from processes import ROOT
 
 STEPPER = (gs.stepper, gs.load_model, gs.Start)
 #: Command → the calls that it is.
@@ -92,6 +93,28 @@ def test_former_options_name_the_present_one(former, gyrospark):
 ])
 def test_a_solver_that_is_none(text, word, gyrospark):
     refused(gyrospark("run", "fast-top", "--dt", "1e-3", "--steps", "1", "--solver", text), word)
+
+
+@pytest.mark.parametrize("options", [(), ("dt",), ("steps",), ("dt", "t_end")])
+def test_a_model_has_its_step_and_their_number(options, gyrospark):
+    """Where they are left out, on the command line and in Python, of runs and simulations."""
+    path = ROOT / "examples" / "pendulum.toml"
+    model, numbers = gs.load_model(path), {"dt": 0.004, "steps": 7, "t_end": 0.02}
+    named = {name: numbers[name] for name in options}
+    words = [word for name in options
+             for word in (f"--{name.replace('_', '-')}", str(numbers[name]))]
+    answer = gyrospark("run", path, "--json", *words).document
+    step = gs.stepper(system=model)
+    run = step.integrate(model, **named)
+    assert run.report.steps == answer["steps"]
+    assert run.q[-1] == pytest.approx(answer["q"], rel=1e-12)
+    assert float(run.dt) == (named.get("dt") or model.dt)
+    many = step.integrate_ensemble(model, parameters={"m": [1.0, 1.0]}, **named)
+    assert many.members[0].q[-1] == pytest.approx(answer["q"], rel=1e-12)
+    if "steps" in options:
+        sim = step.start(model.start.replace(t=1.0))
+        sim.advance(7)
+        assert sim.t == 1.0 + 7 * model.dt
 
 
 def test_a_solver_has_its_arguments(gyrospark):

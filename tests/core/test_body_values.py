@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
+import systems
 from gyrospark.core.inertia import (
     as_inertia,
     inverse_entries,
     moments_of,
+    refuse_impossible_inertias,
     tensor_of_inverse,
     unit_quaternions,
 )
@@ -75,6 +77,46 @@ def test_effective_moments_are_parameters_of_a_system(gl3):
     parameters = {"I1": 10, "I2": 1, "I3": 1, "mgl": 0.1, "gamma": gs.gamma((10, 1, 1))}
     made = gl3.integrate(q, p, dt=1e-2, steps=5, parameters=parameters)
     assert made.report.energy_error_max < 1e-12
+
+
+@pytest.mark.parametrize(("name", "value"), [("a_I3", 0.3), ("a_I1", 1e-3), ("a_m", -1.0)])
+def test_parameters_of_a_model_are_those_of_bodies(name, value):
+    """As of its builder: in runs, ensembles and axes of sweeps; 5 % are those of rounding."""
+    step, case = systems.stepper("double_top"), systems.case("double_top")
+    model = case.options["system"]
+    words = "a_m.*positive" if name == "a_m" else "inertia.*exceeds"
+    own = case.parameters[name]
+    for call in (lambda: step.integrate(model, dt=1e-3, steps=1, parameters={name: value}),
+                 lambda: step.start(model, dt=1e-3, parameters={name: value}),
+                 lambda: step.energy(model, parameters={name: value}),
+                 lambda: step.integrate_ensemble(model, dt=1e-3, steps=1,
+                                                 parameters={name: [own, value]}),
+                 lambda: gs.sweep(model, {"a_I2": [0.12, 0.121], name: [own, value]},
+                                  scheme="G-L", stages=2, steps=1)):
+        with pytest.raises(gs.InputError, match=words):
+            call()
+    sum_of_others = case.parameters["a_I1"] + case.parameters["a_I3"]
+    step.energy(model, parameters={"a_I2": 1.02 * sum_of_others})
+
+
+@given(st.lists(st.floats(0.1, 1.0), min_size=3, max_size=3),
+       st.lists(st.floats(-3, 3), min_size=3, max_size=3))
+@settings(max_examples=20)
+def test_inverses_of_tensors_are_refused_as_tensors_are(moments, turn):
+    R = Rotation.from_rotvec(turn).as_matrix()
+    K = (R @ np.diag(1 / np.array(moments)) @ R.T)[np.triu_indices(3)]
+    excess = 2 * max(moments) - sum(moments)
+    for of_body, columns in ((K.tolist(), ()), (np.repeat(K[:, None], 2, 1).tolist(), (2,))):
+        names = {"a": [f"a_K{i}" for i in range(6)]}
+        parameters = dict(zip(names["a"], of_body, strict=True))
+        assert np.shape(parameters["a_K0"]) == columns
+        if excess > 0.051 * max(moments):
+            with pytest.raises(gs.InputError, match=r"inertia.*exceeds"):
+                refuse_impossible_inertias(names, parameters)
+        elif excess < 0.049 * max(moments):
+            refuse_impossible_inertias(names, parameters)
+    with pytest.raises(gs.InputError, match="definite"):
+        refuse_impossible_inertias(names, dict(zip(names["a"], [1, 2, 0, 1, 0, 1], strict=True)))
 
 
 # ---------------------------------------------------------------- tensors

@@ -134,3 +134,20 @@ def test_false_is_silence_in_a_notebook_and_bits_are_the_same(notebook, gl3):
 def test_what_is_no_function_and_no_bool_is_refused(wrong, gl3):
     with pytest.raises(gs.InputError, match="progress"):
         integrate(gl3, progress=wrong)
+
+
+def test_stages_of_what_has_no_steps_are_counted(tmp_path):
+    """Derivation and compilation, a certificate and an artefact."""
+    top, seen = gs.problems.fast_top(), []
+
+    def report(done, total):
+        seen.append((done, total))
+
+    gs.stepper("G-L", 2, progress=report)
+    gs.build("cpp", "fast-top", dt=1e-3, out=tmp_path / "top", progress=report)
+    with pytest.raises(gs.InputError, match="'m'"):
+        gs.certify(top, "EMS", dt=1e-3, steps=2, parameters={"m": 1.0}, progress=report)
+    assert seen == [(1, 2), (2, 2), (1, 2), (2, 2), (1, 3)]
+    for call in (lambda: gs.stepper("EMS", progress=3), lambda: gs.certify(top, progress=3)):
+        with pytest.raises(gs.InputError, match="progress = 3"):
+            call()

@@ -17,7 +17,7 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
-from calls import PARAMETERS, TOP, by_names
+from calls import PARAMETERS, TOP, by_names, refused
 from command_line import refused as refused_by_command
 from stores import record
 
@@ -61,7 +61,7 @@ ENTRANCES = {
     "energy": (lambda step, a: by_names(step.energy, **a), {"q", "p", "parameters"}),
 }
 TABLE = [
-    ("dt", NUMBERS, r"^(Trajectory 0: )?dt (=|has)"),
+    ("dt", NUMBERS, r"^(Trajectory 0: )?dt (=|has|is not)"),
     ("dt", ZERO, "dt = 0 .*negative"),
     ("t0", NUMBERS[1:], r"^(Trajectory 0: )?t (=|has)"),
     ("steps", [*NO_COUNTS, None], "steps"),
@@ -129,6 +129,25 @@ def test_a_missing_parameter_is_named_with_all_others(name, check):
     left = {key: value for key, value in PARAMETERS.items() if key != name}
     for entrance in ("integrate", "integrate_ensemble", "start", "step", "record", "project"):
         check(entrance, "parameters", left, f"'{name}'.*I1, I2, I3, mgl, gamma")
+
+
+@pytest.mark.parametrize("call", ["start", "step", "integrate", "integrate_ensemble"])
+def test_a_start_has_its_momenta(call):
+    """The step that is given in their place is refused with its value."""
+    more = {"steps": 3} if "integrate" in call else {}
+    with refused(r"p = 0\.25.*start"):
+        getattr(systems.stepper("heavy_top"), call)(TOP, 0.25, dt=1e-3, **more)
+
+
+def test_rows_of_unequal_lengths_are_named():
+    with refused("^q.*0 has 4.*1 has 3"):
+        systems.stepper("heavy_top").integrate_ensemble(
+            [[1, 0, 0, 0], [1, 0, 0]], np.zeros((2, 4)), dt=1e-3, steps=1, parameters=PARAMETERS)
+
+
+def test_a_method_of_a_paper_is_a_tableau():
+    with refused("'RK4'.*tableau"):
+        gs.stepper("RK4")
 
 
 COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "2"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +17,8 @@ from calls import refused
 from gyrospark.core.manifest import BodyManifest, SystemManifest
 from gyrospark.runtime.analysis.fit_coordinates import Coordinates
 from gyrospark.runtime.analysis.least_squares import Linear, identify
+from gyrospark.runtime.analysis.observations import Observation
+from gyrospark.runtime.compilation.body_columns import BodyAt
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 from processes import ROOT
 
@@ -213,6 +215,49 @@ def test_a_function_is_observed_with_its_derivatives():
     made = fit_pendulum(run.q[:, 1], observe=height)
     named = fit_pendulum(run.q[:, 1], observe="y")
     assert made.parameters == named.parameters
+
+
+def test_angular_velocities_are_observed():
+    """Exact data give exact moments; ∂Ω/∂I is that of the run and that of Ω = J⁻¹ l at once."""
+    step, problem = systems.stepper("heavy_top"), gs.problems.fast_top()
+    run = step.integrate(problem, dt=1e-3, steps=120, every=3)
+    omega = run.body().angular_velocity()
+    begin = gs.Start(problem.q0, 0.97 * problem.p0)
+    fit = partial(gs.fit, step, begin, run.t, dt=1e-3,
+                  parameters=run.parameters | {"I3": 0.95 * problem.inertia[2]})
+    known = fit(np.concatenate([run.body().attitude, omega], axis=1), free=["I3", "start"],
+                observe=["body angular_velocity", "attitude"])
+    assert known.converged
+    assert known.parameters["I3"] == pytest.approx(problem.inertia[2], rel=1e-8)
+    assert known.p == pytest.approx(problem.p0, abs=1e-8 * np.abs(problem.p0).max())
+    with refused("angular_velocity.*mean"):
+        fit(omega, observe="angular_velocty")
+
+
+@pytest.mark.parametrize("entries", [3, 6])
+def test_residuals_of_angular_velocities_have_the_slopes_of_differences(entries):
+    names = [f"J{k}" for k in range(entries)]
+    body = BodyAt([1, 2, 3, 4], names, [], [], [], None)
+    observation = Observation(6, [], [body], [5], None, [""] * 4)
+    draw = np.random.default_rng(1)
+    q, p, data = draw.normal(size=(2, 6)), draw.normal(size=(2, 6)), draw.normal(size=(2, 4))
+    inertia = [2.0, 3.0, 2.5] if entries == 3 else [2.0, 0.1, 0.2, 3.0, 0.3, 2.5]
+    parameters = dict(zip(names, inertia, strict=True))
+    r, *slopes, by_parameters = observation.residuals(data, q, p, parameters)
+    assert r.shape == (2, 4)
+
+    def moved(h, dq=0.0, dp=0.0, name=None):
+        changed = parameters | ({name: parameters[name] + h} if name else {})
+        return observation.residuals(data, q + h * dq, p + h * dp, changed)[0]
+
+    def slope(**change):
+        return (moved(1e-6, **change) - moved(-1e-6, **change)) / 2e-6
+
+    for column, unit in enumerate(np.eye(6)):
+        assert slope(dq=unit) == pytest.approx(slopes[0][:, :, column], abs=1e-8)
+        assert slope(dp=unit) == pytest.approx(slopes[1][:, :, column], abs=1e-8)
+    for name in names:
+        assert slope(name=name) == pytest.approx(by_parameters[name], abs=1e-8)
 
 
 def test_coordinates_and_momenta_are_observed_together():

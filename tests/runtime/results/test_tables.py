@@ -52,6 +52,8 @@ def test_euler_angles_come_with_the_states(tops, tmp_path):
     assert np.array_equal(dataset.p.sel(coordinate="b_x"), tops.p[:, 8])
     last = dataset.multipliers.sel(constraint="joint: z")[1:, -1]
     assert np.array_equal(last, tops.multipliers[:, -1, -1])
+    node = tops.multipliers.shape[1] - 1
+    assert np.array_equal(frame[f"multipliers{node}_joint_z"][1:], last)
     assert np.array_equal(dataset.time, tops.t)
     assert np.isnan(dataset.multipliers[0]).all()
 

@@ -159,6 +159,36 @@ def test_a_body_that_gets_fast_on_the_way():
     assert said_of(lambda: step.start(q, p, **run)) == []
 
 
+def test_the_fastest_rotation_of_a_run_is_that_of_its_states(tmp_path):
+    """From the free fall of a top; the energy bounds it: ½ I₁ ω² ≤ H + m g l."""
+    top = gs.problems.fast_top()
+    q, p = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
+    step = systems.stepper("heavy_top")
+    run = {"dt": 1e-2, "steps": 90, "parameters": top.parameters}
+    made = step.integrate(q, p, **run)
+    omega = np.linalg.norm(made.body().angular_velocity(), axis=1)
+    assert made.rotation_max == pytest.approx(1e-2 * omega.max(), rel=1e-12)
+    assert made[:1].rotation_max == 0.0
+    assert 0 < made[:20].rotation_max < made.rotation_max
+    assert made.rotation_max <= 1e-2 * np.sqrt(
+        2 * (made.energies[0] + top.parameters["mgl"]) / min(top.inertia))
+    assert step.integrate(q, p, **run, out=tmp_path / "a.zarr").rotation_max == made.rotation_max
+
+
+def test_a_stored_run_that_is_fast_on_the_way_warns(tmp_path):
+    """At the end the top is slow again: the last row alone would not show it."""
+    top = gs.problems.fast_top()
+    q, p = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
+    step = systems.stepper("heavy_top")
+    run = {"dt": 0.09, "parameters": top.parameters}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        made = step.integrate(q, p, steps=200, **run)
+    slow = next(k for k in range(150, 200) if fastest_rotation(made[k - 1:k]).radians < 1.0)
+    said = said_of(lambda: step.integrate(q, p, steps=slow - 1, **run, out=tmp_path / "s.zarr"))
+    assert len(said) == 1
+
+
 def test_every_type_has_radians():
     top = gs.problems.fast_top()
     for real in ("float", "float128"):
