@@ -12,6 +12,7 @@ from .core.errors import GyrosparkError as GyrosparkError
 from .core.errors import InputError as InputError
 from .core.errors import StepFailed as StepFailed
 from .core.event import Event as Event
+from .core.event import Impact as Impact
 from .core.shapes import Shape as Shape
 from .core.solver import Solver as Solver
 from .core.start import Start as Start

@@ -1,4 +1,7 @@
-"""An event: a quantity of a run crosses a level. Its record, and its text on the command line."""
+"""Events: a quantity of a run crosses a level; impacts: there the momenta jump.
+
+Their records, and the text of events on the command line.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,10 @@ from typing import Any
 from .arguments import choose, shown
 from .errors import InputError
 from .exact_numbers import decimal, exact
+from .incompatibilities import refuse_together
 
-__all__ = ["DIRECTIONS", "Event", "as_events", "event_of_text", "refuse_unusable_names",
-           "terminal_of"]
+__all__ = ["DIRECTIONS", "Event", "Impact", "as_events", "as_impacts", "event_of_text",
+           "refuse_unusable_names", "terminal_of"]
 
 #: How a direction is written on the command line and in model files.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
@@ -67,6 +71,68 @@ class Event:
         object.__setattr__(self, "name", self.name or self.quantity)
 
 
+@dataclass(frozen=True)
+class Impact:
+    """A gap φ(q, t) ≥ 0 closes, and the momenta jump by Newton's law with the restitution e.
+
+        p⁺ = p⁻ − (1 + e) n (nᵀ H_pp n)⁻¹ φ̇,   n = φ_qᵀ − g_qᵀ W⁻¹ g_q H_pp φ_qᵀ
+
+    with W = g_q H_pp g_qᵀ: φ̇⁺ = −e φ̇⁻, the constraints are kept, and for e = 1 and φ_t = 0 so is
+    H. H must be quadratic in p. (docs/theory/impacts.md)
+
+    Attributes
+    ----------
+    quantity : str
+        The gap: a quantity of the system, of coordinates and time.
+    restitution : number
+        e, from 0 (plastic) to 1 (elastic).
+    name : str, optional
+        Under which it is found in ``Trajectory.impacts``; by default the quantity's.
+
+    Raises
+    ------
+    InputError
+        For a restitution outside of [0, 1].
+    """
+
+    quantity: str
+    restitution: Any = 1.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.quantity, str):
+            raise InputError(f"An impact's quantity is a name, not {shown(self.quantity)}.")
+        if not isinstance(self.name, str):
+            raise InputError(f"An impact's name is text, not {shown(self.name)}.")
+        e = exact(self.restitution)
+        if e is None or isinstance(e, float) or not 0 <= e <= 1:
+            raise InputError(f"restitution = {shown(self.restitution)} is outside of [0, 1]; give "
+                             "a number from 0 (plastic) to 1 (elastic).")
+        object.__setattr__(self, "name", self.name or self.quantity)
+
+
+def as_impacts(argument: Any, quantities: Sequence[str]) -> tuple[Impact, ...]:
+    """Return a caller's impacts, each of a quantity that the system has; () of events alone.
+
+    Raises
+    ------
+    InputError
+        For impacts and events together, an unknown quantity, two impacts of one gap or one name.
+    """
+    impacts = (argument,) if isinstance(argument, Impact) else argument
+    if not isinstance(impacts, Sequence) or not any(isinstance(entry, Impact) for entry in impacts):
+        return ()
+    for impact in impacts:
+        refuse_together(impacts="impacts", events=not isinstance(impact, Impact) and "events")
+        choose("quantity of an impact", impact.quantity, quantities)
+    for names in ([impact.quantity for impact in impacts], [impact.name for impact in impacts]):
+        repeated = [name for name in names if names.count(name) > 1]
+        if repeated:
+            raise InputError(f"Two impacts are of {repeated[0]!r}; give one for each gap, each "
+                             "with a name of its own.")
+    return tuple(impacts)
+
+
 def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     """Return a caller's events, each of a quantity that the system has.
 
@@ -79,7 +145,10 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     """
     if type(argument) is tuple and not argument:
         return ()
-    events = (argument,) if isinstance(argument, Event) else argument
+    events = (argument,) if isinstance(argument, Event | Impact) else argument
+    if isinstance(events, Sequence):
+        refuse_together(impacts=any(isinstance(event, Impact) for event in events) and "an impact",
+                        other_runs="ensembles, sweeps and sections")
     if not isinstance(events, Sequence) or not all(isinstance(event, Event) for event in events):
         raise InputError(f"events = {shown(argument)} is no list of events; give "
                          'events=[gs.Event("height", level=0.0, direction=-1)].')

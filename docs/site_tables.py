@@ -28,7 +28,8 @@ API = {
         "runtime.results.body_motion.BodyMotion", "runtime.results.joint_motion.JointMotion",
         "runtime.results.beam_motion.BeamMotion",
         "runtime.results.diagnostics.Report", "Simulation", "Ensemble",
-        "runtime.devices.ensemble.DeviceEnsemble", "Event", "runtime.results.crossings.Crossings",
+        "runtime.devices.ensemble.DeviceEnsemble", "Event", "Impact",
+        "runtime.results.crossings.Crossings", "runtime.results.crossings.Impacts",
         "section", "runtime.events.poincare_section.Section", "GyrosparkError", "InputError",
         "StepFailed", "errors"],
     "systems": [

@@ -241,7 +241,7 @@ def compile_module(
         running.append(_start([*compile_, *options, "-c", f"{object_file.name}/{name}.c", "-o",
                                f"{object_file.name}.o"], folder))
         linked.append(f"{object_file.name}.o")
-    everything = is_whole() and part not in ("derivatives", "second", "motion")
+    everything = is_whole() and part not in ("derivatives", "second", "motion", "impacts")
     header = files[f"{name}.h"]
     header = header if everything or part == "newton" else declarations_of(name, header, part)
     if part == "newton":

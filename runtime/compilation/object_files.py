@@ -2,12 +2,12 @@
 
 Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
 side, on lanes, in another one that is made when they are first asked for, and so are tangents and
-adjoints, second derivatives, and accelerations, whose texts have more kernels. Newton's method is a
-library of its own, ``newton_library``, unless its steps need it in any case. Each module is linked
-of objects of the same text: Newton and all that is evaluated once, apart from the fixed-point
-iteration, and for one trajectory beside what its run is set up with and learns. An object defines
-some of the public functions. The others are static in its header, so that the compiler drops them,
-and what only they call.
+adjoints, second derivatives, accelerations, and runs with impacts, whose texts have more kernels.
+Newton's method is a library of its own, ``newton_library``, unless its steps need it in any case.
+Each module is linked of objects of the same text: Newton and all that is evaluated once, apart from
+the fixed-point iteration, and for one trajectory beside what its run is set up with and learns. An
+object defines some of the public functions. The others are static in its header, so that the
+compiler drops them, and what only they call.
 
 Objects in which gcc may have permuted a vector of eight doubles wrongly.
 
@@ -42,7 +42,7 @@ __all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Level", "Object", "Part", "d
            "with_inline_functions"]
 
 #: Which of the modules.
-Part = Literal["runs", "lanes", "newton", "derivatives", "second", "motion"]
+Part = Literal["runs", "lanes", "newton", "derivatives", "second", "motion", "impacts"]
 
 #: How much of -O3 an object has: all, most, or no more than -O2.
 Level = Literal["all", "most", "seldom"]
@@ -63,7 +63,8 @@ _LATER: dict[Part, set[str]] = {
     "derivatives": _DERIVATIVES,
     "second": {"second_size", "integrate_second", "constraint_second", *_BOTH},
     "motion": {"derivative_size", "accelerations", "inverse_mass", "constraint_derivatives",
-               "quantity_rates", *_BOTH}}
+               "quantity_rates", *_BOTH},
+    "impacts": {"derivative_size", "impact_size", "integrate_impacts", "inverse_mass", *_BOTH}}
 #: The kernels of an object by its number: Newton's on numbers, the fixed-point iteration's on
 #: lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {

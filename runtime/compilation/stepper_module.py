@@ -62,7 +62,8 @@ def _load_compiled(name: str, files: dict[str, str], compiler: Compiler, part: P
             return _with_frames(import_module(name, path, part), record)
     label = name + {"runs": "", "lanes": " for ensembles", "newton": ": Newton's method",
                     "derivatives": ": derivatives",
-                    "second": ": second derivatives", "motion": ": accelerations"}[part]
+                    "second": ": second derivatives", "motion": ": accelerations",
+                    "impacts": ": impacts"}[part]
     with log_task(f"compiling {label}", f"compiled {label}"), build_folder() as folder:
         built, record = compile_verified(name, files, compiler, folder, part)
         proof = folder / "record.json"

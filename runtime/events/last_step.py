@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -29,11 +30,13 @@ __all__ = ["ended_between"]
 def ended_between(
     stepper: Stepper, run: RunArguments, events: tuple[Event, ...], trajectory: Trajectory,
     remaining_time: Fraction, t_end: Any,
+    advance: Callable[[RunArguments], Trajectory] | None = None,
 ) -> Trajectory:
     """Return a run of whole steps with one more row: the state ``remaining_time`` later, at t_end.
 
     The row of its last whole step is left out, unless ``every`` or ``t_eval`` stores it. A run that
     a terminal event has ended is returned as it is; one in the last part of a step ends it there.
+    ``advance`` takes that part, by default with the events.
 
     Raises
     ------
@@ -50,7 +53,8 @@ def ended_between(
                           dt=binding.number(remaining_time), steps=1, every=1, inputs=None,
                           stored_steps=None)
     try:
-        last_trajectory = observed(stepper, partial_run, events, None)
+        last_trajectory = (observed(stepper, partial_run, events, None) if advance is None
+                           else advance(partial_run))
     except StepFailed as error:
         raise StepFailed(step=whole_steps + 1, t=error.t, reason=error.reason,
                          trajectory=trajectory,
@@ -59,7 +63,7 @@ def ended_between(
     except Stopped as error:
         error.trajectory = trajectory
         raise
-    if ending(events, last_trajectory.events, run.dt) is None:
+    if last_trajectory.report.steps and ending(events, last_trajectory.events, run.dt) is None:
         end = as_real("t_end", t_end, binding.number)
         times = (np.array([end], trajectory.t.dtype),
                  np.array([last_elapsed + partial_run.dt], trajectory.elapsed.dtype))

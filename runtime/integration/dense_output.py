@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["between", "epsilon_of_times", "partial_steps", "places_of", "refuse_forgotten",
-           "refuse_of_another", "run_together", "stored_steps_at"]
+           "refuse_impacts", "refuse_of_another", "run_together", "stored_steps_at"]
 
 Array = NDArray[Any]
 
@@ -69,6 +69,7 @@ def _states_at(
     fill: Callable[[EnsembleStates], None],
 ) -> Trajectory:
     refuse_of_another(stepper, trajectory)
+    refuse_impacts(trajectory)
     refuse_forgotten(stepper, trajectory)
     t = _times(stepper, times)
     clocked = stepper.binding.clocked
@@ -299,6 +300,14 @@ def refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
         raise InputError(f"Input {changing[0]!r} changes in this run, and what it was in each step "
                          "is not kept in files, nor with states between steps: ask the trajectory "
                          "that integrate returned.")
+
+
+def refuse_impacts(trajectory: Trajectory) -> None:
+    """Refuse a trajectory with impacts, whose states do not follow from each other by steps."""
+    if trajectory.report.impacts:  # also of a run that is read from a file
+        raise InputError("The run has impacts, at which its momenta jump: states between its steps "
+                         "and derivatives are not computed through them; store more rows, or take "
+                         "differences of runs.")
 
 
 def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..events.observer import Observer
 
 __all__ = ["FIRST_STEPS", "ChunkSize", "advance_and_detect", "course", "ended_at", "failure_of",
-           "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
+           "fill", "finished", "integrate", "next_chunk", "thin", "trajectory_of"]
 
 Array = NDArray[Any]
 #: Takes steps as ``Binding.integrate`` does.
@@ -92,6 +92,14 @@ def integrate(
     with catch_ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
         trajectory, status, state = course(binding, manifest, run, lambda: interrupts.requested,
                                            progress, observer)
+    return finished(binding, manifest, run, trajectory, status, state, interrupts)
+
+
+def finished(
+    binding: Binding, manifest: Manifest, run: RunArguments, trajectory: Trajectory, status: int,
+    state: RunState, interrupts: Interrupts,
+) -> Trajectory:
+    """Return a trajectory that came to its end, or raise the error of one that did not."""
     if status:
         last = trajectory.report
         diagnosis = diagnose(binding, manifest, run.at_step(last.steps), status, state.q, state.p,

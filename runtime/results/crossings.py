@@ -14,7 +14,7 @@ from ...core.html import card, table
 if TYPE_CHECKING:
     from ..bindings.binding import Binding
 
-__all__ = ["Crossings", "CrossingsOfMany"]
+__all__ = ["Crossings", "CrossingsOfMany", "Impacts"]
 
 Array = NDArray[Any]
 #: Crossings that notebooks show.
@@ -74,10 +74,7 @@ class Crossings:
 
         ``ahead`` is 1 or −1, the sign of dt.
         """
-        selected = np.array(ahead * (self.t - begin) >= 0, bool)
-        if end is not None:
-            selected &= np.array(ahead * (self.t - end) <= 0, bool)
-        return self._selected(selected)
+        return self._selected(_within(self.t, begin, end, ahead))
 
     def _selected(self, selected: Array) -> Crossings:
         return Crossings(self.t[selected], self.q[selected], self.p[selected], self.steps[selected],
@@ -95,6 +92,72 @@ class Crossings:
                 in zip(self.t[:_SHOWN], self.steps, self.rising, strict=False)]
         return card(f"Crossings: {len(self):,}",
                     table(rows, ("t / s", "steps before", "direction")))
+
+
+def _within(t: Array, begin: Any, end: Any, ahead: int) -> Array:
+    """Return which times are from ``begin`` to ``end``, None for no end."""
+    selected = np.array(ahead * (t - begin) >= 0, bool)
+    if end is not None:
+        selected &= np.array(ahead * (t - end) <= 0, bool)
+    return selected
+
+
+@explain_arguments
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """The impacts of a gap, in the order of the run.
+
+    Attributes
+    ----------
+    t : array, shape (K,)
+        Times, to some units in the last place.
+    q, p_before, p : array, shape (K, n)
+        The coordinates, and the momenta before and after.
+    impulse : array, shape (K,)
+        −(1 + e) φ̇/(nᵀ H_pp n), by which n is added to p: of a gap in metres in N s.
+    energy_lost : array, shape (K,)
+        H before less H after, in joules.
+    steps : array of int, shape (K,)
+        Whole steps of the run before each.
+    elapsed : array, shape (K,)
+        Times since the start of the run, which have more digits than t where that is late.
+    """
+
+    t: Array
+    q: Array
+    p_before: Array
+    p: Array
+    impulse: Array
+    energy_lost: Array
+    steps: Array
+    elapsed: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "<Impacts: none>"
+        return (f"<Impacts: {len(self):,}, from t = {float(self.t[0]):.6g} to "
+                f"{float(self.t[-1]):.6g} s, energy lost {float(self.energy_lost.sum()):.6g} J>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: time, impulse and loss of the first impacts."""
+        rows = [(f"{float(t):.9g}", f"{float(impulse):.6g}", f"{float(lost):.6g}")
+                for t, impulse, lost in zip(self.t[:_SHOWN], self.impulse, self.energy_lost,
+                                            strict=False)]
+        return card(f"Impacts: {len(self):,}", table(rows, ("t / s", "impulse", "energy lost")))
+
+    def within(self, begin: Any, end: Any, ahead: int) -> Impacts:
+        """Return the impacts between two times, as ``Crossings.within``."""
+        selected = _within(self.t, begin, end, ahead)
+        return Impacts(*(getattr(self, name)[selected] for name in self.__dataclass_fields__))
+
+    @property
+    def crossings(self) -> Crossings:
+        """The crossings of the gap through 0, with the momenta before."""
+        return Crossings(self.t, self.q, self.p_before, self.steps,
+                         np.zeros(len(self), bool), self.elapsed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,7 @@ class Report:
 
     In scaled time W is what H has changed by as the steps have it, so that the energy error is
     |H + e|; ``time_step_min`` and ``time_step_max`` are the smallest and the largest Δt.
+    ``impacts`` counts the jumps of the momenta.
     """
 
     steps: int
@@ -56,6 +57,7 @@ class Report:
     energy_waits: int = 0
     time_step_min: float = 0.0
     time_step_max: float = 0.0
+    impacts: int = 0
 
     def __repr__(self) -> str:
         scaled = (f", from {self.time_step_min:.3g} to {self.time_step_max:.3g} s long"

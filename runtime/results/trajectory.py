@@ -32,7 +32,7 @@ from ..compilation.body_columns import (
 )
 from .beam_motion import BeamMotion
 from .body_motion import BodyMotion, FrameName, PlacedMotion, total_momenta
-from .crossings import Crossings
+from .crossings import Crossings, Impacts
 from .diagnostics import Report
 from .joint_motion import JointMotion
 from .rotation_rate import fastest_rotation
@@ -103,7 +103,11 @@ class Trajectory(Shown):
     report : Report
         Diagnostics over every step.
     events : dict of str to Crossings
-        Where the events that were asked for happened: ``events["height"].t``, ``.q``, ``.p``.
+        Where the events that were asked for happened: ``events["height"].t``, ``.q``, ``.p``; of
+        impacts with the momenta before.
+    impacts : dict of str to Impacts
+        The impacts of each gap: ``impacts["floor"].t``, ``.q``, ``.p_before``, ``.p``,
+        ``.impulse``, ``.energy_lost``. Files have the crossings of the gaps alone.
     """
 
     t: Array
@@ -127,6 +131,8 @@ class Trajectory(Shown):
     quantity_values: Array
     #: Where its events happened, by their names; see ``gyrospark.Event``.
     events: dict[str, Crossings] = field(default_factory=dict, repr=False)
+    #: The impacts of its gaps, by their names; see ``gyrospark.Impact``.
+    impacts: dict[str, Impacts] = field(default_factory=dict, repr=False)
     #: The event that ends a run at t_end in scaled time, by its name.
     _end_event: dict[str, Crossings] = field(default_factory=dict, repr=False)
     #: Derivatives of the stored states, where ``integrate(tangents=...)`` was asked for them.
@@ -151,7 +157,7 @@ class Trajectory(Shown):
         States, and a report by ``_read`` in place of ``report``, may be made when asked for.
         """
         return changed(object.__new__(cls), **{
-            "events": {}, "_end_event": {}, **others, "_states": states})
+            "events": {}, "impacts": {}, "_end_event": {}, **others, "_states": states})
 
     def of_states(self, states: States, **changes: Any) -> Trajectory:
         """Return a trajectory with other states, and other values of some fields."""
@@ -245,7 +251,9 @@ class Trajectory(Shown):
         end = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]
         events = {name: crossings.within(begin, end, ahead)
                   for name, crossings in self.events.items()}
+        impacts = {name: one.within(begin, end, ahead) for name, one in self.impacts.items()}
         return changed(self, **arrays, every=self.every * row_range.step, events=events,
+                       impacts=impacts,
                        tangents=None, _inputs=None, _origin=None, _states=None,
                        _grid=self._grid if row_range[-1] == len(self) - 1 else None)
 
@@ -324,10 +332,15 @@ class Trajectory(Shown):
             self.q, self.p, parameters=self.parameters, t=self.t, of_motion=True)
 
     def energy_error(self, *, of_motion: bool = False, stepper: Maker | None = None) -> Array:
-        """Return H_k − H_0 − W_k of each stored state, W the work of the forces since the first of
-        them, shape (N+1,); arguments as for ``energy``."""
+        """Return H_k − H_0 − W_k + L_k of each stored state, W the work of the forces since the
+        first of them, L the energy lost in impacts, shape (N+1,); arguments as for ``energy``."""
         H = self.energy(of_motion=of_motion, stepper=stepper)
         error: Array = H - H[0] - (self.work - self.work[0])
+        for impacts in self.impacts.values():
+            ahead = 1 if self.dt > 0 else -1
+            lost = np.concatenate([np.zeros(1, H.dtype), np.cumsum(impacts.energy_lost)])
+            count = np.searchsorted(ahead * impacts.elapsed, ahead * self.elapsed, side="right")
+            error = error + (lost[count] - lost[count[0]])
         return error
 
     @property

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_flag, as_mapping, few
 from ...core.calls import explain_arguments
-from ...core.event import Event, as_events
+from ...core.event import Event, Impact, as_events, as_impacts
 from ...core.exact_numbers import Number, Numbers
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
@@ -28,10 +28,16 @@ from ...core.start import HasStart
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import SOLVERS
 from ..bindings.inputs import InputRows, Inputs, as_inputs
-from ..compilation.stepper_module import provenance
+from ..compilation.stepper_module import load_module, provenance
 from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
 from ..devices.ensemble import DeviceName
+from ..events.impacts import (
+    ImpactBinding,
+    integrate_with_impacts,
+    joined,
+    refuse_unusable,
+)
 from ..events.last_step import ended_between
 from ..events.observer import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
@@ -103,6 +109,7 @@ class Stepper(Dynamics):
         #: The largest rotation in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
+        self._impacts: ImpactBinding | None = None
 
     def __repr__(self) -> str:
         return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
@@ -220,7 +227,7 @@ class Stepper(Dynamics):
         t_end: Number | None = None,
         steps: int | None = None, parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
-        t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
+        t_eval: ArrayLike | None = None, events: Event | Impact | Sequence[Event | Impact] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None, progress: Progress = None,
     ) -> Trajectory: ...
@@ -231,7 +238,7 @@ class Stepper(Dynamics):
         dtau: Number | None = None, t_end: Number | None = None, steps: int | None = None,
         parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
-        t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
+        t_eval: ArrayLike | None = None, events: Event | Impact | Sequence[Event | Impact] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None, progress: Progress = None,
     ) -> Trajectory: ...
@@ -250,7 +257,7 @@ class Stepper(Dynamics):
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         every: int = 1,
         t_eval: ArrayLike | None = None,
-        events: Event | Sequence[Event] = (),
+        events: Event | Impact | Sequence[Event | Impact] = (),
         tangents: Tangents | None = None,
         solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None,
@@ -301,7 +308,8 @@ class Stepper(Dynamics):
             Where a quantity crosses a level: in ``Trajectory.events`` by name. Every step is
             looked at, stored or not; a crossing is solved for by short real steps, to some units
             in the last place of its time. A terminal event ends the run: its state is the last
-            row, behind the stored ones.
+            row, behind the stored ones. Or impacts, ``gs.Impact("gap", restitution=0.8)``: there
+            the momenta jump, and the run continues on its grid; see ``Trajectory.impacts``.
         tangents : Tangents, optional
             Directions whose derivatives are computed along the run: ``Trajectory.tangents``, at
             ``t_eval``, at events and in the last row of a terminal one too. A row at a given time
@@ -336,7 +344,9 @@ class Stepper(Dynamics):
         state = merged_start(self, start, p, parameters)
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver), "excess": state.excess}
-        asked = as_events(events, self.manifest.system.event_quantities)
+        names = self.manifest.system.event_quantities
+        impacts = as_impacts(events, names)
+        asked = () if impacts else as_events(events, names)
         clock, end_event = self.manifest.system.clock, ""
         if clock is not None and steps is None and t_end is not None:
             end = end_of_run(clock, asked, state.t, t_end, dt)
@@ -348,6 +358,11 @@ class Stepper(Dynamics):
             state.q, state.p, dt=dt, steps=count, every=every, inputs=fed, **given))
         run = replace(run, open_end=bool(end_event))
         rest: Any = self.binding.number(span) if span else 0
+        if impacts:
+            refuse_unusable(self, run, impacts, stored=out is not None and "a stored run (out)",
+                            t_eval=t_eval is not None and "t_eval",
+                            derivatives=tangents is not None and "tangents")
+            return self._with_impacts(run, impacts, progress, span, t_end, rest)
         if out is not None:
             step_count(steps, t_end, state.t, dt)
             stored: Trajectory = function_of("storage.record", "record")(
@@ -438,6 +453,37 @@ class Stepper(Dynamics):
             solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside
+
+    def _with_impacts(
+        self, run: RunArguments, impacts: tuple[Impact, ...], progress: Progress, span: Any,
+        t_end: Any, rest: Any,
+    ) -> Trajectory:
+        """Return a checked run with impacts, up to t_end."""
+        self._warned(run)
+        with log_progress(f"integrating {self.name}", run.steps, progress) as report:
+            found = integrate_with_impacts(self, run, impacts, report)
+        if span and found.report.steps == run.steps:
+            parts: list[Trajectory] = []
+
+            def last_part(partial: RunArguments) -> Trajectory:
+                parts.append(integrate_with_impacts(self, partial, impacts))
+                return parts[0]
+
+            whole, elapsed = found.impacts, found.elapsed[-1]
+            found = ended_between(self, run, (), found, span, t_end, last_part)
+            both = {name: joined(earlier, parts[0].impacts[name], run.steps, elapsed)
+                    for name, earlier in whole.items()}
+            count = sum(map(len, both.values()))
+            found = changed(found, impacts=both, report=replace(found.report, impacts=count))
+        return found.made_by(self, Origin(run, rest=rest))
+
+    def _impact_binding(self) -> ImpactBinding:
+        """Calls of runs with impacts, derived and compiled when first called."""
+        with self._deriving:
+            if self._impacts is None:
+                module = load_module(self.name, self._derivative_files(), "impacts")
+                self._impacts = ImpactBinding(self._bound(module))
+        return self._impacts
 
     def _at(
         self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None

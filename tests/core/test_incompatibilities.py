@@ -20,6 +20,7 @@ from gyrospark.generator.schemes.named_schemes import SCHEMES
 from gyrospark.generator.spec import Spec
 from gyrospark.interop.discrete_flow import DiscreteFlow
 from gyrospark.runtime.devices.ensemble import refuse_on_device
+from gyrospark.runtime.events.impacts import refuse_unusable
 from gyrospark.runtime.results.joint_motion import cotangents_of_multipliers
 from processes import ROOT
 
@@ -139,6 +140,23 @@ def watched():
     gs.build("cpp", model, scheme="G-L", stages=2, out="never")
 
 
+def hit(name, *pair, **options):
+    """Integrate a system of the catalogue with an impact of its first coordinate."""
+    def call():
+        step = systems.stepper(name)
+        events = [gs.Impact(step.manifest.system.coordinates[0]), *pair]
+        integrated(name, events=events, **options)()
+    return call
+
+
+def unhit(n=2, real="double", energy=False):
+    """Refuse impacts of a stepper that costs much to compile."""
+    stepper = SimpleNamespace(symmetries=(), binding=SimpleNamespace(
+        n=n, solves=True, clocked=False, rows=0), manifest=SimpleNamespace(
+            real=real, system=None, scheme=SimpleNamespace(exact_energy=energy)))
+    return lambda: refuse_unusable(stepper, None, ())
+
+
 CHANGING = {"push": [0.1, 0.2, 0.3], "pull": 0.1}
 TERMINAL = gs.Event("q1", terminal=True)
 #: Pair → a call that has both.
@@ -202,6 +220,22 @@ CALLS = {
     ("ensemble", "terminal"): many("kepler", events=gs.Event("x", terminal=True)),
     ("sweep", "terminal"): swept(events=[TERMINAL]),
     ("sweep", "float128"): swept("float128"),
+    ("impacts", "other_runs"): many("kepler", events=gs.Impact("x")),
+    ("impacts", "events"): hit("kepler", gs.Event("x")),
+    ("impacts", "t_eval"): hit("kepler", t_eval=[0.05]),
+    ("impacts", "derivatives"): hit("kepler", tangents=gs.Tangents()),
+    ("impacts", "stored"): hit("kepler", out="never.zarr"),
+    ("impacts", "splitting"): lambda: gs.stepper(
+        "splitting", order=2, system=systems.case("kepler").system).integrate(
+            [1.0, 0.0], [0.0, 1.0], dt=0.1, steps=2, parameters={"k": 1.0},
+            events=gs.Impact("x")),
+    ("impacts", "frame"): hit("heavy_top_in_frame"),
+    ("impacts", "energy"): unhit(energy=True),
+    ("impacts", "scaled"): scaled(lambda step, start, run: step.integrate(
+        start, dtau=0.1, steps=2, events=gs.Impact("x"))),
+    ("impacts", "velocity_constraints"): hit("sleigh"),
+    ("impacts", "large"): unhit(n=29),
+    ("impacts", "float128"): unhit(real="float128"),
     ("artefact", "events"): watched,
     ("fmu", "not_double"): lambda: gs.build(
         "fmu2", "fast-top", scheme="IMS", dt=0.01, out="never.fmu", real="float"),

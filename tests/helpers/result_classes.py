@@ -18,7 +18,7 @@ RESULT_CLASSES = tuple(f"gyrospark.{name}" for name in (
     "runtime.events.poincare_section.Section",
     "runtime.results.beam_motion.BeamMotion",
     "runtime.results.body_motion.BodyMotion",
-    "runtime.results.crossings.Crossings",
+    "runtime.results.crossings.Crossings", "runtime.results.crossings.Impacts",
     "runtime.results.diagnostics.Report",
     "runtime.results.joint_motion.JointMotion",
     "runtime.results.tangent_rows.TangentRows",

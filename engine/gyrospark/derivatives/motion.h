@@ -132,12 +132,10 @@ int NAME(accelerations)(const parameters_t *parameters, const real q[N], const r
     return status;
 }
 
-void NAME(inverse_mass)(const parameters_t *parameters, const real q[N], const real p[N],
-    real *inverse, void *memory)
+/* inverse <- H_pp, N rows */
+static void evaluate_inverse_mass(const constants *at, const real q[N], const real p[N],
+    real *inverse, derivatives_t *d)
 {
-    derivatives_t *d = derivatives_of(memory);
-    prepare(parameters, &d->work.constants);
-    const constants *at = AT(&d->work.constants, start_time(parameters));
 #if GS_ELEMENTS
     const real zero[N] = { 0 };
     evaluate_rates(at, q, p, zero, 0, &d->rates);
@@ -148,11 +146,20 @@ void NAME(inverse_mass)(const parameters_t *parameters, const real q[N], const r
     }
 #else
     real H_pq[N][N], H_pp[N][N], H_pt[N];
+    (void)d;
     velocity_derivatives(at, q, p, H_pq, H_pp, H_pt);
     for (int a = 0; a < N; ++a)
         for (int b = 0; b < N; ++b)
             inverse[a*N + b] = H_pp[a][b];
 #endif
+}
+
+void NAME(inverse_mass)(const parameters_t *parameters, const real q[N], const real p[N],
+    real *inverse, void *memory)
+{
+    derivatives_t *d = derivatives_of(memory);
+    prepare(parameters, &d->work.constants);
+    evaluate_inverse_mass(AT(&d->work.constants, start_time(parameters)), q, p, inverse, d);
 }
 
 #endif

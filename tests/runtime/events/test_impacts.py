@@ -1,0 +1,284 @@
+"""Impacts: Newton's law where gaps close, on the grid of the run; closed forms, order, energy."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import budget
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+
+EPS = 2.0**-52
+z, pz, t = sp.symbols("z pz t", real=True)
+m, g, c, width = sp.symbols("m g c width", positive=True)
+push = sp.Symbol("push", real=True)
+
+#: (α, β, α̇, β̇) of the double pendulum with a wall at t = 2: Taylor series in 40 digits.
+REFERENCES = {
+    1: (-.05524820165037671345, -.6954572041855481544904, 1.835873378197671770577,
+        1.212316797417326875254),
+    0.5: (-.03013680403073061728, -.5157090040215214651546, .6474817881235305610658,
+          .8845625403997008562901)}
+FIRST_HITS = .76352320786946771115, 2.28475925744446628, 3.79994379415922505
+
+
+@cache
+def stepper(name: str, scheme: str = "G-L", stages: int | None = 2) -> gs.Stepper:
+    """Return a stepper of one of the systems of this file, with its module of impacts."""
+    with budget.shared():
+        made = gs.stepper(scheme, stages, system=SYSTEMS[name])
+        made._impact_binding()
+    return made
+
+
+def _pendulum() -> gs.System:
+    q, p = sp.symbols("x1 y1 x2 y2", real=True), sp.symbols("u1 v1 u2 v2", real=True)
+    (x1, y1, x2, y2), T = q, sum(u**2 for u in p) / 2
+    return gs.System(q, p, (g, width), T + g * (y1 + y2), [
+        x1**2 + y1**2 - 1, (x2 - x1)**2 + (y2 - y1)**2 - 1], name="pendulum_and_wall",
+        quantities={"gap": width - x2, "held": x1**2 + y1**2})
+
+
+def _cradle() -> gs.System:
+    q, p = sp.symbols("x1:6", real=True), sp.symbols("u1:6", real=True)
+    return gs.System(q, p, (m,), sum(u**2 for u in p) / (2 * m), name="cradle", quantities={
+        f"gap{i}": q[i + 1] - q[i] - 1 for i in range(4)})
+
+
+SYSTEMS = {
+    "ball": gs.System((z,), (pz,), (m, g), pz**2 / (2 * m) + m * g * z, name="ball",
+                      quantities={"floor": z, "roof": 1 - z, "speed": pz / m}),
+    "dragged": gs.System((z,), (pz,), (m, g, c), pz**2 / (2 * m) + m * g * z, name="dragged_ball",
+                         forces=(push - c * pz,), inputs=(push,), quantities={"floor": z}),
+    "wall": gs.System((z,), (pz,), (m,), pz**2 / (2 * m), time=t, name="moving_wall",
+                      quantities={"wall": z + sp.sin(t) / 10}),
+    "quartic": gs.System((z,), (pz,), (), pz**4 / 4, name="quartic", quantities={"floor": z}),
+    "pendulum": _pendulum(), "cradle": _cradle()}
+
+
+def dropped(steps: int = 200, *, restitution: float = 0.5, **options):
+    """Return the run of a ball that falls from 1 m."""
+    return stepper("ball").integrate([1.0], [0.0], **{"dt": 0.01, "steps": steps} | options,
+                                     parameters={"m": 1, "g": 9.81},
+                                     events=gs.Impact("floor", restitution=restitution))
+
+
+def swung(steps: int, *, scheme: str = "G-L", stages: int | None = 2, restitution=1.0, end=2.0,
+          start=None, ahead: int = 1, **options):
+    """Return the run of the double pendulum beside a wall."""
+    a, b = -0.9, -0.4
+    q = np.array([np.sin(a), -np.cos(a), np.sin(a) + np.sin(b), -np.cos(a) - np.cos(b)])
+    return stepper("pendulum", scheme, stages).integrate(
+        *((q, 0 * q) if start is None else start), dt=ahead * end / steps, steps=steps,
+        parameters={"g": 9.81, "width": 0.3}, events=gs.Impact("gap", restitution=restitution),
+        **options)
+
+
+def angles(q, p):
+    """Return α, β and their rates."""
+    a, b = np.arctan2(q[0], -q[1]), np.arctan2(q[2] - q[0], q[1] - q[3])
+    return np.array([a, b, p[0] * np.cos(a) + p[1] * np.sin(a),
+                     (p[2] - p[0]) * np.cos(b) + (p[3] - p[1]) * np.sin(b)])
+
+
+def test_the_law_in_symbols():
+    """The rate is reversed, g_q H_p stays, and T for e = 1, of momenta on the constraints or off.
+    """
+    e, (k1, k2) = sp.Symbol("e"), sp.symbols("k1 k2", positive=True)
+    K = sp.diag(k1, k2, 1)
+    p, row, G = (sp.Matrix(sp.symbols(f"{name}:3")) for name in "prG")
+    dot = lambda x, y: (x.T * K * y)[0]  # noqa: E731  a formula
+    normal = row - G * dot(G, row) / dot(G, G)
+    kappa = dot(row, row) - dot(G, row)**2 / dot(G, G)
+    along = lambda x: dot(row, x) - dot(G, row) * dot(G, x) / dot(G, G)  # noqa: E731
+
+    def vanishes(x):
+        return sp.expand(sp.fraction(sp.together(x))[0]) == 0
+
+    assert vanishes(dot(normal, normal) - kappa)
+    assert vanishes(dot(G, normal))
+    assert vanishes(along(normal) - kappa)
+    # along is linear, so that these give along(p+) = -e along(p), and of H:
+    gain = sp.Symbol("a")  # along(p) = n^T K p
+    assert vanishes(dot(normal, p) - along(p))
+    c = (1 + e) * gain / sp.Symbol("kappa")
+    assert vanishes(-c * gain + c**2 * sp.Symbol("kappa") / 2
+                    + (1 - e**2) * gain**2 / (2 * sp.Symbol("kappa")))
+
+
+def test_a_ball_comes_to_rest():
+    """Times, losses and t∞ in closed form; the run ends where impacts are not resolved any more."""
+    with pytest.warns(gs.errors.InputWarning, match="floor"):
+        run = dropped()
+    hits, fall = run.impacts["floor"], np.sqrt(2 / 9.81)
+    k = np.arange(len(hits))
+    assert len(hits) > 40
+    assert np.abs(hits.t - fall * (3 - 2 * 0.5**k)).max() < 4 * EPS
+    assert np.abs(hits.energy_lost / (0.75 * 9.81 * 0.25**k) - 1)[:20].max() < 1e-9
+    assert np.allclose(hits.p, -0.5 * hits.p_before, rtol=1e-14, atol=0)
+    assert np.allclose(hits.impulse, (hits.p - hits.p_before)[:, 0], rtol=1e-14, atol=0)
+    assert 0 <= 3 * fall - run.t[-1] < 32 * EPS
+    assert run.q.min() > -EPS
+    assert np.abs(run.energy_error()).max() < 32 * EPS
+    assert run.report.energy_error_max < 32 * EPS
+    assert np.array_equal(run.events["floor"].p, hits.p_before)
+
+
+def test_rows_stay_on_the_grid_and_the_first_have_the_bits_of_a_run_without():
+    run, free = dropped(100), stepper("ball").integrate(
+        [1.0], [0.0], dt=0.01, steps=100, parameters={"m": 1, "g": 9.81})
+    assert np.array_equal(run.t, free.t)
+    before = run.t < run.impacts["floor"].t[0]
+    assert np.array_equal(run.q[before], free.q[before])
+    assert np.array_equal(run.p[before], free.p[before])
+    fewer = dropped(100, every=7)
+    assert np.array_equal(fewer.q, run.q[[*range(0, 100, 7), 100]])
+    assert np.array_equal(fewer.impacts["floor"].t, run.impacts["floor"].t)
+
+
+def test_an_end_between_two_steps_and_one_at_an_impact():
+    whole, part = dropped(124), dropped(None, t_end=1.234567)
+    assert part.t[-1] == 1.234567
+    assert np.array_equal(part.q[:-1], whole.q[:-1])
+    assert np.array_equal(part.impacts["floor"].t, whole.impacts["floor"].t)
+    last = dropped(None, t_end=float(whole.impacts["floor"].t[1]) + 1e-5)
+    assert len(last.impacts["floor"]) == 2
+    assert last.impacts["floor"].steps[-1] == whole.impacts["floor"].steps[1]
+    assert abs(last.impacts["floor"].elapsed[1] - whole.impacts["floor"].elapsed[1]) < 8 * EPS
+
+
+def test_many_impacts_within_a_step():
+    """Between two walls with a speed of 3001: 3001 times in a second, in two steps."""
+    run = stepper("ball").integrate(
+        [0.25], [3001.0], dt=0.5, steps=2, parameters={"m": 1, "g": 1e-9},
+        events=[gs.Impact("floor"), gs.Impact("roof")])
+    times = np.sort(np.concatenate([one.t for one in run.impacts.values()]))
+    assert np.abs(times - (0.75 + np.arange(3001)) / 3001).max() < 1e-10
+    assert abs(len(run.impacts["roof"]) - len(run.impacts["floor"])) == 1
+    assert np.abs(np.abs(run.p[-1]) - 3001).max() < 1e-9
+
+
+@pytest.mark.parametrize(("excess", "count"), [(1e-6, 1), (-1e-6, 0)])
+def test_two_crossings_within_a_step(excess, count):
+    """Thrown at a roof: the gap would be negative for a millisecond in the middle of a step."""
+    run = stepper("ball").integrate(
+        [0.0], [np.sqrt(2 * 9.81 * (1 + excess))], dt=0.9, steps=1,
+        parameters={"m": 1, "g": 9.81}, events=gs.Impact("roof"))
+    assert len(run.impacts["roof"]) == count
+    assert run.energy_error()[-1] == pytest.approx(0, abs=1e-13)
+
+
+@pytest.mark.parametrize("restitution", [1, 0.5])
+@pytest.mark.parametrize(("scheme", "stages", "steps", "order"), [
+    ("G-L", 2, 100, 4), ("EMS", None, 100, 2),
+    *(pytest.param("G-L", s, n, 2 * s, marks=pytest.mark.slow)  # other stages: compiled for this
+      for s, n in ((1, 200), (3, 50), (4, 25)))])
+def test_the_order_of_the_scheme_through_impacts(scheme, stages, steps, order, restitution):
+    errors = [np.abs(angles(run.q[-1], run.p[-1]) - REFERENCES[restitution]).max()
+              for run in (swung(n, scheme=scheme, stages=stages, restitution=restitution)
+                          for n in (steps, 2 * steps, 4 * steps))]
+    assert errors[0] > 1e-12
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.2)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.4)
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_the_way_back(scheme, stages, backwards):
+    """With e = 1 the momenta reversed, or dt, lead back to the start: the grid is kept."""
+    run = swung(200, scheme=scheme, stages=stages, end=4.0)
+    assert np.abs(run.impacts["gap"].t - FIRST_HITS).max() < 2e-2
+    back = swung(200, scheme=scheme, stages=stages, end=4.0, ahead=-1 if backwards else 1,
+                 start=(run.q[-1], run.p[-1] if backwards else -run.p[-1]))
+    assert np.abs(back.q[-1] - run.q[0]).max() < 1e-13
+    assert np.abs(back.p[-1]).max() < 1e-13
+    assert back.report.constraint_max < 16 * EPS
+    if scheme == "EMS":
+        assert run.report.energy_error_max < 128 * EPS
+        assert not run.impacts["gap"].energy_lost.any()
+
+
+def test_a_moving_wall():
+    """The speed relative to the wall is reversed; what H gains is the work of the wall."""
+    run = stepper("wall").integrate([1.0], [-1.0], dt=0.01, steps=150, parameters={"m": 1},
+                                    events=gs.Impact("wall", restitution=0.5))
+    hits = run.impacts["wall"]
+    assert len(hits) == 1
+    (time,), speed = hits.t, -np.cos(hits.t[0]) / 10
+    assert abs(1 - time + np.sin(time) / 10) < 4 * EPS
+    assert hits.p[0, 0] == pytest.approx(speed - 0.5 * (-1 - speed), rel=1e-14)
+    assert hits.energy_lost[0] == pytest.approx((1 - hits.p[0, 0]**2) / 2, rel=1e-13)
+
+
+def test_forces_and_inputs_through_impacts():
+    """H − H₀ − W + L is of the order of the scheme, W summed over the parts of steps."""
+    inputs = {"push": np.repeat([-1.0, 2.0], 50)}
+    errors = [np.abs(stepper("dragged").integrate(
+        [0.5], [0.0], dt=1.0 / n, steps=n, parameters={"m": 1, "g": 9.81, "c": 0.3},
+        inputs={"push": np.repeat(inputs["push"], n // 100)},
+        events=gs.Impact("floor", restitution=0.8)).energy_error()).max() for n in (100, 200)]
+    assert errors[0] < 1e-6
+    assert errors[1] < errors[0] / 10 or errors[1] < 64 * EPS
+
+
+def test_a_cradle_hits_one_ball_after_another():
+    """Balls that touch: the last one leaves, in as many impacts as there are gaps."""
+    run = stepper("cradle", "EMS", None).integrate(
+        [-0.5, 1, 2, 3, 4], [1, 0, 0, 0, 0], dt=0.1, steps=20, parameters={"m": 1},
+        events=[gs.Impact(f"gap{i}") for i in range(4)])
+    assert np.abs(run.p[-1] - [0, 0, 0, 0, 1]).max() < 8 * EPS
+    assert [len(one) for one in run.impacts.values()] == [1] * 4
+    assert all(abs(one.t[0] - 0.5) < 4 * EPS for one in run.impacts.values())
+
+
+def test_a_start_on_the_floor():
+    """Falling, it is an impact at once; at rest, the run ends at once."""
+    ball = stepper("ball")
+    run = ball.integrate([0.0], [-1.0], dt=0.01, steps=5, parameters={"m": 1, "g": 9.81},
+                         events=gs.Impact("floor"))
+    assert run.impacts["floor"].t.tolist() == [0.0]
+    assert run.p[1, 0] == pytest.approx(1 - 0.0981)
+    with pytest.warns(gs.errors.InputWarning, match="floor"):
+        run = ball.integrate([0.0], [0.0], dt=0.01, steps=5, parameters={"m": 1, "g": 9.81},
+                             events=gs.Impact("floor"))
+    assert len(run) <= 2
+    assert abs(run.t[-1]) < 1e-7
+
+
+def test_files_have_the_crossings(tmp_path):
+    run = dropped(100)
+    read = gs.load(run.save(tmp_path / "ball.npz"))
+    assert np.array_equal(read.events["floor"].t, run.impacts["floor"].t)
+    assert len(run[:50].impacts["floor"]) == 1
+    assert "energy lost" in repr(run.impacts["floor"])
+    assert read.report.impacts == run.report.impacts == len(run.impacts["floor"])
+    with pytest.raises(InputError, match="impacts"):
+        read.gradient({"q": np.ones(101)}, stepper=stepper("ball"))
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: gs.Impact("floor", restitution=1.1), "1.1"),
+    (lambda: gs.Impact("floor", restitution="high"), "high"),
+    (lambda: gs.Impact(3), "3"),
+    (lambda: gs.Impact("floor", name=3), "3"),
+    (lambda: dropped(dt=-0.01), "backwards"),
+    (lambda: stepper("ball").integrate([-0.5], [0.0], dt=0.01, steps=1, parameters={
+        "m": 1, "g": 9.81}, events=gs.Impact("floor")), "-0.5"),
+    (lambda: stepper("ball").integrate([0.5], [0.0], dt=0.01, steps=1, parameters={
+        "m": 1, "g": 9.81}, events=gs.Impact("speed")), "pz"),
+    (lambda: stepper("ball").integrate([0.5], [0.0], dt=0.01, steps=1, parameters={
+        "m": 1, "g": 9.81}, events=gs.Impact("z")), "quantities"),
+    (lambda: stepper("ball").integrate([0.5], [0.0], dt=0.01, steps=1, parameters={
+        "m": 1, "g": 9.81}, events=[gs.Impact("floor"), gs.Impact("floor")]), "floor"),
+    (lambda: stepper("quartic").integrate([0.5], [-1.0], dt=0.1, steps=9, parameters={},
+                                          events=gs.Impact("floor")), "quadratic"),
+    (lambda: dropped(100).at(0.105), "impacts"),
+    (lambda: dropped(100).gradient({"q": np.ones(101)}), "impacts"),
+])
+def test_refusals(call, words):
+    with pytest.raises(InputError, match=words):
+        call()
