@@ -86,24 +86,28 @@ def tuned(
 ) -> tuple[Start, Any, dict[str, Any], Tuned | None]:
     """Return the start with numbers that ``gs.tune`` has found, dt, ``steps`` or t_end, and why.
 
-    ``options`` has dt, step_error, steps and t_end, ``search`` arguments of ``gs.tune``.
+    ``options`` has dt, dtau, step_error, steps and t_end, ``search`` arguments of ``gs.tune``.
     """
+    from ...runtime.integration.run_arguments import step_argument
     from ...runtime.tuning.tune import tune
 
+    clocked = step.binding.clocked
     if options["step_error"] is not None:
         numbers: dict[str, Any] = {
             name: (whole_number if name == "steps" else real_number)(
                 f"--{name.replace('_', '-')}", text)
             for name, text in options.items() if text is not None}
         tuning = tune(step, state, **numbers, **search)
-        dt, span = tuning.dt, _whole({"t_end": numbers["t_end"]}, t0, tuning.dt)
+        dt, span = tuning.dt, {"t_end": numbers["t_end"]}
     else:
+        if clocked or options["dtau"] is not None:
+            options = {**options, "dt": step_argument(step.binding, options["dt"], options["dtau"])}
         dt, span = _span(defaults, options)
-        span = _whole(span, t0, dt)
         if not search:
-            return state, dt, span, None
+            return state, dt, span if clocked else _whole(span, t0, dt), None
         tuning = tune(step, state, dt=dt, steps=steps_of(span, t0, dt), **search)
-    return state.replace(parameters={**state.parameters, **tuning.parameters}), dt, span, tuning
+    return (state.replace(parameters={**state.parameters, **tuning.parameters}), dt,
+            span if clocked else _whole(span, t0, dt), tuning)
 
 
 def steps_for(
@@ -117,9 +121,11 @@ def steps_for(
 
 
 def steps_of(span: Mapping[str, Any], t0: Any, dt: Any) -> int:
-    """Return the whole steps of a run of ``steps`` or to ``t_end``."""
+    """Return the whole steps of a run of ``steps`` or to ``t_end``; 0 where no dt tells them."""
     from ...runtime.integration.run_arguments import span_of
 
+    if dt is None and "t_end" in span:
+        return 0
     return span_of(span.get("steps"), span.get("t_end"), t0, dt)[0]
 
 

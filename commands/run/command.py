@@ -53,7 +53,7 @@ class RunCommand(Grouped):
     groups: ClassVar = {
         "What runs": ("set", "scheme", "stages", "order", "composition", "rep", "tableau", "real",
                       "energy"),
-        "Steps": ("dt", "step_error", "steps", "t_end", "t", "solver", "events"),
+        "Steps": ("dt", "dtau", "step_error", "steps", "t_end", "t", "solver", "events"),
         "Inertia and frame": ("gamma", "alpha", "frame"),
         "What is written": ("out", "every", "resume", "plot", "show", "as_json"),
     }
@@ -75,6 +75,9 @@ class RunCommand(Grouped):
                    "for its rates in short pilot runs (with --gamma auto for both at once), start "
                    "takes the least squares of the start; or rates in rad/s, omega_body=75.4.")
 @click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
+@click.option("--dtau", metavar="DTAU",
+              help="In place of --dt, of a system with time_scale: step of the scaled time; with "
+                   "--step-error the largest that is tried.")
 @click.option("--step-error", metavar="E",
               help="In place of --dt: search the step for which the motion's error up to --t-end "
                    "is at most E, attitudes in rad, points in parts of their reach.")
@@ -111,9 +114,9 @@ class RunCommand(Grouped):
 @json_option
 def run(
     problem: str, gamma: str | None, alpha: str | None, frame: tuple[str, ...], dt: str | None,
-    step_error: str | None, t: str, steps: str | None, t_end: str | None, every: str, solver: str,
-    set: tuple[str, ...], events: tuple[str, ...], out: Path | None, resume: bool,
-    plot: Path | None, show: tuple[Path, ...], as_json: bool, **choice: Any,
+    dtau: str | None, step_error: str | None, t: str, steps: str | None, t_end: str | None,
+    every: str, solver: str, set: tuple[str, ...], events: tuple[str, ...], out: Path | None,
+    resume: bool, plot: Path | None, show: tuple[Path, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
     (.toml); or a robot (.urdf, .xml, .sdf). Without a scheme by (DEFAULT).
@@ -141,7 +144,7 @@ def run(
     """
     check_targets(out, plot, show, resume=resume)
     choice["frame"] = "symmetries" if frame else None
-    chosen, step, start = started(problem, set, choice)
+    chosen, step, start = started(problem, set, choice, scaled=True)
     if show:
         check_bodies(step.manifest)
     if not as_json:  # before a step is taken
@@ -155,14 +158,16 @@ def run(
     method = solver_from(solver)
     state, size, span, tuning = tuned(
         step, state, defaults, begin,
-        {"dt": dt, "step_error": step_error, "steps": steps, "t_end": t_end}, search)
+        {"dt": dt, "dtau": dtau, "step_error": step_error, "steps": steps, "t_end": t_end},
+        search)
     arguments: dict[str, Any] = {
-        "dt": size, **span, "every": whole_number("--every", every),
-        "solver": method, **events_of(events, start.events, step),
+        "dtau" if step.binding.clocked else "dt": size, **span,
+        "every": whole_number("--every", every), "solver": method,
+        **events_of(events, start.events, step),
     }
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
-            count = steps_of(span, begin, size)
+            count = steps_of(span, begin, None if step.binding.clocked else size)
             with progress_bar(count, quiet=as_json) as progress, capture_warnings() as captured:
                 done = integrate_to(step, state, out, arguments, resume=resume, progress=progress)
             trouble = done.trouble

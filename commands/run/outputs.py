@@ -14,6 +14,7 @@ from ...core.arguments import why_unwritable
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ...core.event import Event, as_events, event_of_text
 from ...core.file_formats import ending_of, endings, format_of
+from ...core.incompatibilities import refuse_together
 from ...runtime.plotting.show import ENDINGS
 from ..options import check_ending, check_film, check_picture, check_writable
 from .choices import steps_of
@@ -223,8 +224,8 @@ def _in_memory(
             written = str(trajectory.save(out))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = trouble or error
-    if isinstance(trouble, Stopped):
-        count = steps_of(arguments, start.t, arguments["dt"])
+    count = steps_of(arguments, start.t, arguments.get("dt"))
+    if isinstance(trouble, Stopped) and count:
         trouble = _told(trouble, trajectory.report.steps, count, written)
     return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
                 _ended_by(trajectory, arguments))
@@ -253,15 +254,19 @@ def _stored(
     from ...runtime.integration.run_arguments import step_count
     from ...storage.record import record
 
+    clocked = step.binding.clocked
     if "t_end" in arguments:  # refused, as it lies between two steps
+        refuse_together(stored="a stored run (--out)", open_end=clocked and "t_end in scaled time")
         step_count(None, arguments["t_end"], start.t, arguments["dt"])
+    if clocked:
+        arguments = {**arguments, "dt": arguments["dtau"], "excess": 0.0}
     before = _open(store).steps_done if resume and store.exists() else 0
     trouble: GyrosparkError | Stopped | None = None
     started = time.perf_counter()
     try:
         run = step._resolved(step._run_arguments(start.q, start.p, **{
             "parameters": start.parameters, "t0": start.t,
-            **{name: x for name, x in arguments.items() if name != "events"}}))
+            **{name: x for name, x in arguments.items() if name not in ("events", "dtau")}}))
         events = as_events(arguments.get("events", ()), step.manifest.system.event_quantities)
         recording = record(step, run, events, store, resume=resume, progress=progress)
     except (StepFailed, Stopped) as error:

@@ -53,7 +53,8 @@ def result_of(
     trajectory = done.last
     report = trajectory.report
     end = float(t0) + report.steps * float(trajectory.dt)
-    if trajectory._grid is not None:
+    clocked = step.binding.clocked
+    if trajectory._grid is not None or clocked:
         end = float(trajectory.t[-1])
     result: dict[str, Any] = {
         "problem": start.name,
@@ -63,6 +64,7 @@ def result_of(
         "parameters": {name: float(x) for name, x in trajectory.parameters.items()},
         "steps": report.steps,
         "dt": float(trajectory.dt),
+        **(_adapted(trajectory, end - float(t0)) if clocked else {}),
         "t_end": end,
         "q": list(report.q),
         "p": list(report.p),
@@ -176,7 +178,7 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
     lines = [
         f"{result['problem']} with {result['stepper']} (order {result['order']})",
         *_resumed_lines(result),
-        f"  {result['steps']:,} steps of {result['dt']:g} s to t = {result['t_end']:g} s" + (
+        f"  {result['steps']:,} steps of {_step_size(result)} to t = {result['t_end']:g} s" + (
             f", {result['ns_per_step'] / 1e3:.2f} µs a step" if result["ns_per_step"] else ""),
         *_constraint_lines(result, system),
         f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
@@ -222,6 +224,19 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
     lines += [f"  wrote {path}" for path in
               [*written, *result.get("plot", []), *result.get("show", [])]]
     return "\n".join(lines)
+
+
+def _adapted(trajectory: Trajectory, duration: float) -> dict[str, float]:
+    """Return Δτ, and the mean, the least and the largest Δt, of a run in scaled time."""
+    report = trajectory.report
+    return {"dtau": float(trajectory.dt), "dt": duration / max(report.steps, 1),
+            "dt_min": report.time_step_min, "dt_max": report.time_step_max}
+
+
+def _step_size(result: dict[str, Any]) -> str:
+    if "dtau" not in result:
+        return f"{result['dt']:g} s"
+    return f"dtau = {result['dtau']:g}, {result['dt_min']:.3g} to {result['dt_max']:.3g} s,"
 
 
 def _event_line(name: str, crossings: dict[str, Any]) -> str:

@@ -22,9 +22,12 @@ __all__ = ["arguments_of", "settings_of", "start_of", "started"]
 
 
 def started(
-    problem: str, settings: tuple[str, ...], choice: dict[str, Any]
+    problem: str, settings: tuple[str, ...], choice: dict[str, Any], *, scaled: bool = False
 ) -> tuple[Problem | None, Stepper, RunDefaults]:
-    """Return the problem if it is one of the paper's, the stepper, and the numbers of the start."""
+    """Return the problem if it is one of the paper's, the stepper, and the numbers of the start.
+
+    Systems in scaled time are refused unless ``scaled``.
+    """
     from ...api import model_stepper, stepper_of
 
     entry = None if is_model_file(problem) else entry_named(problem)
@@ -36,7 +39,8 @@ def started(
     spec = spec_from(**choice, system=problem if entry is None else entry.name)
     step, defaults = (model_stepper(spec, settings=settings_of(settings)) if entry is None else
                       model_stepper(spec, options=options))
-    step._refuse_scaled(command="a run by commands")
+    if not scaled:
+        step._refuse_scaled(command="this command")
     return None, step, defaults
 
 

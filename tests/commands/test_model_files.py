@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import gyrospark as gs
+import systems
 from command_line import CONTRACT, refused
 from processes import PATIENCE, ROOT
 
@@ -294,3 +295,57 @@ def test_rules_are_those_of_the_option(gyrospark):
 
     help_text = "".join(gyrospark("run", "--help").stdout.split())
     assert f"--gamma{{{','.join(RULES)},NUMBER}}" in help_text
+
+
+# ---------------------------------------------------------------- scaled time
+
+
+@pytest.fixture
+def orbit(tmp_path):
+    """The eccentric orbit of the catalogue as a file: the options of a run of it."""
+    path = tmp_path / "eccentric.toml"
+    path.write_text("""name = "eccentric"
+[system]
+coordinates = ["x", "y"]
+momenta = ["u", "v"]
+hamiltonian = "(u**2 + v**2)/2 - k/sqrt(x**2 + y**2)"
+time_scale = "(x**2 + y**2)**(3/4)"
+[parameters]
+k = 1
+[start]
+q = [0.4, 0]
+p = [0, 2]
+""")
+    return "run", str(path), "--scheme", "G-L", "--stages", "2"
+
+
+def test_a_run_in_scaled_time_is_that_of_python(orbit, document, gyrospark):
+    step, entry = systems.stepper("eccentric"), systems.case("eccentric")
+    run = step.integrate(gs.Start(entry.q, entry.p, entry.parameters), dtau=0.1, t_end=7)
+    found = document(*orbit, "--dtau", "0.1", "--t-end", "7")
+    assert found.keys() >= CONTRACT
+    assert found["t_end"] == run.t[-1] == 7
+    assert np.abs(np.array(found["q"]) - run.report.q).max() < 1e3 * EPS
+    assert found["steps"] == run.report.steps
+    assert found["dtau"] == 0.1
+    assert found["dt_min"] < found["dt"] == 7 / found["steps"] < found["dt_max"]
+    assert "0.1" in gyrospark(*orbit, "--dtau", "0.1", "--steps", "3").stdout
+
+
+def test_a_stored_run_in_scaled_time_is_resumed(orbit, document, tmp_path, gyrospark):
+    out = "--dtau", "0.1", "--out", str(tmp_path / "a.zarr")
+    document(*orbit, *out, "--steps", "20")
+    again = document(*orbit, *out, "--steps", "40", "--resume")
+    whole = document(*orbit, "--dtau", "0.1", "--steps", "40")
+    assert again["resumed_at"] == 20
+    assert (again["q"], again["t_end"]) == (whole["q"], whole["t_end"])
+    refused(gyrospark(*orbit, *out[:3], str(tmp_path / "b.zarr"), "--t-end", "5"), "t_end", "steps")
+
+
+def test_steps_of_scaled_time_are_asked_for(orbit, document, gyrospark):
+    refused(gyrospark(*orbit, "--dt", "0.1", "--t-end", "5"), "0.1", "dtau")
+    refused(gyrospark(*orbit, "--t-end", "5"), "dtau")
+    refused(gyrospark("run", "fast-top", "--dtau", "0.1", "--steps", "5"), "0.1", "dt")
+    found = document(*orbit, "--dtau", "0.4", "--step-error", "1e-5", "--t-end", "7")
+    assert found["tuned"]["error"] <= 1e-5
+    assert found["dtau"] == found["tuned"]["dt"] < 0.2
