@@ -213,7 +213,7 @@ def test_paths_that_are_no_file(bounded, tmp_path):
 @pytest.mark.parametrize(("arguments", "fragments"), [
     (["--gamma", "m"], ["--gamma", "no body"]),
     (["--rep", "gamma"], ["rep 'gamma'", "[body]"]),
-    (["--set", "mm=2"], ["'mm'", "choose", "m?"]),
+    (["--set", "mm=2"], ["'mm'", "m, g or l", "m?"]),
     (["--set", "m"], ["--set 'm'", "KEY=VALUE"]),
     (["--set", "m=0"], ["m", "divides"]),
     (["--stages", "2"], ["IMS", "no stages"]),
