@@ -51,7 +51,7 @@ NAMES = {
     "forced": "time x y u v energy g_error f_error iterations multipliers0 multipliers1 "
               "multipliers2 work height drive",
     "two constraints": "time x1 y1 x2 y2 px1 py1 px2 py2 energy g_error f_error iterations "
-                       + " ".join(f"multipliers{i}_{j}" for i in range(3) for j in range(2)),
+                       + " ".join(f"multipliers{i}_g{j}" for i in range(3) for j in range(2)),
 }
 
 
@@ -124,7 +124,9 @@ def test_files_go_by_the_systems_names(name, tmp_path):
 def test_headings_differ_whatever_the_names():
     """A name that is taken is told apart by what it is the name of."""
     system = SimpleNamespace(coordinates=("energy", "work"), momenta=("p", "q0"),
-                             velocity_names=(), quantities=("energy", "q_energy", "spin"))
+                             velocity_names=(), constraint_names=(),
+                             velocity_constraint_names=(),
+                             quantities=("energy", "q_energy", "spin"))
     shapes = {"time": (), "q": (2,), "p": (2,), "energy": (), "work": (),
               **{f"quantity_{name}": () for name in system.quantities}}
     assert headings(system, shapes) == [
