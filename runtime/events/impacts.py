@@ -56,7 +56,7 @@ class ImpactBinding:
         """Return a run of its own memory, before the first step."""
         own, memory = self.own, aligned(self._size)
         pointer = own.ffi.cast("void *", own.ffi.from_buffer(memory))
-        e = np.array([as_real("restitution", one.restitution, own.number) for one in impacts])
+        e = np.array([as_real("restitution", impact.restitution, own.number) for impact in impacts])
         state = RunState(run.q.copy(), run.p.copy(), own.report(), WorkMemory(pointer))
         return _Course(own, run, state, memory, gaps, own.converted(e),
                        own.new(len(gaps)), own.new(1))
@@ -126,17 +126,17 @@ def refuse_unusable(
         energy=stepper.manifest.scheme.exact_energy and "energy=True",
         float128=stepper.manifest.real == "float128" and "real='float128'", **asked)
     others = {*system.momenta, *system.velocity_names, *binding.input_names}
-    for one in impacts:
-        if one.quantity not in system.quantities:
-            raise InputError(f"{one.quantity!r} is no quantity of {system.name}; declare the gap, "
-                             f"quantities={{'gap': {one.quantity}}}.")
-        moving = others & {*_WORD.findall(system.quantities[one.quantity])}
+    for impact in impacts:
+        if impact.quantity not in system.quantities:
+            raise InputError(f"{impact.quantity!r} is no quantity of {system.name}; declare the "
+                             f"gap, quantities={{'gap': {impact.quantity}}}.")
+        moving = others & {*_WORD.findall(system.quantities[impact.quantity])}
         if moving:
-            raise InputError(f"The gap {one.quantity!r} depends on {min(moving)}; a gap is a "
+            raise InputError(f"The gap {impact.quantity!r} depends on {min(moving)}; a gap is a "
                              "function of coordinates, parameters and time.")
-        if run.dt < 0 and one.restitution != 1:
+        if run.dt < 0 and impact.restitution != 1:
             raise InputError(f"dt = {float(run.dt):g} runs backwards, where an impact with "
-                             f"restitution = {one.restitution} has no state before it; take "
+                             f"restitution = {impact.restitution} has no state before it; take "
                              "restitution=1, or a positive dt.")
 
 
@@ -155,7 +155,7 @@ def integrate_with_impacts(
     """
     own = stepper._impact_binding()
     names = list(stepper.manifest.system.quantities)
-    gaps = np.array([names.index(one.quantity) for one in impacts], np.intc)
+    gaps = np.array([names.index(impact.quantity) for impact in impacts], np.intc)
     course = own.course(run, gaps, impacts)
     state, pace, status = course.state, ChunkSize(), 0
     rows = Rows.allocate(own.own, run.rows + 1)
@@ -174,8 +174,8 @@ def integrate_with_impacts(
             if progress is not None:
                 progress(state.steps)
     state.record.energy_start = start_energy
-    found = trajectory_of(stepper.binding, stepper.manifest, run, rows, state.record, state.q,
-                          state.p)
+    trajectory = trajectory_of(stepper.binding, stepper.manifest, run, rows, state.record, state.q,
+                               state.p)
     last = impacts[course.last]
     if status == _INSIDE:
         raise InputError(f"The gap {last.quantity!r} is {float(course.gap_at_start):.6g} at the "
@@ -186,20 +186,21 @@ def integrate_with_impacts(
     if status == _NOT_QUADRATIC:
         raise InputError(f"H of {stepper.name} is not quadratic in p, so that the law of impacts "
                          "does not reverse the rate of a gap; take H = T(q, p) + V(q).")
-    by_name = {one.name: course.impacts(i) for i, one in enumerate(impacts)}
+    by_name = {impact.name: course.impacts(i) for i, impact in enumerate(impacts)}
     if status == _REST:
-        found = _at_rest(stepper, run, course, found, last.name)
+        trajectory = _at_rest(stepper, run, course, trajectory, last.name)
     count = sum(map(len, by_name.values()))
-    found = changed(found, impacts=by_name, report=replace(found.report, impacts=count),
-                    events={name: one.crossings for name, one in by_name.items()})
+    trajectory = changed(
+        trajectory, impacts=by_name, report=replace(trajectory.report, impacts=count),
+        events={name: entries.crossings for name, entries in by_name.items()})
     if status == _REST:
-        return found
-    return finished(stepper.binding, stepper.manifest, run, found, status if status != _FULL else 0,
-                    state, interrupts)
+        return trajectory
+    return finished(stepper.binding, stepper.manifest, run, trajectory,
+                    status if status != _FULL else 0, state, interrupts)
 
 
 def _at_rest(
-    stepper: Stepper, run: RunArguments, course: _Course, found: Trajectory, name: str
+    stepper: Stepper, run: RunArguments, course: _Course, trajectory: Trajectory, name: str
 ) -> Trajectory:
     """Return a run with one more row, the state in which a gap stays closed; warn of it."""
     own, state = course.own, course.state
@@ -209,16 +210,16 @@ def _at_rest(
     warn(f"The run ends at t = {float(t[0]):.9g} s, after {state.steps:,} of {run.steps:,} steps: "
          f"impacts of {name!r} follow each other faster than times resolve, and it stays closed. "
          "Go on from run[-1] with a system that has the gap as a constraint.")
-    work = found.work[-1:] * 0 + found.report.work
-    last = flat_multipliers(found)[-1:] if len(found) > 1 else own.new(1, own.multipliers)
+    work = trajectory.work[-1:] * 0 + trajectory.report.work
+    last = flat_multipliers(trajectory)[-1:] if len(trajectory) > 1 else own.new(1, own.multipliers)
     rows = Rows(state.q[None].copy(), state.p[None].copy(), last, np.zeros(1, np.intc), work)
-    count = len(found) - (not course.since[0] and run.stored(state.steps) * run.every
+    count = len(trajectory) - (not course.since[0] and run.stored(state.steps) * run.every
                           == state.steps)
-    return with_row(stepper, found, max(count, 1), (t, elapsed), rows)
+    return with_row(stepper, trajectory, max(count, 1), (t, elapsed), rows)
 
 
 def joined(earlier: Impacts, last: Impacts, steps: int, elapsed: Any) -> Impacts:
     """Return the impacts of a run and of its last part of a step, which begins at ``elapsed``."""
     last = replace(last, steps=last.steps + steps, elapsed=last.elapsed + elapsed)
-    return Impacts(*(np.concatenate([getattr(one, name) for one in (earlier, last)])
+    return Impacts(*(np.concatenate([getattr(part, name) for part in (earlier, last)])
                      for name in Impacts.__dataclass_fields__))
