@@ -19,8 +19,6 @@ from .options import (
     json_option,
     method_options,
     real_number,
-    start_option,
-    start_time,
 )
 from .run.starts import start_of, started
 
@@ -45,17 +43,17 @@ __all__ = ["fit"]
 @click.option("--dt", metavar="DT",
               help="Time step in seconds; it divides the times of all samples (default: the "
                    "smallest distance of two).")
-@start_option
 @click.option("--sigma", metavar="SIGMA",
               help="One standard deviation of the noise, of attitudes in rad (default: that of the "
                    "residuals).")
 @click.option("--set", metavar="KEY=VALUE", multiple=True,
-              help="As of gyrospark run: first guesses of the parameters of a model file, and keys "
-                   "such as start.angular_velocity='[0, 0, 40]'.")
+              help="As of gyrospark run: the time of the start, t=0.5, first guesses of the "
+                   "parameters of a model file, and keys such as "
+                   "start.angular_velocity='[0, 0, 40]'.")
 @json_option
 def fit(
     problem: str, data: Path, observe: str, free: str | None, fixed: str | None, dt: str | None,
-    t: str, sigma: str | None, set: tuple[str, ...], as_json: bool, **choice: Any,
+    sigma: str | None, set: tuple[str, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Fit parameters and the start of PROBLEM to measured data: one of the paper's problems,
     (PROBLEMS); one of gs.models, (MODELS); or a model file (.toml), whose values are the first
@@ -75,11 +73,11 @@ def fit(
     from ..runtime.analysis.fit import fit as fitted
     from ..runtime.analysis.observations import observation_of
 
-    _, step, start = started(problem, set, choice)
+    _, step, start, begin = started(problem, set, choice)
     observed = _names(observe)
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
-    state, _ = start_of(step, start, start_time(t))
+    state, _ = start_of(step, start, begin)
     outcome = fitted(
         step, state, times, rows, observe=observed,
         dt=None if dt is None else real_number("--dt", dt),

@@ -15,8 +15,6 @@ from .options import (
     completing,
     json_option,
     method_options,
-    start_option,
-    start_time,
     whole_number,
 )
 from .run.choices import steps_for
@@ -39,18 +37,17 @@ _BAR_FROM = 5_000
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--t-end", metavar="T",
               help="Time of the last state in seconds, in place of --steps.")
-@start_option
 @click.option("--every", metavar="R", default="10", show_default=True,
               help="Steps between two QR decompositions.")
 @click.option("--count", metavar="K", help="How many exponents, the largest first (default: all).")
 @click.option("--set", metavar="KEY=VALUE", multiple=True,
-              help="As of gyrospark run: an argument of the problem, or of a model file a "
-                   "parameter or a key.")
+              help="As of gyrospark run: the time of the start, t=0.5; an argument of the "
+                   "problem, or of a model file a parameter or a key.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw the running exponents and MEGNO (.png, .svg, .pdf).")
 @json_option
 def lyapunov(
-    problem: str, dt: str | None, steps: str | None, t_end: str | None, t: str, every: str,
+    problem: str, dt: str | None, steps: str | None, t_end: str | None, every: str,
     count: str | None, set: tuple[str, ...], plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
     """Compute the Lyapunov exponents of PROBLEM: one of the paper's, (PROBLEMS); one of gs.models,
@@ -69,8 +66,7 @@ def lyapunov(
         check_picture(plot)
     between = whole_number("--every", every)
     exponent_count = None if count is None else whole_number("--count", count)
-    _, step, start = started(problem, set, choice)
-    begin = start_time(t)
+    _, step, start, begin = started(problem, set, choice)
     state, _ = start_of(step, start, begin)
     size, number = steps_for(start, begin, {"dt": dt, "steps": steps, "t_end": t_end})
     with progress_bar(number, quiet=as_json, least=_BAR_FROM) as progress:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import os
 import re
 import tempfile
@@ -30,8 +29,8 @@ from ..generator.tableaux.compositions import COMPOSITIONS
 
 __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
            "check_writable", "completing", "frame_option", "json_option",
-           "method_options", "real_number", "solver_from", "spec_from", "start_option",
-           "start_time", "stepper_options", "whole_number"]
+           "method_options", "real_number", "solver_from", "spec_from",
+           "stepper_options", "whole_number"]
 
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
@@ -90,13 +89,6 @@ class Grouped(click.Command):
                 formatter.write_dl([records.pop(name) for name in names if name in records])
         with formatter.section("Others"):
             formatter.write_dl([*records.values()])
-
-
-def start_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --t, the time of a start."""
-    return click.option(
-        "--t", metavar="T", default="0.0", show_default=True,
-        help="Time of the start in seconds, for forces that depend on it.")(function)
 
 
 def frame_option(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -174,14 +166,6 @@ def solver_from(text: str) -> Solver:
                              f"among {listed(read)}{proposal(name, read)}.")
         settings[name] = read[name](f"--solver {name}", value)
     return Solver(choose("solver", kind, get_args(SolverName)), **settings)
-
-
-def start_time(text: str) -> float:
-    """Return the time of a start that --t says."""
-    number = real_number("--t", text)
-    if isinstance(number, float) and not math.isfinite(number):
-        raise InputError(f"--t {text!r} is not finite; write for example 0.5.")
-    return number
 
 
 def check_writable(option: str, path: Path, *, folder: bool = False) -> None:

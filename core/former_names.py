@@ -91,12 +91,14 @@ _SHOW = "--show FILE writes by its ending: .html, .png, .gif, .mp4, .glb"
 _SOLVER = "a solver has it: --solver newton,tolerance=1e-12,max_iterations=20"
 _TABLE = "gyrospark export RUN.zarr TABLE.csv --euler ZYX --degrees writes angles"
 _SYSTEM = "the problem is the system; give a name or a file in its place"
-_TIME = "the time of the start is --t"
+_TIME = "the time of the start is --set t=0.5"
 #: Command and former option → the present form.
 FORMER_OPTIONS = {
     "fit --system": _SYSTEM,
+    "fit --t": _TIME,
     "fit --t0": _TIME,
     "lyapunov --system": _SYSTEM,
+    "lyapunov --t": _TIME,
     "lyapunov --t0": _TIME,
     "run --animate": _SHOW,
     "run --degrees": _TABLE,
@@ -108,6 +110,7 @@ FORMER_OPTIONS = {
     "run --round": "--t-end may lie between two steps",
     "run --seed": "nothing used it",
     "run --system": _SYSTEM,
+    "run --t": _TIME,
     "run --t0": _TIME,
     "run --tolerance": _SOLVER,
     "run --view": _SHOW,

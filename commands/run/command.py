@@ -25,8 +25,6 @@ from ..options import (
     json_option,
     method_options,
     solver_from,
-    start_option,
-    start_time,
     whole_number,
 )
 from .choices import steps_of, tuned, with_options
@@ -53,7 +51,7 @@ class RunCommand(Grouped):
     groups: ClassVar = {
         "What runs": ("set", "scheme", "stages", "order", "composition", "rep", "tableau", "real",
                       "energy"),
-        "Steps": ("dt", "dtau", "step_error", "steps", "t_end", "t", "solver", "events"),
+        "Steps": ("dt", "dtau", "step_error", "steps", "t_end", "solver", "events"),
         "Inertia and frame": ("gamma", "alpha", "frame"),
         "What is written": ("out", "every", "resume", "plot", "show", "as_json"),
     }
@@ -81,7 +79,6 @@ class RunCommand(Grouped):
 @click.option("--step-error", metavar="E",
               help="In place of --dt: search the step for which the motion's error up to --t-end "
                    "is at most E, attitudes in rad, points in parts of their reach.")
-@start_option
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--t-end", metavar="T",
               help="Time of the last state in seconds, in place of --steps.")
@@ -92,10 +89,11 @@ class RunCommand(Grouped):
               help="auto (fixed point, Newton as fallback), fixed-point, newton; with tolerance "
                    "and max_iterations: newton,tolerance=1e-12,max_iterations=20.")
 @click.option("--set", metavar="KEY=VALUE", multiple=True,
-              help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8; of a "
-                   "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'; of "
-                   "a robot where it starts, elbow='30 deg', elbow.rate=1, base=floating, and what "
-                   "of its file to do without, ignore=limits,collision or ignore=all.")
+              help="t=0.5, the time of the start in seconds. Argument of the problem, e.g. "
+                   "radius_ratio=1.5 or inertia=2,1.3,0.8; of a model file a parameter, k=3, or a "
+                   "key, start.euler='[0, \"30 deg\", 0]'; of a robot where it starts, "
+                   "elbow='30 deg', elbow.rate=1, base=floating, and what of its file to do "
+                   "without, ignore=limits,collision or ignore=all.")
 @click.option("--event", "events", metavar="TEXT", multiple=True,
               help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
                    '"height=0 down", "x=1.5 up stop" (the run ends there); with a name '
@@ -114,7 +112,7 @@ class RunCommand(Grouped):
 @json_option
 def run(
     problem: str, gamma: str | None, alpha: str | None, frame: tuple[str, ...], dt: str | None,
-    dtau: str | None, step_error: str | None, t: str, steps: str | None, t_end: str | None,
+    dtau: str | None, step_error: str | None, steps: str | None, t_end: str | None,
     every: str, solver: str, set: tuple[str, ...], events: tuple[str, ...], out: Path | None,
     resume: bool, plot: Path | None, show: tuple[Path, ...], as_json: bool, **choice: Any,
 ) -> int:
@@ -144,7 +142,7 @@ def run(
     """
     check_targets(out, plot, show, resume=resume)
     choice["frame"] = "symmetries" if frame else None
-    chosen, step, start = started(problem, set, choice, scaled=True)
+    chosen, step, start, begin = started(problem, set, choice, scaled=True)
     if show:
         check_bodies(step.manifest)
     if not as_json:  # before a step is taken
@@ -152,7 +150,6 @@ def run(
             click.echo(line)
     defaults, search = with_options(step, start, gamma, alpha, frame)
     # The problem's start is on the constraints to double only, a file's to its own digits.
-    begin = start_time(t)
     state, moved = start_of(step, defaults, begin,
                             project=chosen is None or REALS[step.manifest.real].wide)
     method = solver_from(solver)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,25 +24,38 @@ __all__ = ["arguments_of", "settings_of", "start_of", "started"]
 
 def started(
     problem: str, settings: tuple[str, ...], choice: dict[str, Any], *, scaled: bool = False
-) -> tuple[Problem | None, Stepper, RunDefaults]:
-    """Return the problem if it is one of the paper's, the stepper, and the numbers of the start.
+) -> tuple[Problem | None, Stepper, RunDefaults, float]:
+    """Return the problem if it is one of the paper's, the stepper, the numbers of the start, its t.
 
     Systems in scaled time are refused unless ``scaled``.
     """
     from ...api import model_stepper, stepper_of
 
+    settings, t0 = _without_time(settings)
     entry = None if is_model_file(problem) else entry_named(problem)
     options = {} if entry is None else arguments_of(entry, settings)
     if entry is not None and entry.kind == "problem":
         chosen = entry.make(**options)
         return (chosen, stepper_of(spec_from(**choice, system=chosen.system)),
-                RunDefaults.of_problem(chosen))
+                RunDefaults.of_problem(chosen), t0)
     spec = spec_from(**choice, system=problem if entry is None else entry.name)
     step, defaults = (model_stepper(spec, settings=settings_of(settings)) if entry is None else
                       model_stepper(spec, options=options))
     if not scaled:
         step._refuse_scaled(command="this command")
-    return None, step, defaults
+    return None, step, defaults, t0
+
+
+def _without_time(settings: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
+    """Return the settings but t, and the time of the start that this one says."""
+    times = [text for text in settings if text.partition("=")[0].strip() == "t"]
+    if not times:
+        return settings, 0.0
+    value = times[-1].partition("=")[2].strip()
+    t0 = real_number("--set t", value)
+    if isinstance(t0, float) and not math.isfinite(t0):
+        raise InputError(f"--set t={value} is not finite; write for example t=0.5.")
+    return tuple(text for text in settings if text not in times), t0
 
 
 def arguments_of(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:

@@ -76,7 +76,7 @@ def test_each_option_is_an_argument(words):
 
 
 def test_run_has_few_options():
-    assert len(options("run")) <= 26
+    assert len(options("run")) <= 25
 
 
 @pytest.mark.parametrize("former", FORMER_OPTIONS)

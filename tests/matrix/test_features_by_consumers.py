@@ -306,7 +306,7 @@ def test_a_model_file_is_the_system(name, tmp_path):
 def test_run_of_a_model_file_ends_where_a_run_does(name, gyrospark, tmp_path):
     entry, path = case(name), tmp_path / f"{name}.toml"
     path.write_text(as_file(name), encoding="utf-8")
-    command = ["run", path, "--scheme", "G-L", "--stages", "2", "--json", "--t", entry.t0]
+    command = ["run", path, "--scheme", "G-L", "--stages", "2", "--json", "--set", f"t={entry.t0}"]
     calls = [((), {})]
     if entry.system.inputs:
         changed = str(entry.system.inputs[0])

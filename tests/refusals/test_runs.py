@@ -155,13 +155,12 @@ COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "2"]
 
 @pytest.mark.parametrize(("option", "values"), [
     ("--dt", ["0", "-0.0", "nan", "inf", "1e400", "soon", ""]),
-    ("--t", ["nan", "inf", "soon"]),
     ("--t-end", ["nan", "soon"]),
     ("--steps", ["-1", "2.5", "many", "1e30"]),
     ("--every", ["0", "-1", "2.5", "x"]),
     ("--solver", ["fast", "Newton"]),
     ("--gamma", ["0", "nan", "much"]),
-    ("--set", ["I1=0", "I1=-1", "I1=x", "I4=1", "I1"]),
+    ("--set", ["I1=0", "I1=-1", "I1=x", "I4=1", "I1", "t=nan", "t=inf", "t=soon", "t"]),
 ])
 def test_the_command_line_refuses_bad_values(option, values, gyrospark, tmp_path):
     """One line, exit code 2, nothing on stdout, no file."""

@@ -344,13 +344,13 @@ def test_the_start_of_a_body(kind, tmp_path):
 
 
 def test_the_command_line(tmp_path):
-    """A file's numbers, --dt and --t with all digits, the second time from the cache."""
+    """A file's numbers, --dt and --set t with all digits, the second time from the cache."""
     real = "float128"
     (tmp_path / "swing.toml").write_text(MODEL, encoding="utf-8")
     command = ["run", str(tmp_path / "swing.toml"), "--scheme", "G-L", "--stages", "3", "--json",
                "--real", real]
     for more, dt, t0 in (([], DT, Fraction(0)),
-                         (["--dt", "0.1", "--t", "0.7"], Fraction(1, 10), Fraction(7, 10))):
+                         (["--dt", "0.1", "--set", "t=0.7"], Fraction(1, 10), Fraction(7, 10))):
         done = cli(*command, *more)
         assert done.returncode == 0, done.stderr
         found = json.loads(done.stdout)

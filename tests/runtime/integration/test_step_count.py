@@ -66,7 +66,7 @@ def test_a_run_up_to_a_time_is_that_of_its_steps(gl3, gyrospark):
     made = gl3.integrate(gs.Start(TOP.q0, TOP.p0, t=0.5), steps=30, **RUN)
     to = gl3.integrate(gs.Start(TOP.q0, TOP.p0, t=0.5), t_end=0.53, **RUN)
     assert np.array_equal(to.q, made.q)
-    said = gyrospark(*COMMAND, "--dt", "1e-3", "--t", "0.5", "--t-end", "0.53").document
+    said = gyrospark(*COMMAND, "--dt", "1e-3", "--set", "t=0.5", "--t-end", "0.53").document
     assert said["steps"] == 30
     assert said["q"] == made.q[-1].tolist()
 
