@@ -168,12 +168,19 @@ class Start:
         return cls(q, p, parameters)
 
     def replace(self, **changes: Any) -> Start:
-        """Return a start with other ``q``, ``p``, ``parameters``, ``t`` or ``inputs``."""
+        """Return a start with other ``q``, ``p``, ``parameters``, ``t`` or ``inputs``.
+
+        In scaled time a row of a run keeps H + e, which its steps made other than 0: with −p in
+        place of p it leads back to the start of the run.
+        """
         own = {name: getattr(self, name) for name in ("q", "p", "parameters", "t", "inputs")}
         if other := changes.keys() - own.keys():
             raise InputError(f"replace has no argument {min(other)!r}; it takes "
                              f"{', '.join(own)}.")
-        return Start(**own | changes).of_model(self._inertias, self._rules, self._spare, self._span)
+        start = Start(**own | changes).of_model(self._inertias, self._rules, self._spare,
+                                                self._span)
+        start._excess = self._excess
+        return start
 
     def of_model(
         self, inertias: Mapping[str, Any], rules: Mapping[str, str],

@@ -264,6 +264,8 @@ class RawArguments:
     p: Array
     dt: Array
     t0: Array
+    #: H + e at the start, in scaled time.
+    excess: Array
     #: A dict for each run; or what is one for all, and columns.
     parameters: list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]
     #: Steps, every and solver: the same for all.
@@ -283,7 +285,8 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
         try:
             return stepper._checked_run(stepper._run_arguments(
                 arguments.q[i], arguments.p[i], dt=arguments.dt[i], t0=arguments.t0[i],
-                parameters=arguments.parameters_of(i), excess=0.0, **arguments.common))
+                parameters=arguments.parameters_of(i), excess=arguments.excess[i],
+                **arguments.common))
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 

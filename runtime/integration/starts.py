@@ -140,7 +140,7 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
         q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
                 for x in (stepper.binding.numbers("q", start.q),
                           stepper.binding.numbers("p", start.p)))
-        return StartNumbers(q, p, rows_or_columns, start.t)
+        return StartNumbers(q, p, rows_or_columns, start.t, start._excess)
     if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
                                           and isinstance(starts[0], (Sequence, np.ndarray))):
         raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
@@ -156,7 +156,8 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
     rows = [merged_start(stepper, entry, None, rows_or_columns, frame=False)
             for entry, rows_or_columns in zip(starts, entries, strict=True)]
     return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
-                        [row.parameters for row in rows], np.array([row.t for row in rows]))
+                        [row.parameters for row in rows], np.array([row.t for row in rows]),
+                        np.array([row.excess for row in rows]))
 
 
 def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:

@@ -277,11 +277,12 @@ def _checked(
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
     size = len(starts)
-    arguments = RawArguments(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
-                  np.broadcast_to(_each("t", t0, size), size),
-                  _each_parameters(stepper._parameters_with_inputs(parameters, inputs), size,
-                                   stepper.parameter_domains),
-                  options)
+    common = dict(options)
+    arguments = RawArguments(
+        starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
+        np.broadcast_to(_each("t", t0, size), size), np.broadcast_to(common.pop("excess"), size),
+        _each_parameters(stepper._parameters_with_inputs(parameters, inputs), size,
+                         stepper.parameter_domains), common)
     fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]),
                     runs=size)
     runs = replace(checked_runs(stepper, arguments), inputs=fed)

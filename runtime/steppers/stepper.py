@@ -450,7 +450,7 @@ class Stepper(Dynamics):
         return integrate_members(
             self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs,
             tangents, device, progress, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
-            solver=as_solver(solver))
+            solver=as_solver(solver), excess=state.excess)
 
     # ------------------------------------------------------------ inside
 

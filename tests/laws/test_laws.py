@@ -128,6 +128,24 @@ def test_symmetric_steps_turn_back(name, scheme, stages):
     assert abs(back.t[-1] - entry.t0) <= 1e4 * EPS * (1 + abs(forward.t[-1]))
 
 
+@pytest.mark.parametrize(("name", "stages"), [("eccentric", 1), ("eccentric", 3),
+                                              ("tethered_pair", 2)])
+def test_turned_momenta_lead_back_in_scaled_time(name, stages):
+    """With −p at the end and H + e of the run, whose steps made it other than 0; also in lanes."""
+    step, options = stepper(name, "G-L", stages), case(name).step
+    forward = run(name, step, 30)
+    turned = forward[-1].replace(p=-forward[-1].p)
+    size = 1e4 * EPS * max(scales(forward))
+    back = step.integrate(turned, steps=30, **options)
+    lanes = step.integrate_ensemble([turned, step.start(turned, **options).start], steps=30,
+                                    **options).members
+    for other in (back, *lanes):
+        assert np.abs(other.q[-1] - forward.q[0]).max() <= size
+        assert np.abs(other.p[-1] + forward.p[0]).max() <= size
+        assert abs(other.t[-1] - 2 * forward.t[-1]) <= size
+    assert forward.report.energy_error_max > 1e3 * EPS
+
+
 @pytest.mark.parametrize("name", CONSERVATIVE)
 def test_gauss_lobatto_is_symplectic_on_the_constraints(name):
     """MᵀJM = J on T(T*Q), with M from exact tangents."""

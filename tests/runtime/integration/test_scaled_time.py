@@ -148,9 +148,11 @@ def test_a_run_goes_on_from_its_end():
     whole = systems.run("scaled_pendulum", step, 30)
     half = systems.run("scaled_pendulum", step, 11)
     rest = step.integrate(half[-1], steps=19, dtau=case("scaled_pendulum").dt)
+    many = step.integrate_ensemble([half[-1]], steps=19, dtau=case("scaled_pendulum").dt).members
     close = 1e3 * EPS
-    assert np.abs(rest.q[-1] - whole.q[-1]).max() <= close
-    assert np.abs(rest.time_momentum[-1] - whole.time_momentum[-1]) <= close
+    for other in (rest, *many):
+        assert np.abs(other.q[-1] - whole.q[-1]).max() <= close
+        assert np.abs(other.time_momentum[-1] - whole.time_momentum[-1]) <= close
 
 
 # ---------------------------------------------------------------- derivatives
