@@ -582,8 +582,7 @@ def stepper_of(
 
 
 def model_stepper(
-    spec: Spec, *, allow_invalid: bool = False, settings: Mapping[str, str] = _NONE,
-    options: Mapping[str, Any] = _NONE,
+    spec: Spec, *, settings: Mapping[str, str] = _NONE, options: Mapping[str, Any] = _NONE
 ) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a spec with a model file or a named model, and the model's numbers.
 
@@ -595,7 +594,7 @@ def model_stepper(
     ----------
     spec : Spec
         With the file, or the name.
-    allow_invalid, settings, options
+    settings, options
         As for ``derivation``.
 
     Raises
@@ -604,8 +603,7 @@ def model_stepper(
         With file, key and cure, for whatever in the file is no model.
     """
     def with_values(values: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
-        compiled, start = derivation(
-            spec, allow_invalid=allow_invalid, settings=values, options=options).stepper()
+        compiled, start = derivation(spec, settings=values, options=options).stepper()
         assert start is not None
         return compiled, start
 

@@ -222,9 +222,7 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
     )
 
 
-def dependent_rows(
-    G: Array | csr_array, tolerance: float = RANK_TOLERANCE
-) -> tuple[list[int], list[int]]:
+def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
     """Return (all rows of G that depend on others, a smallest set of rows to leave out).
 
     Rows are taken at length one. Of dependent rows the later ones are left out, which belong
@@ -243,9 +241,9 @@ def dependent_rows(
     if len(G) <= G.shape[1] and _is_well_conditioned(rows):
         return [], []
     U, values, _ = np.linalg.svd(rows)
-    rank = int(np.sum(values > tolerance * max(values.max(initial=0.0), tolerance)))
+    rank = int(np.sum(values > RANK_TOLERANCE * max(values.max(initial=0.0), RANK_TOLERANCE)))
     null = U[:, rank:]
-    involved = [i for i in range(len(G)) if np.linalg.norm(null[i]) > np.sqrt(tolerance)]
+    involved = [i for i in range(len(G)) if np.linalg.norm(null[i]) > np.sqrt(RANK_TOLERANCE)]
     left_out: list[int] = []
     null_rows = null[involved]  # the null vectors, seen at these rows
     for _ in range(null.shape[1]):

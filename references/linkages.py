@@ -54,10 +54,10 @@ def _at(run: Trajectory, body: str) -> tuple[Any, Any]:
     return run.q[-1, first : first + 3], run.p[-1, first : first + 3]
 
 
-def rod_inertia(along: Sequence[Fraction], mass: int = 1) -> tuple[tuple[Fraction, ...], ...]:
-    """Return the tensor of a rod of square section, 0.1 m wide, in space axes."""
+def rod_inertia(along: Sequence[Fraction]) -> tuple[tuple[Fraction, ...], ...]:
+    """Return the tensor of a rod of 1 kg and square section, 0.1 m wide, in space axes."""
     square, width = sum(x * x for x in along), Fraction("0.01")
-    across, axial = mass * (square + width) / 12, mass * width / 6
+    across, axial = (square + width) / 12, width / 6
     return tuple(tuple((across if i == j else 0) - (across - axial) * x * y / square
                        for j, y in enumerate(along)) for i, x in enumerate(along))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
@@ -319,11 +318,3 @@ def _signature(kernel: Kernel, target: Target) -> str:
             shape = f"[{len(output)}]{columns}"
             arguments.append(f"{target.value} {array}{shape}")
     return ", ".join(arguments)
-
-
-def total_operations(kernels: Sequence[EmittedKernel]) -> dict[str, int]:
-    """Return the sum of the operation counts."""
-    total: Counter[str] = Counter()
-    for kernel in kernels:
-        total.update(kernel.operations)
-    return dict(sorted(total.items()))

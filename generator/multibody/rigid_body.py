@@ -146,14 +146,14 @@ def angular_velocity(
     return [w / (2 * Ii) for w, Ii in zip(double_momentum(x, y), inertia, strict=True)]
 
 
-def body_force(torque: Sequence[sp.Expr], x: Sequence[sp.Expr] = q) -> list[sp.Expr]:
+def body_force(torque: Sequence[sp.Expr]) -> list[sp.Expr]:
     """Return the generalised force F = 2 L(q)ᵀ τ of a torque τ in body axes, four entries.
 
     Its power is that of the torque, F·q̇ = τ·2L(q)q̇ = τ·Ω, and it keeps q on the sphere:
     q·F = 0.
     """
     return [2 * sum(a * b for a, b in zip(column, torque, strict=True))
-            for column in left_matrix(x).T.tolist()]
+            for column in left_matrix(q).T.tolist()]
 
 
 def body_system(

@@ -18,6 +18,9 @@ import sympy as sp
 __all__ = ["Shared", "expand_shared", "name_of", "parts_of", "share", "share_repeated",
            "substitute", "symbols_of", "text_of", "tree_size"]
 
+#: ``share_repeated`` leaves subexpressions of so many nodes and fewer where they are: a temporary
+#: in C would cost more than to write them again.
+_SHARED_SIZE = 8
 
 #: The name of a symbol; ``str`` is slow, as it calls a printer.
 name_of = attrgetter("name")
@@ -72,10 +75,10 @@ def share(e: sp.Expr) -> sp.Expr:
     return e if factor.is_Atom or isinstance(factor, Shared) else coefficient * Shared(factor)
 
 
-def share_repeated(expressions: Sequence[sp.Expr], size: int = 8) -> list[sp.Expr]:
+def share_repeated(expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
     """Return the expressions with ``Shared`` around subexpressions that recur.
 
-    Only subexpressions of more than ``size`` nodes are shared.
+    Only subexpressions of more than ``_SHARED_SIZE`` nodes are shared.
     """
     parts = list(parts_of(expressions))
     sizes: dict[sp.Basic, int] = {}
@@ -87,7 +90,7 @@ def share_repeated(expressions: Sequence[sp.Expr], size: int = 8) -> list[sp.Exp
     replacement: dict[sp.Basic, sp.Basic] = {}
     for e in parts:
         rebuilt = e.func(*(replacement[a] for a in e.args)) if e.args else e
-        recurs = uses.get(e, 0) > 1 and sizes[e] > size and isinstance(e, sp.Expr)
+        recurs = uses.get(e, 0) > 1 and sizes[e] > _SHARED_SIZE and isinstance(e, sp.Expr)
         replacement[e] = share(rebuilt) if recurs else rebuilt
     return [replacement[e] for e in expressions]
 

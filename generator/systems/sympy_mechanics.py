@@ -126,7 +126,7 @@ def from_mechanics(
     g, bound = named[:m], named[m:last]
     quantities = dict(zip(shown_of, named[last:], strict=True))
     q, v = [names[x] for x in mechanics.q], [names[x] for x in rates]
-    _refuse_functions(name, [L, *g, *F], t)
+    _refuse_functions(name, [L, *g, *F])
     _refuse_substituted(mechanics, names, [
         body for body in getattr(method, "bodies", None) or ()
         if astray or not mechanics.motion.is_placed(body.masscenter)])
@@ -137,7 +137,7 @@ def from_mechanics(
                              t if t in symbols_of(everything) else None, name=name,
                              inputs=input_symbols, quantities=quantities, placed=placed)
     rows = _independent(system, bound)
-    _refuse_functions(name, rows, t)
+    _refuse_functions(name, rows)
     row_symbols = symbols_of(rows)
     constants = {*system.parameters, *row_symbols} - {*q, *v, *input_symbols, t}
     return replace(system, parameters=tuple(sorted(constants, key=str)), velocity_constraints=rows,
@@ -350,7 +350,7 @@ def _named(
                       {**names, **mechanics.inputs})
 
 
-def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -> None:
+def _refuse_functions(name: str, expressions: Sequence[sp.Expr]) -> None:
     """Refuse functions of time that are neither coordinates nor speeds."""
     for node in parts_of(expressions):
         if isinstance(node, (AppliedUndef, sp.Derivative)):

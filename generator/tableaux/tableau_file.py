@@ -335,6 +335,6 @@ def _describe(value: Any) -> str:
     return _quote(value)
 
 
-def _quote(value: Any, length: int = 60) -> str:
+def _quote(value: Any) -> str:
     text = str(value)
-    return repr(text if len(text) <= length else text[:length] + "…")
+    return repr(text if len(text) <= 60 else text[:60] + "…")

@@ -221,7 +221,7 @@ class OrbitSearch:
         self.start = run
         self.time_dependent = stepper.binding.time is not None
         self.phase_fixed = not self.time_dependent
-        self.fixed = _fixed(stepper, fix, free, time_dependent=self.time_dependent)
+        self.fixed = _fixed(stepper, fix, time_dependent=self.time_dependent)
         if free is not None and not (
                 isinstance(free, str) and free in stepper.parameter_domains):
             raise unknown("parameter", free, stepper.parameter_domains)
@@ -433,7 +433,7 @@ class OrbitSearch:
 
 
 def _fixed(
-    stepper: Stepper, fix: str | Sequence[str] | None, free: str | None, *, time_dependent: bool
+    stepper: Stepper, fix: str | Sequence[str] | None, *, time_dependent: bool
 ) -> tuple[str, ...]:
     """Return the names of the fixed quantities.
 

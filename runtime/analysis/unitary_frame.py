@@ -100,14 +100,14 @@ def canonical_form(n: int) -> Array:
     return form
 
 
-def isotropic_flag(J: Array, seed: int = 0) -> Array:
+def isotropic_flag(J: Array) -> Array:
     """Return orthonormal columns v_1..v_d, J v_d..J v_1, the first half without J v_i.
 
     The span of the last 2 d − k is then the Ω-complement of that of the first k. A symplectic
     matrix keeps this, so that the diagonal of R in its QR decomposition is pairs r, 1/r. The
     directions are random, for no exponent shall be missed.
     """
-    size, random, vectors = len(J), np.random.default_rng(seed), list[Array]()
+    size, random, vectors = len(J), np.random.default_rng(0), list[Array]()
     for _ in range(size // 2):
         v = random.standard_normal(size)
         for _twice in range(2):

@@ -147,7 +147,7 @@ def as_inputs(
                          "System(..., inputs=...).")
     rows = -(-steps // count)
     if isinstance(inputs, Mapping):
-        parts = [_column(name, inputs, names, rows, runs) for name in _named(inputs, names)]
+        parts = [_column(name, inputs, rows, runs) for name in _named(inputs, names)]
         array = np.stack(np.broadcast_arrays(*parts), axis=-1)
     else:
         array = _table(as_numbers("inputs", inputs), len(names), rows, runs)
@@ -167,7 +167,7 @@ def _named(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
 
 
 def _column(
-    name: str, inputs: Mapping[str, Any], names: Sequence[str], rows: int, runs: int | None
+    name: str, inputs: Mapping[str, Any], rows: int, runs: int | None
 ) -> Array:
     """Return one input as (runs, rows), either of them 1 where one number serves all."""
     array = as_numbers(f"Input {name}", inputs[name])

@@ -6,7 +6,7 @@ A vector is a list of numbers and of names of parameters.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -203,18 +203,11 @@ def beam_named(manifest: Manifest, name: Any) -> tuple[str, list[JointAt]]:
     InputError
         Where there is no beam, or several and none is named.
     """
-    system, beams = manifest.system.name, dict[str, list[JointAt]]()
+    beams = dict[str, list[JointAt]]()
     for joint in joints_of(manifest).values():
         if joint.section is not None:
             beams.setdefault(joint.section.beam, []).append(joint)
-    if not beams:
-        raise InputError(f"System {system!r} has no beam; those of gyrospark.Multibody and of "
-                         "[[beams]] in model files are asked for here.")
-    if name is None and len(beams) > 1:
-        raise InputError(f"System {system!r} has {len(beams)} beams, {', '.join(beams)}; say "
-                         f"which, as in beam({next(iter(beams))!r}).")
-    beam_name = next(iter(beams)) if name is None else choose(
-        f"beam of system {system!r}:", name, beams)
+    beam_name = _choose(manifest, "beam", name, beams)
     return beam_name, sorted(beams[beam_name],
                              key=lambda joint: joint.section.arc if joint.section else 0.0)
 
@@ -256,11 +249,8 @@ def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:
         raise InputError(
             f"System {system!r} is not one rigid body; t, q, p, multipliers and energy() are "
             "defined for it. (That a gyrospark.System is one, rigid_body=True says.)")
-    if name is None and len(bodies) > 1:
-        raise InputError(f"System {system!r} is not one rigid body but {len(bodies)}, "
-                         f"{', '.join(bodies)}; say which, as in body({next(iter(bodies))!r}).")
-    body_name = next(iter(bodies)) if name is None else choose(
-        f"body of system {system!r}:", name, bodies)
+    body_name = _choose_of_several(system, "body", name, bodies,
+                                   f"System {system!r} is not one rigid body but {len(bodies)},")
     return body_name, bodies[body_name]
 
 
@@ -272,17 +262,28 @@ def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
     InputError
         Where there is no joint, or several and none is named.
     """
-    system = manifest.system.name
     joints = {key: layout for key, layout in joints_of(manifest).items() if layout.constraints}
-    if not joints:
-        raise InputError(f"System {system!r} has no joints; those of gyrospark.Multibody and "
-                         "of [[joints]] in model files are asked for here.")
-    if name is None and len(joints) > 1:
-        raise InputError(f"System {system!r} has {len(joints)} joints, {', '.join(joints)}; "
-                         f"say which, as in joint({next(iter(joints))!r}).")
-    joint_name = next(iter(joints)) if name is None else choose(
-        f"joint of system {system!r}:", name, joints)
+    joint_name = _choose(manifest, "joint", name, joints)
     return joint_name, joints[joint_name]
+
+
+def _choose(manifest: Manifest, kind: str, name: Any, components: Collection[str]) -> str:
+    """Return the name of a beam or joint of a system; None is the name of a single one."""
+    system = manifest.system.name
+    if not components:
+        raise InputError(f"System {system!r} has no {kind}s; those of gyrospark.Multibody and "
+                         f"of [[{kind}s]] in model files are asked for here.")
+    return _choose_of_several(system, kind, name, components,
+                              f"System {system!r} has {len(components)} {kind}s,")
+
+
+def _choose_of_several(
+    system: str, kind: str, name: Any, components: Collection[str], several: str
+) -> str:
+    first = next(iter(components))
+    if name is None and len(components) > 1:
+        raise InputError(f"{several} {', '.join(components)}; say which, as in {kind}({first!r}).")
+    return first if name is None else choose(f"{kind} of system {system!r}:", name, components)
 
 
 def _pull(

@@ -187,7 +187,7 @@ def hessian_of(
     gradient = binding.new(count)
     for j in range(count):
         dz = np.ascontiguousarray(D[:, j])
-        moved = _moved(stepper, run, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
+        moved = _moved(stepper, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
         z_bar, z_bar_slope = binding.new(first.rows), binding.new(first.rows)
         for z, cotangents_of_kind in ((z_bar, cotangents), (z_bar_slope, moved)):
             _add_explicit(stepper, run, cotangents_of_kind, z)
@@ -285,7 +285,7 @@ def _tangents(
 
 
 def _moved(
-    stepper: Stepper, run: RunArguments, along: Array, dt: Array, dz: Array,
+    stepper: Stepper, along: Array, dt: Array, dz: Array,
     slopes: Slopes | None, checked: Callable[[Mapping[str, Any]], Cotangents],
 ) -> Cotangents:
     """Return how cotangents change along a direction."""

@@ -176,7 +176,7 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
     screen_corners = np.concatenate([zoom.project(solid.corners),
                                      ribbons.corners * [_OVER, _OVER, 1.0]])
     opaque = np.concatenate([solid.alpha, ribbons.alpha]) >= 1
-    lamp = _Lamp(solid.corners[solid.alpha >= 1], camera.axes, up, floor)
+    lamp = _Lamp(solid.corners[solid.alpha >= 1], camera.axes, up)
     image = _backdrop(camera, size[0], size[1], up, floor, cell, background, lamp, centre, reach)
     image = image.repeat(_OVER, axis=0).repeat(_OVER, axis=1)
 
@@ -251,7 +251,7 @@ def _outline(
 class _Lamp:
     """A distant lamp at the upper left of the camera, and the shadows of solids in its light."""
 
-    def __init__(self, corners: Array, axes: Array, up: Array, floor: float | None) -> None:
+    def __init__(self, corners: Array, axes: Array, up: Array) -> None:
         right, over, back = axes
         towards = -0.5 * right + 0.2 * over + 0.65 * back + 0.8 * up
         self.towards, self.up = towards / np.linalg.norm(towards), up

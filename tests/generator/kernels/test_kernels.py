@@ -27,7 +27,6 @@ from gyrospark.generator.kernels.c_printer import CPrinter
 from gyrospark.generator.kernels.kernel import (
     Constants,
     emit_kernel,
-    total_operations,
     wrap,
 )
 from gyrospark.generator.kernels.statements import Kernel
@@ -263,14 +262,9 @@ def test_every_kernel_of_the_heavy_top_computes_its_expressions_exactly(rep):
 
 @pytest.mark.parametrize("rep", ["alpha", "gamma"])
 def test_operation_counts_of_every_kernel_are_those_of_its_text(rep):
-    emitted = []
     for kernel, _, _, counted, result in runs_of(rep)[1]:
         assert result.operations == without_zeros(counted), kernel.name
         assert result.temporaries == sum(line.startswith("const ") for line in result.lines)
-        emitted.append(result)
-    total = total_operations(emitted)
-    assert total == {kind: sum(e.operations.get(kind, 0) for e in emitted) for kind in total}
-    assert list(total) == sorted(total)
 
 
 @pytest.mark.parametrize("rep", ["alpha", "gamma"])
