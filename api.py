@@ -468,7 +468,7 @@ class Derivation:
         return f"{label}-{content}.source.json"
 
     def keep(self, files: dict[str, str]) -> None:
-        """Cache files that were generated already, of a named system."""
+        """Write generated files of a named system to the cache."""
         write_cache(self.key(""), [self.spec.name, files, None, []])
 
     def _generate(self, kind: str) -> list[Any]:

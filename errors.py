@@ -1,4 +1,4 @@
-"""Errors that gyrospark raises on purpose, as ``gyrospark.errors.StorageError``."""
+"""Public errors, as ``gyrospark.errors.StorageError``."""
 
 from .core.errors import *  # noqa: F403
 from .core.errors import __all__ as __all__

@@ -1,7 +1,7 @@
-"""What of the build needs code; everything else is in pyproject.toml.
+"""Steps of the build that need code; everything else is in pyproject.toml.
 
-The README as a package index shows it: an index has none of the repository's files and, as yet, no
-address of it, so pictures are left out, and of a link to a file its text is kept.
+The README for a package index: an index has none of the repository's files and, as yet, no
+address of it, so pictures are left out, and a link to a file is replaced by its text.
 
 A wheel has the C of all steppers of the paper: those of ``generated/`` that the repository lacks
 are derived into it, so that its users need not derive them.
@@ -59,10 +59,10 @@ class BuildWithSteppers(build_py):
 
 
 class WithModules(Distribution):
-    """What tells of compiled modules in a wheel that they are there."""
+    """A distribution with the compiled modules of GYROSPARK_PREBUILT."""
 
     def has_ext_modules(self):
-        """Whether there are any."""
+        """Return whether the wheel contains compiled modules."""
         return bool(PREBUILT)
 
 

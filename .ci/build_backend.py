@@ -16,7 +16,7 @@ from setuptools.build_meta import *  # noqa: F403
 
 
 def get_requires_for_build_wheel(config_settings: Any = None) -> list[str]:
-    """Return what setuptools needs, and what the package does."""
+    """Return the requirements of setuptools, and the package's own: building derives steppers."""
     project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["project"]
     compiler = ["ziglang>=0.13; platform_system == 'Windows'"]
     return [*build_meta.get_requires_for_build_wheel(config_settings), *project["dependencies"],

@@ -73,7 +73,7 @@ BENCHMARKS: dict[str, Benchmark] = {
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Measure what the command line chooses; return the exit code."""
+    """Run the benchmarks that the command line names; return the exit code."""
     options = _parser().parse_args(words)
     programs = tuple(options.programs.split(",")) if options.programs else PROGRAMS
     unknown = [name for name in programs if name not in PROGRAMS]

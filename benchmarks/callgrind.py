@@ -39,7 +39,7 @@ STEPPERS = (
 
 @dataclass(frozen=True)
 class Counter:
-    """What counts: gcc and valgrind; ``missing`` says in a sentence why it cannot."""
+    """Counter of instructions: versions of gcc and valgrind, or ``missing``, a sentence."""
 
     gcc: str = ""
     major: str = ""
@@ -108,7 +108,7 @@ def _count(program: Path, steps: int) -> int:
 
 
 def _output(command: list[str]) -> str:
-    """Return what a command says on both channels; it must succeed."""
+    """Run a command and return its stdout and stderr; raises RuntimeError if it fails."""
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{command[0]} failed: {done.stderr}")

@@ -96,7 +96,7 @@ def peers(choice: Choice) -> list[Row]:
 
 
 def step(choice: Choice) -> list[Row]:
-    """Return what a step takes by each solver, from the same start to the same end."""
+    """Return the time of a step by each solver, over the same run."""
     methods: list[tuple[str, str, str, Callable[[], Any], tuple[int, ...]]] = [
         ("G-L γ", "G-L", "gamma", gs.problems.fast_top, (2, 3, 4, 6, 8)),
         ("G-L α", "G-L", "alpha", gs.problems.fast_top, (2, 3, 4, 6, 8)),

@@ -243,10 +243,10 @@ COUNTS = (1, 8, 16)
 
 
 def derivatives(choice: Choice) -> list[Row]:
-    """Return what gradients by the adjoint and tangents take over the run; in a quick run of a top.
+    """Return the cost of a gradient by the adjoint, and of tangents, divided by that of the run.
 
-    A gradient is from a run that is there: its steps done again, and a cotangent of the end taken
-    backwards. Tangents are along directions of the start, together with the run.
+    A gradient repeats the steps of a run and takes a cotangent of its end backwards. Tangents are
+    computed during the run, along directions of its start. A quick choice measures one top.
     """
     cases: list[tuple[str, Callable[[], _Motion], float, int]] = [
         ("top, quaternions", _top, 1e-3, 100 if choice.quick else 2000)]

@@ -1,4 +1,4 @@
-"""What a result was measured with."""
+"""Machine and versions with which a result was measured."""
 
 from __future__ import annotations
 

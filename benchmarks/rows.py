@@ -56,7 +56,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Choice:
-    """What the command line chooses.
+    """Options of the command line.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Choice:
     mjcf : tuple of Path
         Robots of files.
     watch : callable
-        Receives the name of what is measured.
+        Called with the name of each measurement.
     """
 
     programs: tuple[str, ...] = ("gyrospark",)
@@ -89,22 +89,22 @@ class Choice:
 
     @property
     def least(self) -> float:
-        """CPU seconds that a timed job takes at least."""
+        """Shortest CPU time of a timed job, in s: faster functions are repeated."""
         return 0.005 if self.quick else 0.05
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """An entry that is ready to be timed.
+    """Timed functions of an entry, compiled, with the errors of one run.
 
     Attributes
     ----------
     errors : dict of str to float
-        Column → number that one run told.
+        Column → error of one run.
     jobs : dict of str to callable
-        Name → what is timed.
+        Name → timed function.
     costs : callable
-        Name of each job → its times, each of one repetition; returns columns.
+        Called with job name → times of one repetition each; returns columns of the row.
     """
 
     errors: dict[str, float]

@@ -154,7 +154,7 @@ class FinalState:
 
 
 def scene_of(model: gs.Model) -> ReferenceScene:
-    """Return what a model's bodies, joints, springs and gravity are.
+    """Return bodies, joints, springs and gravity of a model, for other programs.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""What it costs to store a run: the same steps in memory and streamed to a Zarr store, in turn.
+"""Cost of storing a run: the same steps in memory and streamed to a Zarr store, in turn.
 
-The fast top, every k-th state kept. Beside it what the same disk takes of plain bytes that are
-forced to it, and of forced files as large as a commit's: the two limits of storing every step.
+The fast top, every k-th state stored. Two limits of the same disk are measured too: plain bytes
+with fsync, and files of the size of a commit with fsync each.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a sweep costs beside an ensemble of the same cells, and how that grows.
+"""Cost of a sweep divided by the cost of an ensemble of the same cells, by number of cells.
 
 The fast top over γ × Δt, in three ways, in turn:
 
@@ -8,7 +8,7 @@ The fast top over γ × Δt, in three ways, in turn:
     store       the same into a Zarr store in a temporary folder; in the cases "dask" by the worker
                 processes of a cluster on this machine
 
-A share is the ensemble's wall time over that of a way: what is left of its throughput.
+A share is the ensemble's wall time divided by the wall time of the sweep.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Times that can be compared: CPU time, jobs in turn, medians.
+"""Timing of jobs against each other: CPU time, alternating rounds, medians.
 
-Wall time counts what other programs do with the core; CPU time does not. Jobs that are compared
-run alternately, so that a machine that slows down slows all of them, and the order turns round
-after each round.
+Wall time includes the time of other programs on the core; CPU time does not. Compared jobs run
+alternately, so that a slower machine slows all of them, and the order is reversed after each
+round.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Name = TypeVar("Name", bound=Hashable)
 
 @dataclass(frozen=True)
 class Sample:
-    """Seconds of each round by the clock, and by that on the wall."""
+    """Seconds of each round: CPU time (or the given clock) and wall time."""
 
     seconds: tuple[float, ...]
     wall_seconds: tuple[float, ...] = ()

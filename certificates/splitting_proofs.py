@@ -275,7 +275,7 @@ def hamiltonians(splitting: Splitting) -> list[tuple[str, sp.Expr]]:
 
 
 def prove_splitting(splitting: Splitting) -> tuple[Proof, ...]:
-    """Prove that the parts add up to H, body by body, and that the parts of T commute.
+    """Prove Σ parts = H body by body, and {T_i, T_j} = 0 for the parts of T.
 
     Where bodies were taken as symmetric, both hold where the conditions do.
     """
@@ -334,7 +334,7 @@ def _meeting(
 
 
 def prove_gradient(splitting: Splitting) -> Proof:
-    """Prove that ``gradient`` is the kick of G = −{V, {T, V}}, for systems without forces."""
+    """Prove for systems without forces: ``gradient`` is the kick of G = −{V, {T, V}}."""
     ring, system = _Ring(splitting), splitting.system
     T = sp.Add(*(x for name, x in hamiltonians(splitting) if name != "V"))
     inner = bracket(T, splitting.V, system.q, system.p)

@@ -1,4 +1,4 @@
-"""Questions that the paper left open: each answer with its proof or its measured law.
+"""Open questions of the paper, each answered with a proof or a measured law.
 
 ``equivalence``   LIIIA-B-α = LIIIA-B-γ (erratum 23)
 ``odd_stages``    1/γ for even s, γ for odd s (24); proofs in ``odd_proof``, formulas in

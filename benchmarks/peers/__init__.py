@@ -1,4 +1,4 @@
-"""The programs that are compared, one file each: its settings, and how to run each of them.
+"""Programs to compare with, one file each: settings, and a run for each setting.
 
 A file of ``PEERS`` has ``entries()``, runs of the fast top. Nothing is imported or compiled until
 an entry is prepared; a package that is missing becomes a row that says so.

@@ -1,4 +1,4 @@
-"""What a program computes of a loss: its gradient, and the run alone."""
+"""Timed jobs of a program with derivatives: the gradient of a loss, and the run alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TOP_VALUES = np.array([*INERTIA, MGL])
 
 @dataclass(frozen=True)
 class GradientJob:
-    """A gradient by (q, p) of the start and by parameters; None where it has no such."""
+    """A gradient by (q, p) of the start and by parameters; None: the program has none by these."""
 
     q: Any
     p: Any
@@ -28,7 +28,7 @@ class GradientJob:
 
 @dataclass(frozen=True)
 class Job:
-    """What is timed: value and gradient together, and the run alone."""
+    """Two timed functions: value with gradient, and the run alone."""
 
     gradient: Callable[[], GradientJob]
     primal: Callable[[], object]

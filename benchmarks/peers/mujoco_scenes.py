@@ -45,9 +45,9 @@ class MujocoScene:
         self._text = self._scene_text(*tree_of(scene))
 
     def prepare(self, integrator: str, seconds: float, steps: int) -> Run:
-        """Return what takes so many steps from the start and returns how the bodies move.
+        """Return a function that takes ``steps`` steps from the start and returns the motion.
 
-        It raises ``Unavailable`` where MuJoCo finds the motion unstable.
+        The function raises ``Unavailable`` if MuJoCo finds the motion unstable.
         """
         model = self.model(integrator, seconds / steps)
         data = self._mujoco.MjData(model)
@@ -169,7 +169,7 @@ class MujocoScene:
                 held.set("body2", second)
 
     def _axes(self, joint: SceneJoint, parent: str) -> list[Array]:
-        """Return what a body turns about or slides along, in space, its parent's own axis first."""
+        """Return the axes of a joint in space at the start, the axis fixed in the parent first."""
         if joint.kind == "ball":
             return []
         if joint.kind == "rod":

@@ -1,4 +1,4 @@
-"""Packages that may be missing."""
+"""Import of optional packages."""
 
 from __future__ import annotations
 

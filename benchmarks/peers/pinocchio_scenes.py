@@ -110,7 +110,7 @@ class PinocchioScene:
     # ------------------------------------------------------------ its model
 
     def _hang_all(self, parent: str, tree: Sequence[tuple[str, str, SceneJoint | None]]) -> None:
-        """Add what hangs on a body, depth first: a joint's numbers follow those of its subtree."""
+        """Add the subtree below a body, depth first, as Pinocchio numbers joints."""
         for above, name, joint in tree:
             if above == parent:
                 self._hang(parent, name, joint)

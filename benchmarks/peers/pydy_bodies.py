@@ -26,7 +26,7 @@ TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 
 
 class PydyBodies:
-    """Bodies that hang on ball joints, derived and compiled once."""
+    """Equations of bodies on ball joints by PyDy, derived and compiled once."""
 
     def __init__(self, scene: ReferenceScene) -> None:
         self._joints = {joint.b: joint for joint in scene.joints}

@@ -31,7 +31,7 @@ class TransformedSystem(System):
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """Expressions that define the frame besides g and F."""
+        """H, the energy, and the other expressions on which derived C depends, besides g and F."""
         return {**super().defining, "energy": self.energy}
 
     @property

@@ -44,7 +44,7 @@ class ScaledSystem(TransformedSystem):
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """Expressions that define the scaled system besides g and F."""
+        """H, σ, and the other expressions on which derived C depends, besides g and F."""
         return {**super().defining, "scale": self.scale}
 
     @property

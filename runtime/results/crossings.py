@@ -142,7 +142,7 @@ class Impacts:
                 f"{float(self.t[-1]):.6g} s, energy lost {float(self.energy_lost.sum()):.6g} J>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: time, impulse and loss of the first impacts."""
+        """Return HTML for notebooks: time, impulse and loss of the first impacts."""
         rows = [(f"{float(t):.9g}", f"{float(impulse):.6g}", f"{float(lost):.6g}")
                 for t, impulse, lost in zip(self.t[:_SHOWN], self.impulse, self.energy_lost,
                                             strict=False)]

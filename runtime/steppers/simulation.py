@@ -153,7 +153,7 @@ class ContinuedStep(AdvancingRun):
 
 
 class RecordingRun(AdvancingRun):
-    """Run that is advanced in several calls and stores every state."""
+    """A run in several calls that stores every state."""
 
     def __init__(self, binding: Binding, run: RunArguments) -> None:
         super().__init__(binding, run)
