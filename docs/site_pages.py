@@ -68,6 +68,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Connect the handlers to Sphinx's events."""
     app.connect("builder-inited", prepare_cells)
     app.connect("env-before-read-docs", count_pages)
+    app.connect("doctree-read", remove_empty_outputs)
     app.connect("doctree-read", show_progress)
     app.connect("source-read", fill_in)
     app.connect("autodoc-process-docstring", end_docstring)
@@ -107,6 +108,18 @@ def count_pages(app: Sphinx, env: BuildEnvironment, names: list[str]) -> None:
 def cpu_seconds() -> float:
     """Return the CPU time of this process and of its children that have ended."""
     return sum(os.times()[:4])
+
+
+def remove_empty_outputs(app: Sphinx, tree: nodes.document) -> None:
+    """Remove the outputs of cells that are empty texts: progress ends as one."""
+    for bundle in list(tree.findall(nodes.container)):
+        if bundle.get("nb_element") == "mime_bundle" and bundle.parent is not None and all(
+                part.get("mime_type") == "text/plain" and not part.astext()
+                for part in bundle.children):
+            outputs = bundle.parent
+            outputs.remove(bundle)
+            if not outputs.children:
+                outputs.parent.remove(outputs)
 
 
 def show_progress(app: Sphinx, tree: nodes.document) -> None:

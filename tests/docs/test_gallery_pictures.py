@@ -1,4 +1,4 @@
-"""Which picture of a page the gallery shows: of bodies, if the page has one."""
+"""Outputs of cells: the picture that the gallery shows, and empty texts, which leave."""
 
 from __future__ import annotations
 
@@ -43,3 +43,15 @@ def test_pictures_of_bodies_are_told_from_figures(site_pages):
     assert site_pages._shows_bodies(bundle(text("<View of heavy_top>"), page, png()))
     assert not site_pages._shows_bodies(bundle(text("<Figure size 640x480 with 1 Axes>"), png()))
     assert not site_pages._shows_bodies(nodes.image(uri="x.png"))
+
+
+def test_empty_outputs_leave_the_page(site_pages):
+    def output(text):
+        block = nodes.container("", nodes.literal_block(text, text), mime_type="text/plain")
+        return nodes.container("", block, nb_element="mime_bundle")
+
+    tree = nodes.container("", nodes.container("", output(""), output("3")),
+                           nodes.container("", output("")))
+    site_pages.remove_empty_outputs(None, tree)
+    assert [len(outputs.children) for outputs in tree.children] == [1]
+    assert tree.astext() == "3"

@@ -32,6 +32,7 @@ import ast, json, sys, warnings
 import matplotlib
 matplotlib.use("agg")
 warnings.simplefilter("error")
+warnings.filterwarnings("ignore", "FigureCanvasAgg is non-interactive")  # plt.show()
 namespace = {"__name__": "__main__"}
 for place, text in enumerate(json.loads(sys.argv[1])):
     tree = ast.parse(text, f"cell {place}")
@@ -69,6 +70,15 @@ def test_cells_of_a_page(path, tmp_path):
 
 def test_the_quick_pages_are_there():
     assert {names(path) for path in PAGES} > QUICK_PAGES
+
+
+def test_no_figure_is_shown_twice():
+    """pyplot shows its figures at the end of a cell; one that is the last value comes again."""
+    for path in PAGES:
+        for cell in cells(path):
+            last = cell.rstrip().splitlines()[-1]
+            assert not (re.search(rf"^{re.escape(last)}\b.*= plt\.", cell, flags=re.MULTILINE)
+                        and f"plt.close({last})" not in cell), f"{names(path)}: {last}"
 
 
 def test_pages_with_cells_can_be_opened_as_notebooks():
