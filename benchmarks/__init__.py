@@ -1,5 +1,9 @@
 """How fast, how exact: gyrospark beside other programs; ``make bench``, no part of the package.
 
+In: a choice of the command line (``Choice``).
+Out: rows of a table: program, setting, errors, CPU time.
+Open first: ``rows.contest``.
+
 What comes in is public: ``import gyrospark as gs``.
 
     rows             a row of any benchmark: measured in turn, printed, drawn, JSON

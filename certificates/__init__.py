@@ -1,5 +1,9 @@
 """Certificates: guaranteed and measured properties of a stepper, each number with its bound.
 
+In: a model and a scheme.
+Out: a ``Certificate``: a line with value, bound and verdict for each property.
+Open first: ``certificate.certify``.
+
     guarantees           properties that a scheme guarantees for a model, derived
     round_off            bounds of round-off in a run
     measurements         reversal, separation, order, trend

@@ -1,5 +1,9 @@
 """The command line: one command a file, each a thin face of the Python calls.
 
+In: the words of the command line.
+Out: text or JSON on stdout, files, an exit code.
+Open first: ``generate``, the shortest command.
+
     generate, include, models, verify, run, sweep, export, reproduce, cache   the commands
     build, fit, lyapunov, reference   commands, too; models has ``examples`` in it
     options                   options that several of them share

@@ -1,5 +1,9 @@
 """Errors, argument checks, numbers, registries: used by every package, importing none.
 
+In: values that users pass.
+Out: the same values, checked and converted, or an error with its cure.
+Open first: ``errors``, then ``manifest``.
+
     errors         every error that is raised on purpose
     arguments      checks of names, paths, flags and lists, with the closest match for a wrong name
     calls          arguments that do not fit a function, told by a sentence

@@ -1,5 +1,9 @@
 """Steps and runs as functions of other libraries, with their derivatives.
 
+In: a compiled stepper.
+Out: its step or run as a differentiable function of another library.
+Open first: ``discrete_flow.DiscreteFlow``.
+
     discrete_flow  N steps as a function of one vector, its tangent and its adjoint
     flow_function  arguments that the functions of all libraries have
     jax            JAX: primitives for jit, vmap, grad, jvp

@@ -1,5 +1,9 @@
 """Reference problems of the field: exact digits, and the errors of our schemes.
 
+In: the name of a problem.
+Out: its model, certified digits, and errors and costs of our runs.
+Open first: ``problem.Reference``.
+
 >>> import gyrospark as gs
 >>> gs.references.names()[:2]
 ('car-axis', 'andrews')

@@ -1,5 +1,9 @@
 """Runs on disk: streamed while they are computed, resumed after any interruption.
 
+In: a stepper, a start and a folder.
+Out: a Zarr store, complete up to its last commit after any interruption.
+Open first: ``record.record``.
+
     durable_files  a Zarr store with atomic, durable files
     staging        atomic creation of stores, and their writer lock
     chunks         chunks of arrays, written side by side

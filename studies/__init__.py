@@ -1,5 +1,9 @@
 """The paper, reproduced: every table and figure from compiled steppers, beside the printed one.
 
+In: a case: problem, scheme, parameter, Δt, steps, norm.
+Out: tables, figures and findings, compared with the paper's.
+Open first: ``case_runner.Engine``, then ``invariants``.
+
 One short file for each group of results; each says what it computes as data (problem, scheme,
 representation, parameter, Δt, number of steps, norm) and shares the runner of cases:
 

@@ -1,5 +1,9 @@
 """Parameter sweeps: many short runs over a grid of parameters, steps, schemes and starts.
 
+In: a model and a grid of values.
+Out: a dataset with the grid's axes, in memory or in a store.
+Open first: ``run_sweep.sweep``.
+
     axes           axes of the grid, each a dimension of the result
     study          a sweep as data: steppers, axes, arguments common to all cells
     sweep_model    the model as steppers and numbers

@@ -1,5 +1,9 @@
 """Steppers as artefacts of other programs: ``gyrospark build TARGET MODEL`` and ``gs.build``.
 
+In: a model and the name of a target.
+Out: a folder or file that another program uses, checked bit by bit.
+Open first: ``build.build``.
+
     build           ``gs.build``: from a model to an artefact that is written
     artefact        what a target is given, what it makes, and how it is written
     tools           programs and packages that targets need, and the cure where one is missing

@@ -1,5 +1,9 @@
 """Code generation: from a derived stepper to the header, the source and the manifest.
 
+In: a scheme for a system, its kernels, a tableau.
+Out: three texts: header, source, manifest.
+Open first: ``emit.emit``.
+
     profiles         the amount of C: for Python, for programs in C, for a controller
     program          the C program as one typed description
     mass_tables      the elimination of the mass matrix of a Lagrangian

@@ -1,5 +1,9 @@
 """Kernels: functions of arrays, given by expressions, and their C.
 
+In: arrays of symbols, and expressions of them.
+Out: statements in C with shared subexpressions, and their operation counts.
+Open first: ``kernel.emit_kernel``.
+
     statements     a kernel as statements: shared subexpressions, then outputs
     kernel         C of a kernel: constants of a run, operation counts
     c_printer      SymPy expressions as C

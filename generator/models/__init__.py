@@ -1,5 +1,9 @@
 """Model files: models from TOML, robots from URDF, MJCF and SDF.
 
+In: the text of a model file.
+Out: a ``Model``, or a ``Multibody`` of a robot.
+Open first: ``model_file.read_model``.
+
     model_file        one file to a ``Model``
     toml_tables       tables of TOML; every error names file and key
     formulas          formulas in named symbols

@@ -1,5 +1,9 @@
 """Multibody models: rigid bodies with quaternions, joints and forces.
 
+In: bodies, joints and forces with numbers and symbols.
+Out: a ``System`` with H(q, p), g(q, t), F(q, p, t), and a consistent start.
+Open first: ``multibody.Multibody``, then ``assembly``.
+
     rigid_body      L(q), R(q), the α- and γ-type kinetic energies, the paper's systems
     symbols         symbols for formulas of one body, as ``gyrospark.symbols``
     body            symbols, points and velocities of one body

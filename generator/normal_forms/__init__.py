@@ -1,5 +1,9 @@
 """Normal forms: one form of H, g, F and quantities for all equivalent expressions.
 
+In: a system.
+Out: an equivalent system, the same for all ways to write it, in few operations.
+Open first: ``canonical_system.canonical``.
+
 ``canonical_system.canonical`` computes them before anything is derived.
 
 1. **expand**    products and divisions by sums, within limits (``expansion``, on the dictionaries

@@ -1,5 +1,9 @@
 """Parsing: the grammar of arithmetic text, exact numbers, files of unknown origin.
 
+In: text of unknown origin.
+Out: expressions and exact numbers, in bounded time and memory.
+Open first: ``grammar.parse``.
+
 Text is parsed in bounded time and memory, and is never passed to Python's or SymPy's parsers.
 
     tokens             tokens of a text, and errors with a position in it

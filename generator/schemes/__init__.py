@@ -1,5 +1,9 @@
 """Schemes: their names, and the equations of a step of each, for any system.
 
+In: a system and a tableau.
+Out: unknowns of a step and kernels of its equations.
+Open first: ``step_equations.SparkScheme``.
+
     named_schemes        the record of each named scheme; imports no SymPy
     step_equations       unknowns and kernels of SPARK methods and of IMS and EMS
     discrete_gradient    discrete differentiation: difference quotients with an exact chain rule

@@ -1,5 +1,9 @@
 """Splitting of H into parts whose flows are known in closed form.
 
+In: a system of bodies without joints.
+Out: a ``Splitting``: H = T₁ + … + V, each part with an exact flow.
+Open first: ``find.split``.
+
     find      derivation of the splitting of a system from its H
     parts     the parts: rotations, translations, kicks, and their flows
     kicks     torques of potentials and forces in space axes

@@ -1,5 +1,9 @@
 """Bounded algebra on expressions, on top of SymPy, with proofs where possible.
 
+In: expressions.
+Out: derivatives, factors, equalities; each is proved, or said to be sampled.
+Open first: ``derivatives``, then ``identities``.
+
     bounded_algebra        bounds of the size of an expansion or a factorisation
     derivatives            derivatives by SymPy's rules, in fewer operations
     shared_subexpressions  expressions as directed acyclic graphs

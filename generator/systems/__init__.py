@@ -1,5 +1,9 @@
 """Systems: q, p, H, g and forces, and their analysis before code is generated.
 
+In: expressions of users: H or L, g, F.
+Out: a checked ``System`` with its derivatives and structure.
+Open first: ``system.System``.
+
     system                 a constrained Hamiltonian system and its derivatives
     lagrangian             a system from its Lagrangian, M(q) never inverted in symbols
     sympy_mechanics        a system from sympy.physics.mechanics

@@ -1,5 +1,9 @@
 """Tableaux: exact nodes and coefficients, derived from conditions, and the conditions they satisfy.
 
+In: a family and s, a user's A, b, c, or a composition.
+Out: exact coefficients, and the conditions that they satisfy.
+Open first: ``families.gauss_lobatto``.
+
     node_algebra       functions on a set of nodes, exactly
     nodes              roots of polynomials, exact and in certified enclosures
     families           Gauss-Lobatto, Lobatto IIIA-B and Radau-Lobatto from (A.8)-(A.16)

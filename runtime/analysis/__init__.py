@@ -1,5 +1,9 @@
 """Analysis of motions by derivatives of their steps: fits, exponents, periodic orbits.
 
+In: a stepper and a start or data.
+Out: parameters, exponents or orbits, with their uncertainty.
+Open first: ``fit.fit``.
+
     fit              parameters and start of a motion from measured data, by least squares
     observations     measured quantities of a state: residuals and their derivatives
     fit_coordinates  coordinates of parameters in which each step stays physical

@@ -1,5 +1,9 @@
 """Calling compiled functions: arrays, numbers of every type, memory, and their checks.
 
+In: a loaded module and NumPy arrays.
+Out: arrays of the same type, written by the C.
+Open first: ``binding.Binding``.
+
     array_checks          arrays and numbers that callers pass, converted and never reinterpreted
     real_numbers          rounding to the stepper's type, numbers as text and bytes; memory
     inputs                inputs of forces, new in every step

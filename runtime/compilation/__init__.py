@@ -1,5 +1,9 @@
 """From the text of a stepper to its loaded module: compiler, cache, manifest.
 
+In: the texts of header, source and manifest.
+Out: a loaded module, from the cache if it is there.
+Open first: ``stepper_module.load_module``.
+
     manifest          what a stepper says of itself, checked before sizes are used
     compiler          find a C compiler, make an extension module
     body_columns      columns of bodies and joints in the arrays of a run

@@ -1,5 +1,9 @@
 """Derivatives of steps and runs: tangents, adjoints, gradients, Hessians.
 
+In: a run and directions of its start, or cotangents.
+Out: tangents, gradients and Hessians of the discrete motion.
+Open first: ``gradient.gradient_of``.
+
     frame               states of a co-moving frame in space, and their derivatives
     tangent_space       directions of a start on the constraints
     binding             the compiled module of derivatives; steps with their unknowns

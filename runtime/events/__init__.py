@@ -1,5 +1,9 @@
 """Events: where a quantity of a run crosses a level. Their record is ``results.crossings``.
 
+In: states of a run, step by step, and levels.
+Out: times and states of crossings and impacts.
+Open first: ``detection.EventDetector``.
+
     detection         steps in which a value changes its sign
     zeros             zeros of many functions by Chandrupatla's method
     location          times and states of events, by short real steps

@@ -1,5 +1,9 @@
 """Integration: checked arguments, the step loop in chunks, states between steps, failed steps.
 
+In: a start, Δt, a number of steps or t_end.
+Out: rows of states and the diagnostics of all steps.
+Open first: ``step_loop.integrate``.
+
     consistency      whether states are on the constraints
     step_loop        one integration, in chunks
     linear_frequency the frequency of the linearised motion at the start of a run

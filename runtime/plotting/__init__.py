@@ -1,5 +1,9 @@
 """Figures, films and pages of trajectories.
 
+In: a trajectory.
+Out: a figure, picture, film, page or 3-D model.
+Open first: ``scene.scene_of`` for bodies, ``trajectory_plots`` for curves.
+
     figure            a figure that Jupyter shows
     trajectory_plots  figures of trajectories, Poincaré sections and ensembles
     analysis_plots    figures of Lyapunov exponents and periodic orbits

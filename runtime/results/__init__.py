@@ -1,5 +1,9 @@
 """Results of a run: states, computed quantities, diagnostics, crossings, files.
 
+In: rows of states and a manifest.
+Out: a ``Trajectory``: computed quantities by name, tables, files.
+Open first: ``trajectory.Trajectory``.
+
     diagnostics         diagnostics over every step
     crossings           the crossings of an event, in one run and in many
     run_arrays          the list of a run's arrays, for all that holds, writes, reads or draws them

@@ -1,5 +1,9 @@
 """FMUs for co-simulation, FMI 2.0 and 3.0: targets ``fmu2`` and ``fmu3``.
 
+In: manifest and sources of a stepper.
+Out: an .fmu archive with libraries for five platforms.
+Open first: ``target``.
+
     target          files, libraries and the check, for both versions
     variables       the variables of an FMU, with starts, bounds and units
     description     modelDescription.xml, buildDescription.xml, and tables for core.h

@@ -1,5 +1,9 @@
 """Steppers as WebAssembly, and as pages that integrate while they are looked at.
 
+In: manifest and sources of a stepper.
+Out: a WebAssembly module, or one page of HTML.
+Open first: ``webassembly``.
+
     webassembly     the target wasm: a module, and its functions in JavaScript
     page            the target web, ``gs.playground``
 
