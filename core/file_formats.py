@@ -42,8 +42,6 @@ class FileFormat:
         "module:function" that returns the run in such a file, if one does.
     tabular : bool
         Whether it has named columns, which a caller may choose, and Euler angles among them.
-    streamed : bool
-        Whether a long run is stored first, and the file made of its store.
     extra, packages : str and tuple of str
         What has to be installed for it, and what is imported.
     """
@@ -54,7 +52,6 @@ class FileFormat:
     writers: dict[str, str] = field(default_factory=dict)
     reader: str = ""
     tabular: bool = False
-    streamed: bool = False
     extra: str = ""
     packages: tuple[str, ...] = ()
 
@@ -79,10 +76,10 @@ FORMATS = (
     FileFormat(".npz", "states", "NumPy", {
         "trajectory": f"{_RUNS}:save_npz", "ensemble": f"{_RUNS}:save_ensemble"},
         reader=f"{_RUNS}:load_npz"),
-    FileFormat(".csv", "states", "CSV", tabular=True, streamed=True),
+    FileFormat(".csv", "states", "CSV", tabular=True),
     FileFormat(".nc", "states", "NetCDF", reader=f"{_RUNS}:load_netcdf",
-               streamed=True, extra="netcdf", packages=("h5netcdf", "h5py")),
-    FileFormat(".parquet", "states", "Parquet", tabular=True, streamed=True, extra="parquet",
+               extra="netcdf", packages=("h5netcdf", "h5py")),
+    FileFormat(".parquet", "states", "Parquet", tabular=True, extra="parquet",
                packages=("pyarrow",)),
     FileFormat(".zarr", "store", "Zarr", {"trajectory": "storage.saved_run:save_store"},
                reader="storage.recording:open_recording"),

@@ -99,10 +99,11 @@ class RunCommand(Grouped):
                    '"height=0 down", "x=1.5 up stop" (the run ends there); with a name '
                    '"landing: height=0". Beside [events] of a model file.')
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
-              help="Write the states: .zarr (streamed, for runs of any length), .npz, .csv, .nc.")
+              help="Write the states: .zarr (streamed, for runs of any length), or at the end "
+                   ".npz, .csv, .nc, .parquet.")
 @click.option("--resume", is_flag=True,
-              help="Go on with the run in --out NAME.zarr (.csv, .nc), to the same bits; also to "
-                   "more --steps. Begin it if there is none.")
+              help="Go on with the run in --out NAME.zarr, to the same bits; also to more "
+                   "--steps. Begin it if there is none.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
 @click.option("--show", type=click.Path(path_type=Path), metavar="FILE", multiple=True,

@@ -1,17 +1,14 @@
-"""Where the states of ``gyrospark run`` go: memory and .npz, or a store that they stream to."""
+"""Where the states of ``gyrospark run`` go: memory and a file, or a store that they stream to."""
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from importlib.util import find_spec
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.arguments import why_unwritable
-from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
+from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
 from ...core.event import Event, as_events, event_of_text
 from ...core.file_formats import ending_of, endings, format_of
 from ...core.incompatibilities import refuse_together
@@ -74,13 +71,14 @@ def check_targets(
         check_ending("--show", path, [*ENDINGS])
         if ending_of(path) in endings("film"):
             check_film(path)
-    if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
-        raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
-                         "the file that it shall become, NAME.csv or NAME.nc.")
-    if out is not None and (_is_store(out) or _is_exported(out, resume=resume)):
-        from ... import storage  # says which package is missing
+    if resume and not _is_store(out):
+        raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr. "
+                         "gyrospark export NAME.zarr NAME.csv then makes a table of it.")
+    if out is not None:
+        if _is_store(out):
+            from ... import storage  # says which package is missing
 
-        assert storage is not None
+            assert storage is not None
         format_of(out, "A run", "states", "store").require_packages()
 
 
@@ -102,107 +100,21 @@ def _is_store(out: Path | None) -> bool:
     return out is not None and ending_of(out) in endings("store")
 
 
-def _is_exported(out: Path, *, resume: bool) -> bool:
-    """Whether a file is made of a store that the run streams to.
-
-    A table needs none: where stores cannot be written it is made of what is in memory.
-    """
-    form = format_of(out, "A run", "states", "store")
-    if form.tabular and not resume:
-        return all(find_spec(package) is not None for package in ("zarr", "filelock"))
-    return form.streamed
-
-
 def integrate_to(
     step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any], *, resume: bool,
     progress: Callable[[int], None] | None,
 ) -> RunOutcome:
     """Integrate and write the states; an error comes with all states before it."""
-    between = "t_end" in arguments  # the last row of a store is the end of a step
-    streamed = out is not None and (
-        _is_store(out) or (not between and _is_exported(out, resume=resume)))
-    if out is None or not streamed:
-        return _in_memory(step, start, out, arguments, progress)
-    if _is_store(out):
-        return _stored(step, start, out, str(out), arguments, progress, resume=resume)
-    return _exported(step, start, out, arguments, progress, resume=resume)
-
-
-def _exported(
-    step: Stepper, start: Start, out: Path, arguments: dict[str, Any],
-    progress: Callable[[int], None] | None, *, resume: bool,
-) -> RunOutcome:
-    """Integrate into a store beside ``out``, which stays until its run has ended and is exported.
-
-    Whatever ends the process, --resume goes on.
-    """
-    store = store_beside(out)
-    if not resume:
-        _remove(store)
-    try:
-        done = _stored(step, start, store, str(out), arguments, progress, resume=resume)
-    except StorageError as error:
-        if not resume and _steps_in(store) == 0:
-            _remove(store)
-            raise StorageError(
-                f"The states for {str(out)!r} cannot be stored: "
-                f"{why_unwritable(out, error.__cause__ or error)}. No step is stored, and no file "
-                "is left: free some space, or choose another place.") from error
-        raise StorageError(f"{error} {stored_location(out)}") from error
-    try:
-        _open(store).save(out)
-    except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
-        saved = StorageError(f"{error} The states are in {_hidden(store)}: the same command with "
-                             "--resume, or gyrospark export, writes them and removes both.")
-        return replace(done, out=None, trouble=done.trouble or saved)
-    except Exception as error:
-        error.add_note(f"The states are in {str(store)!r}; gyrospark export writes them.")
-        raise
-    ended = done.ended_by is not None or done.last.report.steps == arguments["steps"]
-    if isinstance(done.trouble, Stopped) and not ended:
-        return done  # the store goes on
-    _remove(store)
-    return done
-
-
-def store_beside(out: Path) -> Path:
-    """Return the store in which a run waits that becomes a file of another kind."""
-    return out.with_name(f".{out.name}.zarr")
+    if out is not None and _is_store(out):
+        return _stored(step, start, out, arguments, progress, resume=resume)
+    return _in_memory(step, start, out, arguments, progress)
 
 
 def stored_location(out: Path | None) -> str:
     """Return a sentence on the store of an interrupted run; empty where there is none."""
-    if out is None:
+    if out is None or not (_is_store(out) and out.exists()):
         return ""
-    store = out if _is_store(out) else store_beside(out)
-    if not store.exists():
-        return ""
-    location = repr(str(store)) if _is_store(out) else _hidden(store)
-    return f"What is stored in {location} is whole: the same command with --resume goes on."
-
-
-def _hidden(store: Path) -> str:
-    """Return the name of a store beside a file, and of its lock, which folders do not show."""
-    from ...storage.staging import lock_file
-
-    return f"{str(store)!r} (hidden, with its lock {lock_file(store).name!r})"
-
-
-def _steps_in(store: Path) -> int:
-    """Return how many steps a store holds; 0 for one that could not be made."""
-    try:
-        return _open(store).steps_done if store.exists() else 0
-    except GyrosparkError:
-        return 0
-
-
-def _remove(store: Path) -> None:
-    """Remove a store that is no longer needed, unless a process is at it."""
-    from ...storage.staging import lock_file, writer_lock
-
-    with writer_lock(store):
-        shutil.rmtree(store, ignore_errors=True)
-        lock_file(store).unlink(missing_ok=True)
+    return f"What is stored in {str(out)!r} is whole: the same command with --resume goes on."
 
 
 def _in_memory(
@@ -248,7 +160,7 @@ def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopp
 
 
 def _stored(
-    step: Stepper, start: Start, store: Path, name: str, arguments: dict[str, Any],
+    step: Stepper, start: Start, store: Path, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool,
 ) -> RunOutcome:
     from ...runtime.integration.run_arguments import step_count
@@ -274,7 +186,7 @@ def _stored(
     seconds = time.perf_counter() - started
     shown = recording[:: -(-len(recording) // _SHOWN)]
     last = recording[-1:]
-    return RunOutcome(shown, last, seconds, recording.steps_done - before, name, trouble,
+    return RunOutcome(shown, last, seconds, recording.steps_done - before, str(store), trouble,
                 _ended_by(shown, arguments))
 
 

@@ -12,8 +12,6 @@ import pytest
 
 import gyrospark as gs
 import systems
-from calls import PARAMETERS, TOP
-from gyrospark.commands.run.outputs import integrate_to
 from gyrospark.storage.durable_files import write_durably
 from stores import START, assert_same_bytes, record, recorded, small_blocks
 
@@ -84,36 +82,6 @@ def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
         found.save(tmp_path / f"run{end}")
     disk.good_until = None
     assert sorted(path.name for path in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
-
-
-@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 25])
-def test_what_a_command_leaves_on_a_full_disk_is_named(every, gl3, tmp_path, monkeypatch):
-    """Files that folders do not show, too; where no step is stored, none is left."""
-    small_blocks(monkeypatch, 4)
-    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
-    out, arguments = tmp_path / "run.csv", {
-        "dt": 1e-3, "steps": 20, "every": 2}
-    begin = gs.Start(TOP.q0, TOP.p0, PARAMETERS)
-    options = {"resume": False, "progress": None}
-    disk, left = Disk(monkeypatch, errno.ENOSPC), set()
-    for good in itertools.count(0, every):
-        for path in tmp_path.iterdir():
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-        disk.good_until, disk.done = good, 0
-        try:
-            trouble = integrate_to(gl3, begin, out, dict(arguments), **options).trouble
-        except gs.errors.StorageError as error:
-            trouble = error
-        disk.good_until = None
-        files = [path.name for path in tmp_path.iterdir()]
-        if trouble is None:
-            break
-        left.add(len(files))
-        assert os.strerror(errno.ENOSPC) in str(trouble)
-        assert all(name in str(trouble) for name in files), (files, str(trouble))
-    assert files == ["run.csv"]
-    assert 0 in left
-    assert max(left) > 1
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows does not sync folders")
