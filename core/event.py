@@ -6,8 +6,8 @@ Their records, and the text of events on the command line.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from .arguments import choose, shown
@@ -16,7 +16,7 @@ from .exact_numbers import decimal, exact
 from .incompatibilities import refuse_together
 
 __all__ = ["DIRECTIONS", "Event", "Impact", "as_events", "as_impacts", "event_of_text",
-           "refuse_unusable_names", "terminal_of"]
+           "events_of_model", "refuse_unusable_names", "terminal_of", "with_restitutions"]
 
 #: How a direction is written on the command line and in model files.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
@@ -84,8 +84,8 @@ class Impact:
     ----------
     quantity : str
         The gap: a quantity of the system, of coordinates and time.
-    restitution : number
-        e, from 0 (plastic) to 1 (elastic).
+    restitution : number or str
+        e, from 0 (plastic) to 1 (elastic), or the name of a parameter that has it.
     name : str, optional
         Under which it is found in ``Trajectory.impacts``; by default the quantity's.
 
@@ -104,24 +104,72 @@ class Impact:
             raise InputError(f"An impact's quantity is a name, not {shown(self.quantity)}.")
         if not isinstance(self.name, str):
             raise InputError(f"An impact's name is text, not {shown(self.name)}.")
-        e = exact(self.restitution)
-        if e is None or isinstance(e, float) or not 0 <= e <= 1:
-            raise InputError(f"restitution = {shown(self.restitution)} is outside of [0, 1]; give "
-                             "a number from 0 (plastic) to 1 (elastic).")
+        if not isinstance(self.restitution, str):
+            _refuse_restitution("restitution", self.restitution)
         object.__setattr__(self, "name", self.name or self.quantity)
 
 
-def as_impacts(argument: Any, quantities: Sequence[str]) -> tuple[Impact, ...]:
+def _refuse_restitution(label: str, entry: Any) -> None:
+    e = exact(entry)
+    if e is None or isinstance(e, float) or not 0 <= e <= 1:
+        raise InputError(f"{label} = {shown(entry)} is outside of [0, 1]; give a number from 0 "
+                         "(plastic) to 1 (elastic).")
+
+
+def with_restitutions(
+    impacts: Sequence[Impact], parameters: Mapping[str, Any]
+) -> tuple[Impact, ...]:
+    """Return impacts with the numbers of restitutions that are parameters.
+
+    Raises
+    ------
+    InputError
+        For an unknown parameter, and one outside of [0, 1].
+    """
+    def value(e: Any) -> Any:
+        if not isinstance(e, str):
+            return e
+        number = parameters[choose("parameter of a restitution", e, list(parameters))]
+        _refuse_restitution(f"The restitution {e}", number)
+        return number
+
+    return tuple(replace(impact, restitution=value(impact.restitution)) for impact in impacts)
+
+
+def events_of_model(
+    argument: Any, quantities: Sequence[str], others: Sequence[str]
+) -> tuple[Event | Impact, ...]:
+    """Return the impacts and the events of a model, of quantities and of other names.
+
+    Raises
+    ------
+    InputError
+        As ``as_impacts`` and ``as_events``.
+    """
+    entries = [argument] if isinstance(argument, Event | Impact) else argument
+    impacts = [entry for entry in entries if isinstance(entry, Impact)] if isinstance(
+        entries, Sequence) else []
+    events = [entry for entry in entries if entry not in impacts] if impacts else entries
+    return *as_impacts(impacts, quantities), *as_events(events, [*quantities, *others])
+
+
+def as_impacts(
+    argument: Any, quantities: Sequence[str], own: Sequence[Impact] = ()
+) -> tuple[Impact, ...]:
     """Return a caller's impacts, each of a quantity that the system has; () of events alone.
+
+    ``own`` are the impacts of the start, of which those given take the place.
 
     Raises
     ------
     InputError
         For impacts and events together, an unknown quantity, two impacts of one gap or one name.
     """
-    impacts = (argument,) if isinstance(argument, Impact) else argument
-    if not isinstance(impacts, Sequence) or not any(isinstance(entry, Impact) for entry in impacts):
+    impacts = (argument,) if isinstance(argument, Event | Impact) else argument
+    if not isinstance(impacts, Sequence):
         return ()
+    if not any(isinstance(entry, Impact) for entry in impacts):
+        impacts = (*own, *impacts) if own else ()
     for impact in impacts:
         refuse_together(impacts="impacts", events=not isinstance(impact, Impact) and "events")
         choose("quantity of an impact", impact.quantity, quantities)

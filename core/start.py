@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .arguments import as_mapping, few, shown
 from .errors import InputError
+from .event import Impact
 from .exact_numbers import Number
 from .frozen_dict import FrozenDict
 from .html import card, table
@@ -100,6 +101,8 @@ class Start:
         self._rules: Mapping[str, str] = {}
         #: Time step and number of steps of the model's runs, None where it names none.
         self._span: tuple[Any, Any] = None, None
+        #: Impacts of the model's runs.
+        self._impacts: tuple[Impact, ...] = ()
         #: Parameters that some steppers of the system do not have.
         self._spare: frozenset[str] = frozenset()
         #: H + e of a state in scaled time: 0 where a run starts, later what its steps made of that.
@@ -178,16 +181,18 @@ class Start:
             raise InputError(f"replace has no argument {min(other)!r}; it takes "
                              f"{', '.join(own)}.")
         start = Start(**own | changes).of_model(self._inertias, self._rules, self._spare,
-                                                self._span)
+                                                self._span, self._impacts)
         start._excess = self._excess
         return start
 
     def of_model(
         self, inertias: Mapping[str, Any], rules: Mapping[str, str],
         spare: frozenset[str] = frozenset(), span: tuple[Any, Any] = (None, None),
+        impacts: tuple[Impact, ...] = (),
     ) -> Self:
-        """Set a model's bodies, its rules for γ and α, and its dt and steps; return the start."""
+        """Set a model's bodies, rules for γ and α, dt, steps and impacts; return the start."""
         self._inertias, self._rules, self._spare, self._span = inertias, rules, spare, span
+        self._impacts = impacts
         return self
 
 

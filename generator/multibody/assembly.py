@@ -272,7 +272,9 @@ class Assembly:
         velocities = self._velocities if rows else ()
         used: set[sp.Symbol] = set().union(*(
             e.free_symbols for e in (H, *constraints, *rows, *forces, *quantities.values(),
-                                     *scales)))
+                                     *scales)), {
+            self.components.symbols[impact.restitution] for impact in self.components.impacts
+            if isinstance(impact.restitution, str)})
         parameters = tuple(sorted(used - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
         unknown = [s for s in parameters if str(s) not in store]
         if unknown:

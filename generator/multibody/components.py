@@ -12,6 +12,7 @@ import sympy as sp
 
 from ...core.arguments import as_text, listed, proposal, shown
 from ...core.errors import InputError
+from ...core.event import Impact
 from ...core.inertia import Inertia
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import evaluate
@@ -61,6 +62,8 @@ class Components:
     measures: dict[sp.Symbol, tuple[Connection, str]] = field(default_factory=dict)
     placed: set[Connection] = field(default_factory=set)
     beams: list[Beam] = field(default_factory=list)
+    #: Name of a contact or a stop → the impacts of its gaps, which are quantities.
+    contacts: dict[str, tuple[Impact, ...]] = field(default_factory=dict)
     #: Name of a joint that others hold in one → that one.
     aliases: dict[str, Connection] = field(default_factory=dict)
 
@@ -70,13 +73,19 @@ class Components:
         names_of: Mapping[str, Collection[str]] = {
             "body": [*(body.name for body in self.bodies), *(p.name for p in self.moving_points),
                      *self.ends, *(beam.name for beam in self.beams)],
-            "joint": [link.name for link in self.connections], "parameter": self.symbols}
+            "joint": [*(link.name for link in self.connections), *self.contacts],
+            "parameter": self.symbols}
         if name in names_of[kind] or name in ("ground", "gravity"):
             raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; each body, each "
                              "joint or spring, and each parameter needs a name of its own.")
         if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
             raise InputError(f"{shown(name)} is no name for a part of Multibody {self.name!r}; use "
                              "letters, digits and '_', a letter first.")
+
+    @property
+    def impacts(self) -> list[Impact]:
+        """The impacts of all contacts."""
+        return [impact for impacts in self.contacts.values() for impact in impacts]
 
     @property
     def ends(self) -> dict[str, BeamEnd]:

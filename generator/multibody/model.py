@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_items, as_mapping, as_text, choose, few, shown, whole
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
-from ...core.event import Event, as_events
+from ...core.event import Event, Impact, events_of_model
 from ...core.exact_numbers import exact
 from ...core.frozen_dict import FrozenDict
 from ...core.html import card, table
@@ -57,9 +57,9 @@ class Model:
     frame : str
         "symmetries" where its steppers shall have co-moving frames, whose rates are the least
         squares of the start unless a run is given others.
-    events : tuple of Event
-        Events of its runs: ``step.integrate(..., events=model.events)``. ``gyrospark run``
-        does.
+    events : tuple of Event and Impact
+        Impacts of its runs, which ``step.integrate(model, ...)`` has; and events, which it looks
+        for if it is asked: ``step.integrate(..., events=model.events)``. ``gyrospark run`` does.
     units : mapping of str to str
         SI unit of parameters, inputs, coordinates, momenta or quantities, "kg.m2" or "N.m/rad";
         manifests complete them by those that follow.
@@ -77,7 +77,7 @@ class Model:
     description: str = ""
     frame: str = ""
     rules: Mapping[str, str] = field(default_factory=dict)
-    events: Sequence[Event] = ()
+    events: Sequence[Event | Impact] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
 
@@ -131,8 +131,9 @@ class Model:
         as_text("description", self.description)
         if not isinstance(self.frame, str) or self.frame:
             choose("frame", self.frame, FRAMES)
-        object.__setattr__(self, "events", as_events(self.events, [
-            *self.system.quantities, *map(str, (*self.system.q, *self.system.p))]))
+        object.__setattr__(self, "events", events_of_model(
+            self.events, [*self.system.quantities],
+            [*map(str, (*self.system.q, *self.system.p))]))
         for name in ("q0", "p0"):
             object.__setattr__(self, name, self._state(name, getattr(self, name)))
         values = {name: self._number(f"parameter {name!r}", value) for name, value in as_mapping(
@@ -209,7 +210,8 @@ class Model:
         """Where a run of it starts; γ and α without a value are found by its rules."""
         rules = {**self.rules, **({"frame": "start"} if self.frame else {})}
         return Start(self.q0, self.p0, self.parameters).of_model(
-            self.bodies, rules, span=(self.dt, self.steps))
+            self.bodies, rules, span=(self.dt, self.steps),
+            impacts=tuple(event for event in self.events if isinstance(event, Impact)))
 
     def equilibrium(self) -> Model:
         """Return the model that starts at rest in static equilibrium, near its start.

@@ -26,6 +26,7 @@ from ...core.arguments import (
     whole,
 )
 from ...core.errors import InputError
+from ...core.event import Impact
 from ...core.html import card, table
 from ...core.inertia import (
     Inertia,
@@ -56,6 +57,7 @@ from .beam import (
 )
 from .body import GROUND, Body, Frame, MovingPoint, Particle, three_expressions
 from .components import TIME, Components
+from .contacts import gaps_of_plane, gaps_of_spheres, points_of
 from .coordinates import BallFlywheel, Chain, Coordinate, Flywheel, FlywheelBody, Law, Link
 from .initial_poses import (
     InitialState,
@@ -95,6 +97,7 @@ from .joints import (
     Spring,
     Universal,
     hinge_of,
+    named_number,
     named_vector,
 )
 from .model import Model
@@ -1117,6 +1120,90 @@ class Multibody:
             damping=float(finite(f"damping of {name!r}", damping, ())),
             rest=_rest(f"rest of {name!r}", rest)))
 
+    def contact(
+        self, name: str, a: Frame | str | None = None, b: Frame | str = GROUND, *,
+        gap: Any = None, on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
+        normal: ArrayLike | None = None, radius: ArrayLike = 0.0, box: ArrayLike | None = None,
+        restitution: Any = 1.0,
+    ) -> tuple[Impact, ...]:
+        """Let momenta jump where a gap φ ≥ 0 closes, by Newton's law (``gyrospark.Impact``).
+
+            φ = R_b n · d − ϱ            a point or sphere of a, and a plane of b
+            φ = |d| − ϱ_a − ϱ_b          two spheres,   d = x_a + R_a r_a − x_b − R_b r_b
+
+        Runs of the model have these impacts: ``run.impacts[name]``. They are frictionless.
+
+        Parameters
+        ----------
+        a, b : Body, ``ground``, a moving point or a name
+            The bodies; a plane of the ground may move, ``moving_point``. None with ``gap``.
+        gap : expression, or several
+            φ in m, of coordinates, ``time`` and parameters, in place of bodies.
+        on_a : array_like, shape (3,) or (N, 3)
+            Points r_a, or centres of spheres, in axes of a; of N points each has a gap of its own,
+            ``NAME_1`` … ``NAME_N``.
+        on_b : array_like, shape (3,)
+            A point r_b of the plane, or the centre of the sphere, in axes of b.
+        normal : array_like, shape (3,), optional
+            n in axes of b, towards a, in any length; by default (0, 0, 1) on the ground. Without
+            it a body b is a sphere.
+        radius : float or two floats
+            ϱ in m; of two spheres of both, or one of each.
+        box : array_like, shape (3,), optional
+            Half the edges of a box about ``on_a``, along the axes of a: its corners are the points.
+        restitution : number or parameter
+            e, from 0 (plastic) to 1 (elastic).
+
+        Returns
+        -------
+        tuple of Impact
+            One of each gap.
+
+        Raises
+        ------
+        InputError
+            For bodies beside a gap, or neither; for a restitution outside of [0, 1].
+        """
+        if (gap is None) == (a is None):
+            raise InputError(f"{name!r} has {'a gap and a body' if a else 'neither bodies nor gap'}"
+                             "; give gap=, or the bodies that touch.")
+        if a is None:
+            several = isinstance(gap, Sequence) and not isinstance(gap, str)
+            return self._contact(name, list(map(as_expression, gap)) if several else [
+                as_expression(gap)], restitution)
+        ends = self._components.frames(name, a, b)
+        points = points_of(name, on_a, box)
+        ends_of_beams = [end.on if end else 0.0 for end in map(self._components.end, (a, b))]
+        points, base = points + ends_of_beams[0], vector(
+            f"on_b of {name!r}", on_b) + ends_of_beams[1]
+        if normal is None and ends[1] is GROUND:
+            normal = (0.0, 0.0, 1.0)
+        values = self._components.values
+        return self._contact(
+            name, gaps_of_spheres(name, ends, points, base, radius, values) if normal is None else
+            gaps_of_plane(name, ends, points, base, normal, radius, values), restitution)
+
+    def stop(
+        self, name: str, joint: Connection | str, *, lower: float | None = None,
+        upper: float | None = None, restitution: Any = 1.0,
+    ) -> tuple[Impact, ...]:
+        """End the range of a joint, whose angle (rad) or travel (m) rebounds, as in ``contact``.
+
+        With both ends the gaps are ``NAME_lower`` and ``NAME_upper``.
+        """
+        link = self._components.joint(joint, f"Stop {name!r}")
+        coordinate = self._measure(link, _coordinate(link))
+        ends = {key: float(finite(f"{key} of {name!r}", end, ())) for key, end in (
+            ("lower", lower), ("upper", upper)) if end is not None}
+        if not ends or (len(ends) == 2 and ends["lower"] >= ends["upper"]):
+            raise InputError(f"Stop {name!r} has lower = {lower} and upper = {upper}; give one of "
+                             "them, or a lower end below the upper one.")
+        sides = [("lower", 1), ("upper", -1)]
+        limits = [sign * (coordinate - named_number(f"{name}_at_{key}", ends[key],
+                                                    self._components.values))
+                  for key, sign in sides if key in ends]
+        return self._contact(name, limits, restitution, [*ends])
+
     def moving_point(self, name: str, path: Sequence[Any]) -> MovingPoint:
         """Return a moving point of the ground, for joints, rods and springs.
 
@@ -1147,6 +1234,9 @@ class Multibody:
         if checked == 0:
             warn(f"Quantity {shown(name)} is 0 at all times. The symbols of bodies and joints do "
                  "not depend on build.time, so that their derivatives by it are 0.")
+        if name in (impact.quantity for impact in self._components.impacts):
+            raise InputError(f"Quantity {name!r} is a gap in Multibody {self.name!r}; choose "
+                             "another name.")
         self._components.quantities[as_text("name of a quantity", name)] = checked
 
     def time_scale(self, expression: Any) -> None:
@@ -1246,7 +1336,7 @@ class Multibody:
         self.start = assembly.consistent_state(NumericSystem(system, store))
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, visuals=self._visuals,
-                     **self._about)
+                     events=self._components.impacts, **self._about)
 
     # ------------------------------------------------------------ inside
 
@@ -1261,6 +1351,27 @@ class Multibody:
         if self._describes_start:
             self._components.placed.add(link)
         return link
+
+    def _contact(
+        self, name: str, gaps: Sequence[sp.Expr], restitution: Any,
+        labels: Sequence[str] | None = None,
+    ) -> tuple[Impact, ...]:
+        """Add gaps, which are quantities, and their impacts."""
+        self._components.claim(name, "joint")
+        e = str(restitution) if isinstance(restitution, sp.Symbol) else restitution
+        if isinstance(e, str) and not (e in self._components.symbols
+                                       and e in self._components.values):
+            raise InputError(f"The restitution of {name!r} is {e!r}, which is no parameter; give a "
+                             "number, or what parameter(name, value) returns.")
+        keys = labels or range(1, len(gaps) + 1)
+        impacts = tuple(Impact(name if len(gaps) == 1 else f"{name}_{key}", e) for key in keys)
+        for impact, gap in zip(impacts, gaps, strict=True):
+            if impact.quantity in self._components.quantities:
+                raise InputError(f"Gap {impact.quantity!r} is a quantity in Multibody "
+                                 f"{self.name!r} already; choose another name.")
+            self.quantity(impact.quantity, gap)
+        self._components.contacts[name] = impacts
+        return impacts
 
     def _pair(
         self, name: str, a: Frame | str, b: Frame | str, at: Any, on_a: Any, on_b: Any

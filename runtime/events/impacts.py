@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.event import Impact
+from ...core.event import Impact, with_restitutions
 from ...core.incompatibilities import LARGEST, refuse_together
 from ...core.interrupts import catch_ctrl_c
 from ...core.records import changed
@@ -56,7 +56,8 @@ class ImpactBinding:
         """Return a run of its own memory, before the first step."""
         own, memory = self.own, aligned(self._size)
         pointer = own.ffi.cast("void *", own.ffi.from_buffer(memory))
-        e = np.array([as_real("restitution", impact.restitution, own.number) for impact in impacts])
+        e = np.array([as_real("restitution", impact.restitution, own.number)
+                      for impact in with_restitutions(impacts, run.parameters)])
         state = RunState(run.q.copy(), run.p.copy(), own.report(), WorkMemory(pointer))
         return _Course(own, run, state, memory, gaps, own.converted(e),
                        own.new(len(gaps)), own.new(1))
@@ -126,7 +127,7 @@ def refuse_unusable(
         energy=stepper.manifest.scheme.exact_energy and "energy=True",
         float128=stepper.manifest.real == "float128" and "real='float128'", **asked)
     others = {*system.momenta, *system.velocity_names, *binding.input_names}
-    for impact in impacts:
+    for impact in with_restitutions(impacts, run.parameters):
         if impact.quantity not in system.quantities:
             raise InputError(f"{impact.quantity!r} is no quantity of {system.name}; declare the "
                              f"gap, quantities={{'gap': {impact.quantity}}}.")

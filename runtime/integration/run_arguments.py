@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
 from ...core.errors import ArgumentError, InputError
-from ...core.event import Event
+from ...core.event import Event, Impact
 from ...core.exact_numbers import Rounded, as_double, exact
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.inertia import refuse_impossible_inertias
@@ -213,6 +213,7 @@ class Origin:
     between: bool = False
     #: The part of a step from the last whole one to the last row; 0 where there is none.
     rest: Any = 0
+    impacts: tuple[Impact, ...] = ()
 
 
 @dataclass(frozen=True)

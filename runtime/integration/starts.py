@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.arguments import as_mapping, shown
+from ...core.arguments import as_mapping, few, shown
 from ...core.errors import ArgumentError, InputError
+from ...core.event import Impact
 from ...core.start import HasStart, Rule, Start, as_start
 from .run_arguments import step_argument, step_count
 
@@ -31,10 +32,13 @@ class StartNumbers:
     t: Any
     #: H + e, which is not 0 of states that steps in scaled time have made.
     excess: Any = 0.0
+    #: Impacts of the model that it is of.
+    impacts: tuple[Impact, ...] = ()
 
 
 def merged_start(
-    stepper: Evaluation, start: Any, p: Any, parameters: Any, t: Any = None, *, frame: bool = True
+    stepper: Evaluation, start: Any, p: Any, parameters: Any, t: Any = None, *, frame: bool = True,
+    impacts: bool = False,
 ) -> StartNumbers:
     """Return the numbers that a run starts from; ``parameters`` and t win over those of the start.
 
@@ -43,7 +47,8 @@ def merged_start(
     Raises
     ------
     InputError
-        For what is no start, and for one of another number of coordinates.
+        For what is no start, one of another number of coordinates, and, unless the caller has
+        ``impacts``, one of a model with impacts.
     """
     if p is not None:
         _refuse_second_state(start, p)
@@ -57,11 +62,14 @@ def merged_start(
     if len(shape) == 1 and shape != (stepper.n,):
         raise InputError(f"The start has {shape[0]} coordinates, and {stepper.name} has "
                          f"{stepper.n}: it is a start of another system.")
+    if not impacts:
+        _refuse_impacts(state)
     values = start_parameters(stepper.parameter_domains, state, parameters)
     rates = [symmetry.name for symmetry in stepper.symmetries]
     if frame and "frame" in state._rules and values.keys().isdisjoint(rates):
         values |= dict.fromkeys(rates, Rule(state._rules["frame"]))
-    return StartNumbers(state.q, state.p, values, state.t if t is None else t, state._excess)
+    return StartNumbers(state.q, state.p, values, state.t if t is None else t, state._excess,
+                        state._impacts)
 
 
 def span_or_own(
@@ -85,6 +93,14 @@ def _refuse_second_state(start: Any, p: Any) -> None:
     if isinstance(start, HasStart):
         raise ArgumentError(f"p = {shown(p)} is given beside a start, which has its own momenta; "
                             "leave it out, and give other arguments by name, such as dt=1e-3.")
+
+
+def _refuse_impacts(start: Start) -> None:
+    """Refuse the start of a model with impacts, which its motion would miss."""
+    if start._impacts:
+        raise InputError(f"The start has impacts of {few(x.name for x in start._impacts)}, which "
+                         "runs of step.integrate have, and others have not; integrate, or give "
+                         "gs.Start(q, p, parameters), which has none.")
 
 
 def start_parameters(
@@ -129,6 +145,7 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
         return StartNumbers(starts, p, entries, 0.0)
     if isinstance(starts, HasStart):
         start = as_start(starts)
+        _refuse_impacts(start)
         rows_or_columns = ([start_parameters(stepper.parameter_domains, start, entry)
                             for entry in entries]
                            if isinstance(entries, Sequence)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ...core.event import Impact
 from ...core.start import GAMMA_M, Start
 from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia
 
@@ -13,12 +14,12 @@ __all__ = ["start_of_row"]
 
 def start_of_row(
     q: Any, p: Any, t: Any, parameters: Mapping[str, Any], inputs: Mapping[str, Any],
-    excess: Any = 0.0,
+    excess: Any = 0.0, impacts: tuple[Impact, ...] = (),
 ) -> Start:
     """Return the start from a state of a run.
 
     γ and α that are the means γ_m of their moments are left out: a start with other moments has
-    other means. ``excess`` is H + e in scaled time.
+    other means. ``excess`` is H + e in scaled time, ``impacts`` are those of the run.
     """
     start_parameters = {}
     for name, value in parameters.items():
@@ -28,5 +29,5 @@ def start_of_row(
             continue
         start_parameters[name] = value
     start = Start(q, p, start_parameters, t, inputs)
-    start._excess = excess
+    start._excess, start._impacts = excess, impacts
     return start

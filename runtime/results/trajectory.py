@@ -220,7 +220,8 @@ class Trajectory(Shown):
         clocked = self.manifest.system.clock is not None
         excess = self.energies[index] + self.time_momentum[index] if clocked else 0.0
         return start_of_row(self.q[index].copy(), self.p[index].copy(), self.t[index],
-                            self.parameters, inputs, excess)
+                            self.parameters, inputs, excess,
+                            () if self._origin is None else self._origin.impacts)
 
     @property
     def grid_end(self) -> Start:

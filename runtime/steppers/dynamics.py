@@ -65,7 +65,7 @@ class Dynamics(Differentiation):
             Where constraints depend on each other, so that multipliers are not determined; for
             steppers of flows, and systems with velocity constraints.
         """
-        state = merged_start(self, start, p, parameters, t)
+        state = merged_start(self, start, p, parameters, t, impacts=True)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
         times, values = self._times(state.t, shape), self._values(state.parameters)
         motions = tuple(StateMotion(self._motion_binding(), values, *row)
@@ -117,7 +117,7 @@ class Dynamics(Differentiation):
             For unknown names, with the known ones; for rates that depend on each other; where H_pp
             is singular; what ``accelerations`` raises.
         """
-        motion = self._state_motion(merged_start(self, start, p, parameters, t))
+        motion = self._state_motion(merged_start(self, start, p, parameters, t, impacts=True))
         if joints is not None:
             return joint_inertia(motion, self._names("joints", joints))[0]
         H_pp = motion.inverse_mass()
@@ -168,7 +168,7 @@ class Dynamics(Differentiation):
             ``mass_matrix`` raises.
         """
         p, targets_by_name = after_start("accelerations", accelerations)
-        state = merged_start(self, start, p, parameters, t)
+        state = merged_start(self, start, p, parameters, t, impacts=True)
         motion = self._state_motion(state)
         if not isinstance(targets_by_name, Mapping):
             if inputs is not None:

@@ -135,7 +135,7 @@ class Evaluation:
         (qᵀp)²/8γ, or (qᵀp)²/8α, of one rigid body. Schemes that keep f = 0 have no difference.
         Where p cannot be projected, the result is NaN.
         """
-        state = merged_start(self, start, p, parameters, t)
+        state = merged_start(self, start, p, parameters, t, impacts=True)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
         times, values = self._times(state.t, shape), self._parameters(state.parameters)
         q_rows, p_rows = self.binding.in_scaled_time(values, q_rows, p_rows, times)
@@ -177,7 +177,7 @@ class Evaluation:
     ) -> Array:
         """Return the velocities v = H_p(q, p, t): the way back of ``momenta``, raising as it."""
         self._refuse_unless_lagrangian("velocities")
-        state = merged_start(self, start, p, parameters, t)
+        state = merged_start(self, start, p, parameters, t, impacts=True)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
         v = self.binding.velocities(self._parameters(state.parameters), q_rows, p_rows,
                                     self._times(state.t, shape))
@@ -194,7 +194,7 @@ class Evaluation:
     ) -> dict[str, Array]:
         """Return each quantity of the system at a start or at states (q, p), as ``energy`` does.
         """
-        state = merged_start(self, start, p, parameters, t)
+        state = merged_start(self, start, p, parameters, t, impacts=True)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
         parameters_there, times = self._parameters(state.parameters), self._times(state.t, shape)
         values = self.binding.quantities(parameters_there, times, *self.binding.in_scaled_time(
@@ -330,7 +330,7 @@ class Evaluation:
         self, start: Any, p: Any, parameters: Any, t: Any
     ) -> tuple[tuple[Array, Array], Any]:
         """Return the state of a start, or (q, p), and the parameters there as compiled code."""
-        numbers = merged_start(self, start, p, parameters, t)
+        numbers = merged_start(self, start, p, parameters, t, impacts=True)
         state, run = self._state(numbers.q, numbers.p), self._parameters(numbers.parameters,
                                                                          numbers.t)
         return self.binding.start_in_scaled_time(run, *state, numbers.t), run

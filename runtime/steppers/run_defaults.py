@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from ...core.event import Event
+from ...core.event import Event, Impact
 from ...core.exact_numbers import Rounded, exact, knowing
 from ...core.shapes import Shape
 from ...core.start import Start
@@ -23,6 +23,8 @@ __all__ = ["RunDefaults"]
 
 #: The fields of a start with numbers in them.
 _NUMBERS = ("parameters", "q0", "p0", "bodies", "dt")
+#: The fields of an event or an impact with a number in them.
+_EXACT = ("level", "restitution")
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,8 @@ class RunDefaults:
         "start" for rates of a co-moving frame by least squares.
     free : list of str
         Parameters that another value may be given for and nothing else changes.
-    events : tuple of Event
-        What its runs look for.
+    events : tuple of Event and Impact
+        What its runs look for, and their impacts.
     visuals : mapping of str to sequence of Shape
         What its bodies are drawn with, by their names; "" is the ground.
     """
@@ -63,7 +65,7 @@ class RunDefaults:
     steps: int | None
     rules: Mapping[str, str] = field(default_factory=dict)
     free: list[str] = field(default_factory=list)
-    events: tuple[Event, ...] = ()
+    events: tuple[Event | Impact, ...] = ()
     visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -93,7 +95,9 @@ class RunDefaults:
     @property
     def start(self) -> Start:
         """Where a run of it starts; γ and α without a value are found by its rules."""
-        return Start(*self.state, self.parameters).of_model(self.bodies, self.rules)
+        return Start(*self.state, self.parameters).of_model(
+            self.bodies, self.rules,
+            impacts=tuple(event for event in self.events if isinstance(event, Impact)))
 
     @property
     def state(self) -> tuple[Array, Array]:
@@ -110,15 +114,17 @@ class RunDefaults:
         if self.visuals:
             content["visuals"] = {name: [shape.as_json() for shape in shapes]
                                   for name, shapes in self.visuals.items()}
-        events = [asdict(event) | {"level": str(exact(event.level))} for event in self.events]
+        events = [asdict(event) | {key: _exact_text(getattr(event, key)) for key in _EXACT
+                                   if hasattr(event, key)} for event in self.events]
         return content | {name: _mapped(content[name], _text) for name in _NUMBERS} | {
             "events": events}
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> RunDefaults:
         """Read the result of ``as_json``."""
-        events = tuple(Event(**entry | {"level": Fraction(entry["level"])})
-                       for entry in content["events"])
+        events = tuple((Impact if "restitution" in entry else Event)(
+            **entry | {key: _exact_number(entry[key]) for key in _EXACT if key in entry})
+            for entry in content["events"])
         visuals = {name: [Shape(**entry) for entry in shapes]
                    for name, shapes in content.get("visuals", {}).items()}
         return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS} | {
@@ -132,6 +138,15 @@ def _mapped(content: Any, change: Any) -> Any:
     if isinstance(content, list):
         return [_mapped(value, change) for value in content]
     return change(content)
+
+
+def _exact_text(value: Any) -> str:
+    """Return a number as text, or the name of a parameter."""
+    return value if isinstance(value, str) else str(exact(value))
+
+
+def _exact_number(text: str) -> Any:
+    return Fraction(text) if text[0].isdigit() or text[0] == "-" else text
 
 
 def _text(value: Any) -> Any:

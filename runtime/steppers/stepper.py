@@ -309,7 +309,8 @@ class Stepper(Dynamics):
             looked at, stored or not; a crossing is solved for by short real steps, to some units
             in the last place of its time. A terminal event ends the run: its state is the last
             row, behind the stored ones. Or impacts, ``gs.Impact("gap", restitution=0.8)``: there
-            the momenta jump, and the run continues on its grid; see ``Trajectory.impacts``.
+            the momenta jump, and the run continues on its grid; see ``Trajectory.impacts``. Those
+            of a model are the default.
         tangents : Tangents, optional
             Directions whose derivatives are computed along the run: ``Trajectory.tangents``, at
             ``t_eval``, at events and in the last row of a terminal one too. A row at a given time
@@ -341,11 +342,11 @@ class Stepper(Dynamics):
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
         dt, steps = span_or_own(self.binding, start, dt, dtau, steps, t_end)
-        state = merged_start(self, start, p, parameters)
+        state = merged_start(self, start, p, parameters, impacts=True)
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver), "excess": state.excess}
         names = self.manifest.system.event_quantities
-        impacts = as_impacts(events, names)
+        impacts = as_impacts(events, names, state.impacts)
         asked = () if impacts else as_events(events, names)
         clock, end_event = self.manifest.system.clock, ""
         if clock is not None and steps is None and t_end is not None:
@@ -475,7 +476,7 @@ class Stepper(Dynamics):
                     for name, earlier in whole.items()}
             count = sum(map(len, both.values()))
             found = changed(found, impacts=both, report=replace(found.report, impacts=count))
-        return found.made_by(self, Origin(run, rest=rest))
+        return found.made_by(self, Origin(run, rest=rest, impacts=impacts))
 
     def _impact_binding(self) -> ImpactBinding:
         """Calls of runs with impacts, derived and compiled when first called."""

@@ -262,7 +262,8 @@ def test_files_have_the_crossings(tmp_path):
 
 @pytest.mark.parametrize(("call", "words"), [
     (lambda: gs.Impact("floor", restitution=1.1), "1.1"),
-    (lambda: gs.Impact("floor", restitution="high"), "high"),
+    (lambda: gs.Impact("floor", restitution=None), "None"),
+    (lambda: dropped(restitution="hight"), "hight"),
     (lambda: gs.Impact(3), "3"),
     (lambda: gs.Impact("floor", name=3), "3"),
     (lambda: dropped(dt=-0.01), "backwards"),

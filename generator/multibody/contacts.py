@@ -1,0 +1,113 @@
+"""Gaps of contacts: expressions that are positive while two bodies are apart, 0 where they touch.
+
+    sphere and plane   φ = R_b n · d − ϱ
+    two spheres        φ = |d| − ϱ_a − ϱ_b,       d = x_a + R_a r_a − x_b − R_b r_b
+
+with n the unit normal of a plane of b, towards a; r_a and r_b are points in the axes of a and b. A
+point is a sphere of radius 0, a box its eight corners.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import shown
+from ...core.errors import InputError
+from ...core.inertia import real_array
+from .body import Frame, dot
+from .initial_poses import finite, unit, vector
+from .joints import Store, named_number, named_vector, unit_vector
+
+__all__ = ["gaps_of_plane", "gaps_of_spheres", "points_of"]
+
+Array = NDArray[Any]
+
+
+def points_of(name: str, on_a: Any, box: ArrayLike | None) -> Array:
+    """Return the points of a contact in the axes of a: rows, eight of a box.
+
+    Raises
+    ------
+    InputError
+        For what are no points, and a box without extent.
+    """
+    points = real_array(on_a)
+    if points is None or points.ndim not in (1, 2) or points.shape[-1] != 3 or not (
+            points.size and np.isfinite(points).all()):
+        raise InputError(f"on_a of {name!r} is {shown(on_a)}; give three finite numbers, or rows "
+                         "of three.")
+    points = np.atleast_2d(points)
+    if box is None:
+        return points
+    half = vector(f"box of {name!r}", box)
+    if not (half > 0).all() or len(points) != 1:
+        raise InputError(f"box of {name!r} is {shown(box)} about {len(points)} points; give half "
+                         "the lengths of its edges, above 0, about one point.")
+    corners: Array = points[0] + half * np.array([*itertools.product((-1, 1), repeat=3)])
+    return corners
+
+
+def gaps_of_plane(
+    name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, normal: ArrayLike,
+    radius: Any, store: Store,
+) -> list[sp.Expr]:
+    """Return the gap of each point of a, or sphere about it, to a plane of b.
+
+    Raises
+    ------
+    InputError
+        For a normal without direction and a radius that is none.
+    """
+    direction = vector(f"normal of {name!r}", normal)
+    if not direction.any():
+        raise InputError(f"The normal of {name!r} is zero; give its direction.")
+    (size,) = _radii(name, radius, 1, store)
+    n = ends[1].direction(unit_vector(f"{name}_normal", unit(direction), store))
+    return [dot(n, d) - size for d in _distances(name, ends, points, on_b, store)]
+
+
+def gaps_of_spheres(
+    name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, radius: Any, store: Store
+) -> list[sp.Expr]:
+    """Return the gap of each sphere of a to one of b; ``radius`` is of both, or one of each.
+
+    Raises
+    ------
+    InputError
+        For radii that are none, or both 0.
+    """
+    radii = _radii(name, radius, 2, store)
+    if not any(radii):
+        raise InputError(f"{name!r} has two points, which never touch; give radius=, or normal= "
+                         "of a plane of the second body.")
+    return [sp.sqrt(dot(d, d)) - sp.Add(*radii)
+            for d in _distances(name, ends, points, on_b, store)]
+
+
+def _distances(
+    name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, store: Store
+) -> list[Sequence[sp.Expr]]:
+    """Return d of each point of a."""
+    base = ends[1].point(named_vector(f"{name}_b", on_b.tolist(), store))
+    labels = [f"{name}_a{i}" for i in range(1, len(points) + 1)] if len(points) > 1 else [
+        f"{name}_a"]
+    return [[x - y for x, y in zip(ends[0].point(named_vector(label, r.tolist(), store)), base,
+                                   strict=True)] for label, r in zip(labels, points, strict=True)]
+
+
+def _radii(name: str, radius: Any, count: int, store: Store) -> list[sp.Expr]:
+    """Return radii as parameters: ``count`` equal ones, or those given."""
+    entries = [radius] * count if np.ndim(radius) == 0 else radius
+    sizes = finite(f"radius of {name!r}", entries, (count,)).tolist()
+    if min(sizes) < 0:
+        raise InputError(f"radius of {name!r} is {shown(radius)}; give 0 or more.")
+    labels = [f"{name}_radius"] if np.ndim(radius) == 0 else [f"{name}_radius_a",
+                                                              f"{name}_radius_b"]
+    return [named_number(label, size, store) for label, size in
+            zip(labels * (count // len(labels)), sizes, strict=True)]

@@ -1,0 +1,207 @@
+"""Contacts and stops of the builder: their gaps, their impacts in runs, what is refused."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.spatial.transform import Rotation
+
+import budget
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from gyrospark.runtime.steppers.run_defaults import RunDefaults
+
+EPS = 2.0**-52
+INERTIA = (0.1, 0.2, 0.15)
+
+
+def two_bodies() -> gs.Multibody:
+    """Return a builder with two bodies in any pose."""
+    build = gs.Multibody("pair")
+    for name, x, turn in (("a", (0.3, -0.2, 1.7), (0.4, -0.3, 0.8)), ("b", (1, 2, -1), (1, 2, 3))):
+        build.body(name, mass=1, inertia=INERTIA, position=x,
+                   rotation=Rotation.from_rotvec(turn))
+    return build
+
+
+def gaps(build: gs.Multibody) -> dict[str, float]:
+    """Return the numbers of the gaps at the start, from the model's expressions."""
+    model = build.model()
+    numbers = dict(zip(model.system.q, model.q0, strict=True)) | {
+        s: model.parameters.get(str(s), 1.0) for s in model.system.parameters}
+    return {impact.name: float(model.system.quantities[impact.quantity].xreplace(numbers).xreplace(
+        {build.time: 0.0})) for impact in model.events}
+
+
+def test_gaps_are_distances():
+    """Of spheres, points and corners, and a plane of the ground or a body; by matrices."""
+    build = two_bodies()
+    Ra, Rb = (Rotation.from_rotvec(turn).as_matrix() for turn in ((0.4, -0.3, 0.8), (1, 2, 3)))
+    xa, xb, n = np.array([0.3, -0.2, 1.7]), np.array([1, 2, -1]), np.array([1, 2, 2]) / 3
+    build.contact("ball", "a", on_a=(0.1, 0.2, 0.3), radius=0.25)
+    build.contact("wall", "a", "b", on_a=[(0.1, 0, 0), (0, 0.1, 0)], on_b=(0, 0, 0.5),
+                  normal=(1, 2, 2), radius=0.05)
+    build.contact("balls", "a", "b", on_a=(0, 0, 0.2), on_b=(0.1, 0, 0), radius=(0.3, 0.2))
+    build.contact("box", "a", build.ground, on_a=(0, 0, 0.1), box=(0.2, 0.3, 0.1))
+    expected = {
+        "ball": (xa + Ra @ [0.1, 0.2, 0.3])[2] - 0.25,
+        "wall_1": Rb @ n @ (xa + Ra @ [0.1, 0, 0] - xb - Rb @ [0, 0, 0.5]) - 0.05,
+        "wall_2": Rb @ n @ (xa + Ra @ [0, 0.1, 0] - xb - Rb @ [0, 0, 0.5]) - 0.05,
+        "balls": np.linalg.norm(xa + Ra @ [0, 0, 0.2] - xb - Rb @ [0.1, 0, 0]) - 0.5}
+    corners = [xa + Ra @ [0.2 * i, 0.3 * j, 0.1 + 0.1 * k]
+               for i, j, k in itertools.product((-1, 1), repeat=3)]
+    expected |= {f"box_{i}": x[2] for i, x in enumerate(corners, 1)}
+    assert gaps(build) == pytest.approx(expected, abs=8 * EPS)
+
+
+def test_gaps_are_formulas_and_ranges_of_joints():
+    build = gs.Multibody("slide")
+    bead = build.body("bead", mass=1, inertia=INERTIA)
+    build.prismatic("rail", build.ground, bead, axis=(1, 0, 0), travel=0.2,
+                    at=(0, 0, 0))
+    depth = build.parameter("depth", 0.3)
+    build.contact("pit", gap=[bead.x[0] + depth, depth - bead.x[0] + build.time])
+    build.stop("ends", "rail", lower=-0.5, upper=1)
+    build.stop("end", "rail", upper=0.25)
+    assert gaps(build) == pytest.approx({"pit_1": 0.5, "pit_2": 0.1, "ends_lower": 0.7,
+                                         "ends_upper": 0.8, "end": 0.05})
+
+
+@cache
+def balls() -> tuple[gs.Model, gs.Stepper]:
+    """Return two balls above a floor, whose restitution is a parameter, beside a moving wall."""
+    build = gs.Multibody("balls_on_floor")
+    e = build.parameter("e", 0.5)
+    wall = build.moving_point("piston", (3 - build.time / 2, 0, 0))
+    for name, x, v in (("a", 0, 1.5), ("b", 1, 0)):
+        build.point_mass(name, mass=1 + x, position=(x, 0, 1.1 + x), velocity=(v, 0, 0))
+        build.contact(f"floor_{name}", name, radius=0.1, restitution=e)
+    build.contact("hit", "a", "b", radius=(0.3, 0.2), restitution=0.8)
+    build.contact("push", "b", wall, normal=(-1, 0, 0), radius=0.2, restitution=0.0)
+    model = build.model()
+    with budget.shared():
+        step = gs.stepper("G-L", 2, system=model)
+        step._impact_binding()
+    return model, step
+
+
+def test_runs_of_a_model_have_its_impacts():
+    """Bounces of two balls, one above the other, in closed form; e is the parameter's."""
+    model, step = balls()
+    apart = model.start.replace(q=[-5, 0, 1.1, 1, 0, 2.1], p=np.zeros(6))
+    for e in (0.5, 1):
+        run = step.integrate(apart, dt=0.01, t_end=1.2, parameters={"e": e})
+        fall = np.sqrt(2 / 9.81 * np.array([1, 2]))
+        hits = run.impacts["floor_a"].t
+        assert np.abs(hits - fall[0] * (1 + 2 * np.cumsum([0, *[e**k for k in range(1, 9)]]))[
+            : len(hits)]).max() < 16 * EPS
+        assert run.impacts["floor_b"].t == pytest.approx([fall[1]], abs=4 * EPS)
+    assert not len(run.impacts["hit"]) + len(run.impacts["push"])
+    none = step.integrate(gs.Start(model.q0, model.p0, model.parameters), dt=0.01, t_end=1.2)
+    assert not none.impacts
+    assert none.q[-1, 2] < 0
+    other = step.integrate(apart, dt=0.01, t_end=1.2, events=gs.Impact("floor_b"))
+    assert [*other.impacts] == ["floor_b"]
+
+
+def test_two_spheres_and_a_moving_wall():
+    """P is kept, the rate along the line of centres is reversed, the wall gives its own rate."""
+    model, step = balls()
+    start = model.start.replace(q=[0, 0.1, 50, 1, 0, 50], p=[1.5, 0, 0, 0, 0, 0])
+    run = step.integrate(start, dt=0.01, t_end=2)
+    (hit,), (push,) = (list(range(len(run.impacts[name]))) for name in ("hit", "push"))
+    impacts = run.impacts["hit"]
+    d = impacts.q[0, :3] - impacts.q[0, 3:]
+    assert np.linalg.norm(d) == pytest.approx(0.5, abs=4 * EPS)
+    assert impacts.t[hit] == pytest.approx((1 - np.sqrt(0.25 - 0.01)) / 1.5, abs=4 * EPS)
+
+    def rate(p):
+        return (p[:3] - p[3:] / 2) @ d / 0.5
+
+    before, after = impacts.p_before[hit], impacts.p[hit]
+    # The last bits of an impulse make H exact, which is 1500 J here.
+    assert rate(after) == pytest.approx(-0.8 * rate(before), abs=1500 * EPS)
+    assert after[:3] + after[3:] == pytest.approx(before[:3] + before[3:], abs=16 * EPS)
+    wall = run.impacts["push"]
+    assert wall.p[push, 3] / 2 == pytest.approx(-0.5, abs=1500 * EPS)
+    assert wall.q[push, 3] == pytest.approx(2.8 - wall.t[push] / 2, abs=8 * EPS)
+
+
+def test_a_row_keeps_the_impacts_and_other_runs_refuse_them():
+    model, step = balls()
+    run = step.integrate(model, dt=0.01, steps=20)
+    assert [*step.integrate(run[-1], dt=0.01, steps=60).impacts] == [
+        impact.name for impact in model.events]
+    for call in (lambda: step.start(model, dt=0.01), lambda: step.step(model, dt=0.01),
+                 lambda: step.integrate_ensemble(model, dt=0.01, steps=2),
+                 lambda: step.integrate_ensemble([model, model], dt=0.01, steps=2)):
+        with pytest.raises(InputError, match="floor_a"):
+            call()
+    for e in (1.5, -0.1):
+        with pytest.raises(InputError, match=f"{e}"):
+            step.integrate(model, dt=0.01, steps=2, parameters={"e": e})
+    with pytest.raises(InputError, match="events"):
+        step.integrate(model, dt=0.01, steps=2, events=gs.Event("a_z"))
+    assert pickle.loads(pickle.dumps(model)).events == model.events
+    assert RunDefaults.from_json(RunDefaults.of(model).as_json()).events == model.events
+
+
+def test_a_pendulum_between_two_stops():
+    """Rates before a stop by energy, after it by e; the loss is ½ I (1 − e²) ω²."""
+    with budget.shared():
+        build = gs.Multibody("pendulum_with_stops")
+        arm = build.body("arm", mass=2, inertia=INERTIA, position=(0, 0, -0.5))
+        build.revolute("hinge", build.ground, arm, axis=(0, 1, 0), at=(0, 0, 0), angle=0.5)
+        build.stop("end", "hinge", lower=-0.2, upper=1.0, restitution=0.8)
+        model = build.model()
+        step = gs.stepper("G-L", 4, system=model)
+        step._impact_binding()
+    run = step.integrate(model, dt=0.01, t_end=2)
+    hits, inertia = run.impacts["end_lower"], 0.2 + 2 * 0.25
+    assert len(hits) == 2
+    assert not len(run.impacts["end_upper"])
+    squared = 2 * 2 * 9.81 * 0.5 * (np.cos(0.2) - np.cos(0.5)) / inertia
+    lost = inertia / 2 * 0.36 * squared * 0.64**np.arange(2)
+    assert hits.energy_lost == pytest.approx(lost, rel=1e-9)
+    assert run.joint("hinge").angle().min() > -0.2 - 1e-12
+    assert abs(run.energy_error()).max() < 1e-9
+
+
+REFUSED = {
+    "gap and body": ({"a": "a", "gap": sp.Symbol("a_x", real=True)}, "body"),
+    "neither": ({}, "gap="),
+    "restitution": ({"a": "a", "restitution": 1.2}, "1.2"),
+    "parameter": ({"a": "a", "restitution": "f"}, "'f'"),
+    "body": ({"a": "c"}, "'c'"),
+    "points": ({"a": "a", "on_a": (1, 2)}, "on_a"),
+    "box": ({"a": "a", "box": (1, 0, 1)}, "box"),
+    "normal": ({"a": "a", "normal": (0, 0, 0)}, "normal"),
+    "radius": ({"a": "a", "radius": -1}, "-1"),
+    "two points": ({"a": "a", "b": "b"}, "radius="),
+}
+
+
+@pytest.mark.parametrize(("arguments", "word"), REFUSED.values(), ids=REFUSED)
+def test_contacts_are_refused(arguments, word):
+    with pytest.raises(InputError, match=word):
+        two_bodies().contact("floor", **arguments)
+
+
+def test_names_and_stops_are_refused():
+    build = two_bodies()
+    build.revolute("hinge", "a", "b", axis_on_body=(1, 0, 0), on_a=(0, 0, 0), on_b=(0, 0, 0))
+    build.contact("floor", "a")
+    build.quantity("height", 1)
+    for call, word in ((lambda: build.contact("floor", "b"), "floor"),
+                       (lambda: build.contact("height", "b"), "height"),
+                       (lambda: build.quantity("floor", 1), "floor"),
+                       (lambda: build.stop("end", "hinge"), "lower"),
+                       (lambda: build.stop("end", "hinge", lower=2, upper=1), "upper = 1"),
+                       (lambda: build.stop("end", "knee", lower=2), "knee")):
+        with pytest.raises(InputError, match=word):
+            call()
