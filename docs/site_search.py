@@ -19,7 +19,10 @@ LOGGER = logging.getLogger(__name__)
 SYNONYMS = {
     "bodies": "joint, hinge, revolute, pin joint, slider, spherical joint, rigid body, multibody, "
               "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel, "
-              "armature, fixed, fixed joint, weld, joint limit, end stop",
+              "armature, fixed, fixed joint, weld",
+    "bodies#contacts-and-stops": "contact, contacts, collision, impact, impacts, restitution, "
+                                 "bouncing ball, joint limit, joint limits, end stop",
+    "beams": "beam, beams, cable, rope, rod, elastica, flexible, flexible body",
     "benchmarks": "speed, performance, benchmark",
     "build": "export, library, rust, c++, octave, arduino",
     "c": "microcontroller, embedded, c code, misra, export c",
@@ -27,7 +30,8 @@ SYNONYMS = {
                       "poincare section, megno",
     "cheat_sheet": "cheat sheet, overview, quick start, quickstart, commands",
     "choosing#step": "timestep, time step, step size, stepsize, dt, tolerance",
-    "choosing#scheme": "integrator, solver, scheme, method, rk4, runge-kutta, verlet, implicit",
+    "choosing#scheme": "integrator, solver, scheme, method, rk4, runge-kutta, verlet, implicit, "
+                       "order of accuracy",
     "choosing#the-parameter-γ": "gamma, alpha, inertia representation",
     "comparison": "alternatives, versus, comparison",
     "coming_from": "mujoco, exudyn, heyoka, pydy, matlab, simscape, simulink, ode45, translation",
@@ -44,7 +48,7 @@ SYNONYMS = {
                          "nonholonomic",
     "install": "getting started, installation, compiler, pip, windows, conda, gyrospark_cache",
     "lagrangian": "lagrangian, mass matrix, kane, sympy mechanics",
-    "limits": "limits, limitations, contact, collision, friction, impact, flexible",
+    "limits": "limits, limitations, friction",
     "long_runs": "resume, store, zarr, checkpoint",
     "models": "toml, model file",
     "models#a-robot-from-a-file": "robot, robots, robot from a file, a robot from a file, "
@@ -73,7 +77,7 @@ SYNONYMS = {
     "sweeps": "parameter sweep, parameter scan, grid, study",
     "systems": "hamiltonian, own system, constraint, dae, index 3, "
                "differential-algebraic equation",
-    "systems#events": "event, zero crossing, root finding, stop condition",
+    "systems#events": "event, events, zero crossing, root finding, stop condition",
     "systems#forces": "force, drag, damping, external force",
     "systems#inputs": "input, control input, actuation",
     "theory/symplecticity": "symplectic, symplecticity, energy drift",
