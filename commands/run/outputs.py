@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
-from ...core.event import Event, as_events, event_of_text
+from ...core.event import Event, Impact, as_events, as_impacts, event_of_text
 from ...core.file_formats import ending_of, endings, format_of
 from ...core.incompatibilities import refuse_together
 from ...runtime.plotting.show import ENDINGS
@@ -83,11 +83,12 @@ def check_targets(
 
 
 def events_of(
-    texts: tuple[str, ...], model_events: Sequence[Event], step: Stepper
+    texts: tuple[str, ...], model_events: Sequence[Event | Impact], step: Stepper
 ) -> dict[str, Any]:
-    """Return the argument for the model's own events and what --event adds."""
+    """Return the argument for the model's own events and impacts, and what --event adds."""
     events = [*model_events, *map(_named, texts)]
-    return {"events": as_events(events, step.manifest.system.event_quantities)} if events else {}
+    names = step.manifest.system.event_quantities
+    return {"events": as_impacts(events, names) or as_events(events, names)} if events else {}
 
 
 def _named(text: str) -> Event:
@@ -145,7 +146,8 @@ def _in_memory(
 
 def _ended_by(trajectory: Trajectory, arguments: dict[str, Any]) -> str | None:
     """Return the name of the event that has ended a run."""
-    ends = (event.name for event in arguments.get("events", ()) if event.terminal)
+    ends = (event.name for event in arguments.get("events", ())
+            if isinstance(event, Event) and event.terminal)
     return next((name for name in ends if len(trajectory.events.get(name, ()))), None)
 
 
@@ -179,7 +181,10 @@ def _stored(
         run = step._resolved(step._run_arguments(start.q, start.p, **{
             "parameters": start.parameters, "t0": start.t,
             **{name: x for name, x in arguments.items() if name not in ("events", "dtau")}}))
-        events = as_events(arguments.get("events", ()), step.manifest.system.event_quantities)
+        names = step.manifest.system.event_quantities
+        impacts = bool(as_impacts(arguments.get("events", ()), names))
+        refuse_together(stored="a stored run (--out)", impacts=impacts and "impacts")
+        events = as_events(arguments.get("events", ()), names)
         recording = record(step, run, events, store, resume=resume, progress=progress)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, _open(store)

@@ -100,7 +100,13 @@ def result_of(
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
     events = done.trajectory.events  # of a stored run the last state alone knows of none
-    if events:
+    impacts = done.trajectory.impacts
+    if impacts:
+        result["impacts"] = {name: {"t": [float(t) for t in hits.t],
+                                    "impulse": [float(x) for x in hits.impulse],
+                                    "energy_lost": [float(x) for x in hits.energy_lost]}
+                             for name, hits in impacts.items()}
+    elif events:
         result["events"] = {name: {"t": [float(t) for t in crossings.t],
                                    "rising": crossings.rising.tolist()}
                             for name, crossings in events.items()}
@@ -199,7 +205,10 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
     lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
-    lines += [_event_line(name, crossings) for name, crossings in result.get("events", {}).items()]
+    lines += [_event_line("event", name, crossings)
+              for name, crossings in result.get("events", {}).items()]
+    lines += [_event_line("impact", name, hits) + f", {sum(hits['energy_lost']):.6g} J lost"
+              for name, hits in result.get("impacts", {}).items()]
     if "ended" in result:
         lines.append("  ended                   by event {event} at t = {t:.12g} s".format(
             **result["ended"]))
@@ -239,8 +248,8 @@ def _step_size(result: dict[str, Any]) -> str:
     return f"dtau = {result['dtau']:g}, {result['dt_min']:.3g} to {result['dt_max']:.3g} s,"
 
 
-def _event_line(name: str, crossings: dict[str, Any]) -> str:
+def _event_line(kind: str, name: str, crossings: dict[str, Any]) -> str:
     times = ", ".join(f"{t:.12g}" for t in crossings["t"][:4])
     ellipsis = ", …" if len(crossings["t"]) > 4 else ""
-    return f"  event {name:<17} {len(crossings['t']):,} times" + (f": {times}{ellipsis} s"
+    return f"  {f'{kind} {name}':<23} {len(crossings['t']):,} times" + (f": {times}{ellipsis} s"
                                                                   if times else "")

@@ -222,7 +222,7 @@ def _with_events(model: Model, content: TomlTable) -> Model:
 
         return event_of_text(table.text(name), table.symbol(name, name), level)
 
-    return replace(model, events=[read(name) for name in table.items()])
+    return replace(model, events=[*model.events, *(read(name) for name in table.items())])
 
 
 def _name(content: TomlTable) -> str:

@@ -44,6 +44,19 @@ bodies:
     type = "motor"
     joints = ["first"]
     torque = "2 - 0.1*first_rate"
+
+Impacts are tables [[contacts]] and [[stops]], whose keys are arguments of ``Multibody.contact``,
+with bodies or a gap, and of ``Multibody.stop``; a restitution may name a parameter:
+
+    [[contacts]]
+    name = "floor"
+    bodies = ["upper"]
+    box = [0.1, 0.1, 0.5]
+    restitution = 0.8
+    [[stops]]
+    name = "end"
+    joint = "first"
+    upper = "120 deg"
 """
 
 from __future__ import annotations
@@ -107,7 +120,7 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "beams",
                   "joints", "forces", "gravity", "potential", "without", "redundant", "parameters",
                   "inputs", "run", "quantities", "points", "drives", "events", "units",
-                  "time_scale")
+                  "time_scale", "contacts", "stops")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)
@@ -132,8 +145,13 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         telling(table, lambda table: _drive(builder, table, formulas), table)
     for table in content.tables("forces"):
         telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
+    time = {} if "t" in formulas.parameters else {"t": builder.time}
+    for table in content.tables("contacts"):
+        telling(table, lambda table: _contact(builder, bodies, table, formulas, position | time),
+                table)
+    for table in content.tables("stops"):
+        telling(table, lambda table: _stop(builder, table, formulas), table)
     if "potential" in content:
-        time = {} if "t" in formulas.parameters else {"t": builder.time}
         builder.potential(formulas.read(content, "potential", content.formula("potential"),
                                         position | time))
     for key, e in formulas.quantities(motion).items():
@@ -335,6 +353,48 @@ def _force(
         raise table.error("bodies", "is the ground, which nothing moves; name a body.")
     entries = formulas.read_all(table, kind, motion, count=3)
     getattr(builder, kind)(body, entries, **points)
+
+
+def _contact(
+    builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
+    position: Mapping[str, sp.Expr],
+) -> None:
+    """Add a contact of bodies, or of a gap."""
+    table.allow("name", "bodies", "gap", "on_a", "on_b", "normal", "radius", "box", "restitution")
+    table.require("name", *(() if "bodies" in table else ("gap",)))
+    values: dict[str, Any] = {key: table.vector(key, 3) for key in ("on_a", "on_b", "normal", "box")
+                              if key in table and not table.is_matrix(key)}
+    if table.is_matrix("on_a"):
+        values["on_a"] = table.rows("on_a", 3)
+    if "radius" in table:
+        values["radius"] = table.vector("radius", 2) if isinstance(
+            table.content["radius"], list) else table.number("radius")
+    if "gap" in table:
+        values["gap"] = formulas.read_all(table, "gap", position) if isinstance(
+            table.content["gap"], list) else formulas.read(
+                table, "gap", table.formula("gap"), position)
+    if "bodies" in table:
+        count = 2 if len(table.strings("bodies")) == 2 else 1
+        values |= zip("ab", _frames(table, bodies, count), strict=False)
+    builder.contact(table.text("name"), **values, **_restitution(table, formulas))
+
+
+def _stop(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
+    """Add an end of the range of a joint, or both."""
+    table.allow("name", "joint", "lower", "upper", "restitution")
+    table.require("name", "joint")
+    ends = {key: table.number(key, ANGLES) for key in ("lower", "upper") if key in table}
+    builder.stop(table.text("name"), table.text("joint"), **ends,
+                 **_restitution(table, formulas))
+
+
+def _restitution(table: TomlTable, formulas: Formulas) -> dict[str, Any]:
+    """Return a restitution, a number or the name of a parameter, if there is one."""
+    e = table.content.get("restitution")
+    if isinstance(e, str) and e in formulas.parameters:
+        formulas.mentioned.add(e)
+        return {"restitution": formulas.parameters[e]}
+    return {} if e is None else {"restitution": table.number("restitution")}
 
 
 def _kind(table: TomlTable, kinds: Mapping[str, tuple[str, ...]]) -> str:

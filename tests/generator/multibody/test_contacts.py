@@ -29,13 +29,14 @@ def two_bodies() -> gs.Multibody:
     return build
 
 
-def gaps(build: gs.Multibody) -> dict[str, float]:
+def gaps(model: gs.Model) -> dict[str, float]:
     """Return the numbers of the gaps at the start, from the model's expressions."""
-    model = build.model()
     numbers = dict(zip(model.system.q, model.q0, strict=True)) | {
         s: model.parameters.get(str(s), 1.0) for s in model.system.parameters}
-    return {impact.name: float(model.system.quantities[impact.quantity].xreplace(numbers).xreplace(
-        {build.time: 0.0})) for impact in model.events}
+    gap = {impact.name: model.system.quantities[impact.quantity].xreplace(numbers)
+           for impact in model.events}
+    return {name: float(e.xreplace(dict.fromkeys(e.free_symbols, 0.0)))
+            for name, e in gap.items()}
 
 
 def test_gaps_are_distances():
@@ -56,7 +57,7 @@ def test_gaps_are_distances():
     corners = [xa + Ra @ [0.2 * i, 0.3 * j, 0.1 + 0.1 * k]
                for i, j, k in itertools.product((-1, 1), repeat=3)]
     expected |= {f"box_{i}": x[2] for i, x in enumerate(corners, 1)}
-    assert gaps(build) == pytest.approx(expected, abs=8 * EPS)
+    assert gaps(build.model()) == pytest.approx(expected, abs=8 * EPS)
 
 
 def test_gaps_are_formulas_and_ranges_of_joints():
@@ -68,8 +69,8 @@ def test_gaps_are_formulas_and_ranges_of_joints():
     build.contact("pit", gap=[bead.x[0] + depth, depth - bead.x[0] + build.time])
     build.stop("ends", "rail", lower=-0.5, upper=1)
     build.stop("end", "rail", upper=0.25)
-    assert gaps(build) == pytest.approx({"pit_1": 0.5, "pit_2": 0.1, "ends_lower": 0.7,
-                                         "ends_upper": 0.8, "end": 0.05})
+    assert gaps(build.model()) == pytest.approx({
+        "pit_1": 0.5, "pit_2": 0.1, "ends_lower": 0.7, "ends_upper": 0.8, "end": 0.05})
 
 
 @cache
@@ -205,3 +206,121 @@ def test_names_and_stops_are_refused():
                        (lambda: build.stop("end", "knee", lower=2), "knee")):
         with pytest.raises(InputError, match=word):
             call()
+
+
+FILE = """
+name = "tossed"
+[[bodies]]
+name = "box"
+mass = 1
+inertia = [0.1, 0.2, 0.15]
+position = [0, 0, 2]
+[[bodies]]
+name = "arm"
+mass = 1
+inertia = [0.1, 0.2, 0.15]
+position = [0, 3, -0.5]
+[[joints]]
+name = "elbow"
+type = "revolute"
+bodies = ["ground", "arm"]
+axis = [0, 1, 0]
+at = [0, 3, 0]
+[[contacts]]
+name = "floor"
+bodies = ["box"]
+on_a = [[0, 0, -0.5], [0.5, 0, 0]]
+on_b = [0, 0, 0.5]
+normal = [0, 0, 2]
+radius = 0.25
+restitution = "e"
+[[contacts]]
+name = "click"
+bodies = ["box", "arm"]
+radius = [0.25, 0.5]
+[[contacts]]
+name = "block"
+bodies = ["box"]
+box = [0.5, 0.25, 0.125]
+[[contacts]]
+name = "free"
+gap = ["box_z + 1 - t", "elbow_angle + 2"]
+[[contacts]]
+name = "roof"
+gap = "h - box_z"
+[[stops]]
+name = "end"
+joint = "elbow"
+lower = "-30 deg"
+upper = "2*h"
+restitution = 0.5
+[parameters]
+e = 0.5
+h = 5
+"""
+
+
+def test_a_file_has_contacts_and_stops(tmp_path):
+    """With the gaps of the builder, and restitutions that name parameters."""
+    path = tmp_path / "tossed.toml"
+    path.write_text(FILE)
+    model = gs.load_model(path)
+    expected = {"floor_1": 0.75, "floor_2": 1.25, "click": np.hypot(3, 2.5) - 0.75, "free_1": 3,
+                "free_2": 2, "roof": 3, "end_lower": np.pi / 6, "end_upper": 10}
+    expected |= {f"block_{i}": 2 + 0.125 * (-1)**i for i in range(1, 9)}
+    assert gaps(model) == pytest.approx(expected)
+    assert {impact.name: impact.restitution for impact in model.events if impact.restitution != 1
+            } == {"floor_1": "e", "floor_2": "e", "end_lower": 0.5, "end_upper": 0.5}
+
+
+@pytest.mark.parametrize(("old", "new", "word"), [
+    ('restitution = "e"', "restitution = 1.5", "1.5"),
+    ('restitution = "e"', 'restitution = "f"', "restitution"),
+    ("radius = 0.25", "radious = 0.25", "radious"),
+    ('bodies = ["box", "arm"]', 'bodies = ["box", "leg"]', "leg"),
+    ('joint = "elbow"', 'joint = "knee"', "knee"),
+    ('gap = "h - box_z"', 'gap = "h - box_y0"', "box_y0"),
+    ('gap = "h - box_z"', "", "gap"),
+    ('lower = "-30 deg"', 'lower = "700 deg"', "upper"),
+])
+def test_tables_are_refused(tmp_path, old, new, word):
+    assert old in FILE
+    path = tmp_path / "tossed.toml"
+    path.write_text(FILE.replace(old, new))
+    with pytest.raises(InputError, match=word) as error:
+        gs.load_model(path)
+    assert "tossed.toml" in str(error.value)
+
+
+def test_the_command_has_the_impacts_of_a_file(tmp_path, gyrospark):
+    """It prints and lists them; a table of rows is written, an event beside them refused."""
+    path = tmp_path / "dropped.toml"
+    path.write_text("""
+name = "dropped"
+[[point_masses]]
+name = "ball"
+mass = 1
+position = [0, 0, 1]
+[[contacts]]
+name = "floor"
+bodies = ["ball"]
+restitution = 0.5
+[run]
+dt = 0.01
+steps = 120
+""")
+    with budget.shared():
+        model = gs.load_model(path)
+        gs.stepper("G-L", 2, system=model)._impact_binding()
+    command = ("run", path, "--scheme", "G-L", "--stages", "2")
+    done = gyrospark(*command, "--json", "--out", tmp_path / "rows.csv")
+    assert done.code == 0
+    impacts = done.document["impacts"]["floor"]
+    assert impacts["t"] == pytest.approx(np.sqrt(2 / 9.81) * np.array([1, 2, 2.5]), abs=8 * EPS)
+    assert impacts["energy_lost"] == pytest.approx(9.81 * 0.75 * 0.25**np.arange(3))
+    assert "3 times" in gyrospark(*command).stdout
+    for more, word in ((("--event", "ball_z=1"), "events"),
+                       (("--out", tmp_path / "rows.zarr"), "store")):
+        refused = gyrospark(*command, *more)
+        assert refused.code == 2
+        assert word in refused.stderr
