@@ -43,6 +43,9 @@ __all__ = ["fit"]
 @click.option("--dt", metavar="DT",
               help="Time step in seconds; it divides the times of all samples (default: the "
                    "smallest distance of two).")
+@click.option("--dtau", metavar="DTAU",
+              help="In place of --dt, of a system with time_scale: step of the scaled time; "
+                   "samples may lie at any times.")
 @click.option("--sigma", metavar="SIGMA",
               help="One standard deviation of the noise, of attitudes in rad (default: that of the "
                    "residuals).")
@@ -53,7 +56,7 @@ __all__ = ["fit"]
 @json_option
 def fit(
     problem: str, data: Path, observe: str, free: str | None, fixed: str | None, dt: str | None,
-    sigma: str | None, set: tuple[str, ...], as_json: bool, **choice: Any,
+    dtau: str | None, sigma: str | None, set: tuple[str, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Fit parameters and the start of PROBLEM to measured data: one of the paper's problems,
     (PROBLEMS); one of gs.models, (MODELS); or a model file (.toml), whose values are the first
@@ -73,7 +76,7 @@ def fit(
     from ..runtime.analysis.fit import fit as fitted
     from ..runtime.analysis.observations import observation_of
 
-    _, step, start, begin = started(problem, set, choice)
+    _, step, start, begin = started(problem, set, choice, scaled=True)
     observed = _names(observe)
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
@@ -81,6 +84,7 @@ def fit(
     outcome = fitted(
         step, state, times, rows, observe=observed,
         dt=None if dt is None else real_number("--dt", dt),
+        dtau=None if dtau is None else real_number("--dtau", dtau),
         free=None if free is None else _names(free), fixed=_names(fixed or ""),
         sigma=None if sigma is None else real_number("--sigma", sigma))
     click.echo(json.dumps(_result(outcome), indent=2)

@@ -60,7 +60,7 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
     binding, row_count = ensemble_states.binding, steps // every + 1
     event_results: dict[str, Array] = {}
     for event in study.events:
-        of_event = [run_crossings[event.name] for run_crossings in crossings]
+        of_event = [run_crossings[event.name].shown(binding) for run_crossings in crossings]
         event_results[first_of(event.name)] = np.array(
             [float(cell.t[0]) if len(cell) else np.nan for cell in of_event])
         event_results[count_of(event.name)] = np.array([len(cell) for cell in of_event],

@@ -21,7 +21,7 @@ from .results import BAD_START, STATUS, Sink
 from .study import Study
 from .tiles import Cells, Tile, cells_of
 
-__all__ = ["compute", "run_tiles"]
+__all__ = ["compute", "first_steps", "run_tiles"]
 
 Array = NDArray[Any]
 
@@ -60,18 +60,23 @@ def _run(
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
     structs = _structs(study, stepper, cells, group)
     with np.errstate(all="ignore"):
+        q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)
         equal_constraints = _groups_of_constraints(study, stepper, cells, group)
         if not study.varied("q") or REALS[stepper.manifest.real].wide:
             _project_starts(study, stepper, equal_constraints, structs, q0, p0)
+            q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)
         ends = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
                 _run_without_events(study, stepper, steps, structs, dt, q0, p0))
         q, p, reports, status = ends.q, ends.p, ends.reports, ends.status
         off_constraints = ~_consistent(study, stepper, equal_constraints, structs, q0, p0, dt)
         status[off_constraints], reports["steps"][off_constraints] = BAD_START, 0
-        results = _report_results(reports) | {"q": q, "p": p, STATUS: status}
+        results = _report_results(reports) | {STATUS: status}
         results |= _quantities(study, stepper, structs, reports, dt, q, p) | ends.event_results
-    if study.every is not None:
-        results["q_samples"], results["p_samples"] = ends.samples
+    states = {"q": q, "p": p} | dict(zip(("q_samples", "p_samples"), ends.samples, strict=False))
+    for name, array in states.items():
+        results[name] = array[..., : stepper.n]
+        if stepper.binding.clocked and name.startswith("q"):
+            results[name.replace("q", "t", 1)] = array[..., -1]
     failed = status != 0
     for name, array in results.items():
         if array.dtype.kind == "f" and failed.any():
@@ -105,6 +110,33 @@ def _memory(stepper: Stepper) -> tuple[Any, ...]:
         memory_of.clear()  # a thread works at one stepper at a time
         memory_of[id(stepper)] = stepper, stepper._binding_of_many.many_memory()
     return memory_of[id(stepper)][1]
+
+
+def _in_scaled_time(
+    study: Study, stepper: Stepper, structs: Array, q: Array, p: Array
+) -> tuple[Array, Array]:
+    """Return the starts of cells with their time and its momentum, if time is scaled."""
+    binding = stepper.binding
+    if not binding.clocked:
+        return q, p
+    states = [binding.start_in_scaled_time(_struct(stepper, row), q[i, : binding.shown],
+                                           p[i, : binding.shown], study.t0)
+              for i, row in enumerate(structs)]
+    return np.array([q for q, _ in states]), np.array([p for _, p in states])
+
+
+def first_steps(study: Study, stepper: Stepper, cells: Cells, group: Array) -> Array:
+    """Return Δt of the first step of some cells, to first order in scaled time."""
+    dt, binding = cells.dt[group], stepper.binding
+    if not binding.clocked:
+        return dt
+    structs = _structs(study, stepper, cells, group)
+    q, p = (x[group].astype(binding.dtype) for x in (cells.q, cells.p))
+    q, p = _in_scaled_time(study, stepper, structs, q, p)
+    steps: Array = dt * np.array([float(binding.time_scales(_struct(stepper, row), q[i : i + 1],
+                                                            p[i : i + 1])[0])
+                                  for i, row in enumerate(structs)])
+    return steps
 
 
 def _structs(study: Study, stepper: Stepper, cells: Cells, group: Array) -> Array:
@@ -162,10 +194,11 @@ def _project_starts(
         for rows in group_rows[:, None] if study.varied("q") else [group_rows]:
             first = rows[0]
             try:
-                q[rows], p[rows] = stepper._projected(q[first], p[first],
-                                                      _struct(stepper, structs[first]))
+                moved = stepper._projected(q[first], p[first], _struct(stepper, structs[first]))
             except GyrosparkError:
                 continue
+            for state, projected in zip((q, p), moved, strict=True):
+                state[rows, : stepper.n] = projected[: stepper.n]
 
 
 def _consistent(

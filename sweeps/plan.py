@@ -13,6 +13,7 @@ from ..core.inertia import refuse_impossible_inertias
 from ..core.warnings import warn
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..runtime.bindings.array_checks import as_positive_count
+from ..runtime.integration.run_arguments import step_argument
 from ..runtime.steppers.stepper import Stepper
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
 from .study import Study, checked_study
@@ -30,7 +31,7 @@ def plan(
     rep: str | None = None, real: str | None = None, frame: str | None = None,
     name: str | None = None,
     parameters: Mapping[str, Any] | None = None, dt: float | None = None,
-    settings: Mapping[str, Any] | None = None, **options: Any,
+    dtau: float | None = None, settings: Mapping[str, Any] | None = None, **options: Any,
 ) -> Study:
     """Return the checked study of a sweep; see ``sweep`` for the arguments."""
     over = as_mapping("over", over, '{"gamma": [4e-4, 8e-4]}')
@@ -49,7 +50,9 @@ def plan(
             raise InputError(f"stages = {shown(stages)} is not a whole number.")
         labels = [str(scheme) if stages is None else f"{scheme} {count}"]
     steppers, start = resolve(model, labels, rep, real, settings, frame)
-    names = {*steppers[0].parameter_domains, "dt", SCHEME}
+    binding = steppers[0].binding
+    step_name = "dtau" if binding.clocked else "dt"
+    names = {*steppers[0].parameter_domains, step_name, SCHEME}
     varied = {key for key in over if key in names} | {
         column for key, table in over.items() if key not in names and isinstance(table, Mapping)
         for column in table}
@@ -60,14 +63,15 @@ def plan(
         elif key == START:
             axes.append(starts(axis_values, start, varied))
         else:
-            axis, drawn = _points(key, axis_values)
+            axis, drawn = _points(key, axis_values, step_name)
             axes.append(axis)
             seed = drawn if seed is None else seed
+    if step_name not in varied or dt is not None or dtau is not None:
+        dt = step_argument(binding, start.dt if dt is None and not binding.clocked else dt, dtau)
     common_parameters = base_parameters(steppers[0], start, parameter_values, varied)
     study = checked_study(Study(
         name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
-        common_parameters, np.array(start.q0), np.array(start.p0), start.dt if dt is None else dt,
-        seed=seed, **options))
+        common_parameters, np.array(start.q0), np.array(start.p0), dt, seed=seed, **options))
     _refuse_impossible_inertias(study)
     _warn_of_moved_start(study, common_parameters | study.parameters)
     return study
@@ -81,11 +85,11 @@ def _refuse_impossible_inertias(study: Study) -> None:
         refuse_impossible_inertias(bodies, cells_of(study, tile).parameters)
 
 
-def _points(name: str, table: Any) -> tuple[Axis, int | None]:
+def _points(name: str, table: Any, step_name: str) -> tuple[Axis, int | None]:
     """Return the axis of a list of points, and the seed with which it was drawn."""
     if not isinstance(table, Mapping):
-        raise InputError(f"{name!r} is neither a parameter, dt, scheme nor start; a list of points "
-                         "is a dict with a column for each quantity.")
+        raise InputError(f"{name!r} is neither a parameter, {step_name}, scheme nor start; a list "
+                         "of points is a dict with a column for each quantity.")
     if "count" not in table:
         return list_axis(name, table), None
     seed = as_positive_count(f"{name}: seed", table.get("seed", 0))

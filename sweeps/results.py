@@ -111,6 +111,8 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
         StoredField("q", state, {"long_name": "coordinates at the end"}),
         StoredField("p", state, {"long_name": "momenta at the end", **momentum}),
     ]
+    if stepper.binding.clocked:
+        fields.append(scalar_field("t", "time at the end", units="s"))
     if work:
         fields.append(scalar_field("work", "work of the forces"))
     fields += [scalar_field(QUANTITY + name, f"quantity {name} at the end")
@@ -125,6 +127,9 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
         fields += [StoredField("q_samples", samples, {"long_name": "coordinates on the way"}),
                    StoredField("p_samples", samples,
                                {"long_name": "momenta on the way", **momentum})]
+        if stepper.binding.clocked:
+            fields.append(StoredField("t_samples", samples[:1],
+                                      {"long_name": "times on the way", "units": "s"}))
     status_texts = meanings()
     status = StoredField(STATUS, (), {
         "long_name": "how the cell ended", "flag_values": list(status_texts),

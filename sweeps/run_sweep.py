@@ -68,6 +68,7 @@ def sweep(
     frame: str | None = None,
     parameters: Mapping[str, Number] | None = None,
     dt: float | None = None,
+    dtau: float | None = None,
     steps: int | None = None,
     t_end: float | None = None,
     every: int | None = None,
@@ -87,7 +88,8 @@ def sweep(
     model : Problem, Model, str or path
         What moves: a problem of ``gyrospark.problems`` or its name, a model or its file.
     over : mapping
-        The axes, in the order of the result's dimensions. A key is a parameter, ``"dt"``,
+        The axes, in the order of the result's dimensions. A key is a parameter, ``"dt"`` (of
+        systems in scaled time ``"dtau"``),
         ``"scheme"`` (["EMS", "G-L 3"]) or ``"start"`` ({"q": rows, "p": rows}, or
         {"angular_velocity": rows}); its values are a list, or {"from": …, "to": …, "count": …,
         "spacing": "linear" or "log"}. Any other key is a list of points, a dict of equally long
@@ -101,6 +103,9 @@ def sweep(
     dt, steps, t_end : float, int, float
         Of every cell; ``t_end``, in seconds from the start at t = 0, in place of steps: a cell
         ends with the whole step that is nearest to it.
+    dtau : float
+        In place of dt, of systems with ``time_scale``: the step of scaled time. Cells have equal
+        numbers of steps, and the results ``t`` and, with ``every``, ``t_samples``.
     every : int, optional
         Keep every so many states of each cell, as ``q_samples`` and ``p_samples``.
     solver : str or Solver
@@ -144,8 +149,8 @@ def sweep(
     """
     method = as_solver(solver)
     study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
-                 frame=frame, parameters=parameters, dt=dt, steps=steps, t_end=t_end,
-                 every=every, solver=method.kind, tolerance=method.tolerance,
+                 frame=frame, parameters=parameters, dt=dt, dtau=dtau, steps=steps,
+                 t_end=t_end, every=every, solver=method.kind, tolerance=method.tolerance,
                  max_iterations=method.max_iterations, events=events)
     return run_study(study, keep=keep, out=out, resume=resume, workers=workers, dask=dask,
                      progress=progress)
@@ -204,10 +209,11 @@ def _warn_of_fast_rotation(study: Study) -> None:
     for tile in tiles_of(study):
         cells = cells_of(study, tile)
         for scheme, stepper in enumerate(study.steppers):
-            of_scheme = cells.scheme == scheme
+            group = np.flatnonzero(cells.scheme == scheme)
             worst = stepper.rotations.fastest(
-                {name: x[of_scheme] for name, x in cells.parameters.items()}, cells.dt[of_scheme],
-                cells.q[of_scheme], cells.p[of_scheme]) if of_scheme.any() else None
+                {name: x[group] for name, x in cells.parameters.items()},
+                compute_tile.first_steps(study, stepper, cells, group), cells.q[group],
+                cells.p[group]) if len(group) and stepper.rotations.bodies else None
             rotations += [] if worst is None else [worst]
     if rotations:
         max(rotations, key=lambda rotation: rotation.radians / rotation.limit).warn()
@@ -307,7 +313,7 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
                            if not study.varied(name)},
             "q": None if study.varied("q") else [digits_of(x) for x in study.q],
             "p": None if study.varied("p") else [digits_of(x) for x in study.p],
-            "dt": None if study.varied("dt") else study.dt,
+            study.step_name: None if study.varied(study.step_name) else study.dt,
             "steps": study.steps, "t_end": study.t_end, "every": study.every,
             "t0": study.t0, "solver": study.solver, "tolerance": study.tolerance,
             "max_iterations": study.max_iterations, "results": [f.name for f in fields],

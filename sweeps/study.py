@@ -29,7 +29,7 @@ __all__ = ["Study", "checked_study"]
 Array = NDArray[Any]
 
 #: Quantities of a cell besides the stepper's parameters.
-_OWN = ("dt", SCHEME, "q", "p")
+_OWN = (SCHEME, "q", "p")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Study:
     q, p : array, shape (n,)
         The start where no axis varies it.
     dt : float or None
-        Where no axis varies it.
+        Where no axis varies it; in scaled time Δτ.
     steps : int or None
         Of every cell; or
     t_end : float or None
@@ -93,6 +93,11 @@ class Study:
         """Names of the schemes that vary; none where one is common to all."""
         return next((axis.labels for axis in self.axes if axis.labels), ())
 
+    @property
+    def step_name(self) -> str:
+        """Name of the step: "dt", in scaled time "dtau"."""
+        return "dtau" if self.steppers[0].binding.clocked else "dt"
+
     def varied(self, name: str) -> bool:
         """Whether an axis varies this quantity."""
         return any(name in axis.columns for axis in self.axes)
@@ -106,7 +111,8 @@ class Study:
     @property
     def time_steps(self) -> Array:
         """Δt of the cells: of the axis that varies it, or the one of all."""
-        column = next((a.columns["dt"] for a in self.axes if "dt" in a.columns), [self.dt])
+        name = self.step_name
+        column = next((a.columns[name] for a in self.axes if name in a.columns), [self.dt])
         return np.array(column, dtype=float)
 
     @property
@@ -147,7 +153,10 @@ def checked_study(study: Study) -> Study:
         raise InputError(f"tolerance = {study.tolerance} is not positive; give none for round-off.")
     if study.every is not None and study.steps is None:
         raise InputError("every needs steps: with t_end cells have different numbers of them.")
-    dt = None if study.varied("dt") else as_step(study.dt)
+    name = study.step_name
+    refuse_together(sweep="a sweep", open_end=name == "dtau" and study.t_end is not None
+                    and "t_end in scaled time")
+    dt = None if study.varied(name) else as_step(study.dt, name=name)
     t_end = _checked_end(replace(study, dt=dt))
     choose("solver for sweeps:", study.solver, SOLVERS)
     for stepper_of_scheme in study.steppers:
@@ -215,12 +224,12 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
                              f"{stepper.name} has {stepper.n} coordinates.")
         if not np.isfinite(values).all():
             raise InputError(f"The starts have a {column} that is not finite; mend it.")
-    elif column == "dt":
+    elif column == study.step_name:
         for value in (values[values == 0], values[~np.isfinite(values)]):
             if len(value):
-                as_step(float(value[0]))
+                as_step(float(value[0]), name=column)
     elif column not in (*_OWN, *names):
-        choices = [*names, "dt", SCHEME, START]
+        choices = [*names, study.step_name, SCHEME, START]
         raise InputError(f"{column!r} is nothing that a sweep of {stepper.name} can vary; choose "
                          f"{listed(choices)}{proposal(column, choices)}.")
     elif column in names:

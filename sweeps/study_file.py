@@ -19,7 +19,7 @@
     [events]                         # first time and count of each cell
     low = "height=0.1 down"
 
-Also: stages, rep, real, frame, dt, every, solver, tolerance, max_iterations.
+Also: stages, rep, real, frame, dt, dtau, every, solver, tolerance, max_iterations.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ __all__ = ["StudyFile", "load_study", "parse_study"]
 _MOST_BYTES = 2**24
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "scheme": (str,), "stages": (int,), "rep": (str,), "real": (str,), "frame": (str,),
-    "dt": (int, float), "steps": (int,), "t_end": (int, float), "every": (int,),
+    "dt": (int, float), "dtau": (int, float), "steps": (int,), "t_end": (int, float),
+    "every": (int,),
     "solver": (str,), "tolerance": (int, float), "max_iterations": (int,),
 }
 _KEYS = {"name", "model", "keep", "settings", "parameters", "grid", "events", *_OPTIONS}

@@ -49,9 +49,7 @@ def resolve(
         raise InputError("Settings belong to problems and models with names; change the model "
                          "itself.")
     steppers_and_starts = [_stepper(model, scheme, rep, real, frame) for scheme in schemes]
-    first, defaults = steppers_and_starts[0]
-    first._refuse_scaled(sweep="a sweep")
-    return [stepper for stepper, _ in steppers_and_starts], defaults
+    return [stepper for stepper, _ in steppers_and_starts], steppers_and_starts[0][1]
 
 
 def _named(

@@ -19,7 +19,7 @@ __all__ = ["draw"]
 
 Array = NDArray[Any]
 
-_LABELS = {"gamma": "γ (kg m²)", "alpha": "α (kg m²)", "dt": "Δt (s)"}
+_LABELS = {"gamma": "γ (kg m²)", "alpha": "α (kg m²)", "dt": "Δt (s)", "dtau": "Δτ"}
 #: Most cells along an axis of a picture, for a readable picture.
 _MOST = 2000
 #: Most lines of a legend.

@@ -120,7 +120,7 @@ def cells_of(study: Study, tile: Tile) -> Cells:
         return columns[name] if name in columns else np.broadcast_to(
             np.asarray(common), (count, *np.shape(common)))
 
-    dt = column("dt", study.dt).astype(float)
+    dt = column(study.step_name, study.dt).astype(float)
     names = study.steppers[0].parameter_domains
     return Cells(
         column(SCHEME, 0),

@@ -25,11 +25,14 @@ from ...core.exact_numbers import Number, as_double
 from ...core.html import card, table
 from ...core.progress import Progress, as_progress, log_progress
 from ...core.start import HasStart, Rule
+from ...core.start import Start as StateStart
+from ...core.warnings import capture_warnings
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
 from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..derivatives.kept_steps import refuse_run
 from ..derivatives.tangent_run import tangents_of
 from ..derivatives.tangent_space import Tangents
+from ..integration.run_arguments import step_argument
 from ..integration.starts import StartNumbers, merged_start
 from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates
@@ -38,6 +41,7 @@ from .observations import Observation, Observe, observation_of
 
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
+    from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
 __all__ = ["Fit", "fit"]
@@ -170,12 +174,15 @@ class Fitting:
     def __init__(
         self, step: Stepper, observation: Observation, run: RunArguments, sample_steps: Array,
         data: Array, sigma: Array, free: Sequence[str], start: bool,
+        clock: tuple[Any, Array] | None = None,
     ) -> None:
         self.step, self.observation, self.run = step, observation, run
         self.sample_steps, self.data, self.sigma = sample_steps, data, sigma
         self.start, self.coordinates = start, Coordinates(step, free, run.parameters)
         self.free = list(free)
-        self.samples = len(sample_steps)
+        self.samples = len(data)
+        #: In scaled time the start's t, and the times of the samples, which lie between steps.
+        self.clock = clock
 
     def arguments(self, point: Point, halvings: int = 0) -> tuple[RunArguments, Array]:
         """Return the run of the first samples, and the row of each of them."""
@@ -196,10 +203,26 @@ class Fitting:
 
     def states(self, point: Point, halvings: int = 0) -> tuple[Array, Array]:
         """Return q and p of the samples."""
-        run, sample_rows = self.arguments(point, halvings)
-        trajectory = self.step._run(run)
+        if self.clock is not None:
+            trajectory, sample_rows = self._in_scaled_time(point, halvings), np.arange(self.samples)
+        else:
+            run, sample_rows = self.arguments(point, halvings)
+            trajectory = self.step._run(run)
         q, p = (np.asarray(x[sample_rows], dtype=float) for x in (trajectory.q, trajectory.p))
         return q, p
+
+    def _in_scaled_time(
+        self, point: Point, halvings: int = 0, tangents: Tangents | None = None
+    ) -> Trajectory:
+        """Return the states at the times of the samples, and their tangents at fixed times."""
+        assert self.clock is not None
+        t0, times = self.clock
+        last = min(max(self.samples, 2), len(times)) - 1  # the first sample may be at the start
+        start = StateStart(point.q, point.p, self.run.parameters | point.parameters, t0)
+        with capture_warnings():  # of each guess; runs of constant steps warn of nothing either
+            return self.step.integrate(
+                start, dtau=self.run.dt / 2**halvings, t_end=times[last],
+                t_eval=times[: self.samples], tangents=tangents)
 
     def residuals(self, point: Point, halvings: int = 0) -> Array:
         """Return residuals of the samples, shape (samples, c)."""
@@ -229,9 +252,13 @@ class Fitting:
         """
         q, p = self.states(point)
         r, by_q, by_p, by_parameters = self._observed(point, q, p)
-        run, sample_rows = self.arguments(point)
         directions = Tangents(start="all" if self.start else None, parameters=self.free)
-        tangents = tangents_of(self.step, run, directions)
+        if self.clock is not None:
+            tangents: Any = self._in_scaled_time(point, tangents=directions).tangents
+            sample_rows = np.arange(self.samples)
+        else:
+            run, sample_rows = self.arguments(point)
+            tangents = tangents_of(self.step, run, directions)
         dq, dp = (np.asarray(x[sample_rows], dtype=float) for x in (tangents.q, tangents.p))
         J = by_q @ dq + by_p @ dp
         starts = J.shape[2] - len(self.free)
@@ -276,7 +303,8 @@ class Fitting:
         """Return the point with these parameters and (q, p) projected onto the constraints."""
         if self.step.m:
             all_parameters = self.step._parameters_with_inputs(self.run.parameters, self.run.inputs)
-            q, p = self.step.project(q, p, parameters=all_parameters | parameters, t=self.run.t0)
+            t = self.run.t0 if self.clock is None else self.clock[0]
+            q, p = self.step.project(q, p, parameters=all_parameters | parameters, t=t)
         return Point(parameters, np.asarray(q, dtype=float), np.asarray(p, dtype=float))
 
     def fewest(self, point: Point) -> int:
@@ -293,7 +321,8 @@ class Fitting:
 
 def fit(
     stepper: Stepper, start: HasStart, /, t: ArrayLike, data: ArrayLike, *,
-    dt: Number | None = None, parameters: Mapping[str, Number] | None = None,
+    dt: Number | None = None, dtau: Number | None = None,
+    parameters: Mapping[str, Number] | None = None,
     inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
     observe: str | Sequence[str] | Observe = "attitude", free: Sequence[str] | None = None,
     fixed: Sequence[str] = (), sigma: ArrayLike | None = None,
@@ -316,6 +345,9 @@ def fit(
         of either sign; of angular velocities Ω in body axes, in rad/s.
     dt : float, optional
         Time step; by default the smallest distance of two samples.
+    dtau : float
+        In place of dt, of systems with ``time_scale``: the step of scaled time. Samples may then
+        lie at any times.
     parameters : mapping
         As of ``integrate``; first guesses of the free ones. γ by a rule ("m") keeps the value that
         it has for the first guess: it changes no motion beyond truncation.
@@ -388,18 +420,25 @@ def fit(
     if times.ndim != 1 or not len(times):
         raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
     samples = observation.checked(data, len(times))
-    step_size, sample_steps = _steps_at(np.array(times, dtype=float),
-                                        float(as_real("t", first_guess.t)), dt)
+    times, t0 = np.array(times, dtype=float), as_real("t", first_guess.t, stepper.binding.number)
+    _refuse_unordered(times, float(t0))
+    clocked = stepper.binding.clocked
+    if clocked or dtau is not None:
+        step_size, sample_steps = step_argument(stepper.binding, dt, dtau), np.ones(1, int)
+    else:
+        step_size, sample_steps = _steps_at(times, float(t0), dt)
     names = _free(stepper, free, fixed)
     starts = "start" in names
     names = [name for name in names if name != "start"]
     run = _first_run(stepper, first_guess, step_size, int(sample_steps[-1]), inputs)
-    fitting = Fitting(stepper, observation, run, sample_steps, samples, np.ones(1), names, starts)
+    fitting = Fitting(stepper, observation, run, sample_steps, samples, np.ones(1), names, starts,
+                      (t0, times) if clocked else None)
     guess = {name: float(x) for name, x in run.parameters.items()
              if name in stepper.parameter_domains
              and not (run.inputs is not None and name in stepper.binding.input_names)}
     guess = fitting.coordinates.inside(guess)
-    point = fitting.consistent(guess, np.asarray(run.q, float), np.asarray(run.p, float))
+    q, p = (np.asarray(x[: stepper.n], float) for x in (run.q, run.p))
+    point = fitting.consistent(guess, q, p)
     if sigma is not None:
         fitting.sigma = _sigma(sigma, fitting, point)
     counts = _horizons(horizons, len(times), fitting.fewest(point))
@@ -429,14 +468,18 @@ def _reported(
     return linearise(point)
 
 
-def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
-    """Return dt and the number of steps to each time."""
+def _refuse_unordered(times: Array, t0: float) -> None:
+    """Refuse times of samples that do not increase from the start's."""
     if not np.isfinite(times).all():
         raise InputError("A time in t is not finite; leave out samples that are missing.")
     intervals = np.diff(times)
     if (intervals <= 0).any() or times[0] < t0:
         raise InputError("The times in t do not increase from the start's; sort the samples, one "
                          "for each time, and give a start not after the first of them.")
+
+
+def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
+    """Return dt and the number of steps to each time."""
     if dt is None:
         gaps = np.diff([t0, *times])
         if not times[-1] > t0:
@@ -493,7 +536,8 @@ def _first_run(
                               for name, x in all_parameters.items()}
         q, p = step.project(q, p, parameters=numeric_parameters, t=start.t)
     run = step._resolved(step._run_arguments(
-        q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=input_rows))
+        q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=input_rows,
+        excess=0.0))
     refuse_run(run)
     return run
 

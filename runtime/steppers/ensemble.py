@@ -289,7 +289,12 @@ def _checked(
     warn_of_negative(runs.parameters)
     warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
     if runs.first.steps:
-        stepper.rotations.warn(runs.parameters, runs.dt, runs.q, runs.p)
+        dt = runs.dt
+        if stepper.binding.clocked and stepper.rotations.bodies:
+            dt = dt * np.concatenate([stepper.binding.time_scales(
+                stepper.binding.parameters(run.parameters), run.q[None], run.p[None])
+                for run in map(runs.__getitem__, range(size))])
+        stepper.rotations.warn(runs.parameters, dt, runs.q, runs.p)
     return runs
 
 

@@ -349,3 +349,26 @@ def test_steps_of_scaled_time_are_asked_for(orbit, document, gyrospark):
     found = document(*orbit, "--dtau", "0.4", "--step-error", "1e-5", "--t-end", "7")
     assert found["tuned"]["error"] <= 1e-5
     assert found["dtau"] == found["tuned"]["dt"] < 0.2
+
+
+def test_a_sweep_and_a_fit_in_scaled_time_are_those_of_python(orbit, document, gyrospark, tmp_path):
+    """Cells of a study at rows of equal τ; samples between the steps of a run of other steps."""
+    study = tmp_path / "eccentricities.toml"
+    study.write_text("""model = "eccentric.toml"
+scheme = "G-L 2"
+dtau = 0.1
+steps = 12
+[grid]
+k = [1.0, 1.1]
+""")
+    summary = document("sweep", study, "--out", tmp_path / "e.zarr", "--show", "t")
+    run = systems.run("eccentric", systems.stepper("eccentric"), 12)
+    cells = gs.load_sweep(tmp_path / "e.zarr")
+    assert abs(float(cells.t[0]) - run.t[-1]) < 1e3 * EPS
+    assert summary["least"] == float(cells.t.min())
+    table = tmp_path / "seen.csv"
+    document(*orbit, "--dtau", "0.05", "--steps", "60", "--every", "7", "--out", table)
+    found = document("fit", orbit[1], table, *orbit[2:], "--dtau", "0.05", "--observe", "x,y",
+                     "--set", "parameters.k=1.01", "--free", "k")
+    assert abs(found["parameters"]["k"] - 1) < 1e-9
+    refused(gyrospark("fit", orbit[1], table, *orbit[2:], "--observe", "x,y"), "dtau")

@@ -207,8 +207,8 @@ CALLS = {
     ("command", "scaled"): from_command,
     ("rules", "scaled"): scaled(lambda step, start, run: gs.tune(
         step, start, dtau=0.1, t_end=1.0, step_error=1e-3, gamma="m")),
-    ("sweep", "scaled"): lambda: gs.sweep(
-        scaled_model(), {"k": [1.0, 2.0]}, scheme="G-L", stages=2, dt=0.05, steps=2),
+    ("sweep", "open_end"): lambda: gs.sweep(
+        scaled_model(), {"k": [1.0, 2.0]}, scheme="G-L", stages=2, dtau=0.05, t_end=1.0),
     ("stored", "open_end"): scaled(lambda step, start, run: step.integrate(
         start, dtau=0.05, t_end=1.0, out="never.zarr")),
     ("stored", "t_eval"): stored(t_eval=[0.05]),

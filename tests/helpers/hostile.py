@@ -204,8 +204,9 @@ def calls(tmp_path: Path) -> list[Call]:
             "every": 1, "t_eval": None, "events": (), "solver": "auto", "memory": "1 MB"}),
             kept=("loss",)),
         plain("fit", gs.fit, stepper=step, start=TOP, t=made.t, data=made.q,
-              parameters=PARAMETERS, observe="attitude", dt=1e-3, free=["I1"], fixed=["I2"],
-              sigma=1e-3, horizons=None, inputs=None, max_iterations=3, progress=None),
+              parameters=PARAMETERS, observe="attitude", dt=1e-3, dtau=None, free=["I1"],
+              fixed=["I2"], sigma=1e-3, horizons=None, inputs=None, max_iterations=3,
+              progress=None),
         plain("lyapunov", gs.lyapunov, stepper=step, **state, **run, steps=40, t_end=None, count=1,
               every=20, inputs=None, solver="auto", covariant=False, progress=None),
         plain("periodic_orbit", gs.periodic_orbit, stepper=step, **state, **run, steps=40,
@@ -304,7 +305,7 @@ def calls(tmp_path: Path) -> list[Call]:
         Call("sweep", lambda: (gs.sweep, {
             "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
             "rep": "gamma", "real": "double", "frame": None, "parameters": {}, "dt": 1e-3,
-            "steps": 2, "t_end": None, "every": None, "solver": "auto", "keep": None,
+            "dtau": None, "steps": 2, "t_end": None, "every": None, "solver": "auto", "keep": None,
             "out": None, "resume": False, "workers": 1, "dask": None, "progress": None,
             "events": gs.Event("q1")})),
     ]

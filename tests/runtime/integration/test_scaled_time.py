@@ -201,6 +201,85 @@ def test_gradients_at_a_time_are_differences(name):
                 assert abs(along - wanted) < 1e-7 * (1 + abs(wanted))
 
 
+def test_a_fit_has_the_parameter_and_the_start_of_its_data():
+    """Samples at any times, the first at the start; the closed form has k = 1."""
+    entry, step = case("eccentric"), differentiable("eccentric", "G-L", 4)
+    times = np.array([0.0, 0.4, 0.9, 1.7, 2.2, 3.1, 4.6, 5.9, 6.1, 6.6])
+    data = np.array([entry.exact(time) for time in times])
+    begin = timed_start("eccentric", step).replace(parameters={"k": 1.02})
+    found = gs.fit(step, begin, times, data, dtau=0.1, observe=["x", "y"])
+    assert found.converged
+    assert found.rms < 1e-8
+    assert abs(found.parameters["k"] - 1) < 1e-8
+    assert np.abs(found.q - entry.q).max() < 1e-8
+    assert np.abs(found.p - entry.p).max() < 1e-8
+    for given, words in (({}, ["dtau"]), ({"dt": 0.1}, ["dt = 0.1", "dtau"])):
+        with pytest.raises(gs.InputError) as caught:
+            gs.fit(step, begin, times, data, observe=["x", "y"], **given)
+        assert all(word in str(caught.value) for word in words)
+    with pytest.raises(gs.InputError, match="dtau"):
+        gs.fit(stepper("kepler"), timed_start("kepler", stepper("kepler")), [0.5, 1.0],
+               np.ones((2, 2)), dtau=0.1, observe=["q"])
+
+
+@pytest.mark.parametrize("name", SCALED)
+def test_cells_of_a_sweep_are_runs(name):
+    """States, times, samples, first events and errors; a cell whose σ has no step is NaN."""
+    entry, step = case(name), stepper(name)
+    begin = step.project(entry.q, entry.p, parameters=entry.parameters)  # sweeps start at t = 0
+    model = gs.Model(entry.system, entry.parameters, *begin)
+    parameter = next(iter(entry.parameters))
+    values = [entry.parameters[parameter] * factor for factor in (1.0, 1.1)]
+    event = gs.Event(step.manifest.system.coordinates[0], level=0.25, name="crossing")
+    over = {"dtau": [entry.dt, entry.dt / 2]}
+    found = gs.sweep(model, over | {parameter: values}, scheme="G-L", stages=2, steps=20, every=5,
+                     events=event)
+    plain = gs.sweep(model, over | {parameter: values}, scheme="G-L", stages=2, steps=20, every=5)
+    for variable in plain.variables:
+        assert np.array_equal(plain[variable], found[variable]), variable
+    for i, dtau in enumerate(over["dtau"]):
+        for j, value in enumerate(values):
+            parameters = entry.parameters | {parameter: value}
+            q, p = step.project(*begin, parameters=parameters)
+            run = step.integrate(q, p, dtau=dtau, steps=20, every=5, parameters=parameters,
+                                 events=event)
+            close = 1e4 * EPS * (1 + np.abs(run.p).max())
+            cell = found.isel(dtau=i, **{parameter: j})
+            assert abs(float(cell.t) - run.t[-1]) <= close
+            assert np.abs(cell.q_samples - run.q).max() <= close
+            assert np.abs(cell.p - run.p[-1]).max() <= close
+            assert np.abs(cell.t_samples - run.t).max() <= close
+            assert abs(float(cell.energy_error_max) - run.report.energy_error_max) <= close
+            crossings = run.events["crossing"]
+            assert float(cell.event_crossing_count) == len(crossings)
+            if len(crossings):
+                assert abs(float(cell.event_crossing_first) - crossings.t[0]) <= close
+
+
+@pytest.mark.parametrize(("over", "given", "words"), [
+    ({"k": [1.0, 2.0]}, {"dt": 0.1, "steps": 3}, ["dt = 0.1", "dtau"]),
+    ({"k": [1.0, 2.0]}, {"steps": 3}, ["dtau"]),
+    ({"dt": [0.1, 0.2]}, {"dtau": 0.1, "steps": 3}, ["dt", "dtau"]),
+    ({"dtau": [0.1, 0.0]}, {"steps": 3}, ["dtau = 0"]),
+    ({"k": [1.0, 2.0]}, {"dtau": 0.1, "t_end": 1.0}, ["t_end", "steps"]),
+])
+def test_sweeps_refuse_other_steps_and_ends(over, given, words):
+    entry = case("eccentric")
+    model = gs.Model(entry.system, entry.parameters, entry.q, entry.p)
+    with pytest.raises(gs.InputError) as caught:
+        gs.sweep(model, over, scheme="G-L", stages=2, **given)
+    assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_a_cell_whose_time_stops_is_nan_with_its_reason():
+    system = gs.System([x], [u], (), u, name="drift", time_scale=1 - 4 * x)
+    model = gs.Model(system, {}, [0.0], [0.3])
+    with pytest.warns(gs.errors.InputWarning, match="1 of 2"):
+        found = gs.sweep(model, {"dtau": [0.1, 1.0]}, scheme="G-L", stages=2, steps=3)
+    assert found.status.values.tolist() == [0, 7]
+    assert np.isnan(found.t.values).tolist() == [False, True]
+
+
 # ---------------------------------------------------------------- failures
 
 
@@ -242,9 +321,7 @@ def other_calls(step, start, run):
         "mass_matrix": lambda: step.mass_matrix(start),
         "lyapunov": lambda: gs.lyapunov(step, start, dt=d, steps=10),
         "periodic_orbit": lambda: gs.periodic_orbit(step, start, dt=d, steps=10),
-        "fit": lambda: gs.fit(step, start, [0.0, 1.0], np.ones((2, 2)), dt=d, observe=["x", "y"]),
         "certify": lambda: gs.certify(model, "G-L", 2, dt=d),
-        "sweep": lambda: gs.sweep(model, {"k": [1.0, 2.0]}, scheme="G-L", stages=2, dt=d, steps=4),
         "flow": lambda: DiscreteFlow(step, 3),
         "build": lambda: gs.build("cpp", model, scheme="G-L", stages=2),
         "splitting": lambda: gs.stepper(order=4, system=model.system),
