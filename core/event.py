@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from .arguments import choose, shown
 from .errors import InputError
@@ -98,6 +98,8 @@ class Impact:
     quantity: str
     restitution: Any = 1.0
     name: str = ""
+    #: It ends no run, but for a gap that stays closed.
+    terminal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.quantity, str):
@@ -215,7 +217,7 @@ def terminal_of(events: Sequence[Event]) -> str:
     return next((f"the terminal event {event.name!r}" for event in events if event.terminal), "")
 
 
-def refuse_unusable_names(events: Sequence[Event], named: str) -> None:
+def refuse_unusable_names(events: Sequence[Event | Impact], named: str) -> None:
     """Refuse events whose names arrays cannot have; ``named`` is what goes by them.
 
     Raises

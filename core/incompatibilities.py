@@ -174,7 +174,6 @@ PAIRS = tuple(Pair(*pair) for pair in (
      "store more rows: a smaller dt"),
     ("impacts", "derivatives", "the jump of the momenta is not differentiated",
      "use differences of runs"),
-    ("impacts", "stored", "a store has no place for them", "leave out out, and save the run"),
     ("impacts", "splitting", "parts of steps have no metric", "choose G-L or EMS"),
     ("impacts", "frame", "gaps do not turn with the frame", "leave out frame"),
     ("impacts", "energy", "the parameter θ of a step has no derivatives", "leave out energy"),

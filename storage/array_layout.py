@@ -8,8 +8,9 @@ digits under ``<name>_bytes``.
 
 A row of all arrays is a state; rows are written in blocks, each a chunk of every array.
 
-The events of a run have arrays of their own, ``event_<name>_t``, ``_q``, ``_p``, ``_steps`` and
-``_rising``, along a dimension ``event_<name>`` that grows with the events found.
+The events of a run have arrays of their own, ``event_<name>_t``, ``_q``, ``_p``, ``_steps``,
+``_rising`` and ``_elapsed``, along a dimension ``event_<name>`` that grows with the events found;
+impacts ``_p_after``, ``_impulse``, ``_energy_lost`` and ``_work`` in addition.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from .durable_files import DurableStore, write_durably
 
 __all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "SOURCE", "WIDE_FILL", "StoredField", "array_of",
            "attributes_of", "block_rows", "consolidate", "create", "create_array", "extend",
-           "fields_of", "fields_of_event", "names_of", "open_group", "wide_name"]
+           "fields_of", "fields_of_events", "names_of", "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 #: The array with the files of the stepper.
@@ -50,6 +51,15 @@ _MOST_ROWS = 2**18
 _BLOCK_OF_EVENTS, _MOST_EVENTS = 2**20, 2**12
 #: Fill bytes of wide numbers not yet computed; 16 of them are NaN.
 WIDE_FILL = 255
+#: Columns of crossings and of impacts: name, meaning, unit.
+_OF_CROSSINGS = (
+    ("t", "times of {}", "s"), ("q", "coordinates at {}", ""), ("p", "momenta at {}", ""),
+    ("steps", "whole steps before {}", ""),
+    ("rising", "1 where the quantity rises along the run", ""),
+    ("elapsed", "times of {} since the start", "s"))
+_OF_IMPACTS = (
+    ("p_after", "momenta after {}", ""), ("impulse", "impulses of {}", ""),
+    ("energy_lost", "energy lost in {}", "J"), ("work", "work of the forces before {}", "J"))
 
 
 @dataclass(frozen=True)
@@ -117,25 +127,27 @@ def fields_of(manifest: Manifest) -> list[StoredField]:
     return fields
 
 
-def fields_of_event(manifest: Manifest, name: str) -> list[StoredField]:
-    """Return the arrays of an event of this name, in the order of ``Crossings``."""
+def fields_of_events(
+    manifest: Manifest, events: Mapping[str, Mapping[str, Any]]
+) -> dict[str, list[StoredField]]:
+    """Return the arrays of each event of a run, in the order of ``Crossings.columns``.
+
+    ``events`` are those of the attributes: impacts have a restitution.
+    """
     real = REALS[manifest.real]
-    state = [(output, output.inner(manifest) or ()) for output in OUTPUTS
-             if output.name in ("q", "p")]
-    return [
-        StoredField(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
-                    real.wide),
-        *(StoredField(f"event_{name}_{output.name}", inner,
-                      about(output, manifest, output.name)
-                      | {"long_name": f"{output.long_name} at {name}"},
-                      real.stored, real.wide) for output, inner in state),
-        StoredField(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
-        StoredField(f"event_{name}_rising", (),
-                    {"long_name": "1 where the quantity rises along the run"},
-                    "i1"),
-        StoredField(f"event_{name}_elapsed", (),
-                    {"long_name": f"times of {name} since the start", "units": "s"}, "f8",
-                    real.wide)]
+    inner = {output.name: (output.inner(manifest) or (), about(output, manifest, output.name))
+             for output in OUTPUTS if output.name in ("q", "p")}
+
+    def stored(name: str, column: str, text: str, unit: str = "") -> StoredField:
+        shape, attributes = inner.get(column[:1] if column[1:] in ("", "_after") else "", ((), {}))
+        kind = {"steps": "i8", "rising": "i1", "t": "f8", "elapsed": "f8"}.get(column, real.stored)
+        return StoredField(f"event_{name}_{column}", shape, attributes | {"long_name": text}
+                           | ({"units": unit} if unit else {}), kind,
+                           real.wide and not kind.startswith("i"))
+
+    return {name: [stored(name, column, text.format(name), unit) for column, text, unit in (
+        *_OF_CROSSINGS, *(_OF_IMPACTS if "restitution" in asked else ()))]
+        for name, asked in events.items()}
 
 
 def names_of(fields: Iterable[StoredField]) -> list[str]:

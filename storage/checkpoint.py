@@ -1,6 +1,7 @@
 """Checkpoints, from which a run resumes: step count, state, running record, work memory.
 
-A run with events also stores the state of their detection, and the number stored of each.
+A run with events also stores the state of their detection, and the number stored of each; one with
+impacts the round-off of the gaps.
 
 The work memory of the compiled code holds compensation terms, the predictor's history and the
 convergence rate of the fixed-point iteration; it is stored byte for byte.
@@ -13,12 +14,14 @@ compiled function ``is_valid``, which knows where they are.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.event import Event, Impact
 from ..runtime.bindings.binding import REASONS, Binding
 from ..runtime.bindings.real_numbers import as_bytes, from_bytes
 from ..runtime.bindings.run_memory import RunState
@@ -27,6 +30,7 @@ from ..runtime.events.detection import TAIL, Memory
 __all__ = ["CheckpointState", "EventProgress", "checkpoint_size", "pack", "unpack"]
 
 Array = NDArray[Any]
+Events = Sequence[Event | Impact]
 _DIGEST = 32
 _UNSOUND = "the checkpoint holds numbers that no run leaves"
 
@@ -39,10 +43,11 @@ class EventProgress:
     memory: Memory
 
     @classmethod
-    def none(cls, binding: Binding, events: int) -> EventProgress:
+    def none(cls, binding: Binding, events: Events) -> EventProgress:
         """Return the progress before the first step."""
-        no_rows = binding.new(0, binding.n)
-        return cls(np.zeros(events, int), Memory(no_rows, no_rows, np.zeros(events, bool)))
+        no_rows, count = binding.new(0, binding.n), len(events)
+        return cls(np.zeros(count, int), Memory(no_rows, no_rows, np.zeros(count, bool),
+                                                binding.new(_gaps(events))))
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,12 @@ class CheckpointState:
         return -1 - self.status if self.status < 0 else None
 
 
-def checkpoint_size(binding: Binding, events: int = 0) -> int:
+def _gaps(events: Events) -> int:
+    """Return the number of impacts."""
+    return sum(isinstance(event, Impact) for event in events)
+
+
+def checkpoint_size(binding: Binding, events: Events = ()) -> int:
     """Return the size of a checkpoint in bytes."""
     start = binding.new(binding.n)
     event_progress = EventProgress.none(binding, events) if events else None
@@ -105,10 +115,10 @@ def _packed(binding: Binding, event_progress: EventProgress | None) -> list[Arra
     memory, states = event_progress.memory, binding.new(2, TAIL, binding.n)
     states[0, : len(memory.q)], states[1, : len(memory.p)] = memory.q, memory.p
     return [np.array([len(memory.q), *event_progress.counts, *memory.closed], dtype="<i8"),
-            as_bytes(states)]
+            as_bytes(states), as_bytes(memory.margins)]
 
 
-def unpack(binding: Binding, data: Array, events: int = 0) -> CheckpointState | None:
+def unpack(binding: Binding, data: Array, events: Events = ()) -> CheckpointState | None:
     """Return the state of packed bytes, None if nothing was packed yet.
 
     Raises
@@ -133,20 +143,21 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> CheckpointState | 
         empty = as_bytes(binding.new(*shape))
         return from_bytes(take(empty.nbytes).reshape(empty.shape), binding.dtype)
 
+    count = len(events)
     iterations, status = (int(x) for x in take(16).view("<i8"))
     run = RunState.at_start(binding, numbers(binding.n), numbers(binding.n))
     for struct in (run.record, run.work):
         image = binding.image(struct)
         image[:] = take(image.size)
-    if not (0 <= iterations < 2**31 and (-events <= status <= 0 or status in REASONS)
+    if not (0 <= iterations < 2**31 and (-count <= status <= 0 or status in REASONS)
             and binding.function("is_valid")(run.record, run.work)):
         raise ValueError(_UNSOUND)
     if not events:
         return CheckpointState(run, iterations, status)
-    state_count, *counters = (int(x) for x in take(8 * (1 + 2 * events)).view("<i8"))
-    if not (0 <= state_count <= TAIL and min(counters) >= 0 and max(counters[events:]) <= 1):
+    state_count, *counters = (int(x) for x in take(8 * (1 + 2 * count)).view("<i8"))
+    if not (0 <= state_count <= TAIL and min(counters) >= 0 and max(counters[count:]) <= 1):
         raise ValueError(_UNSOUND)
     tail = numbers(2, TAIL, binding.n)[:, :state_count]
-    memory = Memory(tail[0], tail[1], np.array(counters[events:], bool))
+    memory = Memory(tail[0], tail[1], np.array(counters[count:], bool), numbers(_gaps(events)))
     return CheckpointState(run, iterations, status,
-                           EventProgress(np.array(counters[:events]), memory))
+                           EventProgress(np.array(counters[:count]), memory))

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import as_bytes
-from ..runtime.results.crossings import Crossings
-from .array_layout import StoredField, array_of, fields_of_event, names_of, wide_name
+from ..runtime.results.crossings import Crossings, of_columns
+from .array_layout import StoredField, array_of, fields_of_events, names_of, wide_name
 from .chunks import Chunk
 from .validation import refuse_missing_blocks, stored_values
 
-__all__ = ["EventStore", "crossings_in", "values_of"]
+__all__ = ["EventStore", "crossings_in"]
 
 Array = NDArray[Any]
 
@@ -30,8 +30,10 @@ Array = NDArray[Any]
 class EventStore:
     """Appendable arrays of a run's events."""
 
-    def __init__(self, group: zarr.Group, manifest: Manifest, names: list[str]) -> None:
-        self._fields = {name: fields_of_event(manifest, name) for name in names}
+    def __init__(
+        self, group: zarr.Group, manifest: Manifest, events: Mapping[str, Mapping[str, Any]]
+    ) -> None:
+        self._fields = fields_of_events(manifest, events)
         self._arrays = {array_name: array_of(group, array_name) for fields in self._fields.values()
                         for array_name in names_of(fields)}
 
@@ -39,7 +41,8 @@ class EventStore:
                new_crossings: Mapping[str, Crossings]) -> list[Chunk]:
         """Return chunks with new events, appended after the stored number of each event."""
         return [chunk for name, crossings in new_crossings.items() if len(crossings)
-                for field, array in zip(self._fields[name], values_of(crossings), strict=True)
+                for field, array in zip(self._fields[name], crossings.columns.values(),
+                                        strict=True)
                 for chunk in self._of_field(field, stored_counts[name], array)]
 
     def _of_field(self, field: StoredField, stored_count: int, array: Array) -> list[Chunk]:
@@ -79,23 +82,18 @@ def _appended_chunks(array: zarr.Array[Any], stored_count: int, new_rows: Array)
             for i in range(-(-len(all_rows) // block))]
 
 
-def values_of(crossings: Crossings) -> tuple[Array, ...]:
-    """Return the arrays of an event in the order of ``fields_of_event``."""
-    return (crossings.t, crossings.q, crossings.p, crossings.steps, crossings.rising,
-            crossings.elapsed)
-
-
 def crossings_in(
-    path: Path, group: zarr.Group, manifest: Manifest, counts: Mapping[str, int]
+    path: Path, group: zarr.Group, manifest: Manifest, events: Mapping[str, Mapping[str, Any]],
+    counts: Mapping[str, int],
 ) -> dict[str, Crossings]:
-    """Return the given number of crossings of each event."""
+    """Return the given number of crossings, or impacts, of each event."""
     dtype = REALS[manifest.real].dtype
     crossings = {}
-    for name, count in counts.items():
-        fields = fields_of_event(manifest, name)
-        refuse_missing_blocks(path, group, 0, count, names_of(fields))
-        t, q, p, steps, rising, elapsed = (
-            stored_values(array_of(group, wide_name(field.name) if field.wide else field.name), 0,
-                          count, field.wide, dtype) for field in fields)
-        crossings[name] = Crossings(t, q, p, steps, rising.astype(bool), elapsed)
+    for name, fields in fields_of_events(manifest, events).items():
+        refuse_missing_blocks(path, group, 0, counts[name], names_of(fields))
+        columns = {field.name.removeprefix(f"event_{name}_"): stored_values(
+            array_of(group, wide_name(field.name) if field.wide else field.name), 0, counts[name],
+            field.wide, dtype) for field in fields}
+        columns["rising"] = columns["rising"].astype(bool)
+        crossings[name] = of_columns(columns)
     return crossings

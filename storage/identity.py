@@ -13,10 +13,11 @@ import zarr
 
 from .._version import __version__
 from ..core.errors import InputError
+from ..core.event import Event
 from ..core.exact_numbers import digits_of, exact
 
 if TYPE_CHECKING:
-    from ..core.event import Event
+    from ..core.event import Impact
     from ..runtime.integration.run_arguments import RunArguments
     from ..runtime.steppers.stepper import Stepper
 
@@ -27,7 +28,7 @@ FORMAT = 1
 
 
 def identity_of(
-    stepper: Stepper, run: RunArguments, events: tuple[Event, ...] = ()
+    stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...] = ()
 ) -> dict[str, Any]:
     """Return the identity of a run, compared before it is resumed, as JSON values.
 
@@ -52,10 +53,11 @@ def identity_of(
     }
 
 
-def _event_identity(events: tuple[Event, ...]) -> dict[str, Any]:
-    events_json = {event.name: {"quantity": event.quantity, "level": _level(event.level),
-                                "direction": event.direction, "terminal": event.terminal}
-                   for event in events}
+def _event_identity(events: tuple[Event | Impact, ...]) -> dict[str, Any]:
+    events_json = {event.name: {"quantity": event.quantity, **(
+        {"level": _level(event.level), "direction": event.direction, "terminal": event.terminal}
+        if isinstance(event, Event) else {"restitution": _level(event.restitution)})}
+        for event in events}
     return {"events": events_json} if events_json else {}
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import zarr
 
 from ..core.errors import InputError
-from ..core.event import Event, refuse_unusable_names
+from ..core.event import Event, Impact, refuse_unusable_names
 from ..core.exact_numbers import Number
 from ..core.progress import Progress, as_progress, log_progress
 from ..core.records import changed
@@ -27,7 +27,7 @@ from .array_layout import (
     create,
     extend,
     fields_of,
-    fields_of_event,
+    fields_of_events,
     open_group,
 )
 from .checkpoint import checkpoint_size
@@ -48,7 +48,7 @@ _AS_FILE = "The run is then written by run.save('run.csv')."
 
 
 def record(
-    stepper: Stepper, run: RunArguments, events: tuple[Event, ...], out: str | Path, *,
+    stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...], out: str | Path, *,
     resume: bool = False, progress: Progress = None,
 ) -> Recording:
     """Stream the states of a checked run to a Zarr store; see ``Stepper.integrate(..., out=...)``.
@@ -142,19 +142,22 @@ def resume(
         solver=Solver(about["solver"], None if tolerance is None else number(tolerance),
                       about["max_iterations"])))
     run.p[n:] = p0[n:]
-    events = tuple(Event(one["quantity"], Fraction(one["level"]), one["direction"],
+    events = tuple(Impact(one["quantity"], Fraction(one["restitution"]), name)
+                   if "restitution" in one else
+                   Event(one["quantity"], Fraction(one["level"]), one["direction"],
                          terminal=one["terminal"], name=name)
                    for name, one in about.get("events", {}).items())
     return record(stepper, run, events, path, resume=True, progress=progress)
 
 
 def _opened(
-    stepper: Stepper, run: RunArguments, events: tuple[Event, ...], path: Path, resume: bool,
+    stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...], path: Path,
+    resume: bool,
 ) -> zarr.Group:
     """Return the store's group, existing or new."""
     identity = identity_of(stepper, run, events)
     if not is_new(path, resume, "run"):
-        return _existing_group(stepper, run, path, identity)
+        return _existing_group(stepper, run, events, path, identity)
     about = _run_attributes(stepper, run, identity) | {
         **({"events": dict.fromkeys(identity["events"], 0)} if events else {}),
         "steps_done": 0,
@@ -164,14 +167,15 @@ def _opened(
     with storage_errors(path, _NEW):
         with created_atomically(path) as fresh:
             create(fresh, fields_of(stepper.manifest), run.rows + 1,
-                   checkpoint_size(stepper.binding, len(events)), about,
-                   {one.name: fields_of_event(stepper.manifest, one.name) for one in events},
-                   source_of(stepper.files))
+                   checkpoint_size(stepper.binding, events), about,
+                   fields_of_events(stepper.manifest, identity.get("events", {})),
+                   source_of(stepper, any(isinstance(event, Impact) for event in events)))
         return open_group(path, write=True)
 
 
 def _existing_group(
-    stepper: Stepper, run: RunArguments, path: Path, identity: dict[str, Any]
+    stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...], path: Path,
+    identity: dict[str, Any]
 ) -> zarr.Group:
     """Return the group of an existing store of this run, or of its first steps."""
     kept = Recording.read(path)
@@ -182,10 +186,10 @@ def _existing_group(
     if kept.status.startswith(ENDED):
         return group_of(path)
     fields = fields_of(stepper.manifest)
-    checkpoint = checkpoint_size(stepper.binding, len(kept.attributes["events"]))
+    checkpoint = checkpoint_size(stepper.binding, events)
     rows, coming = kept.rows, kept.attributes.get(EXTENDS)
-    of_events = [one for name in kept.attributes["events"]
-                 for one in fields_of_event(stepper.manifest, name)]
+    of_events = [one for fields_of_one in fields_of_events(
+        stepper.manifest, identity.get("events", {})).values() for one in fields_of_one]
     with storage_errors(path, CURE):
         refuse_other_arrays(path, group_of(path), fields, {rows, coming or rows}, checkpoint,
                             of_events)

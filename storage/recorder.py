@@ -18,11 +18,11 @@ import numpy as np
 import zarr
 
 from ..core.errors import InputError, Stopped
-from ..core.event import Event
+from ..core.event import Event, Impact
 from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.run_memory import Rows, RunState
-from ..runtime.events.observer import Observer
+from ..runtime.events.observer import observer_of
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import ChunkSize, ended_at, next_chunk
 from ..runtime.results.crossings import Crossings
@@ -33,7 +33,7 @@ from .array_layout import (
     array_of,
     attributes_of,
     fields_of,
-    fields_of_event,
+    fields_of_events,
     names_of,
     wide_name,
 )
@@ -59,18 +59,20 @@ COMMIT_SECONDS = 5.0
 class Recorder:
     """Recorder of a run: its state, and the block of rows being filled."""
 
-    def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event, ...], path: Path,
-                 group: zarr.Group) -> None:
+    def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...],
+                 path: Path, group: zarr.Group) -> None:
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
         self.manifest, self.fields = stepper.manifest, fields_of(stepper.manifest)
         self.block = array_of(group, "time").chunks[0]
         self.constants = run.constants(self.binding)
         event_by_name = {event.name: event for event in events}  # in the order of the store
-        self.events = tuple(event_by_name[name] for name in attributes_of(group).get("events", {}))
+        self._asked = attributes_of(group)["run"].get("events", {})
+        self._event_fields = fields_of_events(self.manifest, self._asked)
+        self.events = tuple(event_by_name[name] for name in self._asked)
         #: Count of each event up to the last commit; time of the one that ended the run.
         self.counts = np.zeros(len(events), int)
         self.end: Any = None
-        self.observer = Observer(stepper, run, self.events) if events else None
+        self.observer = observer_of(stepper, run, self.events) if events else None
         self._step_on = self.binding.integrate if self.observer is None else self.observer.advance
         self.state, self.first, self.rows = self._resume_state()
         self.pace = ChunkSize(self.observer is not None)
@@ -81,7 +83,7 @@ class Recorder:
         """Return the state to resume from, and its block."""
         try:
             checkpoint = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
-                                len(self.events))
+                                self.events)
             self._check_checkpoint(checkpoint)
         except ValueError as error:
             raise InputError(f"The store {str(self.path)!r} cannot be resumed: {error}. What "
@@ -105,8 +107,8 @@ class Recorder:
             return
         progress = checkpoint.event_progress
         counts = [] if progress is None else progress.counts.tolist()
-        stored = [array_of(self.group, fields_of_event(self.manifest, event.name)[0].name).shape[0]
-                  for event in self.events]
+        stored = [array_of(self.group, fields[0].name).shape[0]
+                  for fields in self._event_fields.values()]
         if (checkpoint.steps > self.run.steps or self._states(checkpoint) > self.run.rows + 1
                 or any(count > stored_count
                        for count, stored_count in zip(counts, stored, strict=True))):
@@ -121,12 +123,12 @@ class Recorder:
             self.counts = checkpoint.event_progress.counts
             assert self.observer is not None
             self.observer.go_on(checkpoint.run, checkpoint.event_progress.memory)
-            for event, count in zip(self.events, self.counts.tolist(), strict=True):
-                refuse_missing_blocks(self.path, self.group, 0, count,
-                                      names_of(fields_of_event(self.manifest, event.name)))
+            for fields, count in zip(self._event_fields.values(), self.counts.tolist(),
+                                     strict=True):
+                refuse_missing_blocks(self.path, self.group, 0, count, names_of(fields))
         names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
-            EventStore(self.group, self.manifest, names).grow(
+            EventStore(self.group, self.manifest, self._asked).grow(
                 dict(zip(names, self.counts.tolist(), strict=True)))
 
     def _start(self) -> tuple[CheckpointState, int, Rows]:
@@ -303,12 +305,14 @@ class Recorder:
         if self.observer is None:
             return None
         if self.state.ended_by is not None:
-            return replace(EventProgress.none(self.binding, len(self.events)), counts=self.counts)
+            return replace(EventProgress.none(self.binding, self.events), counts=self.counts)
         return EventProgress(self.counts, self.observer.memory)
 
     def _report(self, state: CheckpointState) -> Report:
         run = state.run
-        return Report.read(run.record, run.q, run.p, self.binding)
+        report = Report.read(run.record, run.q, run.p, self.binding)
+        return (report if self.observer is None else
+                self.observer.reported(report, int(self.counts.sum())))
 
     def _run_attributes(self, state: CheckpointState) -> dict[str, Any]:
         """Return the attributes of the run so far."""

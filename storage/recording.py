@@ -7,6 +7,7 @@ import operator
 import os
 import zlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,12 +23,13 @@ from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..core.records import changed
 from ..runtime.bindings.real_numbers import from_text
-from ..runtime.results.crossings import Crossings
+from ..runtime.results.crossings import Impacts
 from ..runtime.results.diagnostics import Report, known_fields
 from ..runtime.results.run_arrays import OUTPUTS, States, labels_of, parts, together
 from ..runtime.results.trajectory import Trajectory
+from ..runtime.steppers.differentiation import Derive
 from ..runtime.steppers.stepper import Stepper, stepper_of
-from .array_layout import SOURCE, array_of, fields_of_event, names_of, open_group, wide_name
+from .array_layout import SOURCE, array_of, fields_of_events, names_of, open_group, wide_name
 from .durable_files import one_line, store_path
 from .event_store import crossings_in
 from .identity import written_by
@@ -51,6 +53,8 @@ Array = NDArray[Any]
 _LAST = 4096
 #: States in memory for pictures: more are not distinguishable.
 _SHOWN = 20_000
+#: Before the names of files with derivatives.
+_DERIVATIVES = "derivatives/"
 _ATTRIBUTES = {one.attribute for one in OUTPUTS}
 
 
@@ -111,9 +115,15 @@ class Recording(Trajectory):
 
         def __getattr__(self, name: str) -> Any:
             """Read an array, or the events; keep it."""
-            if name == "events":
-                return self.__dict__.setdefault(name, crossings_in(
-                    self.path, self._group, self.manifest, self.attributes["events"]))
+            if name in ("events", "impacts"):
+                crossings = crossings_in(
+                    self.path, self._group, self.manifest, self.attributes["run"].get("events", {}),
+                    self.attributes["events"])
+                impacts = {event: x for event, x in crossings.items() if isinstance(x, Impacts)}
+                self.__dict__.setdefault("impacts", impacts)
+                self.__dict__.setdefault("events", crossings | {
+                    event: x.crossings for event, x in impacts.items()})
+                return self.__dict__[name]
             if name in _ATTRIBUTES:
                 run_in_memory = self._in_memory(range(self.states))
                 for output in OUTPUTS:
@@ -166,18 +176,16 @@ class Recording(Trajectory):
     def of_states(self, states: States, **changes: Any) -> Trajectory:
         """Return a trajectory in memory with other states; see ``Trajectory``."""
         fields = {name: getattr(self, name) for name in (
-            "dt", "every", "parameters", "report", "manifest", "events", "_stepper")}
+            "dt", "every", "parameters", "report", "manifest", "events", "impacts", "_stepper")}
         return Trajectory.of(states, **fields | changes)
 
     def _rows(self, row_range: range) -> Trajectory:
         run_in_memory = self._in_memory(row_range)
-        return changed(run_in_memory, events=self._events_within(run_in_memory, row_range))
-
-    def _events_within(self, run_in_memory: Trajectory, row_range: range) -> dict[str, Crossings]:
-        ahead = 1 if self.dt > 0 else -1
-        end = None if row_range[-1] + row_range.step >= self.states else run_in_memory.t[-1]
-        return {name: crossings.within(run_in_memory.t[0], end, ahead)
-                for name, crossings in self.events.items()}
+        t, ahead = run_in_memory.t, 1 if self.dt > 0 else -1
+        end = None if row_range[-1] + row_range.step >= self.states else t[-1]
+        events, impacts = ({name: x.within(t[0], end, ahead) for name, x in crossings.items()}
+                           for crossings in (self.events, self.impacts))
+        return changed(run_in_memory, events=events, impacts=impacts)
 
     def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
         """Yield blocks of rows, each with the row before it."""
@@ -202,8 +210,11 @@ class Recording(Trajectory):
             except UNREADABLE as error:
                 raise InputError(f"{str(self.path)!r} has no source of its stepper; give the "
                                  "stepper, or begin another store.") from error
+            derivatives = {name.removeprefix(_DERIVATIVES): files.pop(name) for name in [*files]
+                           if name.startswith(_DERIVATIVES)}
+            derive = Derive(partial(dict, derivatives), True, known=True) if derivatives else None
             self.__dict__["_stepper"] = stepper_of(self.manifest.name,
-                                                   tuple(sorted(files.items())))
+                                                   tuple(sorted(files.items())), derive)
         stepper: Stepper = self._stepper
         return stepper
 
@@ -239,8 +250,9 @@ class Recording(Trajectory):
         except UNREADABLE as error:
             raise InputError(f"{str(self.path)!r} is damaged: {one_line(error)}.") from error
         counts: dict[str, int] = self.attributes["events"]
-        event_arrays = [array_name for name in counts for array_name in names_of(
-            fields_of_event(self.manifest, name))]
+        event_arrays = [name for fields in fields_of_events(
+            self.manifest, self.attributes["run"].get("events", {})).values()
+            for name in names_of(fields)]
         dataset: xarray.Dataset = stored[[*self.attributes["arrays"], *event_arrays]].isel(
             time=slice(0, self.states),
             **{f"event_{name}": slice(0, count) for name, count in counts.items()})
@@ -311,8 +323,14 @@ class Recording(Trajectory):
             report=self.report, manifest=manifest)
 
 
-def source_of(files: dict[str, str]) -> bytes:
-    """Return the files of a stepper as bytes for a store: JSON compressed by zlib."""
+def source_of(stepper: Stepper, impacts: bool = False) -> bytes:
+    """Return the files of a stepper as bytes for a store: JSON compressed by zlib.
+
+    Runs with impacts need those with derivatives as well.
+    """
+    files = {**stepper.files}
+    if impacts:
+        files |= {_DERIVATIVES + name: text for name, text in stepper._derivative_files().items()}
     return zlib.compress(json.dumps(files, sort_keys=True).encode(), 9)
 
 

@@ -20,7 +20,7 @@ from .array_layout import (
     consolidate,
     create,
     fields_of,
-    fields_of_event,
+    fields_of_events,
     open_group,
     wide_name,
 )
@@ -51,7 +51,7 @@ def save_store(run: Trajectory, path: Path) -> Path:
     cure = "Nothing is saved: free some space, or choose another place."
     with storage_errors(path, cure), created_atomically(path) as fresh:
         create(fresh, fields, len(run), 1, _attributes(run),
-               {name: fields_of_event(run.manifest, name) for name in run.events})
+               fields_of_events(run.manifest, _asked(run)))
         group = open_group(fresh, write=True)
         block = array_of(group, "time").chunks[0]
         for field in fields:
@@ -64,9 +64,9 @@ def save_store(run: Trajectory, path: Path) -> Path:
                     Chunk(array_of(group, name), (i, *(0 for _ in stored_array.shape[1:])),
                           stored_array[i * block : (i + 1) * block])
                     for i in range(-(-len(run) // block))])
-        events = EventStore(group, run.manifest, list(run.events))
+        events = EventStore(group, run.manifest, _asked(run))
         grown = events.grow({name: len(x) for name, x in run.events.items()})
-        write_chunks(events.chunks(dict.fromkeys(run.events, 0), run.events))
+        write_chunks(events.chunks(dict.fromkeys(run.events, 0), run.events | run.impacts))
         consolidate(fresh, grown)
     return path
 
@@ -79,5 +79,10 @@ def _attributes(run: Trajectory) -> dict[str, Any]:
         "events": {name: len(crossings) for name, crossings in run.events.items()},
         "run": {**about["run"], "format": FORMAT, "gyrospark": __version__,
                 "stepper": run.manifest.name, "t0": digits_of(run.t[0]), "rows": len(run),
-                **({"events": {name: {} for name in run.events}} if run.events else {})},
+                **({"events": _asked(run)} if run.events else {})},
     }
+
+
+def _asked(run: Trajectory) -> dict[str, dict[str, Any]]:
+    """Return what is known of the events of a run: which of them are impacts."""
+    return {name: {"restitution": None} if name in run.impacts else {} for name in run.events}

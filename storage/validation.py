@@ -29,7 +29,7 @@ from .array_layout import (
     StoredField,
     array_of,
     attributes_of,
-    fields_of_event,
+    fields_of_events,
     names_of,
     wide_name,
 )
@@ -167,11 +167,15 @@ def _check_events(
             requested.keys() != counts.keys()):
         yield f"events are {counts!r}, and {requested!r} were asked for"
         return
+    if not all(isinstance(one, Mapping) for one in requested.values()):
+        yield f"run.events are {requested!r}"
+        return
+    fields_by_name = fields_of_events(Manifest.from_json(about["manifest"]), requested)
     for name, count in counts.items():
         if not _is_count(count, 0):
             yield f"events.{name} is {count!r}"
             continue
-        for array_name in names_of(fields_of_event(Manifest.from_json(about["manifest"]), name)):
+        for array_name in names_of(fields_by_name[name]):
             try:
                 array = array_of(group, array_name)
             except UNREADABLE:

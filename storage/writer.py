@@ -72,7 +72,7 @@ class Writer:
         self._binding, self._run, self._block = binding, run, block
         about = attributes_of(group)
         self._manifest = Manifest.from_json(about["manifest"])
-        self._event_store = EventStore(group, self._manifest, list(about.get("events", {})))
+        self._event_store = EventStore(group, self._manifest, about["run"].get("events", {}))
         # After a killed process the copies of their metadata in the root may be outdated.
         self._changed = self._event_store.names
         self._parameters = binding.parameters(run.parameters, run.t0)

@@ -168,11 +168,12 @@ def _turning(
 @dataclass(frozen=True)
 class Memory:
     """The past that detection needs to resume: the last states, up to ``TAIL``, and for each event
-    whether a turning in the last step is bracketed."""
+    whether a turning in the last step is bracketed; of impacts the round-off of each gap."""
 
     q: Array
     p: Array
     closed: Array
+    margins: Array
 
 
 class EventDetector:
@@ -311,7 +312,7 @@ class EventDetector:
         """The memory from which detection resumes after the examined states."""
         none = self._levels.binding.new(0, self._levels.binding.n)
         q, p = self._tail or (none, none)
-        return Memory(q, p, self._closed.copy())
+        return Memory(q, p, self._closed.copy(), self._levels.binding.new(0))
 
     def go_on(self, done: int, memory: Memory) -> None:
         """Resume after ``done`` steps."""

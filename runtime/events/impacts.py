@@ -1,14 +1,13 @@
 """Runs with impacts: gaps that close, where the momenta jump and the run continues on its grid.
 
 Compiled code takes the steps, locates the impacts and applies the law (``engine``, run/impacts.h);
-here it is called in chunks, and the impacts become records.
+here it is called in pieces, and the impacts become records.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,101 +16,181 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.event import Impact, with_restitutions
 from ...core.incompatibilities import LARGEST, refuse_together
-from ...core.interrupts import catch_ctrl_c
 from ...core.records import changed
 from ...core.warnings import warn
 from ..bindings.array_checks import as_real
-from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
-from ..bindings.run_memory import Rows, RunState, WorkMemory
+from ..bindings.run_memory import Rows, RunConstants, RunState
 from ..integration.run_arguments import RunArguments
-from ..integration.step_loop import ChunkSize, finished, next_chunk, trajectory_of
-from ..results.crossings import Impacts
-from ..results.run_arrays import flat_multipliers
+from ..results.crossings import Crossings, Impacts
+from ..results.diagnostics import Report
 from ..results.trajectory import Trajectory
-from .observer import with_row
+from .detection import Memory
+from .location import TerminalEvent
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["ImpactBinding", "integrate_with_impacts", "joined", "refuse_unusable"]
+__all__ = ["ImpactObserver", "refuse_unusable"]
 
 Array = NDArray[Any]
 
 #: Why compiled code returns before the end, beside the failures of a step.
 _FULL, _REST, _INSIDE, _UNMOVABLE, _NOT_QUADRATIC = range(16, 21)
-#: Impacts that one call returns at most.
-_CAPACITY = 1024
+#: Impacts that one call returns at most, and those that wait to be stored.
+_CAPACITY, _MOST = 1024, 2**14
 _WORD = re.compile(r"[^\W\d]\w*")
 
 
-class ImpactBinding:
-    """Calls into the module of runs with impacts."""
+class ImpactObserver:
+    """Impacts of a run, which its caller stores; what ``Observer`` is for events.
 
-    def __init__(self, own: Binding) -> None:
-        self.own = own
-        self._size = int(own.function("impact_size")())
+    Attributes
+    ----------
+    events : tuple of Impact
+    end : TerminalEvent or None
+        The gap that stays closed, which ends the run.
 
-    def course(self, run: RunArguments, gaps: Array, impacts: tuple[Impact, ...]) -> _Course:
-        """Return a run of its own memory, before the first step."""
-        own, memory = self.own, aligned(self._size)
-        pointer = own.ffi.cast("void *", own.ffi.from_buffer(memory))
-        e = np.array([as_real("restitution", impact.restitution, own.number)
-                      for impact in with_restitutions(impacts, run.parameters)])
-        state = RunState(run.q.copy(), run.p.copy(), own.report(), WorkMemory(pointer))
-        return _Course(own, run, state, memory, gaps, own.converted(e),
-                       own.new(len(gaps)), own.new(1))
+    Raises
+    ------
+    InputError
+        For a gap that is negative at the start.
+    """
 
+    #: No state behind the last step is needed.
+    terminal = False
 
-@dataclass
-class _Course:
-    """A run with impacts after some steps; arrays that compiled code reads and fills."""
+    def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Impact, ...]) -> None:
+        self.events = events
+        self.end: TerminalEvent | None = None
+        self._stepper, self._run = stepper, run
+        own = self._own = stepper._impact_binding()
+        self._memory = aligned(int(own.function("impact_size")()))
+        self._constants = run.constants(own)
+        names = list(stepper.manifest.system.quantities)
+        self._gaps = np.array([names.index(impact.quantity) for impact in events], np.intc)
+        self._restitution = own.converted(np.array([
+            as_real("restitution", impact.restitution, own.number)
+            for impact in with_restitutions(events, run.parameters)]))
+        self._margins, self._since = own.new(len(events)), own.new(1)
+        self._places, self._hits = list[Array](), list[Array]()
+        start = RunState.at_start(stepper.binding, run.q, run.p)
+        self._call(0, 1, start, Rows.allocate(stepper.binding, 0))
+        self._start_energy = float(start.record.energy_start)
 
-    own: Binding
-    run: RunArguments
-    state: RunState
-    memory: Any
-    gaps: Array
-    restitution: Array
-    margins: Array
-    since: Array
-    places: list[Array] = field(default_factory=list)
-    hits: list[Array] = field(default_factory=list)
-    #: The gap for which compiled code has returned early, and what it was at the start.
-    last: int = 0
-    gap_at_start: Any = 0
+    @property
+    def full(self) -> bool:
+        """Whether the impacts should be stored before the run continues."""
+        return sum(map(len, self._places)) >= _MOST
 
-    def advance(self, steps: int, every: int, rows: Rows) -> int:
+    @property
+    def memory(self) -> Memory:
+        """The round-off of the gaps, with which a run resumes after whole steps."""
+        no_rows = self._own.new(0, self._own.n)
+        return Memory(no_rows, no_rows, np.zeros(len(self.events), bool), self._margins.copy())
+
+    def go_on(self, _state: RunState, memory: Memory) -> None:
+        """Go on from a state after whole steps."""
+        self._margins[:] = memory.margins
+
+    def advance(
+        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
+    ) -> int:
+        """Advance as ``binding.integrate`` does, up to a gap that stays closed.
+
+        Where there are more impacts than one call returns, up to the end of the step.
+        """
+        begun = state.steps
+        status = self._call(steps, every, state, rows)
+        while status == _FULL and self._since[0]:
+            row = (state.steps - begun) // every
+            most = rows.iterations[row]
+            status = self._call(1, 1, state, rows[row:])
+            rows.iterations[row] = max(most, rows.iterations[row])
+        return 0 if status == _FULL else status
+
+    def close(self, _state: RunState, _ahead: Any = None) -> None:
+        """Do nothing: no impact waits for a next step."""
+
+    def settle(self, _stop: Any = None) -> dict[str, Impacts]:
+        """Return the impacts since the last call."""
+        own, run = self._own, self._run
+        places = np.concatenate([np.zeros((0, 2), np.dtype("l")), *self._places])
+        hits = np.concatenate([own.new(0, 4 + 3 * own.n), *self._hits])
+        self._places, self._hits = [], []
+        impacts: dict[str, Impacts] = {}
+        for i, event in enumerate(self.events):
+            selected = places[:, 0] == i
+            steps, rows = places[selected, 1], hits[selected]
+            since, impulse, lost, work = rows[:, :4].T.astype(own.number_type)
+            q, before, after = (rows[:, 4 + k * own.n : 4 + (k + 1) * own.n].copy()
+                                for k in range(3))
+            elapsed = own.times(0 * run.t0, run.dt, steps) + since
+            impacts[event.name] = Impacts(
+                run.t0 + elapsed, q, after, steps, np.zeros(len(steps), bool), elapsed, before,
+                impulse, lost, work)
+        return impacts
+
+    def reported(self, report: Report, count: int) -> Report:
+        """Return the report of a run with so many impacts: losses are no error of H_0."""
+        return replace(report, energy_start=self._start_energy, impacts=count)
+
+    def results(self, trajectory: Trajectory, impacts: dict[str, Impacts]) -> Trajectory:
+        """Return a trajectory with its impacts."""
+        count = sum(map(len, impacts.values()))
+        return changed(trajectory, report=self.reported(trajectory.report, count), impacts=impacts,
+                       events={name: one.crossings for name, one in impacts.items()})
+
+    def _call(self, steps: int, every: int, state: RunState, rows: Rows) -> int:
         """Take steps until all are done or something stops them; return the status."""
-        own, state = self.own, self.state
-        constants = self.run.constants(own)
+        own, constants, primal = self._own, self._constants, self._stepper.binding
+
+        def shared(kind: str, struct: Any) -> Any:
+            """Return a pointer to a struct of the stepper's own module."""
+            return own.ffi.cast(f"{own.name}_{kind} *", int(primal.ffi.cast("uintptr_t", struct)))
+
         count = own.ffi.new("long *")
         places = np.zeros((_CAPACITY + 1, 2), np.dtype("l"))
-        hits = own.new(_CAPACITY, 3 + 3 * own.n)
+        hits = own.new(_CAPACITY, 4 + 3 * own.n)
         status = int(own.function("integrate_impacts")(
             constants.parameters, constants.options, *own._fed(constants.inputs)[:2], constants.dt,
-            steps, every, len(self.gaps), own.ffi.from_buffer("int[]", self.gaps),
-            *map(own.pointer, (self.restitution, self.margins, state.q, state.p, rows.q, rows.p,
+            steps, every, len(self._gaps), own.ffi.from_buffer("int[]", self._gaps),
+            *map(own.pointer, (self._restitution, self._margins, state.q, state.p, rows.q, rows.p,
                                rows.multipliers)),
             own.ffi.from_buffer("int[]", rows.iterations, require_writable=True),
-            *([own.pointer(rows.work)] if own.has_forces else []), own.pointer(self.since),
+            *([own.pointer(rows.work)] if own.has_forces else []), own.pointer(self._since),
             _CAPACITY, count, own.ffi.from_buffer("long[]", places, require_writable=True),
-            own.pointer(hits), state.record, state.work))
-        self.places.append(places[: count[0]].copy())
-        self.hits.append(hits[: count[0]].copy())
-        self.last, self.gap_at_start = int(places[count[0], 0]), hits[0, 0]
+            own.pointer(hits), shared("report", state.record), shared("work", state.work),
+            own.ffi.cast("void *", own.ffi.from_buffer(self._memory))))
+        self._places.append(places[: count[0]].copy())
+        self._hits.append(hits[: count[0]].copy())
+        gap = int(places[count[0], 0])
+        if status == _REST:
+            self._rest(gap, state)
+            return 0
+        name = self.events[gap].quantity
+        if status == _INSIDE:
+            raise InputError(f"The gap {name!r} is {float(hits[0, 0]):.6g} at the start, below 0; "
+                             "start where it is open.")
+        if status == _UNMOVABLE:
+            raise InputError(f"No motion on the constraints changes the gap {name!r}, which "
+                             "closes: its gradient depends on theirs; leave its impact out.")
+        if status == _NOT_QUADRATIC:
+            raise InputError(f"H of {self._stepper.name} is not quadratic in p, so that the law of "
+                             "impacts does not reverse the rate of a gap; take H = T(q, p) + V(q).")
         return status
 
-    def impacts(self, which: int) -> Impacts:
-        """Return the impacts of one gap."""
-        own, run = self.own, self.run
-        places, hits = np.concatenate(self.places), np.concatenate(self.hits)
-        selected = places[:, 0] == which
-        steps, hits = places[selected, 1], hits[selected]
-        since, impulse, lost = hits[:, :3].T.astype(own.number_type)
-        q, before, after = (hits[:, 3 + i * own.n : 3 + (i + 1) * own.n].copy() for i in range(3))
-        elapsed = own.times(0 * run.t0, run.dt, steps) + since
-        return Impacts(run.t0 + elapsed, q, before, after, impulse, lost, steps, elapsed)
+    def _rest(self, gap: int, state: RunState) -> None:
+        """End the run in the state in which a gap stays closed; warn of it."""
+        own, run, name = self._own, self._run, self.events[gap].name
+        steps = np.array([state.steps])
+        elapsed = own.times(0 * run.t0, run.dt, steps) + self._since.astype(own.number_type)
+        t, q, p = run.t0 + elapsed, state.q[None].copy(), state.p[None].copy()
+        row = Rows(q, p, own.new(1, own.multipliers) + np.nan, np.zeros(1, np.intc), own.new(1))
+        self.end = TerminalEvent(gap, Crossings(t, q, p, steps, np.zeros(1, bool), elapsed), row)
+        warn(f"The run ends at t = {float(t[0]):.9g} s, after {state.steps:,} of {run.steps:,} "
+             f"steps: impacts of {name!r} follow each other faster than times resolve, and it "
+             "stays closed. Go on from run[-1] with a system that has the gap as a constraint.")
 
 
 def refuse_unusable(
@@ -139,88 +218,3 @@ def refuse_unusable(
             raise InputError(f"dt = {float(run.dt):g} runs backwards, where an impact with "
                              f"restitution = {impact.restitution} has no state before it; take "
                              "restitution=1, or a positive dt.")
-
-
-def integrate_with_impacts(
-    stepper: Stepper, run: RunArguments, impacts: tuple[Impact, ...],
-    progress: Callable[[int], None] | None = None,
-) -> Trajectory:
-    """Return the trajectory of a run with its impacts, up to a gap that stays closed.
-
-    Raises
-    ------
-    InputError
-        For a gap that is negative at the start, one that no motion changes.
-    StepFailed, Stopped
-        As ``integrate`` does, with everything before.
-    """
-    own = stepper._impact_binding()
-    names = list(stepper.manifest.system.quantities)
-    gaps = np.array([names.index(impact.quantity) for impact in impacts], np.intc)
-    course = own.course(run, gaps, impacts)
-    state, pace, status = course.state, ChunkSize(), 0
-    rows = Rows.allocate(own.own, run.rows + 1)
-    rows.q[0], rows.p[0] = run.q, run.p
-    with catch_ctrl_c() as interrupts:
-        status = course.advance(0, 1, rows[1:])
-        start_energy = state.record.energy_start
-        while state.steps < run.steps and status in (0, _FULL) and not interrupts.requested:
-            done = state.steps
-            row = run.stored(done) + 1
-            count, every = next_chunk(run, done, pace.begin(run.steps - done))
-            most = rows.iterations[row]
-            status = course.advance(count, every, rows[row:])
-            rows.iterations[row] = max(most, rows.iterations[row])
-            pace.end(max(state.steps - done, 1))
-            if progress is not None:
-                progress(state.steps)
-    state.record.energy_start = start_energy
-    trajectory = trajectory_of(stepper.binding, stepper.manifest, run, rows, state.record, state.q,
-                               state.p)
-    last = impacts[course.last]
-    if status == _INSIDE:
-        raise InputError(f"The gap {last.quantity!r} is {float(course.gap_at_start):.6g} at the "
-                         "start, below 0; start where it is open.")
-    if status == _UNMOVABLE:
-        raise InputError(f"No motion on the constraints changes the gap {last.quantity!r}, which "
-                         "closes: its gradient depends on theirs; leave its impact out.")
-    if status == _NOT_QUADRATIC:
-        raise InputError(f"H of {stepper.name} is not quadratic in p, so that the law of impacts "
-                         "does not reverse the rate of a gap; take H = T(q, p) + V(q).")
-    by_name = {impact.name: course.impacts(i) for i, impact in enumerate(impacts)}
-    if status == _REST:
-        trajectory = _at_rest(stepper, run, course, trajectory, last.name)
-    count = sum(map(len, by_name.values()))
-    trajectory = changed(
-        trajectory, impacts=by_name, report=replace(trajectory.report, impacts=count),
-        events={name: entries.crossings for name, entries in by_name.items()})
-    if status == _REST:
-        return trajectory
-    return finished(stepper.binding, stepper.manifest, run, trajectory,
-                    status if status != _FULL else 0, state, interrupts)
-
-
-def _at_rest(
-    stepper: Stepper, run: RunArguments, course: _Course, trajectory: Trajectory, name: str
-) -> Trajectory:
-    """Return a run with one more row, the state in which a gap stays closed; warn of it."""
-    own, state = course.own, course.state
-    elapsed = own.times(0 * run.t0, run.dt, np.array([state.steps])) + (
-        course.since.astype(own.number_type))
-    t = run.t0 + elapsed
-    warn(f"The run ends at t = {float(t[0]):.9g} s, after {state.steps:,} of {run.steps:,} steps: "
-         f"impacts of {name!r} follow each other faster than times resolve, and it stays closed. "
-         "Go on from run[-1] with a system that has the gap as a constraint.")
-    work = trajectory.work[-1:] * 0 + trajectory.report.work
-    last = flat_multipliers(trajectory)[-1:] if len(trajectory) > 1 else own.new(1, own.multipliers)
-    rows = Rows(state.q[None].copy(), state.p[None].copy(), last, np.zeros(1, np.intc), work)
-    count = len(trajectory) - (not course.since[0] and run.stored(state.steps) * run.every
-                          == state.steps)
-    return with_row(stepper, trajectory, max(count, 1), (t, elapsed), rows)
-
-
-def joined(earlier: Impacts, last: Impacts, steps: int, elapsed: Any) -> Impacts:
-    """Return the impacts of a run and of its last part of a step, which begins at ``elapsed``."""
-    last = replace(last, steps=last.steps + steps, elapsed=last.elapsed + elapsed)
-    return Impacts(*(np.concatenate([getattr(part, name) for part in (earlier, last)])
-                     for name in Impacts.__dataclass_fields__))

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from ...core.errors import StepFailed, Stopped
-from ...core.event import Event
+from ...core.event import Event, Impact
 from ...core.records import changed
 from ..bindings.array_checks import as_real
 from ..bindings.run_memory import Rows
 from ..integration.run_arguments import RunArguments
-from ..results.crossings import Crossings
+from ..results.crossings import Crossings, Impacts
 from ..results.run_arrays import flat_multipliers
 from ..results.trajectory import Trajectory
 from .location import ending
@@ -26,24 +26,26 @@ if TYPE_CHECKING:
 
 __all__ = ["ended_between"]
 
+CrossingsType = TypeVar("CrossingsType", bound=Crossings)
+
 
 def ended_between(
-    stepper: Stepper, run: RunArguments, events: tuple[Event, ...], trajectory: Trajectory,
+    stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact], trajectory: Trajectory,
     remaining_time: Fraction, t_end: Any,
-    advance: Callable[[RunArguments], Trajectory] | None = None,
 ) -> Trajectory:
     """Return a run of whole steps with one more row: the state ``remaining_time`` later, at t_end.
 
     The row of its last whole step is left out, unless ``every`` or ``t_eval`` stores it. A run that
-    a terminal event has ended is returned as it is; one in the last part of a step ends it there.
-    ``advance`` takes that part, by default with the events.
+    a terminal event, or a gap that stays closed, has ended is returned as it is; one in the last
+    part of a step ends it there.
 
     Raises
     ------
     StepFailed, Stopped
         In that part of a step, with the run of whole steps.
     """
-    if ending(events, trajectory.events, run.dt) is not None:
+    if (trajectory.report.steps < run.steps
+            or ending(events, trajectory.events, run.dt) is not None):
         return trajectory
     binding, whole_steps = stepper.binding, run.steps
     last_elapsed = trajectory.elapsed[-1]
@@ -53,8 +55,7 @@ def ended_between(
                           dt=binding.number(remaining_time), steps=1, every=1, inputs=None,
                           stored_steps=None)
     try:
-        last_trajectory = (observed(stepper, partial_run, events, None) if advance is None
-                           else advance(partial_run))
+        last_trajectory = observed(stepper, partial_run, events, None)
     except StepFailed as error:
         raise StepFailed(step=whole_steps + 1, t=error.t, reason=error.reason,
                          trajectory=trajectory,
@@ -75,30 +76,32 @@ def ended_between(
     report = replace(
         trajectory.report, q=tuple(map(float, last_trajectory.q[-1].tolist())),
         p=tuple(map(float, last_trajectory.p[-1].tolist())), work=float(work[0]),
+        impacts=trajectory.report.impacts + last_trajectory.report.impacts,
         constraint_max=max(trajectory.report.constraint_max, last_trajectory.report.constraint_max),
         momentum_constraint_max=max(trajectory.report.momentum_constraint_max,
                                     last_trajectory.report.momentum_constraint_max))
     joined = with_row(stepper, trajectory, row_count, times, Rows(
         last_trajectory.q[-1:], last_trajectory.p[-1:], flat_multipliers(last_trajectory)[-1:],
         last_trajectory.iterations[-1:], work))
-    crossings = {name: _joined(stepper, run, before, last_trajectory.events[name], last_elapsed)
+    crossings = {name: _joined(run, before, last_trajectory.events[name], trajectory)
                  for name, before in trajectory.events.items()}
-    return changed(joined, report=report, events=crossings, _grid=grid)
+    impacts = {name: _joined(run, before, last_trajectory.impacts[name], trajectory)
+               for name, before in trajectory.impacts.items()}
+    return changed(joined, report=report, events=crossings, impacts=impacts, _grid=grid)
 
 
 def _joined(
-    stepper: Stepper, run: RunArguments, earlier: Crossings, last: Crossings, last_elapsed: Any
-) -> Crossings:
+    run: RunArguments, earlier: CrossingsType, last: CrossingsType, trajectory: Trajectory
+) -> CrossingsType:
     """Return the crossings of a run and of its last part of a step.
 
     A crossing at the end of the last whole step is in both of them.
     """
+    last_elapsed = trajectory.elapsed[-1]
     only_in_last = np.array(last.elapsed != 0 * last_elapsed, bool) | (
         not (len(earlier) and earlier.elapsed[-1] == last_elapsed))
-    return Crossings(
-        np.concatenate([earlier.t, last.t[only_in_last]]),
-        np.concatenate([earlier.q, last.q[only_in_last]]),
-        np.concatenate([earlier.p, last.p[only_in_last]]),
-        np.concatenate([earlier.steps, last.steps[only_in_last] + run.steps]),
-        np.concatenate([earlier.rising, last.rising[only_in_last]]),
-        np.concatenate([earlier.elapsed, last.elapsed[only_in_last] + last_elapsed]))
+    last = replace(last._selected(only_in_last), steps=last.steps[only_in_last] + run.steps,
+                   elapsed=last.elapsed[only_in_last] + last_elapsed)
+    if isinstance(last, Impacts):
+        last = replace(last, work=last.work + trajectory.work[-1])
+    return earlier.joined(last)

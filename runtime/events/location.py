@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.event import Event
+from ...core.event import Event, Impact
+from ..bindings.run_memory import Rows
 from ..integration.dense_output import epsilon_of_times, partial_steps
 from ..integration.run_arguments import EnsembleArguments
 from ..results.crossings import Crossings
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from ..integration.lanes import EnsembleStates
     from ..steppers.stepper import Stepper
 
-__all__ = ["crossings_of", "detectors_for", "ending"]
+__all__ = ["TerminalEvent", "crossings_of", "detectors_for", "ending"]
 
 Array = NDArray[Any]
 
@@ -69,13 +70,27 @@ def detectors_for(
     return detectors
 
 
-def ending(events: tuple[Event, ...], crossings: dict[str, Crossings], dt: Any) -> str | None:
+def ending(
+    events: Sequence[Event | Impact], crossings: dict[str, Crossings], dt: Any
+) -> str | None:
     """Return the name of the terminal event that happens first; None if none does."""
     ends = [event.name for event in events if event.terminal and len(crossings[event.name])]
     ahead = 1 if dt > 0 else -1
     return min(ends,
                key=lambda name: (crossings[name].steps[0], ahead * crossings[name].elapsed[0]),
                default=None)
+
+
+@dataclass(frozen=True)
+class TerminalEvent:
+    """The end of a run by an event: the event's index, its crossing, the row of the partial step.
+
+    The work of the row is the work of the partial step.
+    """
+
+    event: int
+    at: Crossings
+    row: Rows
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ the last step of that, and is advanced to the step before the event.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import StepFailed, Stopped
-from ...core.event import Event
+from ...core.event import Event, Impact
 from ...core.interrupts import catch_ctrl_c
 from ...core.records import changed
 from ..bindings.run_memory import Rows, RunConstants, RunState
@@ -25,15 +25,17 @@ from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import EnsembleArguments, RunArguments
 from ..integration.step_loop import advance_and_detect, integrate
 from ..results.crossings import Crossings
+from ..results.diagnostics import Report
 from ..results.run_arrays import States, flat_multipliers, full_states
 from ..results.trajectory import Trajectory
 from .detection import Levels, Memory
-from .location import crossings_of, detectors_for, ending
+from .impacts import ImpactObserver
+from .location import TerminalEvent, crossings_of, detectors_for, ending
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["Observer", "TerminalEvent", "observed", "with_row"]
+__all__ = ["Observer", "observed", "observer_of", "with_row"]
 
 Array = NDArray[Any]
 
@@ -42,7 +44,7 @@ _MOST = 2**14
 
 
 def observed(
-    stepper: Stepper, run: RunArguments, events: tuple[Event, ...],
+    stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact],
     progress: Callable[[int], None] | None, end_event: str = "",
 ) -> Trajectory:
     """Return the trajectory of a run with its events, up to the first terminal one.
@@ -56,7 +58,8 @@ def observed(
     """
     if not events:
         return integrate(stepper.binding, stepper.manifest, run, progress)
-    observer = Observer(stepper, run, events)
+    observer: Any = observer_of(stepper, run, events)
+    trajectory: Trajectory
     trouble: StepFailed | Stopped | None = None
     try:
         trajectory = integrate(stepper.binding, stepper.manifest, run, progress, observer)
@@ -75,14 +78,26 @@ def observed(
     if end is not None:
         row = replace(end.row, work=trajectory.report.work + end.row.work)
         trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed), row)
-    events_by_name = {name: crossings.shown(stepper.binding)
-                      for name, crossings in crossings_by_name.items()}
-    ends = {name: events_by_name.pop(name) for name in [*events_by_name] if name == end_event}
-    trajectory = changed(trajectory, events=events_by_name, _end_event=ends)
+    trajectory = observer.results(trajectory, {
+        name: crossings.shown(stepper.binding) for name, crossings in crossings_by_name.items()})
+    if end_event:
+        events_by_name = {**trajectory.events}
+        ends = {end_event: events_by_name.pop(end_event)}
+        trajectory = changed(trajectory, events=events_by_name, _end_event=ends)
     if trouble is None:
         return trajectory
     trouble.trajectory = trajectory
     raise trouble
+
+
+def observer_of(
+    stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact]
+) -> Observer | ImpactObserver:
+    """Return the observer of a run with events, or with impacts."""
+    impacts = tuple(event for event in events if isinstance(event, Impact))
+    if impacts:
+        return ImpactObserver(stepper, run, impacts)
+    return Observer(stepper, run, tuple(event for event in events if isinstance(event, Event)))
 
 
 def with_row(
@@ -104,18 +119,6 @@ def with_row(
         np.concatenate([trajectory.iterations[:steps], row.iterations]),
         np.concatenate([trajectory.work[states], row.work]),
         np.concatenate([trajectory.elapsed[states], elapsed])))
-
-
-@dataclass(frozen=True)
-class TerminalEvent:
-    """The end of a run by an event: the event's index, its crossing, the row of the partial step.
-
-    The work of the row is the work of the partial step.
-    """
-
-    event: int
-    at: Crossings
-    row: Rows
 
 
 class Observer:
@@ -198,6 +201,14 @@ class Observer:
             return crossings
         return {name: event_crossings.until(self.end.at, self._run.dt)
                 for name, event_crossings in crossings.items()}
+
+    def reported(self, report: Report, _count: int) -> Report:
+        """Return the report of the run as it is."""
+        return report
+
+    def results(self, trajectory: Trajectory, crossings: dict[str, Crossings]) -> Trajectory:
+        """Return a trajectory with its crossings."""
+        return changed(trajectory, events=crossings)
 
     def _solved(self, brackets: Any, stop: Callable[[], bool]) -> dict[str, Crossings]:
         (crossings,) = crossings_of(self._stepper, self._levels, self._runs, [brackets],

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ...core.html import card, table
 if TYPE_CHECKING:
     from ..bindings.binding import Binding
 
-__all__ = ["Crossings", "CrossingsOfMany", "Impacts"]
+__all__ = ["Crossings", "CrossingsOfMany", "Impacts", "of_columns"]
 
 Array = NDArray[Any]
 #: Crossings that notebooks show.
@@ -52,11 +52,16 @@ class Crossings:
         return len(self.t)
 
     @property
-    def first(self) -> Crossings:
+    def columns(self) -> dict[str, Array]:
+        """The arrays by their names in files."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def first(self) -> Self:
         """The first crossing alone, or none."""
         return self._selected(np.arange(len(self)) < 1)
 
-    def shown(self, binding: Binding) -> Crossings:
+    def shown(self, binding: Binding) -> Self:
         """Return them as users see them: in scaled time t is a coordinate, which q has no more."""
         if not binding.clocked:
             return self
@@ -64,21 +69,25 @@ class Crossings:
         return replace(self, t=self.q[:, -1].astype(self.t.dtype), q=self.q[:, :n].copy(),
                        p=self.p[:, :n].copy())
 
-    def until(self, last: Crossings, dt: Any) -> Crossings:
+    def until(self, last: Crossings, dt: Any) -> Self:
         """Return the crossings up to ``last``, in a run with steps dt."""
         step, later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
         return self._selected((self.steps < step) | (self.steps == step) & ~later.astype(bool))
 
-    def within(self, begin: Any, end: Any, ahead: int) -> Crossings:
+    def within(self, begin: Any, end: Any, ahead: int) -> Self:
         """Return the crossings from time ``begin`` to ``end``; None is no end.
 
         ``ahead`` is 1 or −1, the sign of dt.
         """
         return self._selected(_within(self.t, begin, end, ahead))
 
-    def _selected(self, selected: Array) -> Crossings:
-        return Crossings(self.t[selected], self.q[selected], self.p[selected], self.steps[selected],
-                         self.rising[selected], self.elapsed[selected])
+    def joined(self, later: Self) -> Self:
+        """Return these and later ones."""
+        return type(self)(*(np.concatenate([getattr(part, field.name) for part in (self, later)])
+                            for field in fields(self)))
+
+    def _selected(self, selected: Array) -> Self:
+        return type(self)(*(getattr(self, field.name)[selected] for field in fields(self)))
 
     def __repr__(self) -> str:
         if not len(self):
@@ -103,8 +112,8 @@ def _within(t: Array, begin: Any, end: Any, ahead: int) -> Array:
 
 
 @explain_arguments
-@dataclass(frozen=True, eq=False)
-class Impacts:
+@dataclass(frozen=True, eq=False, repr=False)
+class Impacts(Crossings):
     """The impacts of a gap, in the order of the run.
 
     Attributes
@@ -117,23 +126,32 @@ class Impacts:
         −(1 + e) φ̇/(nᵀ H_pp n), by which n is added to p: of a gap in metres in N s.
     energy_lost : array, shape (K,)
         H before less H after, in joules.
+    work : array, shape (K,)
+        The work of the forces since the start of the run; 0 without forces.
     steps : array of int, shape (K,)
         Whole steps of the run before each.
+    rising : array of bool, shape (K,)
+        False: a gap falls there.
     elapsed : array, shape (K,)
         Times since the start of the run, which have more digits than t where that is late.
     """
 
-    t: Array
-    q: Array
     p_before: Array
-    p: Array
     impulse: Array
     energy_lost: Array
-    steps: Array
-    elapsed: Array
+    work: Array
 
-    def __len__(self) -> int:
-        return len(self.t)
+    @property
+    def crossings(self) -> Crossings:
+        """The crossings of the gap through 0, with the momenta before."""
+        return Crossings(self.t, self.q, self.p_before, self.steps, self.rising, self.elapsed)
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """The arrays by their names in files, where those of the crossings come first."""
+        return self.crossings.columns | {
+            "p_after": self.p, "impulse": self.impulse, "energy_lost": self.energy_lost,
+            "work": self.work}
 
     def __repr__(self) -> str:
         if not len(self):
@@ -148,16 +166,13 @@ class Impacts:
                                             strict=False)]
         return card(f"Impacts: {len(self):,}", table(rows, ("t / s", "impulse", "energy lost")))
 
-    def within(self, begin: Any, end: Any, ahead: int) -> Impacts:
-        """Return the impacts between two times, as ``Crossings.within``."""
-        selected = _within(self.t, begin, end, ahead)
-        return Impacts(*(getattr(self, name)[selected] for name in self.__dataclass_fields__))
 
-    @property
-    def crossings(self) -> Crossings:
-        """The crossings of the gap through 0, with the momenta before."""
-        return Crossings(self.t, self.q, self.p_before, self.steps,
-                         np.zeros(len(self), bool), self.elapsed)
+def of_columns(columns: dict[str, Array]) -> Crossings:
+    """Return crossings, or impacts, of their ``columns``."""
+    if "p_after" not in columns:
+        return Crossings(**columns)
+    return Impacts(**{"p_before" if name == "p" else "p" if name == "p_after" else name: array
+                      for name, array in columns.items()})
 
 
 @dataclass(frozen=True, eq=False)

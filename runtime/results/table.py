@@ -175,7 +175,7 @@ def table_of_run(
 
     return Table({"time": len(run)}, inner, descriptions, read, manifest, run._attributes(), labels,
                  titles, [_table_of_event(manifest, name, [crossings])
-                          for name, crossings in run.events.items()])
+                          for name, crossings in (run.events | run.impacts).items()])
 
 
 def _bodies(
@@ -251,11 +251,16 @@ def _table_of_event(
     texts = {"t": f"times of {name}", "q": f"coordinates at {name}", "p": f"momenta at {name}",
              "steps": f"whole steps before {name}",
              "rising": "1 where the quantity rises along the run",
-             "elapsed": f"times of {name} since the start"}
-    units = {"t": {"units": "s"}, "elapsed": {"units": "s"}}
-    arrays = {f"{along}_{field}": np.concatenate([getattr(run_crossings, field)
-                                                  for run_crossings in crossings])
-              for field in texts}
+             "elapsed": f"times of {name} since the start",
+             "p_after": f"momenta after {name}", "impulse": f"impulses of {name}",
+             "energy_lost": f"energy lost in {name}",
+             "work": f"work of the forces before {name}"}
+    units = {"t": {"units": "s"}, "elapsed": {"units": "s"}, "energy_lost": {"units": "J"},
+             "work": {"units": "J"}}
+    columns = [run_crossings.columns for run_crossings in crossings]
+    texts = {column: texts[column] for column in columns[0]}
+    arrays = {f"{along}_{column}": np.concatenate([one[column] for one in columns])
+              for column in texts}
     arrays[f"{along}_rising"] = arrays[f"{along}_rising"].astype(np.int8)
     descriptions = {f"{along}_{field}": {"long_name": text} | units.get(field, {})
                     for field, text in texts.items()}
@@ -354,7 +359,8 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
 def _rows_of_event(event: Table, *, by_trajectory: bool) -> list[Array]:
     """Return the columns of an event for a file: trajectory if numbered, name, times, states."""
     name = next(iter(event.along)).removeprefix("event_")
-    columns = [*event.whole().values()]
+    columns = [array for column, array in event.whole().items()
+               if not column.endswith(("_p_after", "_impulse", "_energy_lost", "_work"))]
     names = np.full(len(columns[-1]), spreadsheet_text(name))
     return [*columns[:by_trajectory], names, *columns[by_trajectory:]]
 

@@ -107,7 +107,7 @@ class Trajectory(Shown):
         impacts with the momenta before.
     impacts : dict of str to Impacts
         The impacts of each gap: ``impacts["floor"].t``, ``.q``, ``.p_before``, ``.p``,
-        ``.impulse``, ``.energy_lost``. Files have the crossings of the gaps alone.
+        ``.impulse``, ``.energy_lost``.
     """
 
     t: Array
@@ -340,7 +340,8 @@ class Trajectory(Shown):
         for impacts in self.impacts.values():
             ahead = 1 if self.dt > 0 else -1
             lost = np.concatenate([np.zeros(1, H.dtype), np.cumsum(impacts.energy_lost)])
-            count = np.searchsorted(ahead * impacts.elapsed, ahead * self.elapsed, side="right")
+            count = np.searchsorted(ahead * impacts.t, ahead * self.t, side="right")
+            count[0] -= (impacts.elapsed[: count[0]] == 0).sum()  # the start is before its impacts
             error = error + (lost[count] - lost[count[0]])
         return error
 

@@ -22,7 +22,7 @@ from ...core.manifest import Manifest
 from ...core.real_types import REALS
 from ..bindings.real_numbers import from_bytes, from_text, without_padding
 from ..compilation.manifest import parse_manifest
-from .crossings import Crossings
+from .crossings import Impacts, of_columns
 from .diagnostics import Report, known_fields
 from .run_arrays import OUTPUTS, Output, absent, parts, together
 from .table import table_of_ensemble
@@ -38,6 +38,8 @@ Array = NDArray[Any]
 _FORMAT = 2
 #: The arrays of an event.
 _CROSSING = ("t", "q", "p", "steps", "rising", "elapsed")
+#: Those of impacts.
+_COLUMNS = (*_CROSSING, "p_after", "impulse", "energy_lost", "work")
 #: The arrays of tangents; those of multipliers where they were asked for.
 _TANGENTS = ("q", "p", "start", "t", "multipliers")
 #: Arrays of names, for other readers of the file.
@@ -58,9 +60,9 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "tangents": [] if trajectory.tangents is None else trajectory.tangents.names,
         "switched_steps": getattr(trajectory.tangents, "switched_steps", 0),
     }
-    crossings = {f"event{i}_{name}": getattr(event_crossings, name)
-                 for i, event_crossings in enumerate(trajectory.events.values())
-                 for name in _CROSSING}
+    crossings = {f"event{i}_{name}": array
+                 for i, one in enumerate((trajectory.events | trajectory.impacts).values())
+                 for name, array in one.columns.items()}
     if trajectory.tangents is not None:
         crossings |= {f"tangents_{name}": array for name in _TANGENTS
                       if (array := getattr(trajectory.tangents, name)) is not None}
@@ -131,12 +133,13 @@ def load_npz(path: Path) -> Trajectory:
             arrays = {output.attribute: file[output.attribute] for output in OUTPUTS
                       if output.attribute in file}
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
-            crossings = {name: [file[f"event{i}_{field}"] for field in _CROSSING]
+            crossings = {name: {field: file[f"event{i}_{field}"] for field in _COLUMNS
+                                if field in _CROSSING or f"event{i}_{field}" in file}
                          for i, name in enumerate(about.get("events", ()))}
             tangents = {name: file[f"tangents_{name}"] for name in _TANGENTS
                         if f"tangents_{name}" in file}
-        return _trajectory(_fields(about, arrays, labels) | {
-            "events": _events(about, crossings), "tangents": _tangents(about, tangents)})
+        return _trajectory(_fields(about, arrays, labels) | _events(about, crossings) | {
+            "tangents": _tangents(about, tangents)})
 
 
 def load_netcdf(path: Path) -> Trajectory:
@@ -167,12 +170,12 @@ def load_netcdf(path: Path) -> Trajectory:
         affixes = ("event_", "_elapsed")
         events = [name[len(affixes[0]) : -len(affixes[1])] for name in file.variables
                   if name.startswith(affixes[0]) and name.endswith(affixes[1])]
-        crossings = {name: [read(f"event_{name}_{field}") for field in _CROSSING]
+        crossings = {name: {field: read(f"event_{name}_{field}") for field in _COLUMNS
+                            if field in _CROSSING or f"event_{name}_{field}" in file.variables}
                      for name in events}
-        for event_arrays in crossings.values():
-            rising = _CROSSING.index("rising")
-            event_arrays[rising] = event_arrays[rising].astype(bool)
-        return _trajectory(_fields(about, arrays, {}) | {"events": _events(about, crossings)})
+        for columns in crossings.values():
+            columns["rising"] = columns["rising"].astype(bool)
+        return _trajectory(_fields(about, arrays, {}) | _events(about, crossings))
 
 
 def _trajectory(fields: dict[str, Any]) -> Trajectory:
@@ -205,19 +208,24 @@ def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, .
     return arrays | fields
 
 
-def _events(about: Any, crossings: dict[str, list[Array]]) -> dict[str, Crossings]:
-    """Return the crossings by event; raise ``ValueError`` for arrays of inconsistent shapes."""
+def _events(about: Any, crossings: dict[str, dict[str, Array]]) -> dict[str, Any]:
+    """Return events and impacts; raise ``ValueError`` for arrays of inconsistent shapes."""
     in_binary128 = REALS[about["manifest"].real].in_mpmath
-    n, events = len(about["manifest"].system.coordinates), {}
-    for name, (t, q, p, steps, rising, elapsed) in crossings.items():
-        t, q, p, elapsed = (_from_bytes(x) if in_binary128 else x for x in (t, q, p, elapsed))
-        shapes = [x.shape for x in (t, q, p, steps, rising, elapsed)]
-        if shapes != [(len(t),), (len(t), n), (len(t), n), *[(len(t),)] * 3]:
+    n, events, impacts = len(about["manifest"].system.coordinates), {}, {}
+    for name, columns in crossings.items():
+        count = len(columns["t"])
+        arrays = {column: _from_bytes(x) if in_binary128 and column not in ("steps", "rising")
+                  else x for column, x in columns.items()}
+        if any(x.shape != ((count, n) if column in ("q", "p", "p_after") else (count,))
+               for column, x in arrays.items()) or len(arrays) not in (6, len(_COLUMNS)):
             raise ValueError("an event has parts of several lengths")
-        if not isinstance(name, str) or steps.dtype.kind != "i" or rising.dtype.kind != "b":
+        if not isinstance(name, str) or (arrays["steps"].dtype.kind, arrays["rising"].dtype.kind
+                                         ) != ("i", "b"):
             raise ValueError("an event has parts of another type")
-        events[name] = Crossings(t, q, p, steps, rising, elapsed)
-    return events
+        events[name] = one = of_columns(arrays)
+        if isinstance(one, Impacts):
+            events[name], impacts[name] = one.crossings, one
+    return {"events": events, "impacts": impacts}
 
 
 def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:

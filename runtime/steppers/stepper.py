@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_flag, as_mapping, few
 from ...core.calls import explain_arguments
-from ...core.event import Event, Impact, as_events, as_impacts
+from ...core.event import Event, Impact, as_events, as_impacts, with_restitutions
 from ...core.exact_numbers import Number, Numbers
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
@@ -26,18 +26,13 @@ from ...core.registry import function_of
 from ...core.solver import Solver, SolverName, as_solver
 from ...core.start import HasStart
 from ..bindings.array_checks import as_positive_count, as_real
-from ..bindings.binding import SOLVERS
+from ..bindings.binding import SOLVERS, Binding
 from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..compilation.stepper_module import load_module, provenance
 from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
 from ..devices.ensemble import DeviceName
-from ..events.impacts import (
-    ImpactBinding,
-    integrate_with_impacts,
-    joined,
-    refuse_unusable,
-)
+from ..events.impacts import refuse_unusable
 from ..events.last_step import ended_between
 from ..events.observer import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
@@ -109,7 +104,7 @@ class Stepper(Dynamics):
         #: The largest rotation in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
-        self._impacts: ImpactBinding | None = None
+        self._impacts: Binding | None = None
 
     def __repr__(self) -> str:
         return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
@@ -347,7 +342,7 @@ class Stepper(Dynamics):
                                  "solver": as_solver(solver), "excess": state.excess}
         names = self.manifest.system.event_quantities
         impacts = as_impacts(events, names, state.impacts)
-        asked = () if impacts else as_events(events, names)
+        asked: Any = impacts or as_events(events, names)
         clock, end_event = self.manifest.system.clock, ""
         if clock is not None and steps is None and t_end is not None:
             end = end_of_run(clock, asked, state.t, t_end, dt)
@@ -360,14 +355,13 @@ class Stepper(Dynamics):
         run = replace(run, open_end=bool(end_event))
         rest: Any = self.binding.number(span) if span else 0
         if impacts:
-            refuse_unusable(self, run, impacts, stored=out is not None and "a stored run (out)",
-                            t_eval=t_eval is not None and "t_eval",
+            refuse_unusable(self, run, impacts, t_eval=t_eval is not None and "t_eval",
                             derivatives=tangents is not None and "tangents")
-            return self._with_impacts(run, impacts, progress, span, t_end, rest)
         if out is not None:
             step_count(steps, t_end, state.t, dt)
             stored: Trajectory = function_of("storage.record", "record")(
-                self, _storable(run, t_eval, tangents), asked, out, progress=progress)
+                self, _storable(run, t_eval, tangents),
+                with_restitutions(impacts, run.parameters) or asked, out, progress=progress)
             return stored
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, rest))
@@ -383,7 +377,8 @@ class Stepper(Dynamics):
                 warn_of_frequency(self.binding, run, self.order)
         if span:
             found = ended_between(self, run, asked, found, span, t_end)
-        found = found.made_by(self, Origin(run, asked, rest=rest))
+        found = found.made_by(self, Origin(run, () if impacts else asked, rest=rest,
+                                           impacts=impacts))
         if t_eval is not None:
             found = self._at(found, t_eval)
         return found if tangents is None else with_tangents(self, tangents, found)
@@ -455,35 +450,12 @@ class Stepper(Dynamics):
 
     # ------------------------------------------------------------ inside
 
-    def _with_impacts(
-        self, run: RunArguments, impacts: tuple[Impact, ...], progress: Progress, span: Any,
-        t_end: Any, rest: Any,
-    ) -> Trajectory:
-        """Return a checked run with impacts, up to t_end."""
-        self._warned(run)
-        with log_progress(f"integrating {self.name}", run.steps, progress) as report:
-            found = integrate_with_impacts(self, run, impacts, report)
-        if span and found.report.steps == run.steps:
-            parts: list[Trajectory] = []
-
-            def last_part(partial: RunArguments) -> Trajectory:
-                parts.append(integrate_with_impacts(self, partial, impacts))
-                return parts[0]
-
-            whole, elapsed = found.impacts, found.elapsed[-1]
-            found = ended_between(self, run, (), found, span, t_end, last_part)
-            both = {name: joined(earlier, parts[0].impacts[name], run.steps, elapsed)
-                    for name, earlier in whole.items()}
-            count = sum(map(len, both.values()))
-            found = changed(found, impacts=both, report=replace(found.report, impacts=count))
-        return found.made_by(self, Origin(run, rest=rest, impacts=impacts))
-
-    def _impact_binding(self) -> ImpactBinding:
+    def _impact_binding(self) -> Binding:
         """Calls of runs with impacts, derived and compiled when first called."""
         with self._deriving:
             if self._impacts is None:
                 module = load_module(self.name, self._derivative_files(), "impacts")
-                self._impacts = ImpactBinding(self._bound(module))
+                self._impacts = self._bound(module)
         return self._impacts
 
     def _at(

@@ -224,7 +224,6 @@ CALLS = {
     ("impacts", "events"): hit("kepler", gs.Event("x")),
     ("impacts", "t_eval"): hit("kepler", t_eval=[0.05]),
     ("impacts", "derivatives"): hit("kepler", tangents=gs.Tangents()),
-    ("impacts", "stored"): hit("kepler", out="never.zarr"),
     ("impacts", "splitting"): lambda: gs.stepper(
         "splitting", order=2, system=systems.case("kepler").system).integrate(
             [1.0, 0.0], [0.0, 1.0], dt=0.1, steps=2, parameters={"k": 1.0},

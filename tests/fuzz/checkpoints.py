@@ -61,7 +61,7 @@ class Case:
             q, p, dt=1e-3, steps=120, every=3, parameters=parameters))
         group = array_layout.open_group(self.path)
         self.sound = np.asarray(array_layout.array_of(group, array_layout.CHECKPOINT)[:])
-        state = unpack(self.binding, self.sound, len(self.events))
+        state = unpack(self.binding, self.sound, self.events)
         assert state is not None
         assert pack(self.binding, state).tobytes() == self.sound.tobytes()
         report, work = (self.binding.image(part).size
@@ -128,7 +128,7 @@ def check(data: bytes) -> str:
 def forged_checkpoint(choices: Choices, one: Case) -> str:
     state = None
     try:
-        state = unpack(one.binding, forged(choices, one), len(one.events))
+        state = unpack(one.binding, forged(choices, one), one.events)
     except ValueError as error:
         if "checkpoint" not in str(error):  # none of ours
             raise

@@ -29,7 +29,7 @@ UNREAD = ("simulation.options.", "simulation.report.", "simulation.state_changed
 
 
 def state_of(one, data=None):
-    found = unpack(one.binding, one.sound if data is None else data, len(one.events))
+    found = unpack(one.binding, one.sound if data is None else data, one.events)
     assert found is not None
     return found
 
@@ -79,8 +79,8 @@ def test_a_damaged_checkpoint_is_found_by_its_digest():
     forged = one.sound.copy()
     forged[60] ^= 1
     with pytest.raises(ValueError, match="damaged"):
-        unpack(one.binding, forged, 1)
-    assert unpack(one.binding, signed(forged[32:]), 1) is not None
+        unpack(one.binding, forged, one.events)
+    assert unpack(one.binding, signed(forged[32:]), one.events) is not None
     assert pack(one.binding, state_of(one)).tobytes() == one.sound.tobytes()
 
 
@@ -92,10 +92,10 @@ def test_status_and_iterations_are_checked(at):
         body = one.sound[32:].copy()
         body[at : at + 8] = np.array([value % 2**64], "<u8").view(np.uint8)
         if value in allowed:
-            assert unpack(one.binding, signed(body), 1) is not None
+            assert unpack(one.binding, signed(body), one.events) is not None
         else:
             with pytest.raises(ValueError, match="checkpoint"):
-                unpack(one.binding, signed(body), 1)
+                unpack(one.binding, signed(body), one.events)
 
 
 def test_more_steps_than_the_run_has_are_refused(tmp_path):

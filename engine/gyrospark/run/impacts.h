@@ -22,8 +22,11 @@
 /* Why integrate_impacts returns early, besides the failures of a step. */
 enum { HITS_FULL = 16, AT_REST, INSIDE, UNMOVABLE, NOT_QUADRATIC };
 
-/* Numbers of a hit: time since the last grid point, impulse, loss of H, q, p before and after. */
-enum { HIT = 3 + 3*N };
+/*
+ * Numbers of a hit: time since the last grid point, impulse, loss of H, work of the forces; q, p
+ * before and after.
+ */
+enum { STATES_OF_HIT = 4, HIT = STATES_OF_HIT + 3*N };
 
 /* Impacts at one place, Newton's iterations, and bisections for a turning point, at most. */
 enum { MOST_AT_ONCE = 10000, MOST_ITERATIONS = 200, MOST_TURNS = 60 };
@@ -39,7 +42,8 @@ typedef struct {
     const parameters_t *parameters;
     const options_t *options;
     IF_INPUTS(inputs_t inputs;)
-    derivatives_t *d;
+    work_t *work;
+    derivatives_t *d; /* scratch */
     real dt, direction;
     int gaps;
     const int *gap;
@@ -48,6 +52,7 @@ typedef struct {
     /* Memory of hits, and one more place: the gap for which the run returns early. */
     long capacity, *count, *places;
     real *hits;
+    int most; /* iterations of a step since the last stored row */
     gap_state from, end, trial;
 } impact_run;
 
@@ -55,7 +60,7 @@ typedef struct {
 static const constants *constants_at(impact_run *r, long n, real since)
 {
     (void)n, (void)since;
-    return AT(&r->d->work.constants, start_time(r->parameters) + (real)n*r->dt + since);
+    return AT(&r->work->constants, start_time(r->parameters) + (real)n*r->dt + since);
 }
 
 /* Evaluates the gaps of a state and their rates. */
@@ -72,7 +77,7 @@ static void evaluate_gaps(impact_run *r, long n, real since, gap_state *s)
 /* Takes a step of length h from a state `since` after grid point n, without history. */
 static int take_part(impact_run *r, long n, real since, real h, const gap_state *from, gap_state *to)
 {
-    work_t *w = &r->d->work;
+    work_t *w = r->work;
     const report_t nothing = { 0 };
     to->own = nothing;
     for (int a = 0; a < N; ++a) {
@@ -85,9 +90,14 @@ static int take_part(impact_run *r, long n, real since, real h, const gap_state 
     to->own.energy_start = hamiltonian(AT(&w->constants, w->t), to->q, to->p);
     begin_run(w, r->options, h, to->q, to->p);
     const int status = advance_run(w, r->options, h, to->q, to->p, to->forces, &to->taken, &to->own);
-    if (status == OK)
-        evaluate_gaps(r, n, since + h, to);
-    return status;
+    if (status != OK)
+        return status;
+#if GS_FIXED_POINT && GS_CONSTRAINED
+    if (!BY_NEWTON(r->options)) /* Newton's method has stored them */
+        SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, to->forces);
+#endif
+    evaluate_gaps(r, n, since + h, to);
+    return OK;
 }
 
 /*
@@ -315,15 +325,16 @@ static int resolve_impacts(impact_run *r, long n, real since, gap_state *s, repo
         real row[N], *out = r->hits + *r->count*HIT;
         for (int a = 0; a < N; ++a) {
             row[a] = rows[a][r->gap[worst]];
-            out[3 + a] = s->q[a];
-            out[3 + N + a] = s->p[a];
+            out[STATES_OF_HIT + a] = s->q[a];
+            out[STATES_OF_HIT + N + a] = s->p[a];
         }
         status = apply_impact(r, at, row, drifts[r->gap[worst]], r->restitution[worst], s->q,
             s->p, &out[1], &out[2]);
         for (int a = 0; a < N; ++a)
-            out[3 + 2*N + a] = s->p[a];
-        out[0] = since;
-        r->places[2*(*r->count) + 1] = n;
+            out[STATES_OF_HIT + 2*N + a] = s->p[a];
+        out[0] = since == r->dt ? 0 : since;
+        out[3] = 0 IF_FORCES(+ report->work);
+        r->places[2*(*r->count) + 1] = n + (since == r->dt);
         *r->count += status == OK;
         report->energy_start -= status == OK ? out[2] : 0; /* a loss is no error of the energy */
     }
@@ -332,41 +343,44 @@ static int resolve_impacts(impact_run *r, long n, real since, gap_state *s, repo
 }
 
 /* Begins the steps of the grid again at grid point n. */
-static void begin_on_grid(impact_run *r, long n, const gap_state *s, report_t *report)
+static void begin_on_grid(impact_run *r, long n, const gap_state *s, const report_t *report)
 {
-    work_t *w = &r->d->work;
+    work_t *w = r->work;
     w->t = start_time(r->parameters) + (real)n*r->dt;
     begin_run(w, r->options, r->dt, s->q, s->p);
 #if GS_FIXED_POINT && GS_FORCES
     fixed_point_of(w)->solver.work = splat(report->work);
     fixed_point_of(w)->solver.work_low = splat(report->work_low);
 #endif
-    observe(AT(&w->constants, w->t), s->q, s->p, report);
+    (void)report; /* without forces */
 }
 
-/* A state on the grid. */
-static void store_on_grid(impact_run *r, long begun, long every, rows_t out, int *most,
+/* A state on the grid; `begun` where the solver has begun again and forgotten its multipliers. */
+static void store_on_grid(impact_run *r, long first, long every, rows_t out, int begun,
     report_t *report)
 {
-    const long done = ++report->steps - begun;
+    const long done = ++report->steps - first, row = done/every - 1;
+    real *multipliers = out.multipliers;
     if (r->from.taken > report->iterations_max)
         report->iterations_max = r->from.taken;
-    if (r->from.taken > *most)
-        *most = r->from.taken;
+    if (r->from.taken > r->most)
+        r->most = r->from.taken;
     if (done % every != 0)
         return;
-    store(out, done/every - 1, r->from.q, r->from.p, &r->d->work, r->options, r->from.forces, *most,
-        report);
-    *most = 0;
+    if (begun)
+        out.multipliers = NULL;
+    store(out, row, r->from.q, r->from.p, r->work, r->options, r->from.forces, r->most, report);
+    for (int l = 0; l < MULTIPLIERS && begun && multipliers != NULL; ++l)
+        multipliers[row*MULTIPLIERS + l] = r->from.forces[l];
+    r->most = 0;
 }
 
 /* Integrates up to grid point `last` from `since` after one; see the public header. */
 static int run_with_impacts(impact_run *r, long last, long every, rows_t out, real *since,
     report_t *report)
 {
-    work_t *w = &r->d->work;
-    const long begun = report->steps;
-    int most = 0;
+    work_t *w = r->work;
+    const long first = report->steps;
     while (report->steps < last) {
         const long n = report->steps, known = *r->count;
         const report_t before = *report;
@@ -383,7 +397,8 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
         if (*since == r->dt) {
             *since = 0;
             begin_on_grid(r, n + 1, &r->from, report);
-            store_on_grid(r, begun, every, out, &most, report);
+            observe(AT(&w->constants, w->t), r->from.q, r->from.p, report);
+            store_on_grid(r, first, every, out, 1, report);
             continue;
         }
         if (whole) {
@@ -411,17 +426,19 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
             *report = before;
             return status;
         }
-        if (whole && hit < 0) {
+        if (whole && hit < 0 && !falls(r, &r->end)) {
             report->iterations += r->end.taken;
             r->from = r->end;
-            store_on_grid(r, begun, every, out, &most, report);
+            store_on_grid(r, first, every, out, 0, report);
             continue;
         }
-        if (whole && h == r->dt) { /* the zero is at the end of the step on the grid */
-            const report_t nothing = { 0 };
-            r->end.own = nothing;
-        } else if (whole)
+        if (whole) {
             *report = before;
+            if (h == r->dt) /* a gap closes at the end of the step, which is taken as a part */
+                status = take_part(r, n, 0, h, &r->from, &r->end);
+            if (status != OK)
+                return status;
+        }
         if (hit >= 0 && MATH(fabs)(r->from.gap[hit]) <= r->margin[hit]) {
             const real t = time_origin(r->parameters) + (real)n*r->dt + *since + h;
             if (MATH(fabs)(h) <= 8*epsilon*larger(MATH(fabs)(t), MATH(fabs)(r->dt))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import warnings
 from functools import cache
 
 import numpy as np
@@ -11,6 +13,7 @@ import sympy as sp
 import budget
 import gyrospark as gs
 from gyrospark.core.errors import InputError
+from stores import Interrupted, assert_same, ends_after, small_blocks
 
 EPS = 2.0**-52
 z, pz, t = sp.symbols("z pz t", real=True)
@@ -202,6 +205,51 @@ def test_the_way_back(scheme, stages, backwards):
         assert not run.impacts["gap"].energy_lost.any()
 
 
+def test_a_store_is_resumed_in_the_middle_of_a_cascade(tmp_path, monkeypatch):
+    """To the bits of one run, wherever it is interrupted; then again from a shorter run."""
+    with pytest.warns(gs.errors.InputWarning, match="floor"):
+        whole = dropped(out=tmp_path / "whole.zarr", every=3)
+    small_blocks(monkeypatch, 8)
+    ball, out = stepper("ball"), tmp_path / "parts.zarr"
+    arguments = {"dt": 0.01, "steps": 200, "every": 3, "parameters": {"m": 1, "g": 9.81},
+                 "events": gs.Impact("floor", restitution=0.5), "out": out}
+    with pytest.raises(Interrupted):
+        ball.integrate([1.0], [0.0], **arguments, progress=ends_after(3))
+    for calls in (1, 2, 1, 1):
+        with contextlib.suppress(Interrupted), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            gs.resume(out, progress=ends_after(calls))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        parts = gs.resume(out)
+    assert whole.status == parts.status == "ended: floor"
+    assert_same(parts, whole)
+    assert_same_impacts(parts.impacts, whole.impacts)
+    with pytest.warns(gs.errors.InputWarning, match="floor"):
+        computed = dropped(every=3)
+    assert_same(parts, computed)
+    assert_same_impacts(parts.impacts, computed.impacts)
+    begun = tmp_path / "begun.zarr"
+    ball.integrate([1.0], [0.0], **arguments | {"steps": 129, "out": begun})
+    assert len(gs.load(begun).impacts["floor"]) == 4
+    with pytest.warns(gs.errors.InputWarning, match="floor"):
+        longer = gs.resume(begun, steps=200)
+    assert_same(longer, whole)
+    assert_same_impacts(longer.impacts, whole.impacts)
+
+
+def test_a_store_of_more_impacts_than_a_call_returns(tmp_path, monkeypatch):
+    """Some thousand in each step: whole steps are stored."""
+    small_blocks(monkeypatch, 2)
+    arguments = {"dt": 0.5, "steps": 4, "every": 2, "parameters": {"m": 1, "g": 1e-9},
+                 "events": [gs.Impact("floor"), gs.Impact("roof")]}
+    run = stepper("ball").integrate([0.25], [3001.0], **arguments)
+    stored = stepper("ball").integrate([0.25], [3001.0], **arguments, out=tmp_path / "walls.zarr")
+    assert_same(stored, run)
+    assert_same_impacts(stored.impacts, run.impacts)
+    assert sum(map(len, run.impacts.values())) == 6002
+
+
 def test_a_moving_wall():
     """The speed relative to the wall is reversed; what H gains is the work of the wall."""
     run = stepper("wall").integrate([1.0], [-1.0], dt=0.01, steps=150, parameters={"m": 1},
@@ -249,11 +297,44 @@ def test_a_start_on_the_floor():
     assert abs(run.t[-1]) < 1e-7
 
 
-def test_files_have_the_crossings(tmp_path):
+def assert_same_impacts(some, others):
+    assert some.keys() == others.keys()
+    for name, one in some.items():
+        for column, array in one.columns.items():
+            assert np.array_equal(array, others[name].columns[column]), (name, column)
+
+
+def test_impacts_on_grid_points_count_once():
+    """Heights and times in binary: all is exact, rows have the momenta after, and losses count."""
+    run = stepper("ball").integrate([0.5], [0.0], dt=0.25, steps=7, parameters={"m": 1, "g": 1.0},
+                                    events=gs.Impact("floor", restitution=0.5))
+    assert run.impacts["floor"].t.tolist() == [1.0]
+    assert run.impacts["floor"].steps.tolist() == [4]
+    assert run.p[4, 0] == 0.5
+    assert run.energy_error().tolist() == [0.0] * 8
+    assert run[4:].energy_error().tolist() == [0.0] * 4
+    raised = swung(200, scheme="EMS", stages=None)
+    assert raised.report.energy_error_mean == pytest.approx(
+        np.abs(raised.energy_error()).mean(), rel=0.05)
+
+
+def test_multipliers_at_steps_with_impacts():
+    """Those of the last part of the step: near those of the rows beside it."""
+    run = swung(200)
+    (step,) = run.impacts["gap"].steps
+    smooth = np.abs(np.diff(run.multipliers[:, 0], axis=0))[step + 1 : step + 20].max()
+    assert np.abs(run.multipliers[step, 0] - run.multipliers[step + 1, 0]).max() < 4 * smooth
+
+
+@pytest.mark.parametrize("ending", [".npz", ".nc", ".zarr"])
+def test_files_have_the_impacts(tmp_path, ending):
     run = dropped(100)
-    read = gs.load(run.save(tmp_path / "ball.npz"))
-    assert np.array_equal(read.events["floor"].t, run.impacts["floor"].t)
-    assert len(run[:50].impacts["floor"]) == 1
+    read = gs.load(run.save(tmp_path / f"ball{ending}"))
+    assert_same_impacts(read.impacts, run.impacts)
+    assert np.array_equal(read.events["floor"].p, run.impacts["floor"].p_before)
+    assert np.array_equal(read.energy_error(), run.energy_error())
+    assert len(run[:50].impacts["floor"]) == len(read[:50].impacts["floor"]) == 1
+    assert np.array_equal(read[60:].energy_error(), run[60:].energy_error())
     assert "energy lost" in repr(run.impacts["floor"])
     assert read.report.impacts == run.report.impacts == len(run.impacts["floor"])
     with pytest.raises(InputError, match="impacts"):
