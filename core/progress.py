@@ -166,10 +166,9 @@ def as_progress(progress: Any) -> Progress:
     return callback
 
 
-@contextlib.contextmanager
 def log_progress(
     text: str, total: int, progress: Progress = None
-) -> Iterator[Callable[..., Any] | None]:
+) -> contextlib.AbstractContextManager[Callable[..., Any] | None]:
     """Yield the function that a task is to call with the steps done, or None.
 
     Parameters
@@ -188,6 +187,17 @@ def log_progress(
     InputError
         For what is none of these.
     """
+    if progress is None:
+        _install()
+        if not _LOGGER.isEnabledFor(logging.DEBUG):
+            return contextlib.nullcontext()  # as of most calls, whose steps take less time
+    return _log_progress(text, total, progress)
+
+
+@contextlib.contextmanager
+def _log_progress(
+    text: str, total: int, progress: Progress
+) -> Iterator[Callable[..., Any] | None]:
     as_progress(progress)
     if callable(progress) or progress is False:
         with hide_tasks():

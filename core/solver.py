@@ -53,6 +53,10 @@ class Solver:
         object.__setattr__(self, "max_iterations", count)
 
 
+#: Those of the names, which most calls give.
+_SOLVERS: dict[SolverName, Solver] = {name: Solver(name) for name in get_args(SolverName)}
+
+
 def as_solver(value: Any) -> Solver:
     """Return a solver by its name, or as it is.
 
@@ -63,4 +67,4 @@ def as_solver(value: Any) -> Solver:
     """
     if isinstance(value, Solver):
         return value
-    return Solver(choose("solver", value, get_args(SolverName), " or gs.Solver(...)"))
+    return _SOLVERS[choose("solver", value, _SOLVERS, " or gs.Solver(...)")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from .registry import function_of
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = ["GAMMA_M", "HasStart", "Rule", "Start", "as_start"]
+__all__ = ["GAMMA_M", "HasStart", "Rule", "Start", "as_start", "has_start"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,6 @@ class Rule:
 GAMMA_M = Rule("m")
 
 
-@runtime_checkable
 class HasStart(Protocol):
     """A start, and what has one: models, problems, simulations."""
 
@@ -194,6 +193,11 @@ class Start:
         self._inertias, self._rules, self._spare, self._span = inertias, rules, spare, span
         self._impacts = impacts
         return self
+
+
+def has_start(value: Any) -> TypeGuard[HasStart]:
+    """Whether a value has a start: of a protocol, ``isinstance`` takes as long as some steps."""
+    return hasattr(type(value), "start") or hasattr(value, "start")  # a property is not evaluated
 
 
 def as_start(value: Any) -> Start:

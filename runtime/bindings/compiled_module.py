@@ -77,8 +77,12 @@ class Compiled:
 
     def __init__(self, module: Any, name: str, manifest: Manifest) -> None:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
+        self._from_buffer = self.ffi.from_buffer
         self._functions: dict[str, Callable[..., Any]] = {}
         self._newton_apart = hasattr(self.lib, f"{name}_newton_table")
+        #: Types of the structs: cffi takes as long to look up a name as to make the struct.
+        self._types = {kind: self.ffi.typeof(f"{name}_{kind} *")
+                       for kind in ("parameters", "options", "report")}
         frames = getattr(module, "frames", None)
         #: Bytes of stack that calls take at most; work memory is larger than all their arrays.
         self.frames: int = 2 * self.ffi.sizeof(f"{name}_work") if frames is None else frames
@@ -164,7 +168,7 @@ class Compiled:
         """Return a pointer to a checked array, from an entry on; NULL for an empty one."""
         if array.size == 0:
             return self.ffi.NULL
-        address = self.ffi.from_buffer(self._reals, array, require_writable=True)
+        address = self._from_buffer(self._reals, array, True)  # no read-only array
         return address + start if start else address
 
     def parameters(self, values: dict[str, Any], t: Any = 0.0) -> ParameterStruct:
@@ -174,7 +178,7 @@ class Compiled:
             fields.append(t)
         if self.dtype is np.longdouble:
             fields = [*map(self._passed, fields)]
-        return ParameterStruct(self.ffi.new(f"{self.name}_parameters *", fields))
+        return ParameterStruct(self.ffi.new(self._types["parameters"], fields))
 
     def set_time(self, parameters: ParameterStruct, t0: Any, steps: int, dt: Any) -> None:
         """Set the time in the parameter struct to t0 + steps dt."""
@@ -192,12 +196,12 @@ class Compiled:
         self, tolerance: float | None, max_iterations: int, solver: SolverName
     ) -> OptionStruct:
         """Return the options struct; tolerance None means down to round-off."""
-        return OptionStruct(self.ffi.new(f"{self.name}_options *", [
+        return OptionStruct(self.ffi.new(self._types["options"], [
             self._passed(tolerance or 0.0), min(max_iterations, 2**31 - 1), SOLVERS[solver]]))
 
     def report(self) -> RunRecord:
         """Return an empty running record."""
-        return cast(RunRecord, self.ffi.new(f"{self.name}_report *"))
+        return cast(RunRecord, self.ffi.new(self._types["report"]))
 
     def record_of(self, work: WorkMemory) -> RunRecord:
         """Return the running record of the trajectory that work memory holds: a copy."""

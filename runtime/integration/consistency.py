@@ -10,6 +10,7 @@ step, without constraint forces, changes in it.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -200,20 +201,20 @@ def _draws(n: int) -> _Moves:
 def _is_plainly_consistent(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array
 ) -> bool:
-    """Whether one state is within the bounds by few moves: in half of the time of ``_judged``."""
+    """Whether one state is within the bounds by few moves: in a third of the time of ``_judged``.
+    """
     moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):
         y = x if double else x.astype(float)
-        moved = x + nudge * math.sqrt(y @ y) * move
+        moved = x + nudge * math.sqrt(y.dot(y)) * move
         states.append(moved if double else moved.astype(binding.dtype))
     for d in binding.defects(parameters, *states):
         if 0 < d.size <= _FEW:  # in Python's floats: half of the time
-            defect, *moved = d.tolist()
-            bound = epsilons / 2 * max(abs(a - b) for forth, back in zip(
-                moved[:_DRAWS], moved[_DRAWS:], strict=True) for a, b in zip(
-                forth, back, strict=True))
-            if not all(abs(x) <= bound for x in defect):
+            entries, count = d.ravel().tolist(), d.shape[1]
+            forth, back = entries[count : (_DRAWS + 1) * count], entries[(_DRAWS + 1) * count :]
+            bound = epsilons / 2 * max(map(abs, map(operator.sub, forth, back)))
+            if not all(map(bound.__ge__, map(abs, entries[:count]))):
                 return False
             continue
         size, change = np.abs(d[0]), np.abs(d[1 : _DRAWS + 1] - d[_DRAWS + 1 :]).ravel()

@@ -11,7 +11,7 @@ import numpy as np
 from ...core.arguments import as_mapping, few, shown
 from ...core.errors import ArgumentError, InputError
 from ...core.event import Impact
-from ...core.start import HasStart, Rule, Start, as_start
+from ...core.start import Rule, Start, as_start, has_start
 from .run_arguments import step_argument, step_count
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def span_or_own(
     InputError
         As ``step_argument``.
     """
-    own_dt, own_steps = start.start._span if isinstance(start, HasStart) else (None, None)
+    own_dt, own_steps = start.start._span if has_start(start) else (None, None)
     if dt is None and not binding.clocked:
         dt = own_dt
     return step_argument(binding, dt, dtau), own_steps if steps is None is t_end else steps
@@ -90,7 +90,7 @@ def span_or_own(
 
 def _refuse_second_state(start: Any, p: Any) -> None:
     """Refuse p beside a start, which has its own."""
-    if isinstance(start, HasStart):
+    if has_start(start):
         raise ArgumentError(f"p = {shown(p)} is given beside a start, which has its own momenta; "
                             "leave it out, and give other arguments by name, such as dt=1e-3.")
 
@@ -143,7 +143,7 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
     if p is not None:
         _refuse_second_state(starts, p)
         return StartNumbers(starts, p, entries, 0.0)
-    if isinstance(starts, HasStart):
+    if has_start(starts):
         start = as_start(starts)
         _refuse_impacts(start)
         rows_or_columns = ([start_parameters(stepper.parameter_domains, start, entry)
@@ -163,7 +163,7 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
         raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
                          "of starts.")
     if not isinstance(starts, Sequence) or not starts or not all(
-            isinstance(entry, HasStart) for entry in starts):
+            has_start(entry) for entry in starts):
         raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
                          "with columns of parameters, or q and p, a row for each trajectory.")
     if isinstance(entries, Mapping):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -119,43 +118,56 @@ class Rotations:
 
         ``dt`` and each parameter are one number, or one for each row.
         """
+        name, radians, step = self._largest(parameters, dt, q, p)
+        if not name:
+            return None
+        error = phase_error(self._order, radians) if self._solves_stages else None
+        return FastestRotation(name, radians, self._limit, step, self._order, error)
+
+    def _largest(
+        self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
+    ) -> tuple[str, float, float]:
+        """Return body, |Ω Δt| and Δt of ``fastest``; "" where no body turns."""
         bodies = self.bodies
         if not bodies:
-            return None
-        single = len(q) == 1  # in Python's floats: a quarter of the time
-        if single:
-            state = [x[0].astype(float, copy=False) for x in (q, p)]
-            state_columns: Any = [x.tolist() for x in state]
-            as_number: Any = _only
-            if len(bodies) > _FEW:
-                bodies = self._fastest_of_many(parameters, *state)
-        else:
-            state_columns = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
-            as_number = partial(np.asarray, dtype=float)
+            return "", -1.0, 0.0
+        if len(q) == 1:
+            return self._largest_of_one(parameters, _only(dt), q[0], p[0])
+        columns = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
+        as_number = partial(np.asarray, dtype=float)
         moves = [as_number(parameters[name]) != 0 for name in self._rates if name in parameters]
         dt = as_number(dt)
         largest, fastest, step = -1.0, "", 0.0
-        # What is not finite is left out.
-        with nullcontext() if single else np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
             for name, body in bodies.items():
                 inertia = [as_number(parameters[key]) for key in body.inertia]
-                radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in state_columns))
-                              * dt)
+                radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in columns)) * dt)
                 if moves:
                     radians = np.where(np.any(np.broadcast_arrays(*moves), axis=0), -1.0, radians)
-                if single:
-                    row, angle = 0, float(radians)
-                else:
-                    radians = np.where(np.isfinite(radians), radians, -1.0)
-                    row = int(np.argmax(radians))
-                    angle = float(radians[row])
-                if largest < angle < math.inf:
-                    largest, fastest = angle, name
-                    step = dt if isinstance(dt, float) else float(np.broadcast_to(dt, len(q))[row])
-        if not fastest:
-            return None
-        error = phase_error(self._order, largest) if self._solves_stages else None
-        return FastestRotation(fastest, largest, self._limit, step, self._order, error)
+                radians = np.where(np.isfinite(radians), radians, -1.0)
+                row = int(np.argmax(radians))
+                if largest < radians[row]:
+                    largest, fastest = float(radians[row]), name
+                    step = float(np.broadcast_to(dt, len(q))[row])
+        return fastest, largest, step
+
+    def _largest_of_one(
+        self, parameters: Mapping[str, Any], dt: float, q: Array, p: Array
+    ) -> tuple[str, float, float]:
+        """Return the same of one state, in Python's floats: a quarter of the time."""
+        bodies, largest, fastest = self.bodies, -1.0, ""
+        if any(_only(parameters[name]) for name in self._rates if name in parameters):
+            return "", -1.0, 0.0
+        q, p = q.astype(float, copy=False), p.astype(float, copy=False)
+        if len(bodies) > _FEW:
+            bodies = self._fastest_of_many(parameters, q, p)
+        state = q.tolist(), p.tolist()
+        for name, body in bodies.items():
+            inertia = [*map(_only, map(parameters.__getitem__, body.inertia))]
+            radians = abs(_speed(inertia, *([*map(x.__getitem__, body.q)] for x in state)) * dt)
+            if largest < radians < math.inf:
+                largest, fastest = radians, name
+        return fastest, largest, dt
 
     def _fastest_of_many(
         self, parameters: Mapping[str, Any], q: Array, p: Array
@@ -172,6 +184,8 @@ class Rotations:
 
     def warn(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> bool:
         """Warn if a body's rotation in a step exceeds the limit, and return whether it does."""
+        if self._largest(parameters, dt, q, p)[1] <= self._limit:
+            return False
         fastest = self.fastest(parameters, dt, q, p)
         return fastest is not None and fastest.warn()
 
@@ -204,7 +218,7 @@ def phase_error(order: int, radians: float) -> float:
 
 
 def _only(x: Any) -> float:
-    return float(x[0] if isinstance(x, np.ndarray) and x.shape else x)
+    return x if type(x) is float else float(x[0] if isinstance(x, np.ndarray) and x.shape else x)
 
 
 def _speed(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:

@@ -352,7 +352,7 @@ class Stepper(Dynamics):
         fed: Any = as_inputs(inputs, self.binding, count + 1) if span else inputs
         run = self._resolved(self._run_arguments(
             state.q, state.p, dt=dt, steps=count, every=every, inputs=fed, **given))
-        run = replace(run, open_end=bool(end_event))
+        run = changed(run, open_end=True) if end_event else run
         rest: Any = self.binding.number(span) if span else 0
         if impacts:
             refuse_unusable(self, run, impacts, t_eval=t_eval is not None and "t_eval",
