@@ -224,7 +224,7 @@ def load_model(
     path: str | Path, rep: RepName | None = None, *, real: RealName = "double",
     set: Mapping[str, Any] | None = None, angles: Mapping[str, Any] | None = None,
     rates: Mapping[str, Any] | None = None, ignore: str | Iterable[str] | None = None,
-    gravity: ArrayLike | None = None, limits: float | None = None,
+    gravity: ArrayLike | None = None, limits: float | Literal["stops"] | None = None,
     loops: str | Path | None = None, keyframe: str | int | None = None,
     base: Literal["fixed", "floating"] | None = None, position: ArrayLike | None = None,
     quaternion: ArrayLike | None = None, velocity: ArrayLike | None = None,
@@ -265,9 +265,10 @@ def load_model(
     gravity : array_like, shape (3,), optional
         Robots: in space axes, in m/s²; by default the file's, else (0, 0, -9.81) (in a world of SDF
         9.8 down).
-    limits : float, optional
+    limits : float or "stops", optional
         Robots: stiffness of one-sided springs at the ends of joint ranges, N m/rad or N/m, as in
-        ``Multibody.joint_spring``. By default limits are refused or ignored.
+        ``Multibody.joint_spring``; or stops, as ``Multibody.stop``, whose restitution is the
+        parameter ``restitution`` of the model, 1. By default limits are refused or ignored.
     loops : path, optional
         URDF and MJCF: a TOML file of joints that close loops, or join bodies of the file.
     keyframe : str or int, optional

@@ -33,9 +33,9 @@ from .robot_builder import (
     RobotBuilder,
     Start,
     as_names,
+    ends_of_ranges,
     reference_of,
     refuse_extras,
-    stiffness_of_limits,
     take_values,
     with_unit_quaternion,
 )
@@ -57,7 +57,7 @@ def parse_mjcf(
     ``close`` adds loop joints, given the placement of each body.
     """
     left_out = as_names(ignore)
-    weight, stiffness = optional_vector("gravity", gravity), stiffness_of_limits(limits)
+    weight, stiffness = optional_vector("gravity", gravity), ends_of_ranges(limits)
     file = Path(path)
     try:
         robot = read_mjcf_robot(text, file)

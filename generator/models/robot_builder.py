@@ -13,12 +13,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from numpy.typing import NDArray
 
-from ...core.arguments import as_items, as_mapping, as_text, listed, proposal, shown
+from ...core.arguments import as_items, as_mapping, as_text, choose, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.inertia import real_array, warn_of_degrees
 from ...core.registry import SYSTEMS
@@ -33,6 +35,7 @@ from ..parsing.reserved_names import KEYWORDS
 from .robot_tree import (
     IDENTITY,
     Follower,
+    Limits,
     Mount,
     Placement,
     Poses,
@@ -41,9 +44,10 @@ from .robot_tree import (
     body_velocities,
     place_bodies,
 )
+from .xml_numbers import UNLIMITED
 
-__all__ = ["Close", "Names", "RobotBuilder", "Start", "as_names", "plain_name", "reference_of",
-           "refuse_extras", "set_base_motion", "stiffness_of_limits", "take_values",
+__all__ = ["Close", "Names", "RobotBuilder", "Start", "as_names", "ends_of_ranges", "plain_name",
+           "reference_of", "refuse_extras", "set_base_motion", "take_values",
            "with_unit_quaternion"]
 
 Array = NDArray[np.float64]
@@ -64,8 +68,11 @@ def as_names(ignore: Any) -> list[str]:
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
 
 
-def stiffness_of_limits(limits: Any) -> float | None:
-    """Return the stiffness of the ends of ranges of joints, None where they are refused."""
+def ends_of_ranges(limits: Any) -> Limits:
+    """Return the stiffness of the ends of ranges of joints, or that they are stops, or None."""
+    if isinstance(limits, str):
+        choose("limits, a stiffness or", limits, ("stops",))
+        return "stops"
     return None if limits is None else positive("limits, a stiffness in N m/rad and N/m", limits)
 
 
@@ -468,9 +475,15 @@ class RobotBuilder:
                     self.joint_names.free(f"{joint.name}_spring"), self.coordinates[joint.name],
                     stiffness=joint.stiffness, damping=joint.damping, rest=joint.rest)
             if limited:
-                build.joint_spring(
-                    self.joint_names.free(f"{joint.name}_limits"), self.coordinates[joint.name],
-                    stiffness=limits or 0.0, rest=joint.range or (0.0, 0.0))
+                name = self.joint_names.free(f"{joint.name}_limits")
+                lower, upper = joint.range or (0.0, 0.0)
+                if limits == "stops":
+                    build.stop(name, self.coordinates[joint.name], restitution=self.restitution,
+                               lower=None if lower <= -UNLIMITED else lower,
+                               upper=None if upper >= UNLIMITED else upper)
+                else:
+                    build.joint_spring(name, self.coordinates[joint.name],
+                                       stiffness=limits or 0.0, rest=(lower, upper))
             return
         alone = joint.kind in ("ball", "free") and len(self.robot.bodies[joint.body].joints) == 1
         elements = " and ".join(
@@ -483,6 +496,11 @@ class RobotBuilder:
             raise InputError(f"joint {shown(joint.name)} has {elements}, which a {joint.kind} joint"
                              f"{row} has not here; write 0, or armature for each joint of its "
                              f"{self.robot.part}.")
+
+    @cached_property
+    def restitution(self) -> sp.Symbol:
+        """The parameter of all stops at ends of ranges."""
+        return self.builder.parameter(self.parameter_names.free("restitution"), 1.0)
 
     def _ball_damper(self, joint: RobotJoint) -> None:
         """Add the torque −c ω of the relative angular velocity."""

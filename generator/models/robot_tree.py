@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,13 @@ from ..multibody.body import Frame
 from ..multibody.initial_poses import clean, rotation
 from ..multibody.multibody import Multibody
 
-__all__ = ["IDENTITY", "Edge", "Follower", "LoopJoint", "Mount", "Placement", "Poses", "Robot",
-           "RobotBody", "RobotJoint", "RobotLink", "body_velocities", "check_followers",
+__all__ = ["IDENTITY", "Edge", "Follower", "Limits", "LoopJoint", "Mount", "Placement", "Poses",
+           "Robot", "RobotBody", "RobotJoint", "RobotLink", "body_velocities", "check_followers",
            "combine", "free_base", "grow_tree", "place_bodies", "root_of", "turn"]
 
 Array = NDArray[np.float64]
+#: What ends of ranges are: springs of a stiffness, stops, or refused.
+Limits: TypeAlias = float | Literal["stops"] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +179,8 @@ class Robot:
         The format of the file with its article, and its word for a body.
     joints : dict
         The joints by name, in the order of the file.
-    limits : float or None
-        Stiffness of the ends of ranges.
+    limits : float, "stops" or None
+        Stiffness of the ends of ranges, or whether they are stops.
     """
 
     name: str
@@ -190,7 +192,7 @@ class Robot:
     loops: list[LoopJoint] = field(default_factory=list)
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
     dt: float | None = None
-    limits: float | None = None
+    limits: Limits = None
 
     def limb(self, body: int) -> int:
         """Return the body it moves with: the nearest one at or above that has joints."""

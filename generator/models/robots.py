@@ -39,7 +39,7 @@ from ..parsing.text_file import is_robot, model_text
 from .bounded_xml import read_xml
 from .mjcf import parse_mjcf
 from .multibody_file import finished, join, telling
-from .robot_tree import IDENTITY, Mount
+from .robot_tree import IDENTITY, Limits, Mount
 from .sdf import parse_sdf
 from .toml_tables import TomlTable, load_toml
 from .urdf import parse_urdf
@@ -64,7 +64,7 @@ class RobotOptions(TypedDict, total=False):
     rates: Mapping[str, Any] | None
     ignore: str | Iterable[str] | None
     gravity: ArrayLike | None
-    limits: float | None
+    limits: Limits
 
 
 class SdfOptions(RobotOptions, total=False):
@@ -179,9 +179,10 @@ def _read_robot(
 def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> dict[str, Any]:
     """Return the options of a robot's file for settings as a command has them.
 
-    ``ignore=limits,collision``, ``gravity=0,0,-1.62``, ``limits=1000``, ``JOINT=0.5`` or
-    ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``, several numbers for ball and free
-    joints, ``root=0,0,1,1,0,0,0``; and the keys of a format, ``base=floating``, ``keyframe=home``.
+    ``ignore=limits,collision``, ``gravity=0,0,-1.62``, ``limits=1000``, ``limits=stops``,
+    ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``, several numbers
+    for ball and free joints, ``root=0,0,1,1,0,0,0``; and the keys of a format, ``base=floating``,
+    ``keyframe=home``.
     """
     keys = robot_format(text, path).options
     options: dict[str, Any] = {"angles": {}, "rates": {}}
@@ -193,7 +194,7 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
             options[kind][name] = parts if len(parts) > 1 else parts[0]
         elif key == "ignore":
             options[key] = [name.strip() for name in value.split(",")]
-        elif key in ("base", "keyframe", "loops"):
+        elif key in ("base", "keyframe", "loops") or (key, value) == ("limits", "stops"):
             options[key] = value
         else:
             numbers = [_number_or_text(number) for number in value.split(",")]

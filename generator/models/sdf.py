@@ -31,10 +31,10 @@ from .robot_builder import (
     RobotBuilder,
     Start,
     as_names,
+    ends_of_ranges,
     reference_of,
     refuse_extras,
     set_base_motion,
-    stiffness_of_limits,
     take_values,
 )
 from .robot_tree import (
@@ -98,7 +98,7 @@ def parse_sdf(
         choose("base", base, BASES)
     left_out = as_names(ignore)
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
-    weight, stiffness = optional_vector("gravity", gravity), stiffness_of_limits(limits)
+    weight, stiffness = optional_vector("gravity", gravity), ends_of_ranges(limits)
     try:
         top = read_xml(text)
         model = _only_model(top)

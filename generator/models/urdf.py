@@ -33,15 +33,16 @@ from .robot_builder import (
     RobotBuilder,
     Start,
     as_names,
+    ends_of_ranges,
     reference_of,
     refuse_extras,
     set_base_motion,
-    stiffness_of_limits,
     take_values,
 )
 from .robot_tree import (
     Edge,
     Follower,
+    Limits,
     LoopJoint,
     Placement,
     Robot,
@@ -86,7 +87,7 @@ def parse_urdf(
     choose("base", base, BASES)
     left_out = as_names(ignore)
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
-    weight, stiffness = vector("gravity", gravity), stiffness_of_limits(limits)
+    weight, stiffness = vector("gravity", gravity), ends_of_ranges(limits)
     try:
         top = read_xml(text)
         robot = _read(top, left_out, stiffness, pose, base == "floating")
@@ -106,7 +107,7 @@ def parse_urdf(
 
 
 def _read(
-    top: Element, ignore: list[str], limits: float | None, base: Placement, floats: bool
+    top: Element, ignore: list[str], limits: Limits, base: Placement, floats: bool
 ) -> Robot:
     """Return the robot of a URDF's outermost element."""
     if top.name != "robot":

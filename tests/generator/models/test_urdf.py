@@ -12,6 +12,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.generator.models.robot_builder import plain_name
+from gyrospark.generator.models.robots import read_settings
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from robots import ARM, Motion
 
@@ -444,5 +445,32 @@ def test_ranges_are_elastic_on_wish(arm):
     free, held = (Motion(gs.load_model(arm, angles={"shoulder": 1.9}, **told))
                   for told in ({"ignore": "limits"}, {"limits": 40.0}))
     assert held.energy() - free.energy() == pytest.approx(40 * 0.9**2 / 2, rel=1e-12)
-    with pytest.raises(gs.InputError, match="limits"):
-        gs.load_model(arm, limits=-1)
+    for limits in (-1, "stop"):
+        with pytest.raises(gs.InputError, match=f"{limits}.*stops|limits"):
+            gs.load_model(arm, limits=limits)
+
+
+@pytest.mark.parametrize(("text", "ending", "name", "ends"), [
+    (LIMITED, "urdf", "shoulder", (-1, 1)),
+    (LIMITED.replace('lower="-1" ', "").replace("<robot", '<robot version="1.2"'), "urdf",
+     "shoulder", (None, 1)),
+    ('<mujoco><worldbody><body><geom size=".1" pos="0 0 -1"/><joint name="j" axis="0 1 0" '
+     'range="-10 20"/></body></worldbody></mujoco>', "xml", "j", np.radians([-10, 20])),
+])
+def test_ranges_are_stops_on_wish(tmp_path, text, ending, name, ends):
+    """Gaps are the ways to the ends of the file, with one restitution for all, a parameter."""
+    if ending == "xml":
+        pytest.importorskip("mujoco")
+    path = tmp_path / f"arm.{ending}"
+    path.write_text(text, encoding="utf-8")
+    options = read_settings({"limits": "stops", name: "0.1"}, text, path)
+    model = gs.load_model(path, **options)
+    motion, [lower, upper] = Motion(model), ends
+    gaps = {"lower": None if lower is None else 0.1 - lower, "upper": upper - 0.1}
+    both = lower is not None
+    for impact, (side, gap) in zip(model.events, [
+            (side, gap) for side, gap in gaps.items() if gap is not None], strict=True):
+        assert impact.name == f"{name}_limits" + f"_{side}" * both
+        assert motion.value(impact.quantity) == pytest.approx(gap, abs=1e-12)
+        assert impact.restitution == "restitution"
+    assert model.parameters["restitution"] == 1
