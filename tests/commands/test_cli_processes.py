@@ -179,8 +179,9 @@ def test_first_compile_is_said_on_a_terminal(tmp_path):
         assert re.search(name, shown.replace("\r\n", "")), shown
     assert printed.startswith("pendulum ")
     assert "\x1b" not in printed
-    shutil.rmtree(tmp_path / "cache")
-    assert said_on_terminal([*PENDULUM, "--json"], tmp_path, **cache)[0] == ""
+    shutil.rmtree(tmp_path / "cache")  # its C is in the package
+    silent = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5", "--json"]
+    assert said_on_terminal(silent, tmp_path, **cache)[0] == ""
 
 
 def test_interrupt_of_derivation(tmp_path):
@@ -193,7 +194,7 @@ def test_interrupt_of_derivation(tmp_path):
     process.send_signal(signal.SIGINT)
     _, stderr = process.communicate(timeout=PATIENCE)
     assert (process.returncode, stderr.strip()) == (130, "gyrospark: Interrupted.")
-    whole = {name: text for spec in PAPER_SPECS[:2]
+    whole = {name: text for spec in PAPER_SPECS[:1]
              for name, text in generate(spec).source.files(standalone=False).items()}
     for path in (tmp_path / "made").iterdir():
         assert path.name not in whole or path.read_text("utf-8") == whole[path.name]

@@ -103,8 +103,9 @@ def test_a_model_has_its_step_and_their_number(options, gyrospark):
     named = {name: numbers[name] for name in options}
     words = [word for name in options
              for word in (f"--{name.replace('_', '-')}", str(numbers[name]))]
-    answer = gyrospark("run", path, "--json", *words).document
-    step = gs.stepper(system=model)
+    answer = gyrospark("run", path, "--scheme", "G-L", "--stages", "2", "--json",
+                       *words).document
+    step = gs.stepper("G-L", 2, system=model)
     run = step.integrate(model, **named)
     assert run.report.steps == answer["steps"]
     assert run.q[-1] == pytest.approx(answer["q"], rel=1e-12)

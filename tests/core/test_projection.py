@@ -24,7 +24,7 @@ def curve(*extra):
 
 @pytest.fixture(scope="module")
 def step():
-    return gs.stepper("G-L", 1, system=curve())
+    return gs.stepper("IMS", system=curve())
 
 
 @pytest.mark.parametrize("compiled", [False, True])

@@ -61,7 +61,7 @@ def case(name: str) -> Case:
         model = chain(3)
         return Case(gs.stepper("G-L", 2, system=model), model.q0, model.p0, dict(model.parameters))
     top = gs.problems.fast_top()
-    scheme = {"gl3": ("G-L", 3, "gamma"), "ems": ("EMS", None, "alpha"),
+    scheme = {"gl3": ("G-L", 3, "gamma"), "ems": ("EMS", None, "gamma"),
               "ims": ("IMS", None, "gamma")}[name]
     rep: Any = scheme[2]
     return Case(gs.stepper(*scheme), top.q0, top.p0,

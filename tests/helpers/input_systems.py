@@ -1,4 +1,4 @@
-"""A pendulum that inputs push and pull."""
+"""Symbols of systems with inputs, and an oscillator that one input pushes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,6 @@ import gyrospark as gs
 
 x, y, u, v = sp.symbols("x y u v", real=True)
 k, push, pull = sp.symbols("k push pull", real=True)
-
-
-def pendulum():
-    return gs.System((x, y), (u, v), (k,), (u**2 + v**2) / 2 + k * y, [x**2 + y**2 - 1],
-                     forces=[push, push * pull - u / 10], inputs=(push, pull), name="pushed")
 
 
 @cache

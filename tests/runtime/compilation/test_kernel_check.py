@@ -178,7 +178,7 @@ def test_an_object_that_never_agrees_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(verified_build, "SAFER_FLAGS", ((), ("-O0",)))
     monkeypatch.setenv("CC", wrong_compiler(tmp_path, r"s/^    G\[0\]\[0\] = /&1.0e-9 + /", "none"))
     with pytest.raises(CompilerError, match="constraint_jacobian"):
-        load_module("heavy_top_gl1_gamma", files_of("heavy_top_gl1_gamma"))
+        load_module("heavy_top_ims_gamma", files_of("heavy_top_ims_gamma"))
     assert not list((tmp_path / "cache").glob("*.so"))
 
 

@@ -17,13 +17,13 @@ PLACE = np.cumsum([[np.cos(a), -np.sin(a)] for a in ANGLES], axis=0).ravel()
 
 @pytest.fixture(scope="module")
 def steppers():
-    """Steppers of four beads with forces and a drive, of two types, their derivatives compiled."""
+    """Steppers of four beads with forces and a drive, their derivatives compiled, by schemes."""
     with budget.shared():
-        by_type = {real: gs.stepper("G-L", 2, system=beads(4), real=real)
-                   for real in ("double", "float128")}
-        for step in by_type.values():
+        by_scheme = {"G-L": gs.stepper("G-L", 2, system=beads(4), real="float128"),
+                     "EMS": gs.stepper("EMS", system=beads(4))}
+        for step in by_scheme.values():
             step._derivative_binding()
-    return by_type
+    return by_scheme
 
 
 def start_of(step):
@@ -31,12 +31,12 @@ def start_of(step):
     return gs.Start(state.q, state.p, BEADS, 0.4)
 
 
-# The iteration contracts by 0.003 to 0.02 a time at the first step size, and by 0.05 to 0.1 at the
-# second; at the last, with 0.4, J is factorised.
-@pytest.mark.parametrize("dt", [0.02, 0.1, 0.3])
+# The iteration contracts by 0.003 to 0.02 a time at 0.02, and by 0.05 to 0.1 at 0.1; at 0.3, with
+# 0.4, J is factorised.
+@pytest.mark.parametrize("dt", [0.02, 0.3])
 def test_tangents_are_the_limits_of_differences(steppers, dt):
-    """By the start, a parameter, dt and the start time, in float128 and so in double."""
-    step = steppers["float128"]
+    """By the start, a parameter, dt and the start time, in float128."""
+    step = steppers["G-L"]
     start = start_of(step)
     directions = gs.Tangents("all", ["c"], dt=True, t0=True)
     tangents = step.integrate(start, dt=dt, steps=1, tangents=directions).tangents
@@ -58,23 +58,13 @@ def test_tangents_are_the_limits_of_differences(steppers, dt):
     expected, rows = np.array(columns).T, tangents.together()[-1]
     errors = np.abs(rows - expected) / np.abs(expected).max(axis=1)[:, None]
     assert float(errors.max()) < 2e-20  # of differences, as for other systems
-    short = steppers["double"]
-    double = short.integrate(start_of(short), dt=dt, steps=1, tangents=directions).tangents
-    basis = np.asarray(tangents.start, float).T @ double.start[:, :-3]
-    exact = np.asarray(rows, float)[:, :-3] @ basis[:-3]
-    assert np.abs(double.together()[-1][:, :-3] - exact).max() < 1e-13 * np.abs(exact).max()
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.1, 0.3])
 @pytest.mark.parametrize("scheme", ["G-L", "EMS"])
 def test_cotangents_are_transposed(steppers, scheme, dt):
-    """⟨w, Φ'v⟩ = ⟨Φ'ᵀw, v⟩ along start, parameters, dt and t0: in double to some roundings."""
-    if scheme == "EMS":
-        with budget.shared():
-            step = gs.stepper("EMS", system=beads(4))
-            step._derivative_binding()
-    else:
-        step = steppers["double"]
+    """⟨w, Φ'v⟩ = ⟨Φ'ᵀw, v⟩ along start, parameters, dt and t0, to some roundings."""
+    step = steppers[scheme]
     start, rng = start_of(step), np.random.default_rng(5)
     names = [*BEADS, "dt", "t0"]
     _, _, back = step.vjp(start, dt=dt)
@@ -88,4 +78,4 @@ def test_cotangents_are_transposed(steppers, scheme, dt):
         terms = [*(w[0] * dq), *(w[1] * dp)]
         pulled = [*(gradient.start * y), *(gradient[k] * x for k, x in d.items())]
         size = np.abs(terms).sum() + np.abs(pulled).sum()
-        assert abs(sum(terms) - sum(pulled)) <= 4e-14 * size  # some hundred roundings
+        assert abs(sum(terms) - sum(pulled)) <= 200 * step.binding.epsilon * size

@@ -43,7 +43,8 @@ def in_constant_steps(name, t_end):
     return np.concatenate([run.q[-1], run.p[-1]])
 
 
-@pytest.mark.parametrize("name", ["scaled_pendulum", "tethered_pair"])
+@pytest.mark.parametrize("name", [
+    "scaled_pendulum", pytest.param("tethered_pair", marks=pytest.mark.slow)])  # five stages
 def test_steps_have_their_order_with_constraints_forces_and_time(name):
     entry = case(name)
     t_end = entry.t0 + 1.0
@@ -58,7 +59,8 @@ def test_steps_have_their_order_with_constraints_forces_and_time(name):
     assert run.report.constraint_max < 64 * EPS
 
 
-@pytest.mark.parametrize(("stages", "dtau"), [(1, 0.02), (3, 0.4), (4, 0.6)])
+@pytest.mark.parametrize(("stages", "dtau"), [
+    (3, 0.4), *(pytest.param(*given, marks=pytest.mark.slow) for given in ((1, 0.02), (4, 0.6)))])
 def test_the_energy_error_is_of_the_order_of_the_steps(stages, dtau):
     """H + e is 0 in the motion; it is never projected to 0, and does not drift."""
     step = stepper("eccentric", "G-L", stages)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-import input_systems
+import systems
 from calls import PARAMETERS, RUN, TOP, by_names, equal
 from gyrospark.core.exact_numbers import as_double
 from gyrospark.core.manifest import BodyManifest, SystemManifest
@@ -126,9 +126,9 @@ def of_pushed(step):
 
 @pytest.mark.parametrize(("make", "arguments"), [
     (lambda: gs.stepper("G-L", 3), of_tops),
-    (lambda: gs.stepper("G-L", 3, frame="symmetries"), of_tops),
+    (lambda: systems.stepper("heavy_top_in_frame"), of_tops),
     (lambda: gs.stepper("splitting", order=4), of_tops),
-    (lambda: input_systems.stepper(input_systems.pendulum), of_pushed)],
+    (lambda: systems.stepper("pushed_pendulum"), of_pushed)],
     ids=["tops", "frames", "flows", "inputs"])
 def test_many_batches_in_one_call_have_the_bits_of_single_ones(make, arguments, monkeypatch):
     step = make()

@@ -61,7 +61,8 @@ def test_what_is_no_slice_is_refused(rows, run):
         run[rows]
 
 
-@pytest.mark.parametrize("real", ["double", "long-double", "float128"])
+@pytest.mark.parametrize("real", [
+    "double", pytest.param("long-double", marks=pytest.mark.slow), "float128"])
 @pytest.mark.parametrize("end", [".npz", ".nc", ".zarr"])
 def test_what_is_saved_is_loaded_with_all_digits(real, end, tmp_path):
     step = systems.stepper("dragged_pendulum", real=real)
@@ -160,7 +161,8 @@ def test_a_saved_store_is_there_once_and_not_resumed(run, tmp_path):
 # ---------------------------------------------------------------- stores
 
 
-@pytest.mark.parametrize("real", ["double", "float128"])
+@pytest.mark.parametrize("real", [
+    "double", pytest.param("float128", marks=pytest.mark.slow)])
 def test_a_run_goes_on_from_its_store_alone(real, tmp_path, monkeypatch):
     """Interrupted, to the same bytes; to more steps and to a later time, with the same states."""
     step = systems.stepper("dragged_pendulum", real=real)
