@@ -30,7 +30,7 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..generator.pipeline import Generated
-    from ..runtime.compilation.object_files import Part
+    from ..runtime.compilation.object_files import ModuleKind
 
 __all__ = ["generate"]
 
@@ -104,17 +104,17 @@ def write_stepper(
             source = _generate(spec, allow_invalid, derivatives).source
             files, written = source.files(), source.files(standalone=standalone)
         name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
-        part: Part = "derivatives" if derivatives else "runs"
+        module_kind: ModuleKind = "derivatives" if derivatives else "runs"
         if compile_it:
             files = complete(files)
-            refuse_without_compiler(files, part)
+            refuse_without_compiler(files, module_kind)
         write_files(written, out)
         derived = time.perf_counter()
         if compile_it:
             from ..api import Derivation
             from ..runtime.compilation.stepper_module import load_module
 
-            load_module(name, files, part)
+            load_module(name, files, module_kind)
             if named and not derivatives:
                 Derivation(spec).keep(files)
     done = time.perf_counter()
@@ -122,7 +122,7 @@ def write_stepper(
                        done - derived if compile_it else None))
 
 
-def refuse_without_compiler(files: dict[str, str], part: Part) -> None:
+def refuse_without_compiler(files: dict[str, str], module_kind: ModuleKind) -> None:
     """Refuse to compile, before anything is written, where nothing on this machine can.
 
     Raises
@@ -135,7 +135,7 @@ def refuse_without_compiler(files: dict[str, str], part: Part) -> None:
     try:
         find_compiler()
     except CompilerError as error:
-        if prebuilt_module(files, part) is None:
+        if prebuilt_module(files, module_kind) is None:
             raise CompilerError(f"{error} Nothing was written; --no-compile writes the C without "
                                 "compiling it.") from error
 

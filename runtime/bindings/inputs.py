@@ -122,7 +122,7 @@ class InputRows:
 
 
 def as_inputs(
-    inputs: Any, binding: Compiled, steps: int, hold: Any = 1, runs: int | None = None
+    inputs: Any, binding: Compiled, steps: int, runs: int | None = None
 ) -> InputRows | None:
     """Return the inputs of a run of so many steps, or of ``runs`` of them; None for None.
 
@@ -133,26 +133,23 @@ def as_inputs(
     InputError
         For unknown or missing names, other shapes, what is no finite number.
     """
-    count = as_positive_count("hold", hold, least=1)
     if inputs is None or isinstance(inputs, InputRows):
         return inputs
+    hold = 1
     if isinstance(inputs, Inputs):
-        if count != 1:
-            raise InputError(f"hold = {count} is given beside Inputs(..., hold={inputs.hold}); "
-                             "give it to the Inputs.")
-        inputs, count = inputs.values, inputs.hold
+        inputs, hold = inputs.values, inputs.hold
     names = binding.input_names
     if not names:
         raise InputError("inputs are given, and this system has none; declare them by "
                          "System(..., inputs=...).")
-    rows = -(-steps // count)
+    rows = -(-steps // hold)  # rounded up: the last row may serve fewer steps
     if isinstance(inputs, Mapping):
         parts = [_column(name, inputs, rows, runs) for name in _named(inputs, names)]
         array = np.stack(np.broadcast_arrays(*parts), axis=-1)
     else:
         array = _table(as_numbers("inputs", inputs), len(names), rows, runs)
     return InputRows(names, binding.array("inputs", array, array.shape),
-                  0 if array.shape[1] == 1 else count)
+                  0 if array.shape[1] == 1 else hold)
 
 
 def _named(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:

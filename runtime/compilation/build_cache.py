@@ -36,7 +36,7 @@ from ...core.errors import GyrosparkError
 from ...core.warnings import warn
 from . import call_stack, kernel_check, kernel_text, newton_library, object_files, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
-from .object_files import Part
+from .object_files import ModuleKind
 
 __all__ = ["CacheError", "binary_key", "build_folder", "cache_folder", "distrusted", "is_trusted",
            "publish", "read_cache", "write_cache"]
@@ -99,12 +99,12 @@ def digest(content: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -> str:
+def binary_key(files: dict[str, str], compiler: Compiler, module_kind: ModuleKind = "runs") -> str:
     """Return a hash of everything that changes the binary."""
     return digest(
         {
             "files": files,
-            "part": part,
+            "part": module_kind,
             "made by": [Path(str(module.__file__)).read_text(encoding="utf-8")
                         for module in (call_stack, kernel_check, kernel_text,
                                        newton_library, object_files, quad_wrapper)],

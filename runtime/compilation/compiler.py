@@ -27,7 +27,7 @@ from .kernel_text import kernels_of
 from .object_files import (
     WITHOUT_PERMUTATIONS,
     Level,
-    Part,
+    ModuleKind,
     declarations_of,
     has_newton_apart,
     has_permutation,
@@ -198,7 +198,8 @@ def read_declarations(header: str) -> str:
 
 
 def compile_module(
-    name: str, files: dict[str, str], compiler: Compiler, folder: Path, part: Part = "runs",
+    name: str, files: dict[str, str], compiler: Compiler, folder: Path,
+    module_kind: ModuleKind = "runs",
     more_flags: Sequence[str] = (),
 ) -> tuple[Path, list[CheckFunction]]:
     """Compile a stepper in ``folder``; return the path of the extension module and its checks.
@@ -224,7 +225,7 @@ def compile_module(
     kernels = kernels_of(files[f"{name}.c"])
     checks: list[CheckFunction] = []
     apart = not (is_whole() or compiler.portable) and has_newton_apart(name, files)
-    for object_file in objects_of(name, files, part, whole=is_whole(), apart=apart):
+    for object_file in objects_of(name, files, module_kind, whole=is_whole(), apart=apart):
         inside = folder / object_file.name
         inside.mkdir(exist_ok=True)
         (inside / f"{name}.h").write_text(object_file.header, encoding="utf-8")
@@ -241,18 +242,19 @@ def compile_module(
         running.append(_start([*compile_, *options, "-c", f"{object_file.name}/{name}.c", "-o",
                                f"{object_file.name}.o"], folder))
         linked.append(f"{object_file.name}.o")
-    everything = is_whole() and part not in ("derivatives", "second", "motion", "impacts")
+    everything = is_whole() and module_kind not in ("derivatives", "second", "motion", "impacts")
     header = files[f"{name}.h"]
-    header = header if everything or part == "newton" else declarations_of(name, header, part)
-    if part == "newton":
+    if not everything and module_kind != "newton":
+        header = declarations_of(name, header, module_kind)
+    if module_kind == "newton":
         wrapper = folder / "table.c"
         (check,) = checks
         wrapper.write_text(newton_library.table_text(name, header, check.declaration),
                            encoding="utf-8")
     else:
         calls = newton_library.trampolines(
-            name, files[f"{name}.h"], public=part == "runs") if (
-                apart and part in _WITH_NEWTON) else ""
+            name, files[f"{name}.h"], public=module_kind == "runs") if (
+                apart and module_kind in _WITH_NEWTON) else ""
         wrapper = _write_wrapper(name, header, checks, folder, calls)
     include = sysconfig.get_paths()["include"]
     running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",

@@ -37,12 +37,12 @@ from typing import Literal
 from ...core.manifest import Manifest
 from .kernel_check import Kind
 
-__all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Level", "Object", "Part", "declarations_of",
-           "has_newton_apart", "has_permutation", "newton_functions", "objects_of",
-           "with_inline_functions"]
+__all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Level", "ModuleKind", "Object",
+           "declarations_of", "has_newton_apart", "has_permutation", "newton_functions",
+           "objects_of", "with_inline_functions"]
 
-#: Which of the modules.
-Part = Literal["runs", "lanes", "newton", "derivatives", "second", "motion", "impacts"]
+#: A stepper is compiled as several modules, each when it is first needed.
+ModuleKind = Literal["runs", "lanes", "newton", "derivatives", "second", "motion", "impacts"]
 
 #: How much of -O3 an object has: all, most, or no more than -O2.
 Level = Literal["all", "most", "seldom"]
@@ -59,7 +59,7 @@ NEWTON_CALLS = ("object_newton", "object_simplified_newton", "object_advance")
 _NEWTON = {"T1", "T2", "guess", "residual", "jacobian", "increment_size", "satisfies_constraints",
            "last_increment", "step_work"}
 #: Of the modules that are made when they are first asked for, whose text is their own.
-_LATER: dict[Part, set[str]] = {
+_LATER: dict[ModuleKind, set[str]] = {
     "derivatives": _DERIVATIVES,
     "second": {"second_size", "integrate_second", "constraint_second", *_BOTH},
     "motion": {"derivative_size", "accelerations", "inverse_mass", "constraint_derivatives",
@@ -91,35 +91,37 @@ class Object:
 
 
 def objects_of(
-    name: str, files: Mapping[str, str], part: Part, *, whole: bool = False, apart: bool = False
+    name: str, files: Mapping[str, str], module_kind: ModuleKind, *, whole: bool = False,
+    apart: bool = False,
 ) -> list[Object]:
     """Return the objects that a module is linked of, the slowest to compile first.
 
-    ``apart`` leaves Newton's method to the part "newton".
+    ``apart`` leaves Newton's method to the module "newton".
 
     ``whole`` asks for one object. At -O0 gcc keeps static functions that nothing calls, so that
     each of several objects would take as long as the whole text.
     """
     header = files[f"{name}.h"]
-    if part in _LATER:
-        only = _only(name, header, _LATER[part])
-        return [Object(part, with_inline_functions(only) if whole else only, _FLAGS,
-                       level="all" if part == "derivatives" else "most", sparse=whole)]
+    if module_kind in _LATER:
+        only = _only(name, header, _LATER[module_kind])
+        return [Object(module_kind, with_inline_functions(only) if whole else only, _FLAGS,
+                       level="all" if module_kind == "derivatives" else "most", sparse=whole)]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
     if whole:
         return [Object("whole", header, _FLAGS, checks=("numbers", "lanes"))]
     if "T1" not in _functions(name, header):  # nothing is solved: a module is one object
-        lane_functions = _LANES if part == "lanes" else _functions(name, header) - (_LANES - _BOTH)
-        checks: tuple[Kind, ...] = ("lanes",) if part == "lanes" else ("numbers",)
-        return [Object(part, _only(name, header, lane_functions), _FLAGS, checks=checks)]
+        lane_functions = (_LANES if module_kind == "lanes" else
+                          _functions(name, header) - (_LANES - _BOTH))
+        checks: tuple[Kind, ...] = ("lanes",) if module_kind == "lanes" else ("numbers",)
+        return [Object(module_kind, _only(name, header, lane_functions), _FLAGS, checks=checks)]
     once = _functions(name, header) - _RUNS - _LANES
     groups: dict[int, set[str]] = {
         "newton": {1: once}, "lanes": {3: _LANES, 1: set()}, "runs": {2: _RUNS, 1: once, 4: set()},
-    }[part]
-    if apart and part != "newton":
+    }[module_kind]
+    if apart and module_kind != "newton":
         groups.pop(1)
-        groups |= {5: once - _NEWTON} if part == "runs" else {}
+        groups |= {5: once - _NEWTON} if module_kind == "runs" else {}
     return [_object(name, header, number, functions) for number, functions in groups.items()]
 
 
@@ -140,15 +142,15 @@ def newton_functions(name: str, header: str) -> set[str]:
     return _functions(name, header) & _NEWTON
 
 
-def declarations_of(name: str, header: str, part: Part) -> str:
+def declarations_of(name: str, header: str, module_kind: ModuleKind) -> str:
     """Return a header with the functions that are in a module, for cffi."""
     functions = _functions(name, header)
-    if part in _LATER:
-        names = _LATER[part]
+    if module_kind in _LATER:
+        names = _LATER[module_kind]
     elif not _has_lanes(name, header):
         return header
     else:
-        names = functions - (_LANES - _BOTH) if part == "runs" else _LANES
+        names = functions - (_LANES - _BOTH) if module_kind == "runs" else _LANES
     return _declaration(name, r"[^;]*;\n").sub(
         lambda match: match[0] if match[1] in names else "", header)
 

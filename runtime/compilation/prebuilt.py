@@ -19,7 +19,7 @@ from typing import Any
 
 from .build_cache import digest
 from .compiler import find_compiler
-from .object_files import Part
+from .object_files import ModuleKind
 from .verified_build import compile_verified
 
 __all__ = ["prebuild", "prebuilt_module", "prebuilt_provenance"]
@@ -42,24 +42,24 @@ def prebuild(steppers: Mapping[str, dict[str, str]], folder: Path) -> None:
     folder.mkdir(parents=True)
     modules = {}
     for name, files in steppers.items():
-        for part in ("runs", "lanes"):
+        for module_kind in ("runs", "lanes"):
             with tempfile.TemporaryDirectory() as inside:
-                module, record = compile_verified(name, files, compiler, Path(inside), part)
-                target = folder / f"{name}_{part}{_SUFFIX}"
+                module, record = compile_verified(name, files, compiler, Path(inside), module_kind)
+                target = folder / f"{name}_{module_kind}{_SUFFIX}"
                 shutil.move(module, target)
             modules[target.name] = {
-                "source": digest(files), "part": part, "sha256": _checksum(target),
+                "source": digest(files), "part": module_kind, "sha256": _checksum(target),
                 "compiler": compiler.version,
                 "flags": " ".join([*compiler.flags, *record["flags"]])}
     (folder / "modules.json").write_text(json.dumps(modules, indent=1) + "\n", encoding="utf-8")
 
 
-def prebuilt_module(files: dict[str, str], part: Part) -> Path | None:
+def prebuilt_module(files: dict[str, str], module_kind: ModuleKind) -> Path | None:
     """Return the module that this wheel has of a stepper's text; None if there is none, or damaged.
     """
     for name, about in _modules().items():
         path = FOLDER / name
-        if (about["source"], about["part"]) == (digest(files), part) and path.is_file():
+        if (about["source"], about["part"]) == (digest(files), module_kind) and path.is_file():
             return path if about["sha256"] == _checksum(path) else None
     return None
 

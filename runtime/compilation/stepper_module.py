@@ -22,13 +22,13 @@ from .build_cache import (
 )
 from .compiler import Compiler, extension_suffix, find_compiler, is_whole
 from .newton_library import connect
-from .object_files import Part
+from .object_files import ModuleKind
 from .prebuilt import prebuilt_module, prebuilt_provenance
 from .verified_build import compile_verified, import_module, loaded
 
 __all__ = ["load_module", "provenance"]
 
-def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
+def load_module(name: str, files: dict[str, str], module_kind: ModuleKind = "runs") -> Any:
     """Return the compiled module of a stepper, or that of its lanes, which is compiled apart.
 
     Compiles only what is not in the cache. Without a compiler, what a platform's wheel brought.
@@ -46,31 +46,33 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     try:
         compiler = find_compiler()
     except CompilerError:
-        if path := prebuilt_module(files, part):
+        if path := prebuilt_module(files, module_kind):
             return import_module(name, path)
         raise
-    in_runs = part == "lanes" and is_whole()
-    module = _load_compiled(name, files, compiler, "runs" if in_runs else part)
-    return module if part == "newton" else connect(
+    in_runs = module_kind == "lanes" and is_whole()
+    module = _load_compiled(name, files, compiler, "runs" if in_runs else module_kind)
+    return module if module_kind == "newton" else connect(
         module, name, partial(load_module, name, files, "newton"))
 
 
-def _load_compiled(name: str, files: dict[str, str], compiler: Compiler, part: Part) -> Any:
-    path = _path_of(name, files, compiler, part)
+def _load_compiled(
+    name: str, files: dict[str, str], compiler: Compiler, module_kind: ModuleKind
+) -> Any:
+    path = _path_of(name, files, compiler, module_kind)
     if record := _record(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
-            return _with_frames(import_module(name, path, part), record)
+            return _with_frames(import_module(name, path, module_kind), record)
     label = name + {"runs": "", "lanes": " for ensembles", "newton": ": Newton's method",
                     "derivatives": ": derivatives",
                     "second": ": second derivatives", "motion": ": accelerations",
-                    "impacts": ": impacts"}[part]
+                    "impacts": ": impacts"}[module_kind]
     with log_task(f"compiling {label}", f"compiled {label}"), build_folder() as folder:
-        built, record = compile_verified(name, files, compiler, folder, part)
+        built, record = compile_verified(name, files, compiler, folder, module_kind)
         proof = folder / "record.json"
         proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
         path = publish(built, path.name)  # elsewhere, if the folder cannot be used
         publish(proof, _record_of(path).name)
-    return _with_frames(loaded(name, path, compiler, part), record)
+    return _with_frames(loaded(name, path, compiler, module_kind), record)
 
 
 def _with_frames(module: Any, record: dict[str, Any]) -> Any:
@@ -105,8 +107,8 @@ def _further_flags(files: dict[str, str], compiler: Compiler) -> list[str]:
         return []
 
 
-def _path_of(name: str, files: dict[str, str], compiler: Compiler, part: Part) -> Path:
-    key = binary_key(files, compiler, part)
+def _path_of(name: str, files: dict[str, str], compiler: Compiler, module_kind: ModuleKind) -> Path:
+    key = binary_key(files, compiler, module_kind)
     return cache_folder() / f"{name}-{key}{extension_suffix()}"
 
 

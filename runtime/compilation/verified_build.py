@@ -17,7 +17,7 @@ from .call_stack import frames_of
 from .compiler import Compiler, compile_module, module_name
 from .kernel_check import KernelMismatch, differences
 from .newton_library import open_library
-from .object_files import Part
+from .object_files import ModuleKind
 
 __all__ = ["compile_verified", "import_module", "loaded"]
 
@@ -28,7 +28,7 @@ SAFER_FLAGS: tuple[tuple[str, ...], ...] = (
 
 
 def compile_verified(
-    name: str, files: dict[str, str], compiler: Compiler, folder: Path, part: Part
+    name: str, files: dict[str, str], compiler: Compiler, folder: Path, module_kind: ModuleKind
 ) -> tuple[Path, dict[str, Any]]:
     """Compile a module whose kernels agree with their statements.
 
@@ -49,14 +49,14 @@ def compile_verified(
     manifest = Manifest.from_text(files[f"{name}.json"])
     real = REALS[manifest.real]
     # The other modules have some of the kernels, on lanes for example, or none that is checked.
-    expected = set(manifest.operations) if part == "runs" else set()
+    expected = set(manifest.operations) if module_kind == "runs" else set()
     first: list[KernelMismatch] = []
     for number, flags in enumerate(SAFER_FLAGS):
         inside = folder / str(number)
         inside.mkdir()
-        built, checks = compile_module(name, files, compiler, inside, part, flags)
-        mismatches, compared, unchecked = differences(loaded(name, built, compiler, part), checks,
-                                                      real)
+        built, checks = compile_module(name, files, compiler, inside, module_kind, flags)
+        mismatches, compared, unchecked = differences(
+            loaded(name, built, compiler, module_kind), checks, real)
         if not mismatches:
             if first:
                 warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
@@ -83,10 +83,10 @@ def _listed(mismatches: list[KernelMismatch]) -> str:
     return "; ".join(map(str, mismatches[:3])) + suffix
 
 
-def loaded(name: str, path: Path, compiler: Compiler, part: Part) -> Any:
+def loaded(name: str, path: Path, compiler: Compiler, module_kind: ModuleKind) -> Any:
     """Return a module that was just compiled; raise ``CompilerError`` if it does not load."""
     try:
-        return import_module(name, path, part)
+        return import_module(name, path, module_kind)
     except ImportError as error:
         raise CompilerError(
             f"The C compiler made a module that does not load: {error}. It may be one for another "
@@ -94,9 +94,9 @@ def loaded(name: str, path: Path, compiler: Compiler, part: Part) -> Any:
         ) from error
 
 
-def import_module(name: str, path: Path, part: Part = "runs") -> Any:
+def import_module(name: str, path: Path, module_kind: ModuleKind = "runs") -> Any:
     """Return the extension module of a stepper in a file, or the library of Newton's method."""
-    if part == "newton":
+    if module_kind == "newton":
         return open_library(name, path, f"{name}_object1_evaluate_numbers")
     loader = importlib.machinery.ExtensionFileLoader(module_name(name), str(path))
     spec = importlib.util.spec_from_file_location(module_name(name), path, loader=loader)

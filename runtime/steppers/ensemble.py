@@ -54,6 +54,7 @@ from ..integration.run_arguments import (
     warn_of_negative,
     with_rules,
 )
+from ..integration.starts import StartNumbers
 from ..integration.step_loop import failure_of, trajectory_of
 from ..results.crossings import Crossings, CrossingsOfMany
 from ..results.table import as_dataset, as_frame, save_table, table_of_ensemble
@@ -211,11 +212,8 @@ class Ensemble:
 
 def integrate_members(
     stepper: Stepper,
-    q: ArrayLike,
-    p: ArrayLike,
+    starts: StartNumbers,
     dt: Number | ArrayLike,
-    t0: Number | ArrayLike,
-    parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
     workers: int | None,
     events: Any,
     inputs: Any = None,
@@ -224,16 +222,15 @@ def integrate_members(
     progress: Progress = None,
     **options: Any,
 ) -> Ensemble:
-    """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
+    """Integrate each row of starts; see ``Stepper.integrate_ensemble``."""
     as_progress(progress)
-    card = device_for(device, q, p)
+    card = device_for(device, starts.q, starts.p)
     if card is not None:
         refuse_on_device(stepper, options["solver"].kind, events=events, inputs=inputs,
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
-        return cast(Ensemble, _integrate_on(card, stepper, q, p, dt, t0, parameters, options,
-                                            progress))
-    runs = _checked(stepper, q, p, dt, t0, parameters, options, inputs)
+        return cast(Ensemble, _integrate_on(card, stepper, starts, dt, options, progress))
+    runs = _checked(stepper, starts, dt, options, inputs)
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
@@ -268,21 +265,19 @@ def _stopped(
 
 
 def _checked(
-    stepper: Stepper, q: Any, p: Any, dt: Any, t0: Any, parameters: Any, options: dict[str, Any],
-    inputs: Any = None,
+    stepper: Stepper, starts: StartNumbers, dt: Any, options: dict[str, Any], inputs: Any = None
 ) -> EnsembleArguments:
-    """Return the runs of an ensemble, or raise InputError for what is unusable."""
-    starts, momenta = _rows(stepper, "q", q), _rows(stepper, "p", p)
-    if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
-        raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
+    """Return the runs of an ensemble, or raise InputError for unusable arguments."""
+    q, p = _rows(stepper, "q", starts.q), _rows(stepper, "p", starts.p)
+    if q.ndim != 2 or q.shape != p.shape or not len(q):
+        raise InputError(f"q and p have shapes {q.shape} and {p.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
-    size = len(starts)
-    common = dict(options)
+    size = len(q)
     arguments = RawArguments(
-        starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
-        np.broadcast_to(_each("t", t0, size), size), np.broadcast_to(common.pop("excess"), size),
-        _each_parameters(stepper._parameters_with_inputs(parameters, inputs), size,
-                         stepper.parameter_domains), common)
+        q, p, np.broadcast_to(_each("dt", dt, size), size),
+        np.broadcast_to(_each("t", starts.t, size), size), np.broadcast_to(starts.excess, size),
+        _each_parameters(stepper._parameters_with_inputs(starts.parameters, inputs), size,
+                         stepper.parameter_domains), options)
     fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]),
                     runs=size)
     runs = replace(checked_runs(stepper, arguments), inputs=fed)
@@ -299,19 +294,20 @@ def _checked(
 
 
 def _integrate_on(
-    device: Device, stepper: Stepper, q: Any, p: Any, dt: Any, t0: Any, parameters: Any,
-    options: dict[str, Any], progress: Progress,
+    device: Device, stepper: Stepper, starts: StartNumbers, dt: Any, options: dict[str, Any],
+    progress: Progress,
 ) -> Ensemble | DeviceEnsemble:
-    """Integrate each row of q and p on a card; arrays that lie there stay there."""
+    """Integrate each row of starts on a card; arrays that lie there stay there."""
     try:
         name, text = stepper.name, cuda_text(stepper.name, stepper._control_files())
     except InputError as error:
         raise InputError(f"device = 'cuda' takes what profile control takes: {error}") from error
-    state, like = None, q
-    if is_on_card(q):
-        state = gathered(device, name, text, *views_of(device, stepper, q, p))
+    state, like = None, starts.q
+    if is_on_card(starts.q):
+        state = gathered(device, name, text, *views_of(device, stepper, starts.q, starts.p))
         q, p = np.split(device.get(state).T, 2, axis=1)
-    runs = _checked(stepper, q, p, dt, t0, parameters, options)
+        starts = replace(starts, q=q, p=p)
+    runs = _checked(stepper, starts, dt, options)
     there = Trajectories(device, name, text, stepper.binding, runs, state)
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def stop() -> bool:

@@ -164,23 +164,24 @@ class Stepper(Dynamics):
             parameters = {name: value for name, value in as_mapping(
                 "parameters", parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names}
-        given = (dt, solver, parameters)
-        held: ContinuedStep | None = getattr(self._local, "held", None)
-        self._local.held = None
-        if held is None or not held.continues(q, p, t0, given):
+        arguments = (dt, solver, parameters)
+        previous_step: ContinuedStep | None = getattr(self._local, "previous_step", None)
+        self._local.previous_step = None
+        if previous_step is None or not previous_step.continues(q, p, t0, arguments):
             run = self._checked_run(self._run_arguments(
                 q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver))
             self._warned(run)
-            work = None if held is None else held.work  # it needs no initialisation
-            held = ContinuedStep(self.binding, run, given, work)
+            # work memory that a step has used needs no initialisation
+            work = None if previous_step is None else previous_step.work
+            previous_step = ContinuedStep(self.binding, run, arguments, work)
         if fed is not None:
-            held.feed(fed.at(0))
-        if held.advance(1):
-            run = held.run_from(q, p, t0).with_inputs(fed)
+            previous_step.feed(fed.at(0))
+        if previous_step.advance(1):
+            run = previous_step.run_from(q, p, t0).with_inputs(fed)
             end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
             return end.q[-1], end.p[-1]
-        self._local.held = held
-        return held.q.copy(), held.p.copy()
+        self._local.previous_step = previous_step
+        return previous_step.q.copy(), previous_step.p.copy()
 
     def start(
         self,
@@ -338,7 +339,7 @@ class Stepper(Dynamics):
         """
         dt, steps = span_or_own(self.binding, start, dt, dtau, steps, t_end)
         state = merged_start(self, start, p, parameters, impacts=True)
-        given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
+        common_arguments: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver), "excess": state.excess}
         names = self.manifest.system.event_quantities
         impacts = as_impacts(events, names, state.impacts)
@@ -351,7 +352,7 @@ class Stepper(Dynamics):
         count, span = span_of(steps, t_end, state.t, dt)
         fed: Any = as_inputs(inputs, self.binding, count + 1) if span else inputs
         run = self._resolved(self._run_arguments(
-            state.q, state.p, dt=dt, steps=count, every=every, inputs=fed, **given))
+            state.q, state.p, dt=dt, steps=count, every=every, inputs=fed, **common_arguments))
         run = changed(run, open_end=True) if end_event else run
         rest: Any = self.binding.number(span) if span else 0
         if impacts:
@@ -367,21 +368,22 @@ class Stepper(Dynamics):
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, rest))
         warned = not run.steps or self._warned(run) or run.rows < 2
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
-            found = observed(self, run, asked, report, end_event)
-        run = run.until(found.report.steps) if run.open_end else run
+            trajectory = observed(self, run, asked, report, end_event)
+        run = run.until(trajectory.report.steps) if run.open_end else run
         if not warned:
-            self.rotations.warn_of(found)
+            self.rotations.warn_of(trajectory)
             if self.binding.clocked:
-                warn_of_missed_rate(found)
-            if found.report.newton_steps and run.solver == "auto" and not self.rotations.bodies:
+                warn_of_missed_rate(trajectory)
+            if (trajectory.report.newton_steps and run.solver == "auto"
+                    and not self.rotations.bodies):
                 warn_of_frequency(self.binding, run, self.order)
         if span:
-            found = ended_between(self, run, asked, found, span, t_end)
-        found = found.made_by(self, Origin(run, () if impacts else asked, rest=rest,
-                                           impacts=impacts))
+            trajectory = ended_between(self, run, asked, trajectory, span, t_end)
+        trajectory = trajectory.made_by(self, Origin(run, () if impacts else asked, rest=rest,
+                                                     impacts=impacts))
         if t_eval is not None:
-            found = self._at(found, t_eval)
-        return found if tangents is None else with_tangents(self, tangents, found)
+            trajectory = self._at(trajectory, t_eval)
+        return trajectory if tangents is None else with_tangents(self, tangents, trajectory)
 
     def integrate_ensemble(
         self,
@@ -444,9 +446,8 @@ class Stepper(Dynamics):
                         and t_end is not None and "t_end in scaled time")
         state = merged_starts(self, starts, p, parameters)
         return integrate_members(
-            self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs,
-            tangents, device, progress, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
-            solver=as_solver(solver), excess=state.excess)
+            self, state, dt, workers, events, inputs, tangents, device, progress,
+            steps=steps_of_all(steps, t_end, state.t, dt), every=every, solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside
 
@@ -462,27 +463,29 @@ class Stepper(Dynamics):
         self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None
     ) -> Trajectory:
         """Return the states of a run at times between its steps; see ``Trajectory.at``."""
-        found = between(self, trajectory, times, workers)
+        states = between(self, trajectory, times, workers)
         if trajectory.tangents is None or trajectory._origin is None:
-            return found
-        return with_tangents(self, trajectory.tangents, found)
+            return states
+        return with_tangents(self, trajectory.tangents, states)
 
     def _parameters_with_inputs(self, parameters: Any, inputs: Any) -> Any:
         """Return parameters with a number for each input, where those of the steps are given."""
         if inputs is None and type(parameters) is dict:
             return dict(parameters)
-        some = inputs.first if isinstance(inputs, InputRows) else dict.fromkeys(
+        # inputs that are not checked yet: any number serves, for the steps overwrite it
+        first_inputs = inputs.first if isinstance(inputs, InputRows) else dict.fromkeys(
             self.binding.input_names if inputs is not None else (), 1.0)
         if isinstance(parameters, Mapping):
-            return {**parameters, **some}
-        if not some or not isinstance(parameters, Sequence):
+            return {**parameters, **first_inputs}
+        if not first_inputs or not isinstance(parameters, Sequence):
             return parameters
-        return [{**one, **some} if isinstance(one, Mapping) else one for one in parameters]
+        return [{**values, **first_inputs} if isinstance(values, Mapping) else values
+                for values in parameters]
 
     def _run_arguments(
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
         parameters: Mapping[str, Any] = NO_PARAMETERS, t0: Number = 0.0, every: int = 1,
-        inputs: InputRows | Inputs | Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
+        inputs: InputRows | Inputs | Mapping[str, Any] | ArrayLike | None = None,
         solver: SolverName | Solver = "auto", excess: Number | None = None,
     ) -> RunArguments:
         """Return the arguments of ``integrate`` as a record; its parameters are as given.
@@ -500,7 +503,7 @@ class Stepper(Dynamics):
         number = self.binding.number
         bound = None if method.tolerance is None else as_real("tolerance", method.tolerance, number)
         count = as_positive_count("steps", steps)
-        fed = as_inputs(inputs, self.binding, count, hold)
+        fed = as_inputs(inputs, self.binding, count)
         q_start, p_start = self._state(q, p)
         step = self._step(dt, scaled=excess is not None)
         return changed(  # the constructor of a frozen dataclass takes longer
@@ -532,8 +535,8 @@ class Stepper(Dynamics):
             refuse_inconsistent(self.binding, self.manifest, run)
         return run.with_inputs(run.inputs)
 
-    def _run_of(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
-        return self._resolved(self._run_arguments(q, p, **given))
+    def _run_of(self, q: ArrayLike, p: ArrayLike, **options: Any) -> RunArguments:
+        return self._resolved(self._run_arguments(q, p, **options))
 
     def _run(self, run: RunArguments) -> Trajectory:
         """Return the trajectory of a checked run, without warnings and events: for pilot runs."""

@@ -58,7 +58,7 @@ from gyrospark.runtime.compilation.kernel_check import differences
 from gyrospark.runtime.compilation.manifest import read_manifest
 from gyrospark.runtime.compilation.object_files import (
     WITHOUT_PERMUTATIONS,
-    Part,
+    ModuleKind,
     has_newton_apart,
     has_permutation,
     objects_of,
@@ -287,19 +287,20 @@ def compare_kernels(
     """Yield for each build the kernels that differ from their statements, or that all agree."""
     name = next(f[:-2] for f in source.files if f.endswith(".c"))
     manifest = read_manifest(name, source.files)
-    parts: list[Part] = ["runs", "lanes"] if manifest.fast_path.available else ["runs"]
+    parts: list[ModuleKind] = ["runs", "lanes"] if manifest.fast_path.available else ["runs"]
     if not is_whole() and has_newton_apart(name, source.files):
         parts.append("newton")
     for build in builds:
         compiler = Compiler((build.kind,), _version(build.kind))
-        for part in parts:
+        for module_kind in parts:
             with tempfile.TemporaryDirectory() as folder:
                 path, checks = compile_module(name, dict(source.files), compiler, Path(folder),
-                                              part, (*build.flags, "-Wno-error"))
-                found, kernels, _ = differences(import_module(name, path, part), checks,
+                                              module_kind, (*build.flags, "-Wno-error"))
+                found, kernels, _ = differences(import_module(name, path, module_kind), checks,
                                                 REALS[manifest.real], points - points % 16)
             entries = points * sum(kernels.values())
-            yield KernelDifference(source.name, str(build), f"{len(kernels)} kernels of {part}",
+            yield KernelDifference(source.name, str(build),
+                                   f"{len(kernels)} kernels of {module_kind}",
                                    entries,
                                    0.0, 1.0, 0)
             for one in found:
