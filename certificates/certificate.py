@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from ..api import stepper as make_stepper
 from ..api import tableau as make_tableau
@@ -156,9 +156,10 @@ def certify(
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
     with log_stages("certifying", 3, progress) as end_stage:
-        known_model, step = compiled(
-            model, scheme, stages, rep, tableau, allow_invalid, frame, real, energy=energy,
-            order=order, composition=composition)
+        known_model, step = compiled(model, rep, {
+            "scheme": scheme, "stages": stages, "tableau": tableau, "allow_invalid": allow_invalid,
+            "frame": frame, "real": real, "energy": energy, "order": order,
+            "composition": composition})
         end_stage()
         step._refuse_scaled(certificate="a certificate")
         if step.manifest.system.velocity_names:
@@ -188,18 +189,28 @@ def certify(
         return Certificate(model.name, step.name, step.order, run.dt, count, numbers, lines)
 
 
+class MethodOptions(TypedDict, total=False):
+    """Arguments of ``gyrospark.stepper`` besides system and representation."""
+
+    scheme: SchemeName | None
+    stages: int | None
+    tableau: str | Path | Tableau | None
+    allow_invalid: bool
+    frame: str | None
+    real: RealName
+    energy: bool
+    order: int | None
+    composition: str | None
+
+
 def compiled(
-    model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
-    tableau: str | Path | Tableau | None, allow_invalid: bool, frame: str | None = None,
-    real: RealName = "double", *, energy: bool = False, order: int | None = None,
-    composition: str | None = None,
+    model: Model | Problem, rep: RepName | None, options: MethodOptions
 ) -> tuple[Model, Stepper]:
     """Return the model and its stepper; a named problem has its stepper checked in."""
+    frame = options.get("frame")
     if isinstance(model, Problem):
         rep = "gamma" if rep is None else rep
-        stepper = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
-                               frame=frame, energy=energy, real=real, order=order,
-                               composition=composition, allow_invalid=allow_invalid)
+        stepper = make_stepper(rep=rep, system=model.system, **options)
         system = SYSTEMS[model.system].make(rep)
         parameter_names = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in parameter_names},
@@ -212,9 +223,8 @@ def compiled(
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
     if frame is not None:
         model = replace(model, frame=choose("frame", frame, FRAMES))
-    return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
-                               frame=model.frame or None, energy=energy, real=real,
-                               order=order, composition=composition, allow_invalid=allow_invalid)
+    options = {**options, "frame": model.frame or None}
+    return model, make_stepper(system=model.system, **options)
 
 
 def _guarantees(

@@ -217,10 +217,11 @@ def _draw(
     from ..certificates.accuracy_over_time import accuracy, draw
     from ..certificates.certificate import compiled
 
-    problem, step = compiled(model, choice["scheme"], spec.stages, rep, choice["tableau"], True,
-                             energy=choice["energy"],
-                             order=None if spec.composition else spec.order,
-                             composition=spec.composition or None)
+    problem, step = compiled(model, rep, {
+        "scheme": choice["scheme"], "stages": spec.stages, "tableau": choice["tableau"],
+        "allow_invalid": True, "energy": choice["energy"],
+        "order": None if spec.composition else spec.order,
+        "composition": spec.composition or None})
     measured = accuracy(step, problem.q0, problem.p0, dt=certificate.dt, steps=certificate.steps,
                         parameters=certificate.parameters)
     draw(certificate.model, measured, plot)

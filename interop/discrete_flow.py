@@ -28,7 +28,7 @@ from ..runtime.derivatives.binding import KeptRun
 from ..runtime.derivatives.frame import FrameMotion
 from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
 from ..runtime.derivatives.kept_steps import pieces, singular, split
-from ..runtime.derivatives.second_order import pulled_back_slope
+from ..runtime.derivatives.second_order import CotangentSlopes, pulled_back_slope
 from ..runtime.derivatives.tangent_space import TangentSpace
 from ..runtime.integration.consistency import refuse_singular_mass
 from ..runtime.integration.run_arguments import RunArguments
@@ -316,18 +316,19 @@ class DiscreteFlow:
                 if status:
                     raise singular(step_group.first, status)
             direction[self._input_places] = 0
-            none, end = np.zeros((1, size)), (cotangent.copy(), np.zeros(size))
-            z_bar, slope = first.own.new(self._rows), first.own.new(self._rows)
-            inputs = np.ascontiguousarray(u[j]), *(np.zeros_like(u[j]) for _ in range(2))
+            no_rows = np.zeros((1, size))
+            back = CotangentSlopes.at_end(second, cotangent, np.zeros(size), len(u[j]))
+            back.inputs[0][:] = u[j]
             status = second.integrate_second(
-                run, parameters, steps, tangent_rows, direction, (none, none), self.steps, end,
-                (z_bar, slope), inputs)
+                run, parameters, steps, tangent_rows, direction, (no_rows, no_rows), self.steps,
+                back)
             if status:
                 raise singular(0, status)
-            z_bar[:size], slope[:size] = end
+            z_bar, slope = back.z_bar
+            z_bar[:size], slope[:size] = back.w
             changed = pulled_back_slope(second, space, parameters, run.q, run.p, direction, z_bar,
                                         slope)
-            derivatives[j] = np.concatenate([changed[self._places], inputs[2].ravel()])
+            derivatives[j] = np.concatenate([changed[self._places], back.inputs[2].ravel()])
         return derivatives
 
     # ------------------------------------------------------------ the derivative of the projection

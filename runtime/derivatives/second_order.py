@@ -13,8 +13,8 @@ z̄' by the compiled derivative of the adjoint, D' by that of the derivatives of
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,42 @@ _BLOCK = 512
 Slopes = Callable[[dict[str, Any]], Mapping[str, Any]]
 
 
+@dataclass(frozen=True)
+class CotangentSlopes:
+    """Cotangents taken backwards through steps, each with its slope along one direction.
+
+    Attributes
+    ----------
+    w : tuple of 2 array, shape (2 n,)
+        Of the state, from the end of the steps to their start.
+    z_bar : tuple of 2 array, shape (rows,)
+        Of start, parameters and Δt: what the steps add.
+    inputs : tuple of 3 array, shape (steps, inputs)
+        Slopes of the inputs; the cotangents of these, and their slopes.
+    """
+
+    w: tuple[Array, Array]
+    z_bar: tuple[Array, Array]
+    inputs: tuple[Array, Array, Array]
+
+    @classmethod
+    def at_end(cls, second: SecondBinding, w: Array, w_slope: Array, steps: int) -> Self:
+        """Return the cotangents of the last state, before any step; inputs have no slope."""
+        new = second.own.new
+        return cls((w.copy(), w_slope.copy()), (new(second.rows), new(second.rows)),
+                   _inputs_of(second, steps))
+
+    def before(self, second: SecondBinding, steps: int) -> Self:
+        """Return the same w and z_bar, for the ``steps`` steps before."""
+        return replace(self, inputs=_inputs_of(second, steps))
+
+
+def _inputs_of(second: SecondBinding, steps: int) -> tuple[Array, Array, Array]:
+    slopes, cotangents, cotangent_slopes = (
+        second.own.new(steps, len(second.own.input_names)) for _ in range(3))
+    return slopes, cotangents, cotangent_slopes
+
+
 class SecondBinding:
     """Calls into the module of second derivatives; ``own`` makes its structs."""
 
@@ -58,22 +94,20 @@ class SecondBinding:
 
     def integrate_second(
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, tangents: Array,
-        dz: Array, cotangents: tuple[Array, Array], every: int, w: tuple[Array, Array],
-        z_bar: tuple[Array, Array], inputs: tuple[Array, Array, Array],
+        dz: Array, rows: tuple[Array, Array], every: int, cotangents: CotangentSlopes,
     ) -> int:
-        """Take ``w`` and its slope backwards through kept steps, and add to ``z_bar``.
+        """Take ``cotangents`` backwards through kept steps; the arrays of these are overwritten.
 
-        Of ``cotangents``, ``w`` and ``z_bar`` the second is the slope along the direction whose
-        rows q and p at the start of each step are ``tangents``. ``inputs``: slopes of the inputs of
-        each step, then their cotangents and the slopes of these.
+        The direction is ``dz``; its q and p at the start of each step are ``tangents``. ``rows``
+        are the cotangents of stored states, every ``every`` steps, and their slopes.
         """
         binding, (memory, _keep) = self.own, self._memory()
-        fed = ([*binding._fed(run.inputs)[:2], *map(binding.pointer, inputs)]
+        fed = ([*binding._fed(run.inputs)[:2], *map(binding.pointer, cotangents.inputs)]
                if binding.input_names else [])
         return int(binding.function("integrate_second")(
             parameters, *fed, run.dt, steps.first, steps.count,
-            *map(binding.pointer, (steps.q, steps.p, steps.x, tangents, dz, *cotangents)), every,
-            *map(binding.pointer, (*w, *z_bar)), memory))
+            *map(binding.pointer, (steps.q, steps.p, steps.x, tangents, dz, *rows)), every,
+            *map(binding.pointer, (*cotangents.w, *cotangents.z_bar)), memory))
 
     def constraint_slopes(
         self, parameters: ParameterStruct, q: Array, p: Array, dz: Array
@@ -188,10 +222,9 @@ def hessian_of(
     for j in range(count):
         dz = np.ascontiguousarray(D[:, j])
         moved = _moved(stepper, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
-        z_bar, z_bar_slope = binding.new(first.rows), binding.new(first.rows)
-        for z, cotangents_of_kind in ((z_bar, cotangents), (z_bar_slope, moved)):
+        back = CotangentSlopes.at_end(second, cotangents.rows[-1], moved.rows[-1], 0)
+        for z, cotangents_of_kind in zip(back.z_bar, (cotangents, moved), strict=True):
             _add_explicit(stepper, run, cotangents_of_kind, z)
-        w, w_slope = cotangents.rows[-1].copy(), moved.rows[-1].copy()
         for block, start in zip(reversed(blocks), reversed(starts), strict=True):
             rows = binding.new(block.count, 2 * n)
             tangent = start[:, j : j + 1].copy()  # is advanced
@@ -200,13 +233,13 @@ def hessian_of(
             rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
             here = tuple(_stored(run, block, cotangents_of_kind.rows)
                          for cotangents_of_kind in (cotangents, moved))
-            inputs = tuple(binding.new(block.count, len(binding.input_names)) for _ in range(3))
+            back = back.before(second, block.count)
             status = second.integrate_second(
-                run, parameter_pair, block, rows, dz, here, run.every, (w, w_slope),  # type: ignore[arg-type]
-                (z_bar, z_bar_slope), inputs)  # type: ignore[arg-type]
+                run, parameter_pair, block, rows, dz, (here[0], here[1]), run.every, back)
             if status:
                 raise singular(block.first, status)
-        z_bar[: 2 * n], z_bar_slope[: 2 * n] = w, w_slope
+        z_bar, z_bar_slope = back.z_bar
+        z_bar[: 2 * n], z_bar_slope[: 2 * n] = back.w
         changed = pulled_back_slope(second, space, parameter_pair, run.q, run.p, dz, z_bar,
                                     z_bar_slope)
         columns.append(D.T @ changed)
@@ -332,14 +365,13 @@ def step_slope(
     binding = second.own
     parameters = binding.parameters(run.parameters, run.t0)
     steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])
-    z_bar, z_bar_slope = binding.new(second.rows), binding.new(second.rows)
-    none = binding.new(1, 2 * n)
-    w, w_slope = w.copy(), binding.new(2 * n)
-    inputs = tuple(binding.new(1, len(binding.input_names)) for _ in range(3))
+    no_rows = binding.new(1, 2 * n)
+    back = CotangentSlopes.at_end(second, w, binding.new(2 * n), 1)
     status = second.integrate_second(
-        run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz, (none, none), 1,
-        (w, w_slope), (z_bar, z_bar_slope), inputs)  # type: ignore[arg-type]
+        run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz, (no_rows, no_rows), 1,
+        back)
     if status:
         raise singular(0, status)
-    z_bar[: 2 * n], z_bar_slope[: 2 * n] = w, w_slope
+    z_bar, z_bar_slope = back.z_bar
+    z_bar[: 2 * n], z_bar_slope[: 2 * n] = back.w
     return pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar, z_bar_slope)
