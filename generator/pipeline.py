@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from ..core.real_types import REALS
 from ..core.registry import MODELS, SYSTEMS
 from .codegen.emit import Source, emit
 from .codegen.program import Derived
+from .kernels.kernel import Constants
 from .models.model_file import load_model
 from .multibody.model import Model
 from .normal_forms.canonical_system import canonical
@@ -101,43 +103,59 @@ def generate(
     if system is None and spec.model is None and spec.system not in SYSTEMS:
         model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
     system, rep = _system(spec, system, model)
-    if system.velocity_count:
-        refuse_together(
-            velocity_constraints=f"the velocity constraints "
-                                 f"{few(system.velocity_constraint_names)} of {system.name!r}",
-            other_scheme=_without_velocity_constraints(spec, own_tableau=tableau is not None),
-            **asked)
+    _refuse_features(spec, system, own_tableau=tableau is not None, asked=asked)
     if is_users_system and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
         warn_of_row_integrals(system)
-    if system.time_scale is not None:
-        refuse_together(scaled=f"the time_scale of {system.name!r}",
-                        splitting=spec.order is not None and "scheme splitting", **asked)
+    # the normal form comes first: everything below depends on how H, g and F are written
     system = scaled(canonical(system))
     frame = frame_of(system) if framed else None
     if frame is not None:
         system = frame.moving(system)
     system = with_work_of_time(system)
-    reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)
-    scheme: SparkScheme | MeanScheme | SplittingScheme
-    if spec.order is not None:
-        scheme = splitting_scheme(system, reduced, constants, spec.order, spec.composition)
-        method, method_name = spec.title, spec.method
-    elif coefficients is None:
-        scheme = mean_scheme(reduced, discrete=scheme_named(spec.scheme).discrete)
-        method, method_name = spec.scheme, spec.method
-    else:
-        if not allow_invalid:
-            refuse_violations(coefficients, constrained=system.m > 0)
-        scheme = SparkScheme(reduced, coefficients, spec.energy)
-        method = spec.title if spec.stages else f"SPARK {coefficients.name}"
-        method_name = spec.method if spec.stages else coefficients.name
+    if coefficients is not None and spec.order is None and not allow_invalid:
+        refuse_violations(coefficients, constrained=system.m > 0)
+    reduced, constants = hoisted(system)
+    scheme, method, method_name = _scheme(spec, system, reduced, constants, coefficients)
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
     source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
                           spec.profile, frame, derivatives or second, second, model), structured)
     return Generated(source, scheme, system, coefficients)
+
+
+def _scheme(
+    spec: Spec, system: System, reduced: System, constants: Constants, tableau: Tableau | None
+) -> tuple[SparkScheme | MeanScheme | SplittingScheme, str, str]:
+    """Return the equations of a step, the method's title, and its name in C.
+
+    ``reduced`` is the system with subexpressions that are constant in a run as ``constants``.
+    """
+    if spec.order is not None:
+        return (splitting_scheme(system, reduced, constants, spec.order, spec.composition),
+                spec.title, spec.method)
+    if tableau is None:
+        return (mean_scheme(reduced, discrete=scheme_named(spec.scheme).discrete), spec.scheme,
+                spec.method)
+    scheme = SparkScheme(reduced, tableau, spec.energy)
+    # a user's tableau has no stages in its spec, and a name of its own
+    return (scheme, spec.title, spec.method) if spec.stages else (
+        scheme, f"SPARK {tableau.name}", tableau.name)
+
+
+def _refuse_features(
+    spec: Spec, system: System, *, own_tableau: bool, asked: Mapping[str, str | bool]
+) -> None:
+    """Refuse what cannot be combined with velocity constraints or a time scale of the system."""
+    if system.velocity_count:
+        refuse_together(
+            velocity_constraints=f"the velocity constraints "
+                                 f"{few(system.velocity_constraint_names)} of {system.name!r}",
+            other_scheme=_without_velocity_constraints(spec, own_tableau=own_tableau), **asked)
+    if system.time_scale is not None:
+        refuse_together(scaled=f"the time_scale of {system.name!r}",
+                        splitting=spec.order is not None and "scheme splitting", **asked)
 
 
 def _without_velocity_constraints(spec: Spec, *, own_tableau: bool) -> str:

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cache
@@ -148,10 +149,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters}
                        | {START: f"par->{system.time}"},
                        explicit=derived.profile == "control")
-    # constants of forms that no kernel uses are not computed
-    constant_names = frozenset[str]().union(*(kernel.constants for kernel in counted),
-                                            element_sums.used_constants if element_sums else ())
-    definitions = {e: s for e, s in constants.definitions.items() if str(s) in constant_names}
+    definitions = _used_constants(constants, counted, element_sums)
     constants_c = {str(s): printer(e) for e, s in definitions.items()}
     single_constants, constant_loops = split_constants(constants_c)
     derivatives = (derivatives_of(derived, constants_c, element_sums, lanes) if derived.derivatives
@@ -159,9 +157,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     other_functions = frozenset[str]().union(derivatives.functions if derivatives else (),
                                              *(kernel.functions for kernel in state_kernels))
     if derivatives and lanes:
-        called = other_functions.union(*(k.functions for k in derivatives.lanes))
-        lanes = replace(lanes, functions=sorted({*lanes.functions, *(called - ON_LANES)}),
-                        switches=sorted({*lanes.switches, *(called & ON_LANES)}))
+        lanes = _with_functions(lanes, other_functions.union(
+            *(k.functions for k in derivatives.lanes)))
     # kernels on lanes have lists of functions of their own
     functions = printer.functions.union(
         *(k.functions for k in counted if not k.name.startswith("lanes_")),
@@ -231,6 +228,21 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         flows=flows,
         states=states,
     )
+
+
+def _used_constants(
+    constants: Constants, kernels: Iterable[EmittedKernel], elements: Elements | None
+) -> dict[sp.Expr, sp.Symbol]:
+    """Return the constants of a run that a kernel reads; others are not computed."""
+    names = frozenset[str]().union(*(kernel.constants for kernel in kernels),
+                                   elements.used_constants if elements else ())
+    return {e: s for e, s in constants.definitions.items() if str(s) in names}
+
+
+def _with_functions(lanes: LaneIteration, called: frozenset[str]) -> LaneIteration:
+    """Return the iteration on lanes with the functions that kernels of derivatives call too."""
+    return replace(lanes, functions=sorted({*lanes.functions, *(called - ON_LANES)}),
+                   switches=sorted({*lanes.switches, *(called & ON_LANES)}))
 
 
 def _iterations(

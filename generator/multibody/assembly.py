@@ -244,19 +244,9 @@ class Assembly:
             for x, e in zip(xs, force, strict=True):
                 acting[x].append(e)
         scales = [] if self.components.time_scale is None else [self.components.time_scale]
-        named = set().union(*(e.free_symbols for e in (
+        counted = self._counted_joints(set().union(*(e.free_symbols for e in (
             H, *(e for _, force in pushes for e in force), *self.components.quantities.values(),
-            *scales)))
-        counted = {joint.name for symbol, (joint, measure) in self.components.measures.items()
-                   if symbol in named and measure == "angle" and not isinstance(joint, Arm)}
-        for link in self.links:
-            if isinstance(link, Align | HingedJoint) and hinge_of(link).start_angle is not None:
-                counted.add(link.name)
-            if isinstance(link, RheonomicConstraint):
-                counted |= {link.name, link.joints[0].name}
-            elif isinstance(link, Coupling | Law):
-                counted |= {joint.name for joint, kind in zip(link.joints, link.what, strict=True)
-                            if kind == "angle" and not isinstance(joint, Arm)}
+            *scales))))
         H = H.xreplace(measures)
         scales = [e.xreplace(measures) for e in scales]
         quantities = {name: e.xreplace(measures) for name, e in self.components.quantities.items()}
@@ -276,15 +266,8 @@ class Assembly:
             self.components.symbols[impact.restitution] for impact in self.components.impacts
             if isinstance(impact.restitution, str)})
         parameters = tuple(sorted(used - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
-        unknown = [s for s in parameters if str(s) not in store]
-        if unknown:
-            raise InputError(f"{str(unknown[0])!r} in Multibody {self.components.name!r} has no "
-                             "value; make it with parameter(name, value) or input(name).")
-        unfelt = [u for u in self.components.inputs if u not in used]
-        if unfelt:
-            raise InputError(f"Input {str(unfelt[0])!r} of Multibody {self.components.name!r} is "
-                             "in no force; write it where it acts, or remove it.")
-        parameters_in_use, values, there = set(parameters), dict(store), set(equations)
+        self._refuse_unused(parameters, used)
+        values = dict(store)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]
         return System(
@@ -295,20 +278,59 @@ class Assembly:
             time=TIME if TIME in used else None, quantities=quantities,
             time_scale=scales[0] if scales else None,
             inputs=tuple(self.components.inputs),
-            bodies=tuple(body_at(body, parameters_in_use, values) for body in self.components.bodies
+            bodies=tuple(body_at(body, {*parameters}, values) for body in self.components.bodies
                          if body.q),
-            joints=tuple(joint_at(link, self.poses, [e for e in self._of_link[link] if e in there],
-                                  parameters_in_use, values, link.name in counted)
-                         for link in self.links
-                         if not isinstance(link, Slide) and not any(
-                             isinstance(frame, MovingPoint | Particle) for frame in link.frames))
-            + tuple(replace(joint_at(link, self.poses, [e for e in self._of_link[link]
-                                                        if e in there], parameters_in_use, values,
-                                     False),
-                            name=name, axis_a=(), axis_b=())
-                    for name, joint in self.components.aliases.items()
-                    for link in [self.connections[joint]]),
-        )
+            joints=self._joint_layouts({*equations}, {*parameters}, values, counted))
+
+    def _counted_joints(self, symbols: Collection[sp.Symbol]) -> set[str]:
+        """Return the joints whose full turns are counted: their angle is used beyond ±π.
+
+        These are measured in H, forces or quantities with these ``symbols``, start at an angle, or
+        are driven or coupled by their angle.
+        """
+        counted = {joint.name for symbol, (joint, measure) in self.components.measures.items()
+                   if symbol in symbols and measure == "angle" and not isinstance(joint, Arm)}
+        for link in self.links:
+            if isinstance(link, Align | HingedJoint) and hinge_of(link).start_angle is not None:
+                counted.add(link.name)
+            if isinstance(link, RheonomicConstraint):
+                counted |= {link.name, link.joints[0].name}
+            elif isinstance(link, Coupling | Law):
+                counted |= {joint.name for joint, kind in zip(link.joints, link.what, strict=True)
+                            if kind == "angle" and not isinstance(joint, Arm)}
+        return counted
+
+    def _refuse_unused(self, parameters: Sequence[sp.Symbol], used: Collection[sp.Symbol]) -> None:
+        """Refuse parameters without a value, and inputs that act nowhere."""
+        unknown = [s for s in parameters if str(s) not in self.store]
+        if unknown:
+            raise InputError(f"{str(unknown[0])!r} in Multibody {self.components.name!r} has no "
+                             "value; make it with parameter(name, value) or input(name).")
+        without_force = [u for u in self.components.inputs if u not in used]
+        if without_force:
+            raise InputError(f"Input {str(without_force[0])!r} of Multibody "
+                             f"{self.components.name!r} is in no force; write it where it acts, or "
+                             "remove it.")
+
+    def _joint_layouts(
+        self, equations: Collection[Equation], parameters: set[sp.Symbol],
+        values: Mapping[str, Any], counted: Collection[str],
+    ) -> tuple[JointLayout, ...]:
+        """Return where the joints are in the arrays of a run, aliases of joints last.
+
+        Travels along a body's own axis and joints with points that are no bodies have no layout:
+        they have neither an angle nor a reaction to show.
+        """
+        def layout(link: Connection, is_counted: bool) -> JointLayout:
+            return joint_at(link, self.poses, [e for e in self._of_link[link] if e in equations],
+                            parameters, values, is_counted)
+
+        own = (layout(link, link.name in counted) for link in self.links
+               if not isinstance(link, Slide) and not any(
+                   isinstance(frame, MovingPoint | Particle) for frame in link.frames))
+        aliases = (replace(layout(self.connections[joint], False), name=name, axis_a=(), axis_b=())
+                   for name, joint in self.components.aliases.items())
+        return (*own, *aliases)
 
     def consistent_state(self, numbers: NumericSystem) -> Projection:
         """Return the start on the constraints, with what is given kept.

@@ -134,6 +134,27 @@ class System:
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        self._convert_fields()
+        self._refuse_wrong_counts()
+        self._refuse_unknown_symbols()
+        self._refuse_inputs_elsewhere()
+        refuse_unless_linear(self)
+        if self.time_scale is not None:
+            from .time_scale import refuse_unscalable  # imports this module
+
+            object.__setattr__(self, "time_scale", as_expression(self.time_scale))
+            refuse_unscalable(self)
+        for key, kind in (("bodies", BodyLayout), ("joints", JointLayout)):
+            entries = as_items(key, getattr(self, key),
+                               f"what Multibody makes, {kind.__name__}")
+            if not all(isinstance(entry, kind) for entry in entries):
+                raise InputError(f"{key} = {shown(entries)} are none; Multibody makes them.")
+            object.__setattr__(self, key, tuple(entries))
+        if self.rigid_body and not self.bodies:
+            object.__setattr__(self, "bodies", (self._whole_body(),))
+
+    def _convert_fields(self) -> None:
+        """Convert fields to tuples of expressions, symbols and texts, or raise InputError."""
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs",
                      "velocity_constraints", "velocities"):
             values = as_sequence(name, getattr(self, name))
@@ -155,6 +176,9 @@ class System:
             refuse_unless_symbols(self.name, key, getattr(self, key))
         if self.time is not None:
             refuse_unless_symbols(self.name, "time", (self.time,))
+
+    def _refuse_wrong_counts(self) -> None:
+        """Refuse a name that is no C identifier, and counts that do not fit each other."""
         if not self.name.isidentifier() or not self.name.isascii():
             raise InputError(
                 f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
@@ -188,22 +212,6 @@ class System:
                 f"System {self.name!r} has {len(self.forces)} forces on {self.n} coordinates; give "
                 "one for each coordinate (0 where none acts), or none at all."
             )
-        self._refuse_unknown_symbols()
-        self._refuse_inputs_elsewhere()
-        refuse_unless_linear(self)
-        if self.time_scale is not None:
-            from .time_scale import refuse_unscalable  # imports this module
-
-            object.__setattr__(self, "time_scale", as_expression(self.time_scale))
-            refuse_unscalable(self)
-        for key, kind in (("bodies", BodyLayout), ("joints", JointLayout)):
-            entries = as_items(key, getattr(self, key),
-                               f"what Multibody makes, {kind.__name__}")
-            if not all(isinstance(entry, kind) for entry in entries):
-                raise InputError(f"{key} = {shown(entries)} are none; Multibody makes them.")
-            object.__setattr__(self, key, tuple(entries))
-        if self.rigid_body and not self.bodies:
-            object.__setattr__(self, "bodies", (self._whole_body(),))
 
     def _whole_body(self) -> BodyLayout:
         """Return the body whose quaternion is all of q."""

@@ -14,6 +14,7 @@ from ...core.errors import InputError
 from ...core.records import changed
 from ..integration.run_arguments import RunArguments
 from ..results.tangent_rows import EventTangents, TangentRows
+from .binding import KeptSteps
 from .frame import FrameMotion
 from .kept_steps import (
     multiplier_shape,
@@ -106,88 +107,127 @@ def _followed(
 ) -> tuple[TangentRows, list[Any], list[Any]]:
     """Return the tangents of the stored states, and those of points and of their times.
 
-    In place of those of an event that has none is the error that says why.
+    In place of the tangents of an event that has none is the error that says why.
     """
-    refuse_run(run)
-    binding, n = stepper._derivative_binding(), stepper.binding.n
-    binding1 = binding.own
-    kept_run = binding.begin(run)
-    space = TangentSpace(binding, kept_run.parameters, run.q, run.p, stepper.constraint_names)
-    if isinstance(request, Tangents):
-        for name in request.parameters if run.inputs is not None else ():
-            if name in binding1.input_names:
+    tangent_run = _TangentRun(stepper, run, request, points)
+    tangent_run.advance()
+    return tangent_run.rows(), tangent_run.point_tangents, tangent_run.point_times
+
+
+class _TangentRun:
+    """A run once more, step by step, with dΦ(z) dz of its steps along k directions dz.
+
+    The state of the frame and its tangents go forward together; rows are stored in space.
+    """
+
+    def __init__(
+        self, stepper: Stepper, run: RunArguments, request: Tangents | TangentRows,
+        points: Sequence[Point],
+    ) -> None:
+        refuse_run(run)
+        self.stepper, self.run = stepper, run
+        self.binding, self.n = stepper._derivative_binding(), stepper.binding.n
+        self.own = self.binding.own
+        self.kept_run = self.binding.begin(run)
+        self.space = TangentSpace(self.binding, self.kept_run.parameters, run.q, run.p,
+                                  stepper.constraint_names)
+        self.dz, self.names, with_multipliers = self._directions(request)
+        #: Shape of a step's multipliers, and their number; None and 0 if not asked for.
+        self.inner = multiplier_shape(stepper) if with_multipliers else None
+        self.width = 0 if self.inner is None else self.own.multipliers
+        self.frame = FrameMotion(self.binding, stepper.symmetries, run)
+        if self.inner is not None:
+            self.frame.refuse_rotating_multipliers(run)
+        size = 2 * self.n
+        #: Tangents of the present state, in the frame; C overwrites them.
+        self.tangents = self.dz[:size].copy()
+        self.stored = self.own.new(run.rows + 1, size + self.width, self.dz.shape[1])
+        self.stored[0, :size] = self.tangents
+        self.ends = run.steps_of_rows(run.steps)
+        self.points = points
+        self.steps_of_points = np.array([point.step for point in points], int)
+        self.point_tangents: list[Any] = [None] * len(points)
+        self.point_times: list[Any] = [None] * len(points)
+        self.switched = 0
+
+    def _directions(
+        self, request: Tangents | TangentRows
+    ) -> tuple[Array, tuple[str, ...], bool]:
+        """Return directions of the start, their names, and whether multipliers are asked for."""
+        if not isinstance(request, Tangents):  # a run that goes on along the directions of another
+            return request._directions, request.names, request.multipliers is not None
+        for name in request.parameters if self.run.inputs is not None else ():
+            if name in self.own.input_names:
                 raise InputError(f"Input {name!r} has a value for each step in this run, so that "
                                  "it is no direction; take the gradient by \"inputs\".")
-        start = Start(space, request)
-        dz, names = np.ascontiguousarray(start.directions), start.names
-    else:
-        dz, names = request._directions, request.names
-    asked = (request.multipliers if isinstance(request, Tangents)
-             else request.multipliers is not None)
-    count, inner = dz.shape[1], multiplier_shape(stepper) if asked else None
-    tangents = dz[: 2 * n].copy()
-    #: Rows that users see, those of multipliers among them.
-    shown = np.r_[space.places, 2 * n : 2 * n + (binding1.multipliers if inner is not None else 0)]
-    frame = FrameMotion(binding, stepper.symmetries, run)
-    if inner is not None:
-        frame.refuse_rotating_multipliers(run)
-    width = 0 if inner is None else binding1.multipliers
-    rows_of_tangents = binding1.new(run.rows + 1, 2 * n + width, count)
-    rows_of_tangents[0, : 2 * n] = tangents
-    ends = run.steps_of_rows(run.steps)
-    point_tangents: list[Any] = [None] * len(points)
-    times: list[Any] = [None] * len(points)
-    steps_of_points = np.array([point.step for point in points], int)
+        start = Start(self.space, request)
+        return np.ascontiguousarray(start.directions), start.names, request.multipliers
 
-    def differentiate_points(step: int, q: Array, p: Array) -> None:
-        """Differentiate the points after so many steps, where (q, p) is the state of the frame."""
-        chosen = np.flatnonzero(steps_of_points == step)
-        if not len(chosen):
+    def advance(self) -> None:
+        """Take all steps, piece by piece, with a stop at each step that has points behind it."""
+        run, last = self.run, (self.run.q, self.run.p)
+        point_steps = np.unique(self.steps_of_points)
+        for piece in pieces(self.stepper, run, self.kept_run):
+            self.switched += self.binding.count_switches(run, self.kept_run.parameters, piece)
+            for steps in split(piece, point_steps):
+                self._differentiate_points(steps.first, steps.q[0], steps.p[0])
+                self._take(steps)
+                last = steps.q[-1], steps.p[-1]
+        self._differentiate_points(run.steps, *last)
+
+    def _take(self, steps: KeptSteps) -> None:
+        """Advance the tangents by some steps, and store the rows that these pass."""
+        run, size, count = self.run, 2 * self.n, self.dz.shape[1]
+        first, end = steps.first // run.every, steps.first + steps.count
+        rows = self.own.new(end // run.every - first, size, count)
+        forces = self.own.new(steps.count if self.width else 0, self.width, count)
+        status = self.binding.integrate_tangent(run, self.kept_run.parameters, steps, self.dz,
+                                                run.every, rows, forces, self.tangents)
+        if status:
+            raise singular(steps.first, status)
+        for i, row in enumerate(rows):
+            k = (first + 1 + i) * run.every
+            self.stored[first + 1 + i, :size] = _in_space(self.frame, k, steps, row, self.dz)
+        if end == run.steps and run.steps % run.every:  # the last state is stored in any case
+            self.stored[-1, :size] = _in_space(self.frame, run.steps, steps, self.tangents, self.dz)
+        if self.width:
+            passed = (self.ends > steps.first) & (self.ends <= end)
+            self.stored[passed, size:] = forces[self.ends[passed] - 1 - steps.first]
+
+    def _differentiate_points(self, step: int, q: Array, p: Array) -> None:
+        """Differentiate the points in the step from (q, p), a state of the frame."""
+        selected = np.flatnonzero(self.steps_of_points == step)
+        if not len(selected):
             return
-        z, here = np.concatenate([q, p]), dz.copy()
-        z, here[: 2 * n] = frame.in_space(step, z, dz, tangents)
-        for i in chosen.tolist():
+        size = 2 * self.n
+        z, directions = np.concatenate([q, p]), self.dz.copy()
+        z, directions[:size] = self.frame.in_space(step, z, self.dz, self.tangents)
+        for i in selected.tolist():
             try:
-                point_tangents[i], times[i] = tangent_at(
-                    stepper, run, points[i], z, here, width > 0)
+                tangent, time = tangent_at(self.stepper, self.run, self.points[i], z, directions,
+                                           self.width > 0)
             except InputError as error:
-                point_tangents[i] = error
+                self.point_tangents[i] = error
                 continue
-            if binding1.clocked:
-                point_tangents[i], times[i] = point_tangents[i][shown], point_tangents[i][n - 1]
+            if self.own.clocked:  # users see neither t nor its momentum; dt is the slope of t
+                visible = np.r_[self.space.places, size : size + self.width]
+                tangent, time = tangent[visible], tangent[self.n - 1]
+            self.point_tangents[i], self.point_times[i] = tangent, time
 
-    point_steps, last = np.unique(steps_of_points), (run.q, run.p)
-    switched = 0
-    for piece in pieces(stepper, run, kept_run):
-        switched += binding.count_switches(run, kept_run.parameters, piece)
-        for steps in split(piece, point_steps):
-            differentiate_points(steps.first, steps.q[0], steps.p[0])
-            first, end = steps.first // run.every, steps.first + steps.count
-            rows = binding1.new(end // run.every - first, 2 * n, count)
-            forces = binding1.new(steps.count if width else 0, width, count)
-            status = binding.integrate_tangent(run, kept_run.parameters, steps, dz, run.every,
-                                               rows, forces, tangents)
-            if status:
-                raise singular(steps.first, status)
-            for i, row in enumerate(rows):
-                k = (first + 1 + i) * run.every
-                rows_of_tangents[first + 1 + i, : 2 * n] = _in_space(frame, k, steps, row, dz)
-            if end == run.steps and run.steps % run.every:
-                rows_of_tangents[-1, : 2 * n] = _in_space(frame, run.steps, steps, tangents, dz)
-            if width:
-                here = (ends > steps.first) & (ends <= end)
-                rows_of_tangents[here, 2 * n :] = forces[ends[here] - 1 - steps.first]
-            last = steps.q[-1], steps.p[-1]
-    differentiate_points(run.steps, *last)
-    warn_of_growth(stepper, "Directions of the start have",
-                   _growth(names, dz[space.places], rows_of_tangents[-1][space.places]))
-    of_times = (rows_of_tangents[:, n - 1].copy() if binding1.clocked else
-                dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2]))
-    warn_of_jumps(stepper, switched)
-    of_steps = None if inner is None else rows_of_tangents[1:, 2 * n :].reshape(-1, *inner, count)
-    q, p = (rows_of_tangents[:, k : k + binding1.shown] for k in (0, n))
-    return TangentRows(q, p, names, dz[space.places], of_times, dz, multipliers=of_steps,
-                       switched_steps=switched), point_tangents, times
+    def rows(self) -> TangentRows:
+        """Return the tangents of the stored states, after a warning of growth and of jumps."""
+        own, n, dz, places = self.own, self.n, self.dz, self.space.places
+        warn_of_growth(self.stepper, "Directions of the start have",
+                       _growth(self.names, dz[places], self.stored[-1][places]))
+        # t = t0 + k Δt: its tangent is dt0 + k dΔt, with k = 0 in row 0
+        of_times = (self.stored[:, n - 1].copy() if own.clocked else
+                    dz[-1] + np.outer(self.run.steps_of_rows(self.run.steps), dz[-2]))
+        warn_of_jumps(self.stepper, self.switched)
+        multipliers = None if self.inner is None else self.stored[1:, 2 * n :].reshape(
+            -1, *self.inner, dz.shape[1])
+        q, p = (self.stored[:, k : k + own.shown] for k in (0, n))
+        return TangentRows(q, p, self.names, dz[places], of_times, dz, multipliers=multipliers,
+                           switched_steps=self.switched)
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:
