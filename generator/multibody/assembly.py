@@ -100,6 +100,7 @@ class Assembly:
         self.connections = copies(components.connections)  # completed by the initial poses
         self.links = [*self.connections.values()]
         self.store = components.values | self._body_values()
+        # products of given numbers may exceed the range of a double: that is an error of the model
         with in_range(f"Multibody {components.name!r}"):
             self.poses = self._poses()  # of the description, which equations refer to
             self._of_link = {link: list(link.equations(self.poses, self.store))
@@ -188,6 +189,7 @@ class Assembly:
                 [e.name for e in self.equations], self.store | {str(TIME): 0.0})
             q = close_loops(constraints, start_values, *map(self._coordinates_at,
                                                             (self.poses, poses)))
+            # poses that need no closing keep their bits
             if (q != self._coordinates_at(poses)).any():
                 poses = self._poses_at(q)
         joints = [link for link in self.links if isinstance(link, Joint)]
@@ -204,6 +206,8 @@ class Assembly:
     def _equations(self, without: set[str]) -> tuple[list[Equation], list[Equation]]:
         """Return the constraints, each with the later of its bodies, and those on velocities."""
         order = {body: index for index, body in enumerate(self.components.bodies)}
+        # |q|² − 1 = 0 first, then the joints of each body with bodies before it: G M⁻¹ Gᵀ of a
+        # chain is block-tridiagonal
         rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)] if body.q else []
                 for body in self.components.bodies}
         for link in self.links:
@@ -239,6 +243,8 @@ class Assembly:
         H = self._hamiltonian()
         measures = {symbol: self.connections[joint].measure(measure, self.poses, store)
                     for symbol, (joint, measure) in self.components.measures.items()}
+        # forces of several connections on one coordinate are added once, in the order of the
+        # connections, so that C does not depend on the order of sets
         acting: dict[sp.Symbol, list[sp.Expr]] = {x: [] for xs, _ in pushes for x in xs}
         for xs, force in pushes:
             for x, e in zip(xs, force, strict=True):
@@ -267,6 +273,7 @@ class Assembly:
             if isinstance(impact.restitution, str)})
         parameters = tuple(sorted(used - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
         self._refuse_unused(parameters, used)
+        # parameters that no expression contains leave the store: a model asks for none of them
         values = dict(store)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]

@@ -75,9 +75,13 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
     bodies = [frame for frame in poses if isinstance(frame, Body)
               and not isinstance(frame, FlywheelBody)]
     while any(body not in start for body in bodies):
+        # the next link with one end placed: the links that are taken form a spanning tree of the
+        # bodies
         joint = next((link for link in (*joints, *rods) if (link.a in start) != (link.b in start)),
                      None)
         if joint is None:
+            # no link leads to it: a body that floats, or the first of several that do, stays as
+            # described
             root = next(body for body in bodies if body not in start)
             start[root] = replace(poses[root])
             continue
@@ -116,6 +120,8 @@ def close_loops(
     size = ROUNDING * max(float(np.abs(start).max()), 1.0)
     if max(np.abs(constraints.g(start)).max(initial=0.0), np.abs(pins.g(start)).max()) <= size:
         return start
+    # the tree's start may belong to another assembly mode: the loops are followed from the
+    # description to the start in small parts, each of them closed
     q = described
     for stage in range(_PARTS + 1):
         pins.set_value(FRACTION, stage / _PARTS)
@@ -129,6 +135,7 @@ def close_loops(
     if max(map(abs, offsets)) <= size:
         return q
     nearest = _listed(targets, offsets)
+    # numbers typed with few digits are moved to the nearest consistent ones with a warning
     if all(abs(d) <= max(size, TYPED * (abs(e.value) if e.cosine is None else 1))
            for e, d in zip(targets, offsets, strict=True)):
         warn(f"The given angles and travels of joints do not meet the constraints; the nearest "
@@ -198,6 +205,7 @@ def _closest(constraints: NumericConstraints, pins: NumericConstraints, q: Array
         step = nearest_step(as_dense(constraints.G(q)), constraints.g(q),
                             as_dense(pins.G(q)), pins.g(q))
         largest = float(np.abs(step).max())
+        # a longer step could leave the assembly mode of q
         q = q + min(1.0, _LONGEST / (largest or 1.0)) * step
         if largest <= 16 * EPS * float(np.abs(q).max()):
             break
@@ -208,12 +216,14 @@ def nearest_step(G: Array, g: Array, R: Array, r: Array) -> Array:
     """Return the shortest x with G x = −g and, of these, the least |R x + r|."""
     if not len(G):
         return -np.asarray(np.linalg.lstsq(R, r, rcond=_RANK)[0])
+    # the rows of V beyond the rank of G span its null space
     _, sizes, V = np.linalg.svd(G)
     rank = int(np.sum(sizes > _RANK * sizes.max(initial=0.0)))
     onto = -np.linalg.lstsq(G, g, rcond=_RANK)[0]
     free = V[rank:].T
     if not free.shape[1] or not len(R):
         return np.asarray(onto)
+    # x = onto + free y has G x = −g for every y: what remains is an unconstrained problem in y
     along = np.linalg.lstsq(R @ free, -(r + R @ onto), rcond=_RANK)[0]
     return np.asarray(onto + free @ along)
 
@@ -286,6 +296,7 @@ class Velocities:
                 else:
                     M = masses[body] * np.eye(unknowns)
                     block = M
+                # |S u|² = uᵀ M u is twice the kinetic energy of the body
                 roots.append(np.linalg.cholesky(M).T)
                 blocks.append((row_count, block))
                 u.append(getattr(pose, quantity))
@@ -322,6 +333,8 @@ class Velocities:
                 prescribed = getattr(self.poses[frame], quantity)
                 if columns is not None:
                     row[0, columns] = gradient
+                # a frame whose velocity is prescribed is no unknown: its share goes to the right
+                # side
                 elif len(gradient) == len(prescribed):
                     value = value - float(gradient @ prescribed)
         return _Target(f"The rate of {name!r}", row, np.array([value]), np.eye(1))
@@ -348,10 +361,14 @@ class Velocities:
 
         y = self.S @ self.u
         scale = ROUNDING * max(float(np.linalg.norm(y)), float(np.abs(d).max(initial=0.0)))
+        # if the projected momenta have the given velocities already, nothing is to be done: the
+        # usual case, without a search
         shift = self.S @ np.linalg.lstsq(self.B, projected - self.B @ self.u, rcond=None)[0]
         if np.abs(R @ (y + shift) - d).max(initial=0.0) <= scale:
             return projected
         rows, total, largest = as_dense(numbers.rows(q)), y, np.inf
+        # the constraints on p are nonlinear in u where H_p depends on p otherwise than linearly: a
+        # few Gauss-Newton steps, one where they are linear
         for _ in range(20):
             momenta = self.B @ (inverse @ total)
             rates = numbers.H_pp_times(q, momenta, self.B @ inverse)

@@ -363,6 +363,8 @@ class Align(Connection):
         """Yield the angle."""
         if self.start_angle is not None:
             c, s = cosine_and_sine(self, poses, store)
+            # sin and cos of θ − target: polynomials of the coordinates, so that the closing of
+            # loops has no jump at θ = π
             target = FRACTION * self.displacement
             yield StartValue(self.name, "angle", self.start_angle,
                              s * sp.cos(target) - c * sp.sin(target),
@@ -381,6 +383,8 @@ class Align(Connection):
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
+        # the axis is perpendicular to two directions of a; e · e' = 1 would be one equation with a
+        # gradient that vanishes where it holds
         both, axis = self.axes(poses, store)
         for k, n in enumerate((both[:3], both[3:]), start=1):
             yield perpendicular(f"{self.name}: axis {k}", self.a, n, self.b, axis)
@@ -404,6 +408,8 @@ class Align(Connection):
         in_a, in_b = self.ends(poses, store)
         if quantity == "rate":
             return dot(in_b, self.b.angular_velocity) - dot(in_a, self.a.angular_velocity)
+        # θ = 2 atan2(v, w) of the relative quaternion: half the angle, so that it is smooth for |θ|
+        # < 2π
         *start, turns = self.zero(poses, store)
         w, *v = product(conjugate(self.a.attitude), product(self.b.attitude, start))
         return turns + 2 * sp.atan2(dot(in_a, (v[0], v[1], v[2])), w)
@@ -425,6 +431,8 @@ class Align(Connection):
     def zero(self, poses: Poses, store: Store) -> tuple[sp.Expr, ...]:
         """Return c, with q̄_a q_b c the rotation of b relative to a, and the full turns."""
         pose_a, pose_b = poses[self.a], poses[self.b]
+        # the quaternion knows the angle to a full turn only: whole turns are a parameter of their
+        # own
         half = (self.angle - self._full_turns) / 2
         start = [math.cos(half), *(math.sin(half) * (pose_a.R.T @ self.axis))]
         before = direction(np.array(product(product(conjugate(pose_b.q), pose_a.q), start)))
@@ -504,6 +512,8 @@ class Fixed(Joint):
 
     def turns(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints on the attitude."""
+        # n_k · m_k = 0 with m_k = R n_{k+1}: near the relative rotation their gradients are the
+        # three axes, so that they are independent
         R = poses[self.a].R.T @ poses[self.b].R if self.relative is None else self.relative
         for k, axis in enumerate("xyz"):
             n = unit_vector(f"{self.name}_normal{k + 1}", np.eye(3)[k], store)
@@ -537,6 +547,7 @@ class Spring(PointConnection):
         """Return V; values of its parameters go into ``store``."""
         k = sp.Symbol(f"{self.name}_stiffness", real=True)
         store[str(k)] = self.stiffness
+        # without a rest length V = ½ k d·d is a polynomial, and smooth where the points meet
         if not self.length:
             return k * self.square(store) / 2
         length = sp.Symbol(f"{self.name}_length", positive=True)
@@ -551,6 +562,7 @@ class Spring(PointConnection):
         on_a, on_b = self.places(store)
         d = difference(self.b.point(on_b), self.a.point(on_a))
         speed = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
+        # c d (d·ḋ)/(d·d): the speed along d, without the root in |d|
         x, y, z = (c * dot(d, speed) / dot(d, d) * e for e in d)
         yield from self.a.force_at(on_a, (x, y, z))
         yield from self.b.force_at(on_b, (-x, -y, -z))
@@ -678,6 +690,7 @@ class Cylindrical(Planar):
         if quantity == "travel":
             a, b = (poses[frame] for frame in (self.a, self.b))
             d = b.space(np.asarray(self.on_b)) - a.space(np.asarray(self.on_a))
+            # a sum that cancels to round-off is 0, so that it costs no parameter and no arithmetic
             terms = np.array([self.travel, -float(self.hinge.axis @ d)])
             offset = float(clean(np.array([terms.sum()]), terms)[0])
             return named_number(f"{self.name}_offset", offset, store) + self.along(poses, store)
@@ -784,6 +797,7 @@ class Gear(Connection):
         """Yield the constraint; values of its parameters go into ``store``."""
         (c1, s1), (c2, s2) = (joint.turned(z, poses, store)
                               for z, joint in zip(self.teeth, self.joints, strict=True))
+        # sin and cos of z₁ θ₁ + z₂ θ₂ by the addition theorem: the same after any number of turns
         sine, cosine = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
         meshed = sum(z * joint.displacement for z, joint in zip(
             self.teeth, self.joints, strict=True))  # where the given angles start
@@ -805,6 +819,7 @@ class RheonomicConstraint(Connection):
         """Yield the constraint; values of its parameters go into ``store``."""
         hinge = hinge_of(self)
         c, s = cosine_and_sine(hinge, poses, store)
+        # sin(f(t) − φ) = 0, written in cos φ and sin φ: the same for any number of turns
         since = self.law - named_number(f"{self.name}_begin", hinge.angle, store)
         yield Equation(f"{self.name}: angle", c * sp.sin(since) - s * sp.cos(since),
                        ConstraintForce("axial", hinge.ends(poses, store)[0]))
@@ -824,6 +839,9 @@ class Coupling(Connection):
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
+        # a ratio z/n of few teeth is a condition on sines, which full turns leave as it is; any
+        # other ratio needs the angle itself, which the coordinates determine within a full turn
+        # only
         ratio = Fraction(repr(self.ratio)).limit_denominator(_FEW_TEETH)
         hinged = all(isinstance(joint, Align | HingedJoint) for joint in self.joints)
         if hinged and self.what == ("angle", "angle") and float(ratio) == self.ratio and (
@@ -843,6 +861,7 @@ class Coupling(Connection):
         (c1, s1), (c2, s2) = (joint.turned(k, poses, store)
                               for k, joint in ((-z, first), (n, second)))
         sine, cosine = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
+        # ``turned`` counts from the description, where the joints have angles of their own
         angle = n * self.offset + z * hinge_of(first).angle - n * hinge_of(second).angle
         phase = named_number(f"{self.name}_phase", angle, store)
         return sine * sp.cos(phase) - cosine * sp.sin(phase)
