@@ -320,6 +320,7 @@ def gradient_of(
     z_bar = binding.own.new(binding.rows)
     for name, slope in cotangents.parameters.items():
         z_bar[2 * n + names.index(name)] = slope
+    # t_k = t0 + k Δt: the cotangents of times are those of t0, and k times those of Δt
     z_bar[-1] = cotangents.times.sum()
     z_bar[-2] = (cotangents.times * run.steps_of_rows(run.steps)).sum()
     # a state behind the last whole step has inputs of its own
@@ -335,12 +336,15 @@ def gradient_of(
             z = frame.matrix(step) @ z
         for i in np.flatnonzero(steps_of_points == step):
             cotangent += cotangent_at(stepper, run, points[i][0], z, *points[i][1:])
+        # the inputs of a step are parameters of its own
         if len(inputs_bar) and cotangent.any():
             inputs_bar[step] += cotangent[columns]
             cotangent[columns] = 0
         z_bar[2 * n :] += cotangent[2 * n :]
         return cotangent[: 2 * n]
 
+    # w is the cotangent of the state at the start of the steps done so far, from the end of the run
+    # on
     w: Array | None = None
     switched = 0
     for piece in backwards(stepper, run, as_bytes(memory), end):
@@ -416,6 +420,7 @@ def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers
 def _held(inputs_bar: Array, run: RunArguments) -> Array:
     """Return the sums over the steps that each row of inputs is held for."""
     hold = run.inputs.hold if run.inputs is not None else 1
+    # one row of inputs serves all steps
     if hold == 0:
         total: Array = inputs_bar.sum(axis=0, keepdims=True)
         return total
@@ -445,6 +450,8 @@ def backwards(
         _check(stepper, run, kept_run, status, end)
         yield steps
         return
+    # two levels: checkpoints every ``piece`` steps, and the steps of one piece. n/piece checkpoints
+    # and piece steps need the least memory with piece = √(n · checkpoint/step)
     a_checkpoint = kept_run.state.nbytes(kept_run.binding.own)
     piece = max(1, math.isqrt(run.steps * a_checkpoint // a_step))
     count = -(-run.steps // piece)
@@ -496,6 +503,8 @@ def _reversed(
         end = last.q[-1], last.p[-1]
     binding, state, remaining = stepper._derivative_binding(), end, run.steps
     while remaining:
+        # a step of −Δt is the inverse of one of Δt to round-off for the symmetric schemes: states
+        # run back, and each piece forward again for its unknowns
         count = min(512, remaining)
         back = stepper._run(replace(
             run, q=state[0].copy(), p=state[1].copy(), dt=-run.dt, steps=count, every=count,

@@ -92,6 +92,7 @@ class RunRows:
         if self.at_times:
             return np.zeros(0, int)
         steps = self.run.steps_of_rows(self.run.steps)
+        # the last row is the point itself if its step is no multiple of ``every``
         unstored = bool(self.points) and self.run.steps % self.run.every > 0
         return steps[: len(steps) - unstored]
 
@@ -117,6 +118,7 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
         return RunRows(run, refused=dict.fromkeys(
             trajectory.events, "A trajectory that was stored does not know which quantities its "
             "events are of; integrate again for derivatives of events."))
+    # a terminal event ends a run before the steps that were asked for
     done = int(trajectory.report.steps)
     run = replace(run.until(done), stored_steps=None)
     events: dict[str, list[Point]] = {}
@@ -157,6 +159,8 @@ def _unit(stepper: Stepper, row: int) -> Array:
 def _point(run: RunArguments, step: int, tau: Any) -> Point:
     if tau:
         return Point(step, tau)
+    # a point at the end of a step is τ = Δt of the step before, so that it has a step to
+    # differentiate
     return Point(step - 1, run.dt) if step else Point(0, None)
 
 
@@ -240,11 +244,14 @@ def tangent_at(
     here = stepper.binding.new(len(dz), count + 1)
     here[:, :count] = dz
     here[-2] = 0
+    # t_j = t0 + j Δt moves by dt0 + j dΔt; the own step has the fixed length τ; one more column
+    # gives v = ∂Φ_τ/∂τ
     here[-1, :count] += point.step * dz[-2]
     here[-2, count] = 1
     end_directions = single_step(stepper, run, point, z).tangent(here, multipliers)
     Z, v, dt = end_directions[:, :count], end_directions[:, count], here[-1, :count]
     if point.normal is None:
+        # at a fixed time dτ = −dt_j; at an event dτ = −(c_z Z + c_θ dθ + c_t dt_j)/(c_z v + c_t)
         d_tau = -dt
     else:
         directions = np.concatenate([Z[: 2 * n], here[2 * n :, :count]])
@@ -269,6 +276,7 @@ def cotangent_at(
     step = single_step(stepper, run, point, z)
     if point.normal is None:
         cotangent = step.adjoint(w, multipliers)
+        # the transpose of ``tangent_at``: τ = t − t_j, so the cotangent of τ counts against t_j
         of_start = cotangent[-1] - cotangent[-2]
     else:
         unit = stepper.binding.new(stepper._derivative_binding().rows, 1)
@@ -286,6 +294,7 @@ def cotangent_at(
 def _rate(point: Point, v: Array) -> Any:
     """Return c_z v + c_t, or refuse an event whose value only touches its level."""
     assert point.normal is not None
+    # the first entries are c_z, the last one c_t
     normal = np.concatenate([point.normal[: len(v)], point.normal[-1:]])
     rate = normal[:-1] @ v + normal[-1]
     sizes = [float(np.linalg.norm(x.astype(float))) for x in (normal, v)]

@@ -99,12 +99,14 @@ class TangentSpace:
         self.binding, self.n = binding, binding.n
         self._names = constraint_names
         sizes = [float(np.linalg.norm(x.astype(float))) for x in (q, p)]
+        # |q|/|p|: by which a change of p compares with one of q
         self._shares = sizes[0] / (sizes[1] or sizes[0] or 1.0)
         self.g, self.f = binding.constraint_derivatives(parameters, q, p)
         n, shown = self.n, binding.own.shown
         #: The rows of q and p that users see.
         self.places = np.r_[:shown, n : n + shown]
         self._G, self._f_p = self.g[:, :n].copy(), self.f[:, n : 2 * n]
+        # in scaled time q has t as its last entry: the projection moves q and keeps t
         self._G[:, shown:] = 0
         self._energy = (binding.energy_derivatives(parameters, q, p) if binding.own.clocked
                         else None)
@@ -114,15 +116,18 @@ class TangentSpace:
         n, G, directions = self.n, self._G, dz.copy()
         if len(G):
             directions[:n] -= G.T @ solved(G @ G.T, self.g @ directions)
+        # f depends on the projected dq too: the rows of q come first
         if len(G) and self.binding.keeps_momentum:
             directions[n : 2 * n] -= G.T @ solved(self._f_p @ G.T, self.f @ directions)
         if self._energy is not None:
+            # e = −H: de = −dH of the projected direction, so that H + e stays 0
             directions[2 * n - 1] = -(self._energy @ directions)
         return directions
 
     def pulled_back(self, z_bar: Array) -> Array:
         """Return the transpose of ``projected`` applied to a cotangent, or to columns of them."""
         n, G, cotangent = self.n, self._G, z_bar.copy()
+        # the transposes in the reverse order: e, then p, then q
         if self._energy is not None:
             of_energy, cotangent[2 * n - 1] = cotangent[2 * n - 1].copy(), 0
             cotangent -= np.multiply.outer(self._energy, of_energy)
@@ -170,6 +175,7 @@ def solved(A: Array, b: Array) -> Array:
         pivot = k + int(np.argmax(np.abs(A[k:, k])))
         A[[k, pivot]], x[[k, pivot]] = A[[pivot, k]], x[[pivot, k]]
         for i in range(k + 1, len(A)):
+            # elimination with partial pivoting, for long double and float128, which LAPACK has not
             factor = A[i, k] / A[k, k]
             A[i, k:] -= factor * A[k, k:]
             x[i] -= factor * x[k]
@@ -204,12 +210,14 @@ def null_space(rows: Array) -> Array:
 def _orthogonal(x: Array, basis: Sequence[Array]) -> Array | None:
     """Return x without its parts along others, of length 1; None if nothing is left."""
     squared_norm = x @ x
+    # twice is enough (Kahan, Parlett): once leaves parts of the size of round-off over |remainder|
     for _ in range(2):
         for v in basis:
             x = x - v * (v @ x)
     squared_remainder = x @ x
     if not squared_remainder > 1e-20 * squared_norm:
         return None
+    # x/x/2 is ½ in the type of x: a float ½ would round an exponent of float128
     unit: Array = x / squared_remainder ** (squared_norm / squared_norm / 2)
     return unit
 

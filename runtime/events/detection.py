@@ -154,6 +154,8 @@ def _turning(
     size, sides = abs(differences), np.sign(differences.astype(float))
     nearest = np.zeros(differences.shape, bool)
     previous, current, following = size[:-2], size[1:-1], size[2:]
+    # the smallest of three, on one side of the level, and not further from 0 than the value moves
+    # in both steps together
     nearest[1:-1] = ((current < previous) & (current <= following)
                      & (current <= previous - current + (following - current))
                      & (sides[:-2] == sides[1:-1]) & (sides[1:-1] == sides[2:]))
@@ -219,6 +221,7 @@ class EventDetector:
             done, q, p = done + 1, q[1:], p[1:]
         if not len(q):
             return
+        # C looks for states near a level in one pass; NumPy sees only the rows about these
         near = self._levels.near(self._parameters, self._times(done, q), q, p, self._last)
         old_q, old_p = self._tail or (q[:0], p[:0])
         old, (low, high) = len(old_q), near or (0, 0)
@@ -226,6 +229,8 @@ class EventDetector:
         self._tail = (np.concatenate([old_q, q[-TAIL:]])[-TAIL:],
                       np.concatenate([old_p, p[-TAIL:]])[-TAIL:])
         if near or self._near:
+            # the rows from ``TAIL`` before the first near state on; all of the tail, if the last
+            # piece ended near a level
             start = 0 if self._near else max(old + low - TAIL - 1, 0)
             new = slice(max(start - old, 0), high + TAIL + 1)
             self._look_at(done - old + start, max(old - 1 - start, 0),
@@ -255,6 +260,7 @@ class EventDetector:
         # between two zeros a value rests, unless it came there in the step before
         on_level = np.where(before == 0, (after != 0) | nonzero_before[first : first + len(before)],
                             after == 0)
+        # the start of a run may be off its level by rounding: the first change decides
         if not done + first:
             on_level[0] |= (falls | rises)[0] & (
                 abs(before[0]) <= _AT_START * abs(after[0] - before[0]))
@@ -275,6 +281,8 @@ class EventDetector:
 
         The last step waits for the next one.
         """
+        # the step before ``first`` is looked at once more: it has a neighbour on either side only
+        # now
         row, event = _turning(differences, max(first - 1, 0), len(differences) - 2, begins=not done,
                               ends=False)
         new = (row >= first) | ~self._closed[event]

@@ -48,6 +48,7 @@ def crossings_of(
         all_brackets = Brackets.together([run_brackets for _, run_brackets in runs_with_brackets])
         owner = np.repeat([i for i, _ in runs_with_brackets],
                           [len(run_brackets) for _, run_brackets in runs_with_brackets])
+        # brackets of all runs are solved side by side on lanes; blocks bound the memory
         for i in range(0, len(all_brackets), _AT_ONCE):
             indices = np.arange(i, min(i + _AT_ONCE, len(all_brackets)))
             work = _Work(stepper, levels, runs, all_brackets.of(indices), owner[indices], fill)
@@ -150,6 +151,8 @@ class _Work:
                              for share in _SHARES]).astype(float)
         with np.errstate(all="ignore"):
             ratio = y[:, :-1] / y[:, 1:]
+        # shares fall by 2⁻⁵: a value of order k in the share falls by 2⁻⁵ᵏ, k = 1 to 3; at
+        # round-off it does not
         falls = (ratio > 2**4) & (ratio < 2**16)
         steady = falls[:, :-1] & falls[:, 1:]
         last = steady.shape[1] - 1 - steady[:, ::-1].argmax(axis=1)
@@ -162,6 +165,7 @@ class _Work:
         event_values, owner = np.empty_like(t), self.owner[indices]
         order = np.argsort(owner, kind="stable")
         alike = all((column == column[0]).all() for column in self.runs.parameters.values())
+        # one call of C for all brackets of runs with the same parameters
         starts: Any = [] if alike else np.flatnonzero(np.diff(owner[order])) + 1
         for group in np.split(order, starts) if len(order) else ():
             run = self.runs[int(owner[group[0]])]
@@ -207,6 +211,8 @@ class _BestStates:
         share = self._low[roots] + x * self._width[roots]
         since, q, p, event_values = self._work.states(share, self.indices[roots])
         at_start, at_end = self._known[roots].T
+        # a known zero at 0 or 1 is divided out: what remains changes its sign at the other zero
+        # only
         event_values = event_values / np.where(at_start, share, 1) / np.where(at_end, 1 - share, 1)
         better = (self._size[roots] < 0) | (abs(event_values) < self._size[roots])
         improved = roots[better]
@@ -248,6 +254,8 @@ def _level_roots(work: _Work) -> _Roots:
                               for ends_of_step in (brackets.before, brackets.after))
     on_level = np.column_stack([start_slope, end_slope]) == 0
     starts, ends = map(np.flatnonzero, on_level.T)
+    # a value of 0 has no sign: the sign just behind it stands for it, and the one just before at
+    # the end
     start_slope[starts] = work.slopes(indices[starts], 1)
     since, q, p, _ = work.states(last[ends], indices[ends])
     end_slope[ends] = slope_before = work.slopes(indices[ends], -1, (q, p))
@@ -255,6 +263,8 @@ def _level_roots(work: _Work) -> _Roots:
     inside = np.flatnonzero(start_slope * end_slope < 0)
     best = _BestStates(work, indices[inside], first[inside], last[inside], on_level[inside])
     zeros(best, start_slope[inside], end_slope[inside], work.tolerance(indices[inside]))
+    # at the end of a step: a root if the value arrives and does not turn back. One that turns back
+    # only touches its level
     through = np.flatnonzero((slope_before != 0) & (slope_before * slope_after <= 0))
     indices_through = indices[ends[through]]
     at_end = _Roots(work.owner[indices_through], brackets.event[indices_through],
@@ -269,6 +279,7 @@ def _double_roots(work: _Work) -> _Roots:
     turning = np.flatnonzero(work.brackets.turning)
     indices, sign_change, value = _sign_changes(work, turning)
     first, last = _zero_and_one(work, indices)
+    # the point of other sign parts the step in two, each with one simple root
     twice = np.concatenate([indices, indices])
     low, high = np.concatenate([first, sign_change]), np.concatenate([sign_change, last])
     best = _BestStates(work, twice, low, high)
@@ -312,6 +323,8 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
         inside: Array = y1 < y0
         left_of: Array = x1 - x0 > x2 - x1  # where the wider of the two parts is
         wide: Array = np.where(inside & ~left_of, x2 - x1, x1 - x0)
+        # an estimate of how far the value may still fall within the wider part: it falls like a
+        # parabola whose changes over the step are ``moves``
         reach = 4 * moves * wide * wide
         open_ = ~through & (reach >= np.where(inside, y1, y0)) & (wide > tolerance)
         inside, left_of = inside[open_], left_of[open_]
@@ -320,12 +333,15 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
                                          x2, y0, y1, y2))
         if not len(indices):
             break
+        # the parabola through three points: ``bend`` is its second divided difference times x2 −
+        # x0; it has a minimum where ``bend`` > 0
         bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
         bends = bend > 0
         x = (x0 + x1) / 2 - (y1 - y0) / (x1 - x0) * (x2 - x0) / (2 * np.where(bends, bend, 1))
         # a place at the lowest one says nothing new: one beside it, in the wider part, does
         new = bends & (x > x0) & (x < x2) & (abs(x - x1) > (wide / 8 if look % 2 else 0 * wide))
         x = np.where(new, x, x1 + np.where(left_of, -wide, wide) / 8)
+        # still falling towards x = 0: no nearer to it than an eighth of the last point at a time
         near = np.where(bends & (x > x1 / 8), np.where(x < x1 / 2, x, x1 / 2), x1 / 8)
         x = np.where(inside, x, near)
         y = value(x)
@@ -381,6 +397,7 @@ def _by_run(
     crossings_of_runs: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
     for event_index, event in enumerate(levels.events):
         event_roots = _selected(roots, roots.event == event_index)
+        # along each run: by owner, then step, then place in the step
         order = np.lexsort((event_roots.place, event_roots.step, event_roots.owner))
         event_roots = _selected(event_roots, order)
         if stepper.binding.clocked and levels.columns[event_index] == ("q", stepper.binding.n - 1):
