@@ -41,6 +41,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
     """Return the tables and kernels of the element templates of a system."""
     scheme, emit = derived.implicit, Emitter(derived.constants, derived.real)
     forms = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
+    # constants in the order of the system, so that equal systems have equal C
     used = sorted({c for form in forms for i in form.instances for c in i.constants})
     index = {c: position for position, c in enumerate(used)}
     between, constrained = isinstance(scheme, MeanScheme), bool(structure.system.m)
@@ -167,6 +168,7 @@ def term_kernels(form: ElementTemplate, *, between: bool, constrained: bool) -> 
     if form.time is not None and not between:
         kernels.append((Kernel("energy_rate", "H_t", arguments, {"H_t": system.H_t}), BOTH))
     kernels.append((Kernel("hessian", "second derivatives of H", arguments, second), NUMBERS))
+    # IMS and EMS have kernels of their own between two states: ``mean_term_kernels``
     dropped = {"gradient", "hessian"} if between else set()
     if not constrained:
         dropped |= {"mass"} | ({"velocity"} if between else set())
@@ -262,6 +264,7 @@ def mean_jacobian(
     p, pm, dp = (vector(name, n) for name in ("unused", "pm", "dp"))
     slopes = [mean_slopes_of(ElementSystem(form.q, tuple(p), form.constants, g, time=form.time),
                              (qm, pm), (dq, dp), discrete) for g in form.expressions]
+    # rows of D by q, by the unused p, and by t if there is one
     return [row[:n] for row in slopes], [sp.Add(*row[2 * n:]) for row in slopes]
 
 
@@ -292,12 +295,16 @@ class _Blocks:
                 for i, row in enumerate(rows):
                     entry_index |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
                     self.entries += len(instance.p)
+                    # the lower triangle of this cell's share G_c H_pp G_cᵀ of W, where the
+                    # elimination stores it
                     self.slots += [slot_of[row, column] for column in rows[: i + 1]]
             self.of_elements.append(blocks)
         self.places = []
         for form in structure.constraint_templates:
             G = jacobian(form.expressions, form.q)
             self.places.append([
+                # −1: an entry that is 0 for every state, or of a coordinate without momenta, is not
+                # stored
                 [entry_index.get((row, a), -1) if G[r][b] != 0 else -1
                  for r, row in enumerate(instance.rows) for b, a in enumerate(instance.q)]
                 for instance in form.instances])
@@ -332,6 +339,7 @@ def _second_derivatives(
                 for row in instance.rows:
                     mixed[a].setdefault(row, len(mixed[a]))
     first = [0]
+    # rows of different length in one array: row e begins at first[e]
     for entries in mixed:
         first.append(first[-1] + len(entries))
     for form, energy in zip(structure.templates, energies, strict=True):
@@ -352,6 +360,8 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
     """
     n, m = structure.system.n, structure.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
+    # all unknowns of one coordinate stand together, s stages of k and of k̂: the band follows the
+    # coupling of coordinates, not that of stages
     unknowns = {("q", a): [half * s * n + i * n + a for half in (0, 1) for i in range(s)]
                 for a in range(n)}
     unknowns |= {("g", row): [2 * s * n + node * m + row for node in range(p)]

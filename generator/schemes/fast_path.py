@@ -54,6 +54,7 @@ class FastSystem:
         The result equals e on the constraint manifold g = 0.
         """
         polynomial = expanded(e)
+        # a division by g costs time that grows fast with the number of terms
         if not polynomial.free_symbols & set(self.system.q) or not is_small(e):
             return polynomial
         if not all(x.is_polynomial(*self.system.q) for x in (polynomial, *self.system.constraints)):
@@ -90,6 +91,7 @@ class FastSystem:
         W = self.schur
         if self.system.m > _LARGEST_INVERSE or not all(self._is_constant(e) for r in W for e in r):
             return None
+        # a product in the loop in place of a factorisation: for three constraints and fewer
         matrix = sp.Matrix(W)
         return None if sp.expand(matrix.det()) == 0 else matrix.inv().tolist()
 
@@ -100,6 +102,7 @@ class FastSystem:
             return None
         g = self.system.G[0]
         square = self.reduced(sum((a * a for a in g), sp.Integer(0)))
+        # c = W₀₀/(G₀·G₀) is a constant only if both are
         if square == 0 or not self._is_constant(square):
             return None
         c = sp.cancel(self.schur[0][0] / square)  # from one entry; all others are checked
@@ -117,10 +120,12 @@ class FastSystem:
             return []  # H_p is evaluated again with H_q
         if self.is_separable:
             return []  # Gauss-Seidel ordering: H_q − F and H_p are evaluated at different states
+        # the kernel of H_p computes the shared sums, and has no time among its inputs
         sums = {u for e in self.system.minus_p_rate for u in e.atoms(sp.Add)
                 if self.system.time not in u.free_symbols}
         candidates = sorted((u for u in sums if u.has(*self.system.p) and self._is_unaffected(u)),
                             key=sp.default_sort_key)
+        # a sum inside another shared one is no output of its own
         return [u for u in candidates if not self._is_inside(u, candidates)]
 
     def _is_inside(self, u: sp.Expr, sums: list[sp.Expr]) -> bool:
@@ -248,6 +253,7 @@ class FastSystem:
         for kernel in common_kernels(self.system):
             if kernel.name == "hidden_matrix" and not projected:
                 continue
+            # f cancels to round-off on the constraints: double-word sums keep its digits
             if kernel.name == "hidden_constraint":
                 kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, kernel.outputs,
                                       compensated=True))
@@ -279,6 +285,8 @@ class Folds:
         coefficient, factors = e.as_coeff_Mul()
         sign, coefficient = (-1, -coefficient) if coefficient < 0 else (1, coefficient)
         constant_factors = [a for a in sp.Mul.make_args(factors) if a in self.constants]
+        # only powers of two: the product is exact, so that the C has the same bits with or without
+        # it
         if coefficient == 1 or not constant_factors or not is_power_of_two(coefficient):
             return e
         product = coefficient * constant_factors[0]

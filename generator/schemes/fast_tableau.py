@@ -52,6 +52,8 @@ class FastTableau:
     @property
     def _tolerance(self) -> Fraction:
         """Tolerance of x + y = 1 for decimals: a digit less than given, over the least weight²."""
+        # decimals satisfy a_ij/b_j + â_ji/b̂_i = 1 to their last digit over the weights they are
+        # divided by
         digits = self.tableau.digits_given
         if digits is None:
             return Fraction(0)
@@ -145,6 +147,8 @@ class FastTableau:
             table = self._in_lanes(name, self.scaled[name])
             dual_table = self._in_lanes(dual, self.scaled[dual])
             tolerance = max(self._tolerance, Fraction(1, 2**400))
+            # the end of the step: Q̃_p = q + Σ L_j and P has the full share of Y_0, so that these
+            # are ones, and need no table
             ones = [*table[size:], [row[size] for row in dual_table if len(row) > size]]
             if (not _is_split_cheaper(s) or not _is_symmetric(table[:size], tolerance)
                     or any(abs(e - 1) > tolerance for row in ones for e in row)
@@ -176,6 +180,8 @@ class FastTableau:
 
 def _is_split_cheaper(s: int) -> bool:
     """Whether the split tables save more multiplications than they cost additions."""
+    # s² products with full tables; with halves two sums and two differences a pair beside half the
+    # products, and the middle stage if s is odd
     pairs = s // 2
     return s * s > pairs * s + 7 * pairs + s % 2 * (pairs + 2)
 
@@ -220,6 +226,7 @@ def _extrapolation_weights(nodes: Row, weights: Row, order: list[int], bits: int
         row = []
         for j, c_j in enumerate(c):
             weight = w[i] / w[j]
+            # ℓ_j(1 + c_i): the stages of the next step lie one step further
             for c_k in c[:j] + c[j + 1 :]:
                 weight *= (1 + node - c_k) / (c_j - c_k)
             row.append(round_binary(weight, bits))
@@ -246,6 +253,8 @@ def _round_pairs(
         for j, y_ij in enumerate(row):
             if abs(y_ij + x[j][i] - 1) > tolerance:
                 continue  # not a symplectic pair: both are rounded separately
+            # x + y = 1, so the larger is at least ½, and 1 minus its rounded value is exact
+            # (Sterbenz)
             if y_ij >= x[j][i]:
                 x_rounded[j][i] = 1 - y_rounded[i][j]
             else:

@@ -139,6 +139,7 @@ class SparkScheme:
     @cached_property
     def order(self) -> int:
         """Order of convergence, derived from the tableau."""
+        # without constraints the conditions on Ã, Ā and b̃ do not matter
         return self.tableau.order if self.system.m else self.tableau.free_order
 
     def kernels(self) -> list[Kernel]:
@@ -226,6 +227,7 @@ class MeanScheme:
     @cached_property
     def mean_constraint(self) -> list[list[sp.Expr]]:
         """Ḡ, m × n: discrete for EMS, g_q at the midpoint for IMS."""
+        # EMS differs g itself between the ends: g(q₁) − g(q₀) = Ḡ Δq exactly
         if self.discrete:
             return discrete_jacobian(self.system, self.means[0], self.differences[0])
         at_mean = dict(zip(self.system.q, self.means[0], strict=True))
@@ -251,6 +253,7 @@ class MeanScheme:
 
         Symmetric methods have even order; D differs from the mean of the gradient by O(Δ²).
         """
+        # D at Δ = 0 must be the gradient, and Δ → −Δ must exchange the ends
         if self.consistency(thorough=False).how == "refuted":
             return 0
         return 1 if self.symmetry(thorough=False).how == "refuted" else 2
@@ -361,6 +364,8 @@ def velocity_kernels(system: System) -> list[Kernel]:
     if not system.velocity_count:
         return []
     q, v, mu = list(system.q), list(system.velocities), vector("mu", system.velocity_count)
+    # the rows of g come along: with velocity constraints g_q v + g_t = 0 is solved for at the end
+    # of the step too
     defects = [sp.Add(offset, *(a * b for a, b in zip(row, v, strict=True)))
                   for row, offset in zip([*system.G, *system.A], [*system.g_t, *system.a],
                                       strict=True)]
@@ -390,6 +395,8 @@ def with_work_of_time(system: System) -> System:
 def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
     time = () if system.time is None else (system.time,)
+    # t = t0 + τ with τ small: constants of the run contain t0, and kernels τ, so that no digit is
+    # lost at a late time
     clock = {system.time: "_t", TIME_STEP: "_dt"} if system.is_time_dependent else {}
     constants = Constants(system.parameters, (*system.q, *system.p, *system.velocities, *time),
                           clock, system.inputs, system.time)

@@ -92,7 +92,7 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
 
     Parameters
     ----------
-    what : str
+    owner : str
         Name of the model.
     q : ndarray, shape (n,)
         Where it starts; need not be on g = 0 exactly.
@@ -107,6 +107,7 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
     names = constraints.names
     if not names:
         return Redundancy(owner, ())
+    # rank is judged on g = 0: dependent rows may be independent beside it
     point = nearest_point(constraints, q)
     slopes = constraints.rows(q if point is None else point)
     if not _is_finite(slopes):
@@ -125,6 +126,7 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
             "the start: no state meets them all. Check their points, axes and lengths, or leave "
             f"out {_listed(names, left_out)}."
         )
+    # dependent here and independent nearby: a dead centre, not a superfluous constraint
     if _is_singular(constraints, point, len(left_out)):
         raise InputError(
             f"{owner!r} starts in a singular position, where its constraints "
@@ -149,6 +151,7 @@ def refuse_redundant_anywhere(system: System) -> None:
     refuse_constant(system.name, system.constraints, system.constraint_names)
     if not names or len(names) * system.n > _LARGEST_SEARCH:
         return
+    # seeded: the verdict on a system does not change from call to call
     rng = np.random.default_rng(20)
     on: list[tuple[list[int], list[int]]] = []  # verdicts where g = 0,
     off: list[tuple[list[int], list[int]]] = []  # and where no such point was found
@@ -163,6 +166,7 @@ def refuse_redundant_anywhere(system: System) -> None:
             if not _is_finite(slopes):
                 return
             involved, left_out = dependent_rows(slopes)
+            # one regular point proves independence: rank falls on a set of measure zero only
             if point is not None and not involved:
                 return
             if point is not None and _contradict(constraints, point, left_out):
@@ -202,6 +206,7 @@ def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
     try:
         values, noise = evaluate(constraints, point), EPS * rounding(constraints, point, {})
     except (InputError, TypeError, ArithmeticError):
+        # one expression that cannot be evaluated does not hide the others
         return [False] if len(constraints) == 1 else [_vary([g])[0] for g in constraints]
     varies: Sequence[bool] = (np.isfinite(values).all(axis=1)
                               & (np.ptp(values, axis=1) > 1e6 * noise.max(axis=1))).tolist()
@@ -218,11 +223,13 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
             G = constraints.G(q)
             if not (_is_finite(G) and np.isfinite(g).all()):
                 return None
+            # round-off of g at q: each entry of G times its coordinate
             floor = 64 * EPS * (abs(G) @ np.abs(q) + EPS).max()
             if np.abs(g).max() <= floor:
                 return q
             step = _least_squares(G, g)
             fraction = 1.0
+            # halve the step until |g| falls: far from g = 0 a full step may lead away
             while fraction > 1e-4:
                 q_new, g_new = q - fraction * step, constraints.g(q - fraction * step)
                 if np.linalg.norm(g_new) < np.linalg.norm(g):
@@ -275,6 +282,7 @@ def somewhere(
 
 def _contradict(constraints: NumericConstraints, q: Array, left_out: Sequence[int]) -> bool:
     """Whether dependent rows of A q̇ + a = 0 are independent with a as one more column."""
+    # A q̇ = −a has a solution if and only if (A, a) has the rank of A
     rows = np.column_stack([as_dense(constraints.rows(q)), constraints.drift(q)])
     return len(dependent_rows(rows)[1]) < len(left_out)
 

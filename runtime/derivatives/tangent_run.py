@@ -152,7 +152,7 @@ class _TangentRun:
 
     def _directions(
         self, request: Tangents | TangentRows
-    ) -> tuple[Array, tuple[str, ...], bool]:
+    ) -> tuple[Array, list[str], bool]:
         """Return directions of the start, their names, and whether multipliers are asked for."""
         if not isinstance(request, Tangents):  # a run that goes on along the directions of another
             return request._directions, request.names, request.multipliers is not None

@@ -69,8 +69,10 @@ class Search:
             self.start = self._with(start_rates(velocities, pilots.directions, run.q, run.p,
                                                 run.dt)[0])
         self.scale = np.ones_like(self.base)
+        # rates of a body at rest have the scale of one radian over the pilot run
         self.scale[: self.rates] = max(np.abs(self.start[: self.rates]).max(initial=0),
                                        1 / (float(abs(run.dt)) * run.steps))
+        # the variables are u = γ_m/γ, in which the error is linear
         means = np.array([*pilots.means.values()])
         self.low, self.high = (
             np.concatenate([np.full(self.rates, sign * math.inf), means / bound])
@@ -127,6 +129,7 @@ class Search:
         lines = SpectralLines(q, p, float(pilots.arguments.dt) * pilots.every,
                               [direction.A for direction in pilots.directions])
         order = pilots.stepper.order
+        # an error of order r grows with a frequency about like ω^(r+1): two powers are tried
         for k in {order // 2 + 1, order + 1} if lines.resolved else ():
             yield f"frequencies, power {2 * k}", self._with(lines.minimise(k, mean))
         for factor in (0.6, 0.8, 0.9, 1.1):
@@ -161,6 +164,7 @@ class Search:
             return (f"pilot runs of {steps} steps say nothing of a longer run"
                     if pilots.rows == all_rows else
                     f"the motion is lost within {(pilots.rows + 1) * pilots.every} steps")
+        # the error over the middle time of quarters 2 to 4: the same if it grows like t
         growth = pilots.quarters(index)[1:] / np.array([[1.5], [2.5], [3.5]])
         above_round_off = pilots.sizes(index) > 4 * pilots.rounding
         if self.pilots.longer and (growth.max(axis=0) > _STEADY
@@ -201,6 +205,8 @@ class Search:
                 trial[: self.free] += change * self.scale[: self.free]
                 trial_index = pilots.measure("search", np.clip(trial, self.low, self.high))
                 trial_squares = pilots.sizes(trial_index, pilots.searched_rows) ** 2
+                # accepted: less damping, towards Gauss-Newton; else ten times more, towards
+                # steepest descent
                 if weights @ trial_squares < weights @ squares:
                     damping = max(damping / 10, 1e-12)
                     break
@@ -209,6 +215,7 @@ class Search:
                 break
             indices.append(trial_index)
             index = trial_index
+            # less than 2 % gained: the search has converged
             if weights @ squares < 1.02**2 * (weights @ trial_squares):
                 break
             if pilots.is_round_off(index):
@@ -267,11 +274,13 @@ class Search:
         """
         pilots = self.pilots
         bound = (_PROMISE * pilots.sizes(0, pilots.searched_rows)) ** 2
+        # a path whose error is round-off has nothing to keep
         bound = np.where(bound > (4 * pilots.rounding) ** 2, bound, math.inf)
         weights = np.ones(len(forms))
         for _ in range(60):
             A, b = (np.tensordot(weights, block, 1)
                     for block in (forms[:, 1:, 1:], forms[:, 1:, 0]))
+            # damping in units of each variable's own curvature (Marquardt)
             change = -np.linalg.lstsq(A + damping * np.diag(np.diag(A)), b, rcond=None)[0]
             affine = np.concatenate([[1.0], change])
             exceeds = affine @ forms @ affine > bound

@@ -77,6 +77,8 @@ class StepSearch:
         """
         finest = self._halve()
         best = len(self.pilots) - 1
+        # from the finest down, as long as every larger number of steps suffices too: a small error
+        # by accident does not count
         while best and self.pilots[best - 1].motion <= self.bound:
             best -= 1
         if best and self._interpolated_step_suffices(best, finest):
@@ -90,6 +92,7 @@ class StepSearch:
             fine_q, step_failure = self._run(n)
             failure = step_failure or failure
             if n > FEWEST:
+                # Richardson: e_n = |q_n − q_2n|/(1 − 2^−r); a step that fails has no error
                 error = math.inf if coarse_q is None or fine_q is None else (
                     _distance(coarse_q, fine_q) / (1 - 2.0**-self.order))
                 self._add(n // 2, math.inf if math.isnan(error) else error)
@@ -136,6 +139,8 @@ class StepSearch:
         coarse_error = self.pilots[best - 1].motion
         if not math.isfinite(coarse_error):
             return False
+        # e ∝ n^−r from the coarser pilot, with a margin; multiples of the rows, which all runs
+        # share
         factor = (coarse_error / (_SPARE * self.bound)) ** (1 / self.order)
         predicted_steps = self._steps[best - 1] * factor
         n = FEWEST * math.ceil(predicted_steps / FEWEST)
@@ -152,6 +157,7 @@ class StepSearch:
     def _refuse_round_off(self) -> None:
         """Raise an error if halving the step twice no longer reduces the error: round-off."""
         last_errors = [pilot.motion for pilot in self.pilots[-3:]]
+        # large errors that do not fall yet are the pre-asymptotic range, not round-off
         if len(last_errors) < 3 or max(last_errors[1:]) > math.sqrt(self.epsilon):
             return
         if any(coarse >= _HALVED * fine for coarse, fine in pairwise(last_errors)):
