@@ -339,8 +339,9 @@ class Stepper(Dynamics):
         """
         dt, steps = span_or_own(self.binding, start, dt, dtau, steps, t_end)
         state = merged_start(self, start, p, parameters, impacts=True)
-        common_arguments: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
-                                 "solver": as_solver(solver), "excess": state.excess}
+        common_arguments: dict[str, Any] = {
+            "parameters": state.parameters, "t0": state.t, "solver": as_solver(solver),
+            "excess": state.excess}
         names = self.manifest.system.event_quantities
         impacts = as_impacts(events, names, state.impacts)
         asked: Any = impacts or as_events(events, names)
