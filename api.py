@@ -573,7 +573,10 @@ def stepper_of(
     spec: Spec, system: Any = None, tableau: Any = None, allow_invalid: bool = False,
     derived: Callable[[], object] = lambda: None,
 ) -> Stepper:
-    """Return the stepper of a spec; a system and a tableau take the place of the spec's."""
+    """Return the stepper of a spec; a system and a tableau take the place of the spec's.
+
+    ``derived`` is called between derivation and compilation, to report progress.
+    """
     files = spec.model or spec.tableau
     if system is None and tableau is None and files is None and not allow_invalid:
         named = _named_stepper(spec)

@@ -176,6 +176,8 @@ def _integrated_loop(
     rounded: tuple[Array, Array] | None, radius: float, points: int, dt: float, steps: int,
     parameters: Mapping[str, float],
 ) -> LoopDrift | None:
+    """Return the drift of ∮p·dq of a loop of one radius and number of points; None if a run fails.
+    """
     try:
         q, p = closed_loop(stepper, q0, p0, sizes, radius, points, parameters)
         ensemble = stepper.integrate_ensemble(q, p, dt=dt, steps=steps, parameters=parameters,

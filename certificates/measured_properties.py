@@ -188,6 +188,7 @@ class Examination:
     # ------------------------------------------------------------ symplecticity, symmetry
 
     def _loop(self) -> CertificateLine:
+        """Return the line of the loop invariant: ∮p·dq over a loop of starts, and its drift."""
         quantity, guarantee = "loop invariant ∮p·dq", self.guarantees.loop()
         rounded = self.round_off
         loop = loop_drift(self.step, self.run.q[0], self.run.p[0], self._loop_sizes(),
@@ -232,6 +233,10 @@ class Examination:
         return widths, np.where(np.isfinite(reach) & (reach > 0), reach, p.max() or 1.0)
 
     def _reversal(self) -> CertificateLine:
+        """Return the line of reversibility: N steps of Δt, then N of −Δt, compared with the start.
+
+        Round-off grows with the distance of neighbours, whose growth is measured.
+        """
         quantity = "reversal, N steps and back"
         sizes = self.round_off.sizes_of_steps(self.run.dt)
         reversed_run = reversal(self.step, self.run, self.parameters, sizes)
@@ -339,6 +344,7 @@ class Examination:
                        "the motion does not have: (qᵀp)²/8γ of a body", value)
 
     def _energy(self, guarantee: Guarantee) -> CertificateLine:
+        """Return the line of the energy: its largest error, and the linear trend of the error."""
         system = self.model.system
         works = system.forces or system.is_time_dependent or any(system.a)
         quantity = "energy H less work" if works else "energy H"
@@ -394,6 +400,7 @@ class Examination:
     # ------------------------------------------------------------ momentum maps
 
     def _momentum_maps(self) -> Iterator[CertificateLine]:
+        """Yield a line for each momentum map J = p·(A q + a) of a symmetry: its largest change."""
         system, run, rounded = self.model.system, self.run, self.round_off
         try:
             maps = momentum_maps(system, self.parameters, run.q[0], run.p[0])
@@ -427,6 +434,7 @@ class Examination:
     # ------------------------------------------------------------ order, quantities
 
     def _order(self) -> CertificateLine:
+        """Return the line of the order: the slope of |y_h − y_(h/2)| over h, where it is steady."""
         quantity, derived_order = "order", self.step.order
         run = self.run
         measurement = measure_order(self.step, run.q[0], run.p[0], run.dt, self.parameters,

@@ -60,7 +60,9 @@ def _check_number(count: int) -> None:
 
 
 def _stl(content: bytes) -> Array:
+    """Return the triangles of an STL file, binary or text, shape (count, 3, 3)."""
     count = int.from_bytes(content[80:_HEADER], "little")
+    # some binary files begin with "solid", as text does: only the length decides
     if len(content) == _HEADER + _FACET * count:
         _check_number(count)
         kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
@@ -74,6 +76,7 @@ def _stl(content: bytes) -> Array:
 
 
 def _obj(content: bytes) -> Array:
+    """Return the triangles of an OBJ file; faces with more corners become fans of triangles."""
     _check_number(content.count(b"\nf "))
     vertices: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
@@ -84,6 +87,7 @@ def _obj(content: bytes) -> Array:
                 vertices.append([float(word) for word in words[1:4]])
             elif words[:1] == ["f"]:
                 index = [int(word.split("/")[0]) for word in words[1:]]
+                # indices count from 1, negative ones from the last vertex so far; there is no 0
                 index = [k - 1 if k > 0 else len(vertices) + k for k in index]
                 if min(index) < 0:
                     raise IndexError

@@ -93,6 +93,8 @@ class FlowFunction(ABC):
     def _parts(
         self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any
     ) -> list[tuple[Any, tuple[int, ...]]]:
+        """Return the components of x in their order, each with its full shape, or refuse a shape.
+        """
         flow, count = self._flow, len(self._flow.input_names)
         arguments: list[tuple[str, Any, tuple[int, ...]]] = [("q", q, (flow.n,)),
                                                              ("p", p, (flow.n,))]

@@ -212,6 +212,7 @@ class Recorder:
 
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
+        """Take all steps; commit full blocks, and every few seconds."""
         run, committed = self.run, time.monotonic()
         while self.state.steps < run.steps and not self._has_ended() and not interrupts.requested:
             row = self.state.steps // run.every + 1 - self.first
@@ -227,6 +228,8 @@ class Recorder:
                 return
             if progress is not None:
                 progress(self.state.steps)
+            # while the writer is busy, steps go on: a slow disk makes commits rarer, not the run
+            # slower
             full = self.observer is not None and self.observer.full
             if full or (time.monotonic() - committed > COMMIT_SECONDS and not writer.busy):
                 self._commit(writer)

@@ -44,6 +44,7 @@ def native_bits(stepper: Written, options: Options, steps: int) -> str:
 
 
 def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) -> str:
+    """Return q and p after some steps of the compiled control profile, as hexadecimal bytes."""
     name, manifest = stepper.name, stepper.manifest
     real = ctypes.c_float if manifest.real == "float" else ctypes.c_double
     fields = parameter_fields(manifest)

@@ -167,6 +167,7 @@ class _Formulas:
         return _formula([value], 1, value.terms, lambda e: 1 / e)
 
     def power(self, base: Value, exponent: Value) -> Value:
+        """Return base^exponent; refuse roots and exponents whose expansion could become long."""
         self.check_exponent(exponent)
         e = exponent.exact
         _refuse_long_root(base.exact, e)
@@ -187,6 +188,7 @@ class _Formulas:
         return _formula([product, exponent], levels, terms, sp.Pow)
 
     def check_exponent(self, exponent: Value) -> None:
+        """Refuse an exponent that varies in a run, or is too large to expand."""
         e = exponent.exact
         if not exponent.is_number:
             strange = sorted(map(str, e.free_symbols - self.exponents))
@@ -201,6 +203,7 @@ class _Formulas:
             )
 
     def call(self, function: str, arguments: Sequence[Value]) -> Value:
+        """Return a function of arguments: exact where it can be, with all digits for numbers."""
         constants = [a for a in arguments if a.is_number]
         make, _ = FUNCTIONS[function]
         if function == "exp":  # SymPy makes exp(c*log(x)) the power x**c

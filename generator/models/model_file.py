@@ -162,6 +162,7 @@ def _warn_of_file(path: str | Path, messages: Iterable[str]) -> None:
 def _read(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> ModelFile:
+    """Return the contents of a text; warnings do not name the file."""
     if is_robot(path):
         options = read_settings(settings, text, path)
         return ModelFile(robot_model(text, path, rep, options), [])
@@ -184,6 +185,8 @@ def _read(
         if "frame" in content:
             model = replace(model, frame=content.choice("frame", FRAMES, ""))
         formulas.warn_of_unused()
+        # free parameters: no other number of the file is computed from them, so that a run may
+        # change them alone
         mentioned = formulas.numbers.values.mentioned
         return ModelFile(model, [name for name in model.parameters if name in content.table(
             "parameters") and name not in mentioned])

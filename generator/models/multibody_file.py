@@ -193,6 +193,7 @@ def _drive(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
 
 
 def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str, Frame]:
+    """Add the bodies of [[bodies]]; return frames by name, the ground among them."""
     tables = content.tables("bodies")
     count = len(tables) + sum(len(content.tables(kind))
                               for kind in ("point_masses", "rotors", "beams"))
@@ -329,6 +330,7 @@ def _force(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
     motion: Mapping[str, sp.Expr],
 ) -> None:
+    """Add a motor, a spring, or a force or torque on a body."""
     kind = _kind(table, FORCES)
     points = {key: table.vector(key, 3) for key in ("on_body", *POINTS) if key in table}
     if kind == "motor":

@@ -271,6 +271,7 @@ class HamiltonianTerms:
         c r² = c (terms/c + completion): the constant of H may lend no more than it has, so that no
         term is added.
         """
+        # terms = c · inner with c = outer · factor: only ``inner`` is completed to a square
         outer, factor, inner = without_common(terms)
         root, remainder = square_root(inner)
         completion = {merged(outer, m)[0]: -a * factor for m, a in remainder.items()}

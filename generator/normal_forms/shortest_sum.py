@@ -101,6 +101,8 @@ class Compact:
         return self._forms[key]
 
     def _shortest(self, terms: Terms) -> sp.Expr:
+        """Return the shortest form: common factors outside, then a square, then ``_shortest_sum``.
+        """
         if len(terms) <= 1:
             return expression_of(terms)
         self.form.spend(_PRODUCTS_PER_TERM * len(terms))
@@ -132,6 +134,8 @@ class Compact:
     def _candidates(
         self, terms: Terms, powers: list[Power], remainder: Terms
     ) -> Iterator[sp.Expr]:
+        """Yield forms of a sum: factored, with powers, as products, as squares, over a denominator.
+        """
         factors = factors_of(terms)
         if factors is not None:
             yield self._product_of(factors)

@@ -214,6 +214,7 @@ def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
 
 
 def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+    """Return the kernels of IMS and EMS: derivatives of mean rates and of the constraint force."""
     system = scheme.system
     (qm, pm), (dq, dp) = scheme.means, scheme.differences
     if isinstance(scheme, LagrangianEMS):

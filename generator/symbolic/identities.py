@@ -145,6 +145,7 @@ def _value_if_any(e: sp.Basic, arguments: list[Any]) -> Any:
 
 
 def _value(e: sp.Basic, arguments: list[Any]) -> Any:
+    """Return a function's mpmath value from the values of its arguments."""
     if e.is_Add:
         return mp.fsum(arguments)
     if e.is_Mul:

@@ -53,6 +53,8 @@ class Evaluator:
         self._values[symbol] = value
 
     def _compute(self, e: sp.Expr) -> Any:
+        """Return the value of an expression from the values of its arguments, each computed once.
+        """
         if e.is_number and not e.free_symbols:
             return self._number(e)
         if e.is_Add:
@@ -84,6 +86,7 @@ class Evaluator:
 
     def _power(self, e: sp.Pow) -> Any:
         base, exponent = self(e.base), e.exp
+        # sqrt is rounded correctly, a power of ½ is not
         if exponent == sp.Rational(1, 2):
             return self._function("sqrt")(base)
         if exponent.is_Integer:

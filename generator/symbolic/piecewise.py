@@ -176,6 +176,7 @@ def _solutions(
 
 
 def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
+    """Return the limits of all conditions on a variable in ascending order, or raise."""
     limits: dict[sp.Expr, None] = {}
     for w in _comparisons([e], {symbol}):
         variable, limit, _ = _split(w, {symbol})

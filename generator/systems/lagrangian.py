@@ -286,7 +286,7 @@ def _momentum(x: sp.Symbol, names: set[str]) -> sp.Symbol:
 def _refuse_unknown(
     name: str, L: sp.Expr, forces: Sequence[sp.Expr], declared: set[sp.Symbol]
 ) -> None:
-    """Refuse undeclared symbols in L, forces and constraints."""
+    """Refuse undeclared symbols in L and in forces."""
     for label, e in (("L", L), *((f"Force {i}", f) for i, f in enumerate(forces))):
         unknown = symbols_of([e]) - declared
         if unknown:

@@ -249,6 +249,8 @@ class System:
         return card(f"System {self.name}", table(rows))
 
     def _refuse_unknown_symbols(self) -> None:
+        """Refuse names that are no C identifiers or occur twice, and symbols that are not declared.
+        """
         time = () if self.time is None else (self.time,)
         names = [str(s) for s in (*self.q, *self.p, *self.velocities, *self.parameters, *time)]
         for name in names:

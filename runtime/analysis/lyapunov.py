@@ -250,6 +250,10 @@ class Benettin:
             raise singular(steps.first, status)
 
     def _decompose(self, step: int, q: Array, p: Array) -> None:
+        """Replace the directions by an orthonormal basis of their span, and store log R_ii.
+
+        c = Q R are the directions in unitary coordinates of the present state, where Ω is J.
+        """
         before, form = self.unit, self.frame.J
         self.frame = self._frame(step, q, p)
         c = self.frame.coordinates(self.V)

@@ -52,6 +52,7 @@ def objective(
     sizes = {"start": basis.shape[1], "inputs": int(np.prod(shape))}
 
     def evaluate(x: ArrayLike) -> tuple[float, Array]:
+        """Return the value and its gradient at x, whose blocks are in the order of ``wrt``."""
         variables = as_numbers("x", x)
         variable_count = sum(sizes.get(name, 1) for name in wrt)
         if variables.shape != (variable_count,):
@@ -64,6 +65,8 @@ def objective(
             block = variables[offset : offset + sizes.get(name, 1)]
             offset += len(block)
             if name == "start":
+                # x counts along an orthonormal basis of the tangent space: its zero is the given
+                # start
                 z = np.concatenate(state) + basis @ block
                 state, moved = (z[: stepper.n], z[stepper.n :]), True
             elif name == "inputs":
@@ -72,6 +75,7 @@ def objective(
                 here[name] = block[0]
             else:
                 now[name], moved = block[0], True
+        # a parameter may move the constraints; the gradient has the derivative of this projection
         if stepper.m and moved:
             consistent_state = stepper.consistent(
                 *state, t=here["t0"], parameters=stepper._parameters_with_inputs(now, input_rows))

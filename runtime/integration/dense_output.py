@@ -68,6 +68,7 @@ def _states_at(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike,
     fill: Callable[[EnsembleStates], None],
 ) -> Trajectory:
+    """Return the states of a run at times: rows of it, or real steps from the rows before them."""
     refuse_of_another(stepper, trajectory)
     refuse_impacts(trajectory)
     refuse_forgotten(stepper, trajectory)

@@ -121,6 +121,7 @@ class EnsembleStates:
         self.binding.batches.give_back(memory)
 
     def _fill_one(self, i: int, stop: Callable[[], bool]) -> None:
+        """Integrate run i alone, on plain numbers."""
         binding, run = self.binding, self.runs[i]
         state = RunState(self.q[i], self.p[i], self.report(i), binding.works.take())
         step_on = (partial(advance_and_detect, self.detectors[i], binding) if self.detectors
@@ -129,6 +130,8 @@ class EnsembleStates:
         binding.works.give_back(state.work)
 
     def _fill_lanes(self, batch: int, memory: BatchMemory, stop: Callable[[], bool]) -> None:
+        """Integrate a batch of runs, one a lane, piece by piece until all are done or have stopped.
+        """
         binding, first = self.binding, self.runs.first
         lanes = slice(batch * self.batch, (batch + 1) * self.batch)
         rows, state = self.rows[lanes], BatchState(
@@ -142,6 +145,7 @@ class EnsembleStates:
             row = done // first.every + 1
             count, every = next_chunk(first, done, pace.begin(first.steps - done))
             previous = rows.iterations[:, row].copy()  # of earlier pieces: a row may take several
+            # events are sought in every state, also in those that are not stored
             if self.detectors:
                 visited = Rows.allocate(binding, len(state.q), count + 1)
                 visited.q[:, 0], visited.p[:, 0] = state.q, state.p

@@ -89,6 +89,11 @@ def shapes_of(body: ScenePart, joints: list[Held], reach: float, *, inside: bool
 
 def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float, *, inside: bool,
                  ) -> list[Shape]:
+    """Return the shapes of a body: the first that its joints and proportions suggest.
+
+    A rim with its stem, a gimbal ring, a frame, a block that slides, a top on its support, a wheel,
+    a sphere, a bar, arms to the joints, a disc, a wing nut; else a box.
+    """
     half = body.sizes["box"]
     if body.rim is not None:
         return list(_top(np.zeros(3), body.axes, *body.rim, 0.0))

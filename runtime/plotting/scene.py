@@ -227,6 +227,12 @@ def check_bodies(manifest: Manifest) -> None:
 
 
 def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> ScenePart:
+    """Return a body with the box and the ellipsoid of its inertia, its poses, and a tip to trace.
+
+    A solid with the moments J_k has the spread (J_1 + J_2 + J_3 − 2 J_k)/m along axis k, from which
+    its half lengths follow. Where no mass is known, the sizes are relative; where the weight is on
+    a principal axis, it is drawn as a top.
+    """
     motion, columns = trajectory.body(name), bodies_of(trajectory.manifest)[name]
     mass = columns.mass_of(trajectory.parameters)
     centre = motion.centre if columns.centre else np.zeros(3)
@@ -235,6 +241,7 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
         J = J - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     moments, axes = (np.diag(J), np.eye(3)) if not (J - np.diag(np.diag(J))).any() else (
         np.linalg.eigh(J))
+    # eigenvectors may be left-handed
     axes = axes * np.sign(np.linalg.det(axes))
     spread = np.maximum(moments.sum() - 2 * moments, 0.0)
     shape = np.sqrt(spread / (1.0 if mass is None else mass))

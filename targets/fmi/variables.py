@@ -88,6 +88,7 @@ def variables_of(manifest: Manifest, options: Options) -> list[Variable]:
 
 
 def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
+    """Yield time, dt, parameters, inputs, states, quantities and energy, in the order of C."""
     system = manifest.system
     numbers = system.numbers
     hamiltonian = system.hamiltonian
