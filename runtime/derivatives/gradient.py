@@ -307,76 +307,107 @@ def gradient_of(
     StepFailed
         As the run itself does: there is no partial gradient.
     """
-    refuse_run(run)
-    binding, n = stepper._derivative_binding(), stepper.binding.n
-    names = [*stepper.binding.parameter_names, "dt", "t0"]
-    fed = stepper.binding.input_names if run.inputs is not None else []
-    columns = [2 * n + names.index(u) for u in fed]
-    rows, points = cotangents.rows, cotangents.points
-    steps_of_points = np.array([point.step for point, *_ in points], int)
-    frame = FrameMotion(binding, stepper.symmetries, run)
-    if len(cotangents.multipliers) or any(forces is not None for *_, forces in points):
-        frame.refuse_rotating_multipliers(run)
-    z_bar = binding.own.new(binding.rows)
-    for name, slope in cotangents.parameters.items():
-        z_bar[2 * n + names.index(name)] = slope
-    # t_k = t0 + k Δt: the cotangents of times are those of t0, and k times those of Δt
-    z_bar[-1] = cotangents.times.sum()
-    z_bar[-2] = (cotangents.times * run.steps_of_rows(run.steps)).sum()
-    # a state behind the last whole step has inputs of its own
-    beyond = bool(len(points)) and int(steps_of_points.max()) == run.steps
-    inputs_bar: Array = binding.own.new((run.steps + beyond) if fed else 0, len(fed))
-    parameters = binding.own.parameters(run.parameters, run.t0)
-
-    def of_points(step: int, q: Array, p: Array) -> Array:
-        """Return the cotangent of a state of the frame, of the points in the step behind it."""
-        cotangent: Array = binding.own.new(binding.rows)
-        z = np.concatenate([q, p])
-        if frame.moves:
-            z = frame.matrix(step) @ z
-        for i in np.flatnonzero(steps_of_points == step):
-            cotangent += cotangent_at(stepper, run, points[i][0], z, *points[i][1:])
-        # the inputs of a step are parameters of its own
-        if len(inputs_bar) and cotangent.any():
-            inputs_bar[step] += cotangent[columns]
-            cotangent[columns] = 0
-        z_bar[2 * n :] += cotangent[2 * n :]
-        return cotangent[: 2 * n]
-
-    # w is the cotangent of the state at the start of the steps done so far, from the end of the run
-    # on
-    w: Array | None = None
-    switched = 0
-    for piece in backwards(stepper, run, as_bytes(memory), end):
-        switched += binding.count_switches(run, parameters, piece)
-        for steps in reversed(split(piece, np.unique(steps_of_points))):
-            last = steps.first + steps.count
-            if w is None:
-                w = _of_frame(frame, steps, last, rows[-1] + of_points(
-                    last, steps.q[-1], steps.p[-1]), z_bar)
-            here = _of_stored(frame, run, steps, rows, z_bar)
-            forces = _of_steps(stepper, run, steps, cotangents.multipliers)
-            own_bar = binding.own.new(steps.count if len(inputs_bar) else 0, len(fed))
-            status = binding.integrate_adjoint(run, parameters, steps, here, run.every, forces, w,
-                                               z_bar, own_bar)
-            if status:
-                raise singular(steps.first, status)
-            if len(inputs_bar):
-                inputs_bar[steps.first : last] += own_bar
-            if (steps_of_points == steps.first).any():
-                w += _of_frame(frame, steps, steps.first, of_points(
-                    steps.first, steps.q[0], steps.p[0]), z_bar)
-    if w is None:
-        w = rows[0] + of_points(0, run.q, run.p)
-    z_bar[: 2 * n] = w
+    adjoint = _AdjointRun(stepper, run, cotangents)
+    w = adjoint.advance(as_bytes(memory), end)
     if cotangents.size > 0:
         warn_of_growth(stepper, "On its way to the start the cotangent has",
                        float(np.linalg.norm(w.astype(float))) / cotangents.size)
-    space = TangentSpace(binding, parameters, run.q, run.p, stepper.constraint_names)
-    warn_of_jumps(stepper, switched)
+    space = TangentSpace(adjoint.binding, adjoint.parameters, run.q, run.p,
+                         stepper.constraint_names)
+    warn_of_jumps(stepper, adjoint.switched)
+    inputs_bar = adjoint.inputs_bar
     return Gradient.of_cotangent(
-        space, z_bar, wrt, value, inputs_bar if run.inputs is None else _held(inputs_bar, run),
-        switched)
+        space, adjoint.z_bar, wrt, value, inputs_bar if run.inputs is None else _held(
+            inputs_bar, run), adjoint.switched)
+
+
+class _AdjointRun:
+    """A run from its last step to its first, with the cotangent of the state in the frame.
+
+    Attributes
+    ----------
+    z_bar : array
+        The cotangent of the start, parameters, Δt and t0 so far.
+    inputs_bar : array, shape (steps, inputs)
+        Those of the inputs of each step; none if the run has no inputs.
+    switched : int
+        Steps so far across a switch of H or the forces.
+    """
+
+    def __init__(self, stepper: Stepper, run: RunArguments, cotangents: Cotangents) -> None:
+        refuse_run(run)
+        self.stepper, self.run, self.cotangents = stepper, run, cotangents
+        self.binding = stepper._derivative_binding()
+        self.own, n = self.binding.own, stepper.binding.n
+        names = [*stepper.binding.parameter_names, "dt", "t0"]
+        fed = stepper.binding.input_names if run.inputs is not None else []
+        self.input_columns = [2 * n + names.index(u) for u in fed]
+        points = cotangents.points
+        self.steps_of_points = np.array([point.step for point, *_ in points], int)
+        self.frame = FrameMotion(self.binding, stepper.symmetries, run)
+        if len(cotangents.multipliers) or any(forces is not None for *_, forces in points):
+            self.frame.refuse_rotating_multipliers(run)
+        self.z_bar = self.own.new(self.binding.rows)
+        for name, slope in cotangents.parameters.items():
+            self.z_bar[2 * n + names.index(name)] = slope
+        # t_k = t0 + k Δt: the cotangents of times are those of t0, and k times those of Δt
+        self.z_bar[-1] = cotangents.times.sum()
+        self.z_bar[-2] = (cotangents.times * run.steps_of_rows(run.steps)).sum()
+        # a state behind the last whole step has inputs of its own
+        beyond = bool(len(points)) and int(self.steps_of_points.max()) == run.steps
+        self.inputs_bar: Array = self.own.new((run.steps + beyond) if fed else 0, len(fed))
+        self.parameters = self.own.parameters(run.parameters, run.t0)
+        self.switched = 0
+
+    def advance(self, memory: int | None, end: tuple[Array, Array] | None) -> Array:
+        """Take all steps backwards; return the cotangent of the start, which ``z_bar`` has too."""
+        w: Array | None = None
+        for piece in backwards(self.stepper, self.run, memory, end):
+            self.switched += self.binding.count_switches(self.run, self.parameters, piece)
+            for steps in reversed(split(piece, np.unique(self.steps_of_points))):
+                if w is None:
+                    last = steps.first + steps.count
+                    w = _of_frame(self.frame, steps, last, self.cotangents.rows[-1]
+                                  + self._of_points(last, steps.q[-1], steps.p[-1]), self.z_bar)
+                w = self._take(steps, w)
+        if w is None:  # a run of no steps
+            w = self.cotangents.rows[0] + self._of_points(0, self.run.q, self.run.p)
+        self.z_bar[: len(w)] = w
+        return w
+
+    def _take(self, steps: KeptSteps, w: Array) -> Array:
+        """Return the cotangent of the state before some steps, of that after them."""
+        run, here = self.run, _of_stored(self.frame, self.run, steps, self.cotangents.rows,
+                                         self.z_bar)
+        forces = _of_steps(self.stepper, run, steps, self.cotangents.multipliers)
+        has_inputs = len(self.inputs_bar) > 0
+        own_bar = self.own.new(steps.count if has_inputs else 0, len(self.input_columns))
+        status = self.binding.integrate_adjoint(run, self.parameters, steps, here, run.every,
+                                                forces, w, self.z_bar, own_bar)
+        if status:
+            raise singular(steps.first, status)
+        if has_inputs:
+            self.inputs_bar[steps.first : steps.first + steps.count] += own_bar
+        if (self.steps_of_points == steps.first).any():
+            w += _of_frame(self.frame, steps, steps.first, self._of_points(
+                steps.first, steps.q[0], steps.p[0]), self.z_bar)
+        return w
+
+    def _of_points(self, step: int, q: Array, p: Array) -> Array:
+        """Return the cotangent of a state of the frame, of the points in the step behind it."""
+        cotangent: Array = self.own.new(self.binding.rows)
+        z = np.concatenate([q, p])
+        if self.frame.moves:
+            z = self.frame.matrix(step) @ z
+        for i in np.flatnonzero(self.steps_of_points == step):
+            point, *cotangents = self.cotangents.points[i]
+            cotangent += cotangent_at(self.stepper, self.run, point, z, *cotangents)
+        # the inputs of a step are parameters of its own
+        if len(self.inputs_bar) and cotangent.any():
+            self.inputs_bar[step] += cotangent[self.input_columns]
+            cotangent[self.input_columns] = 0
+        self.z_bar[len(z) :] += cotangent[len(z) :]
+        return cotangent[: len(z)]
 
 
 def _of_frame(
