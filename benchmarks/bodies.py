@@ -332,13 +332,13 @@ def _batch(model: gs.Model, stages: int, steps: int) -> Prepared:
             raise failure
         return ends
 
-    ends, many = alone(), together()
+    ends, ensemble = alone(), together()
     each = _TRAJECTORIES * steps
     return Prepared(
-        {"iterations": float(np.mean([one.report.iterations_mean for one in many.members])),
-         "differs by": float(max(np.abs(many.q[i, -1] - one.q[-1]).max()
+        {"iterations": float(np.mean([one.report.iterations_mean for one in ensemble.members])),
+         "differs by": float(max(np.abs(ensemble.q[i, -1] - one.q[-1]).max()
                                  for i, one in enumerate(ends))),
-         "|g|": max(one.report.constraint_max for one in many.members)},
+         "|g|": max(one.report.constraint_max for one in ensemble.members)},
         {"together": together, "alone": alone},
         lambda seconds: {"µs/step": seconds["together"].median / each * 1e6,
                          "alone µs/step": seconds["alone"].median / each * 1e6,

@@ -85,8 +85,8 @@ def count_step(counter: Counter, scheme: str, stages: int | None, rep: str) -> t
                  "--rep", rep, "--standalone", "--no-compile", "--out", folder])
         header, = Path(folder).glob("*.h")
         program = _build(counter, header.stem, rep, Path(folder))
-        few, many = (_count(program, steps) for steps in (_FEW, _MANY))
-    return header.stem, (many - few) / (_MANY - _FEW)
+        few, many_steps = (_count(program, steps) for steps in (_FEW, _MANY))
+    return header.stem, (many_steps - few) / (_MANY - _FEW)
 
 
 def _build(counter: Counter, name: str, rep: str, folder: Path) -> Path:

@@ -95,9 +95,9 @@ def measure(subject: Subject, real: str = "double") -> Accuracy:
     values = dict(step.integrate(subject.model.q0, subject.model.p0, dt=subject.dt, steps=0,
                                  parameters=subject.parameters).parameters)
     state = step.consistent(subject.model.q0, subject.model.p0, parameters=values)
-    at = _Step(step, state.q, state.p, values, subject.dt, 0.0)
-    basis, images = at.tangents()
-    end = at.end()
+    single_step = _Step(step, state.q, state.p, values, subject.dt, 0.0)
+    basis, images = single_step.tangents()
+    end = single_step.end()
     forward = _Step(step, end[0], end[1], values, subject.dt, subject.dt)
     conservative = not step.manifest.system.forces
     form = _omega(step.n)
@@ -105,12 +105,12 @@ def measure(subject: Subject, real: str = "double") -> Accuracy:
     symplectic = backwards = None
     if conservative:
         symplectic = float(np.abs(images.T @ form @ images - basis.T @ form @ basis).max()) / size
-        backwards = _backwards(at, forward)
-    quad = at if real == "double" else _exact(subject, values, real)
+        backwards = _backwards(single_step, forward)
+    quad = single_step if real == "double" else _exact(subject, values, real)
     outside = images - (B := forward.basis()) @ (B.T @ images)
     return Accuracy(
         subject.name, step.n, step.m, basis.shape[1] + len(values) + 1,
-        _differences(quad, _SHIFT[real]), _transposed(at),
+        _differences(quad, _SHIFT[real]), _transposed(single_step),
         float(np.abs(outside).max() / np.abs(images).max()), symplectic, backwards,
         time.perf_counter() - started)
 
@@ -171,24 +171,24 @@ def _exact(subject: Subject, values: Mapping[str, Any], real: str) -> _Step:
 
 
 def _omega(n: int) -> Array:
-    zero, one = np.zeros((n, n)), np.eye(n)
-    return np.block([[zero, one], [-one, zero]])
+    zero, identity = np.zeros((n, n)), np.eye(n)
+    return np.block([[zero, identity], [-identity, zero]])
 
 
-def _transposed(at: _Step) -> float:
-    rng, n = np.random.default_rng(2), at.step.n
+def _transposed(step: _Step) -> float:
+    rng, n = np.random.default_rng(2), step.step.n
     w = rng.normal(size=2 * n)
-    gradient = at.back()(w[:n], w[n:])
+    gradient = step.back()(w[:n], w[n:])
     y = rng.normal(size=gradient.basis.shape[1])
-    d = {k: rng.normal() * (abs(float(x)) or 1.0) for k, x in at.values.items()} | {"dt": at.dt}
-    image = at.forth(gradient.basis @ y, d)
+    d = {k: rng.normal() * (abs(float(x)) or 1.0) for k, x in step.values.items()} | {"dt": step.dt}
+    image = step.forth(gradient.basis @ y, d)
     terms = [*(w * image), *(-gradient.start * y), *(-gradient[k] * x for k, x in d.items())]
     return abs(float(np.sum(terms))) / float(np.abs(terms).sum())
 
 
-def _backwards(at: _Step, forward: _Step) -> float:
-    n, form = at.step.n, _omega(at.step.n)
-    back, worst = at.back(), 0.0
+def _backwards(step: _Step, forward: _Step) -> float:
+    n, form = step.step.n, _omega(step.step.n)
+    back, worst = step.back(), 0.0
     for u in forward.basis().T[:4]:
         w = form @ u
         gradient = back(w[:n], w[n:])
@@ -198,27 +198,28 @@ def _backwards(at: _Step, forward: _Step) -> float:
     return worst
 
 
-def _differences(at: _Step, shift: float) -> float:
+def _differences(step: _Step, shift: float) -> float:
     """Return the largest error of q and of p, relative to the largest entry: columns are scaled."""
-    basis = at.basis()
+    basis = step.basis()
     zero = basis[:, 0] - basis[:, 0]
     rng = np.random.default_rng(3)
     mixed = basis @ (rng.normal(size=basis.shape[1]) / basis.shape[1] ** 0.5)
-    size = np.abs(np.concatenate([at.q, at.p])).max()
+    size = np.abs(np.concatenate([step.q, step.p])).max()
     columns: list[tuple[Array, dict[str, Any]]] = [(mixed * size, {})]
-    columns += [(zero, {k: x if x != 0 else 1.0}) for k, x in at.values.items()]
-    columns.append((zero, {"dt": at.dt}))
-    found = np.array([at.forth(v, d) for v, d in columns])
-    expected = np.array([_slope(at, v, d, shift) for v, d in columns])
-    n = at.step.n
-    return max(float(np.abs(found - expected)[:, part].max() / np.abs(expected)[:, part].max())
+    columns += [(zero, {k: x if x != 0 else 1.0}) for k, x in step.values.items()]
+    columns.append((zero, {"dt": step.dt}))
+    differences = np.array([step.forth(v, d) for v, d in columns])
+    expected = np.array([_slope(step, v, d, shift) for v, d in columns])
+    n = step.step.n
+    errors, sizes = np.abs(differences - expected), np.abs(expected)
+    return max(float(errors[:, part].max() / sizes[:, part].max())
                for part in (slice(n), slice(n, None)))
 
 
-def _slope(at: _Step, v: Array, d: Mapping[str, Any], shift: float) -> Array:
+def _slope(step: _Step, v: Array, d: Mapping[str, Any], shift: float) -> Array:
     def rise(e: float) -> Array:
-        made: Array = np.concatenate(at.end(v, d, e)) - np.concatenate(at.end(v, d, -e))
-        return made
+        difference: Array = np.concatenate(step.end(v, d, e)) - np.concatenate(step.end(v, d, -e))
+        return difference
 
     slope: Array = (8 * rise(shift) - rise(2 * shift)) / (12 * shift)
     return slope
@@ -230,20 +231,20 @@ def main() -> None:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--real", choices=[*_SHIFT], default="double")
     parser.add_argument("--json", type=Path)
-    given = parser.parse_args()
+    options = parser.parse_args()
     columns = ("differences", "transposed", "tangent", "symplectic", "backwards")
     print(f"{'':24}{'n':>5}{'m':>5}{'by':>5}", *(f"{name:>12}" for name in columns), " seconds")
-    found = []
-    for subject in subjects(given.names):
+    rows = []
+    for subject in subjects(options.names):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", gs.errors.InputWarning)  # of rotations a step
-            one = measure(subject, given.real)
-        found.append(asdict(one))
-        cells = ("–" if (x := getattr(one, name)) is None else f"{x:.1e}" for name in columns)
-        print(f"{one.name:24}{one.coordinates:5}{one.constraints:5}{one.directions:5}",
-              *(f"{cell:>12}" for cell in cells), f"{one.seconds:8.1f}", flush=True)
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+            row = measure(subject, options.real)
+        rows.append(asdict(row))
+        cells = ("–" if (x := getattr(row, name)) is None else f"{x:.1e}" for name in columns)
+        print(f"{row.name:24}{row.coordinates:5}{row.constraints:5}{row.directions:5}",
+              *(f"{cell:>12}" for cell in cells), f"{row.seconds:8.1f}", flush=True)
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -199,10 +199,11 @@ def _heyoka_job(
 ) -> EventJob:
     heyoka = need("heyoka")
     found: list[float] = []
-    way = {0: heyoka.event_direction.any, -1: heyoka.event_direction.negative}[direction]
+    event_direction = {0: heyoka.event_direction.any,
+                       -1: heyoka.event_direction.negative}[direction]
     plain = heyoka.taylor_adaptive(equations, list(start))
     watched = heyoka.taylor_adaptive(equations, list(start), nt_events=[heyoka.nt_event(
-        value, lambda motion, t, sign: found.append(t), direction=way)])
+        value, lambda motion, t, sign: found.append(t), direction=event_direction)])
 
     def run(motion: Any, **options: Any) -> Any:
         motion.time = 0.0

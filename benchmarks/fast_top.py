@@ -55,19 +55,19 @@ def errors_of(end: TopState, t_end: float) -> dict[str, float]:
             "|q| − 1": float(np.abs((q**2).sum(axis=-1) - 1).max() / 2)}
 
 
-def _arrived(run: Run, t_end: float, most: float) -> TopState:
+def _arrived(run: Run, t_end: float, largest_error: float) -> TopState:
     """Return the end of a run, unless a short one foretells that it takes too long."""
     short = max(_SHORT, t_end / 100)
     expected = t_end / short * min(stopwatch(partial(run, short)) for _ in range(2))
-    if expected > most:
+    if expected > largest_error:
         raise Unavailable(f"not run to its end: {t_end:g} s take about {expected:.0f} s")
     return run(t_end)
 
 
-def _prepared(entry: PeerEntry, t_end: float, most: float, count: int = 1) -> Prepared:
+def _prepared(entry: PeerEntry, t_end: float, largest_error: float, count: int = 1) -> Prepared:
     """Return the job of an entry and its errors; costs are of one of ``count`` tops."""
     run = entry.prepare()
-    errors = errors_of(_arrived(run, t_end, most), t_end)
+    errors = errors_of(_arrived(run, t_end, largest_error), t_end)
 
     def costs(seconds: Mapping[str, Sample]) -> dict[str, float]:
         each = seconds["run"].per(t_end * count)
@@ -78,12 +78,12 @@ def _prepared(entry: PeerEntry, t_end: float, most: float, count: int = 1) -> Pr
     return Prepared(errors, {"run": partial(run, t_end)}, costs)
 
 
-def _contest(case: str, found: list[PeerEntry], choice: Choice, t_end: float, count: int = 1
+def _contest(case: str, entries: list[PeerEntry], choice: Choice, t_end: float, count: int = 1
              ) -> list[Row]:
-    most = _QUICK_MOST if choice.quick else _MOST
-    return contest(case, [Entry(one.program, one.setting,
-                                partial(_prepared, one, t_end, most, count), one.quick)
-                          for one in found], choice)
+    largest_error = _QUICK_MOST if choice.quick else _MOST
+    return contest(case, [Entry(entry.program, entry.setting,
+                                partial(_prepared, entry, t_end, largest_error, count), entry.quick)
+                          for entry in entries], choice)
 
 
 def peers(choice: Choice) -> list[Row]:

@@ -156,11 +156,11 @@ def recover(case: FitCase, seeds: range) -> Recovery:
     for seed in seeds:
         data = case.data(seed)
         begin = time.process_time()
-        found = case.fit(data)
+        fit = case.fit(data)
         seconds.append(time.process_time() - begin)
-        errors.append([(found.parameters[name] - case.true[name]) / found.sigma[name]
+        errors.append([(fit.parameters[name] - case.true[name]) / fit.sigma[name]
                        for name in case.free])
-        if not found.converged or found.undetermined:
+        if not fit.converged or fit.undetermined:
             failures.append(seed)
     return Recovery(case.free, np.array(errors), seconds, failures)
 
@@ -169,12 +169,12 @@ def main() -> None:
     """Print a table for each case."""
     seeds = range(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
     for name, case in (("damped top", damped_top()), ("double body", double_body())):
-        found = recover(case, seeds)
-        print(f"{name}: {len(seeds)} seeds, {len(found.failures)} failures, CPU s: median "
-              f"{statistics.median(found.seconds):.2f}, largest {max(found.seconds):.2f}")
-        spread = np.sqrt((found.errors**2).mean(axis=0))
-        for one, deviation in zip(found.names, spread, strict=True):
-            print(f"  {one:12} {found.within()[one]:4d} within 2 σ, rms error {deviation:.2f} σ")
+        recovery = recover(case, seeds)
+        print(f"{name}: {len(seeds)} seeds, {len(recovery.failures)} failures, CPU s: median "
+              f"{statistics.median(recovery.seconds):.2f}, largest {max(recovery.seconds):.2f}")
+        spread = np.sqrt((recovery.errors**2).mean(axis=0))
+        for one, deviation in zip(recovery.names, spread, strict=True):
+            print(f"  {one:12} {recovery.within()[one]:4d} within 2 σ, rms error {deviation:.2f} σ")
 
 
 if __name__ == "__main__":

@@ -159,8 +159,8 @@ class _Case:
 
 
 
-def _off(found: Array, truth: Array) -> float:
-    return float(np.abs(found - truth).max() / np.abs(truth).max())
+def _off(computed: Array, truth: Array) -> float:
+    return float(np.abs(computed - truth).max() / np.abs(truth).max())
 
 
 class FastTopGradient(_Case):

@@ -224,13 +224,15 @@ def _chain(hinges: Sequence[tuple[Vector, Any]], angles: Sequence[Any], begin: V
     return rods
 
 
-def _energies(rods: Sequence[LoopRod], across: Any, own: Any, up: Vector) -> tuple[Any, Any]:
+def _energies(
+    rods: Sequence[LoopRod], across: Any, own_inertia: Any, up: Vector
+) -> tuple[Any, Any]:
     """Return 2T/θ'² and V of rods of 1 kg with moments across and about their axis."""
     mass, height = mp.mpf(0), mp.mpf(0)
     for rod in rods:
         v = _times(mp.mpf(1) / 2, _plus(rod.begin_rate, rod.end_rate))
         spin = _dot(rod.turn, rod.along) ** 2 / _dot(rod.along, rod.along)
-        mass += _dot(v, v) + across * (_dot(rod.turn, rod.turn) - spin) + own * spin
+        mass += _dot(v, v) + across * (_dot(rod.turn, rod.turn) - spin) + own_inertia * spin
         height += _dot(up, _plus(rod.begin, rod.end)) / 2
     return mass, mp.mpf(_G) * height
 

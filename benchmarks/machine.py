@@ -21,16 +21,17 @@ __all__ = ["about"]
 def about(packages: Iterable[str]) -> dict[str, Any]:
     """Return machine, compiler and the versions of the packages that are installed."""
     compiler = shlex.split(os.environ.get("CC", "cc"))
-    said = subprocess.run([*compiler, "--version"], check=True, capture_output=True, text=True)
-    found = {name: version(name) for name in ("numpy", *packages)}
+    version_output = subprocess.run([*compiler, "--version"], check=True, capture_output=True,
+                                    text=True)
+    versions = {name: version(name) for name in ("numpy", *packages)}
     return {
         "gyrospark": gs.__version__,
         "python": platform.python_version(),
         "system": platform.platform(),
         "processor": _processor(),
         "cores": os.cpu_count(),
-        "compiler": said.stdout.splitlines()[0],
-        "packages": {name: number for name, number in found.items() if number},
+        "compiler": version_output.stdout.splitlines()[0],
+        "packages": {name: number for name, number in versions.items() if number},
         "reference": reference_about(),
     }
 

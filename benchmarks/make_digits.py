@@ -47,11 +47,11 @@ _WORK, _SERIES = 50, 32
 
 def main(names: Sequence[str] = ()) -> None:
     """Write the digits of all problems, or of some, and print how far the two ways are apart."""
-    kept = json.loads(PATH.read_text(encoding="utf-8")) if names else {}
-    kept |= {name: digits(reference(name)) for name in names or REFERENCES}
-    found = {name: kept[name] for name in REFERENCES if name in kept}
-    PATH.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    for name, truth in found.items():
+    known_digits = json.loads(PATH.read_text(encoding="utf-8")) if names else {}
+    known_digits |= {name: digits(reference(name)) for name in names or REFERENCES}
+    all_digits = {name: known_digits[name] for name in REFERENCES if name in known_digits}
+    PATH.write_text(json.dumps(all_digits, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    for name, truth in all_digits.items():
         print(f"{name:18} {truth['agreement']:.1e}  {truth['made']}")
 
 
@@ -64,14 +64,14 @@ def digits(problem: Reference) -> dict[str, Any]:
         If its two ways do not agree.
     """
     with mp.workdps(_WORK):
-        made, (values, second) = WAYS[problem.name](problem)
+        origin, (values, second) = WAYS[problem.name](problem)
         apart = max(_apart(values[group], second[group]) for group in problem.groups)
         if apart > _AGREEMENT:
             raise ArithmeticError(f"{problem.name}: the two ways differ by {apart:.1e}.")
         texts = {name: mp.nstr(value, _DIGITS, strip_zeros=False)
                  for group, names in problem.groups.items()
                  for name, value in zip(names, values[group], strict=True)}
-    return {"values": texts, "made": made, "agreement": apart}
+    return {"values": texts, "made": origin, "agreement": apart}
 
 
 def _apart(values: Sequence[Any], second: Sequence[Any]) -> float:
@@ -89,8 +89,8 @@ def _run(problem: Reference, steps: int) -> Numbers:
     if any(abs(a - b) > 1e-28 for a, b in zip((*q, *p), (*model.q0, *model.p0), strict=True)):
         raise ArithmeticError(f"{problem.name} does not start on its constraints.")
     model = replace(model, q0=q, p0=p)
-    found = problem.read(run_once(problem, step, model, steps, "float128"))
-    return {group: [_wide(x) for x in numbers] for group, numbers in found.items()}
+    groups = problem.read(run_once(problem, step, model, steps, "float128"))
+    return {group: [_wide(x) for x in numbers] for group, numbers in groups.items()}
 
 
 def _wide(value: Any) -> Any:

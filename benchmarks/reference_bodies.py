@@ -90,10 +90,10 @@ def _of_mujoco(
 
 def _finer(problem: Reference, scene: SceneReference, peer: str, scheme: str, prepare: Prepare,
            rounds: int,
-           most: int, watch: Callable[[str], None]) -> Iterator[WorkPrecisionRun]:
+           largest_count: int, watch: Callable[[str], None]) -> Iterator[WorkPrecisionRun]:
     """Yield runs with ever more steps; one that fails is told."""
     steps = min(min(attempt.steps) for attempt in problem.attempts)
-    for _ in range(most):
+    for _ in range(largest_count):
         go, start = prepare(steps, float(problem.seconds)), time.thread_time()
         try:
             end = go()
@@ -112,12 +112,12 @@ def _finer(problem: Reference, scene: SceneReference, peer: str, scheme: str, pr
 
 def _error(problem: Reference, scene: SceneReference, end: Mapping[str, SceneMotion]) -> float:
     """Return how far the end of a run is from the truth, as ``Reference.error`` does of ours."""
-    found = scene.read(end)
-    return max(largest_error(found[group], [problem.truth.value(name) for name in names])
+    groups = scene.read(end)
+    return max(largest_error(groups[group], [problem.truth.value(name) for name in names])
                for group, names in problem.groups.items())
 
 
-def largest_error(found: Sequence[Any], true: Sequence[Fraction]) -> float:
+def largest_error(computed: Sequence[Any], true: Sequence[Fraction]) -> float:
     """Return the largest difference of numbers, relative to the largest true one."""
-    apart = [abs(Fraction(float(x)) - y) for x, y in zip(found, true, strict=True)]
+    apart = [abs(Fraction(float(x)) - y) for x, y in zip(computed, true, strict=True)]
     return float(max(apart) / max(map(abs, true)))

@@ -59,13 +59,13 @@ def scene_reference(problem: Reference) -> SceneReference:
     return SceneReference(scene, lambda motions: _signed(problem, problem.read(scene.end(motions))))  # type: ignore[arg-type]
 
 
-def _signed(problem: Reference, found: Numbers) -> Numbers:
+def _signed(problem: Reference, groups: Numbers) -> Numbers:
     """Return the attitude by that of its two quaternions that is nearer to the true one."""
-    if "attitude" not in found:
-        return found
+    if "attitude" not in groups:
+        return groups
     true = [float(problem.truth.value(name)) for name in problem.groups["attitude"]]
-    q = np.asarray(found["attitude"])
-    return {**found, "attitude": (q if q @ true > 0 else -q).tolist()}
+    q = np.asarray(groups["attitude"])
+    return {**groups, "attitude": (q if q @ true > 0 else -q).tolist()}
 
 
 # ---------------------------------------------------------------- a point on a rod

@@ -48,8 +48,8 @@ def reference_axes(t_end: float) -> Array:
 
 def distance(q: Array, t_end: float) -> Array:
     """Return how far the mass centres are from the reference in metres; q has shape (N, 4)."""
-    wanted = reference_axes(t_end)
-    wanted = wanted[np.arange(len(q)) % len(wanted)]
-    difference = axis(np.asarray(q).astype(np.longdouble)) - wanted
+    expected_axes = reference_axes(t_end)
+    expected_axes = expected_axes[np.arange(len(q)) % len(expected_axes)]
+    difference = axis(np.asarray(q).astype(np.longdouble)) - expected_axes
     sizes: Array = LEVER * np.sqrt((difference**2).sum(axis=-1)).astype(np.float64)
     return sizes

@@ -112,15 +112,15 @@ def _runs(problem: Reference, peer: str,
             end, steps = go()
             seconds.append(time.thread_time() - start)
         parts = np.split(end, [len(true[0])])
-        error = max(largest_error(found.tolist(), wanted)
-                    for found, wanted in zip(parts, true, strict=True))
+        error = max(largest_error(computed.tolist(), exact)
+                    for computed, exact in zip(parts, true, strict=True))
         yield WorkPrecisionRun(problem.name, f"{scheme}, {tolerance:.0e}", steps, error,
                                statistics.median(seconds), {}, peer)
 
 
-def _scipy(way: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
+def _scipy(equations: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
     integrate = need("scipy.integrate", "scipy")
-    rates, start = way.motion()
+    rates, start = equations.motion()
     initial = np.array([float(x) for x in start])
 
     def right(t: float, state: Array) -> Array:
@@ -132,7 +132,7 @@ def _scipy(way: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
         steps = 0
         while solver.status == "running":
             solver.step()
-            solver.y = way.back(solver.y)
+            solver.y = equations.back(solver.y)
             solver.f = right(solver.t, solver.y)
             steps += 1
         return solver.y, steps
@@ -140,9 +140,9 @@ def _scipy(way: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
     return go
 
 
-def _heyoka(way: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
+def _heyoka(equations: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
     heyoka = need("heyoka")
-    rates, start = way.motion()
+    rates, start = equations.motion()
     initial = np.array([float(x) for x in start])
     variables = heyoka.make_vars(*(f"x{i}" for i in range(len(initial))))
     motion = heyoka.taylor_adaptive(list(zip(variables, rates(None, variables), strict=True)),

@@ -140,8 +140,8 @@ def robots(choice: Choice) -> list[Row]:
 
 def mechanisms(choice: Choice) -> list[Mechanism]:
     """Return the mechanisms that are chosen."""
-    known = [one for one in MECHANISMS.values() if choice.only in one.name]
-    return [*known, *map(Mechanism.of_file, choice.mjcf)]
+    selected = [mechanism for mechanism in MECHANISMS.values() if choice.only in mechanism.name]
+    return [*selected, *map(Mechanism.of_file, choice.mjcf)]
 
 
 def runs(mechanism: Mechanism, choice: Choice, steps: int, stages: Sequence[int] = (2, 3)
@@ -234,8 +234,8 @@ def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
 def _compared(scene: ReferenceScene, pieces: Any) -> tuple[dict[str, Array], float]:
     """Return where the bodies are after ``COMPARED`` steps, and their CPU seconds."""
     start = time.thread_time()
-    (found,) = pieces(COMPARED, 1)
-    return _places(scene, found), time.thread_time() - start
+    (end,) = pieces(COMPARED, 1)
+    return _places(scene, end), time.thread_time() - start
 
 
 def _true_end(mechanism: Mechanism, stages: int) -> dict[str, Array]:
@@ -247,16 +247,16 @@ def _true_end(mechanism: Mechanism, stages: int) -> dict[str, Array]:
     return _places(mechanism.scene, (run.q[-1], run.p[-1]))
 
 
-def _places(scene: ReferenceScene, found: Any) -> dict[str, Array]:
-    q, _ = _state(scene, found)
+def _places(scene: ReferenceScene, motion: Any) -> dict[str, Array]:
+    q, _ = _state(scene, motion)
     places = {x: i for i, x in enumerate(scene.model.system.q)}
     return {at.name: q[[places[x] for x in at.x]] for at in scene.model.system.bodies}
 
 
-def _state(scene: ReferenceScene, found: Any) -> tuple[Array, Array]:
-    if isinstance(found, tuple):
-        return found
-    end = scene.end(found)
+def _state(scene: ReferenceScene, motion: Any) -> tuple[Array, Array]:
+    if isinstance(motion, tuple):
+        return motion
+    end = scene.end(motion)
     return end.q[0], end.p[0]
 
 

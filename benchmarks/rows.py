@@ -168,18 +168,18 @@ def cheapest(rows: Sequence[Row], cost: str, error: str, accuracy: float) -> Row
     return min(exact, key=lambda row: row.numbers[cost], default=None)
 
 
-def power_laws(points: Mapping[float, Mapping[str, float]], least: float = 0.0
+def power_laws(points: Mapping[float, Mapping[str, float]], smallest_size: float = 0.0
                ) -> dict[str, float]:
     """Return the slope of log(cost) against log(size) of each cost that two sizes have.
 
-    ``points`` is size → cost by name; sizes below ``least`` are left out.
+    ``points`` is size → cost by name; sizes below ``smallest_size`` are left out.
     """
     slopes = {}
     for name in dict.fromkeys(name for costs in points.values() for name in costs):
-        some = [(size, costs[name]) for size, costs in points.items()
-                if size >= least and costs.get(name, 0) > 0]
-        if len(some) > 1:
-            x, y = np.log(np.array(some, dtype=float)).T
+        points_of_name = [(size, costs[name]) for size, costs in points.items()
+                          if size >= smallest_size and costs.get(name, 0) > 0]
+        if len(points_of_name) > 1:
+            x, y = np.log(np.array(points_of_name, dtype=float)).T
             slopes[name] = float(np.polyfit(x, y, 1)[0])
     return slopes
 
@@ -205,8 +205,10 @@ def table(rows: Sequence[Row], base: str = "") -> list[list[str]]:
     columns = list(dict.fromkeys(name for row in rows for name in row.numbers))
     lines = [["case", "program", "setting", *columns, "× base"]]
     for row in rows:
-        costs = [(f"{other.program.split()[0]} {other.setting}", next(iter(other.numbers.values())))
-                 for other in rows if other.case == row.case and other.numbers and not other.note]
+        costs = [(f"{reference.program.split()[0]} {reference.setting}",
+                  next(iter(reference.numbers.values())))
+                 for reference in rows
+                 if reference.case == row.case and reference.numbers and not reference.note]
         unit = next((cost for name, cost in costs if base in name and cost), None)
         mine = next(iter(row.numbers.values()), None)
         lines.append([
@@ -237,8 +239,8 @@ def draw(rows: Sequence[Row], x: str, y: str, path: Path) -> None:
     lowest = {name: min((row.numbers[name] for row in shown if row.numbers[name] > 0), default=1.0)
               for name in (x, y)}
     named: dict[str, Any] = {}
-    for place, case in enumerate(cases, start=1):
-        axes = figure.add_subplot(lines, columns, place, title=case)
+    for panel_number, case in enumerate(cases, start=1):
+        axes = figure.add_subplot(lines, columns, panel_number, title=case)
         for number, family in enumerate(families):
             points = sorted(tuple(max(row.numbers[name], lowest[name]) for name in (x, y))
                             for row in shown if (row.case, row.family) == (case, family))

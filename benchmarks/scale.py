@@ -93,19 +93,19 @@ def scale(choice: Choice) -> list[Row]:
 
 def laws(rows: list[Row]) -> list[Row]:
     """Return a row with the slopes of each axis."""
-    found = []
+    law_rows = []
     for axis in dict.fromkeys(row.case for row in rows):
         points = {row.numbers["size"]: row.numbers for row in rows if row.case == axis}
         slopes = power_laws(points, _LAW_FROM.get(axis, 0))
-        found.append(Row(axis, "gyrospark", "slope", {
+        law_rows.append(Row(axis, "gyrospark", "slope", {
             name: slope for name, slope in slopes.items() if name != "size"}))
-    return found
+    return law_rows
 
 
-def build_seconds(what: str, size: int) -> tuple[float, float, float]:
+def build_seconds(kind: str, size: int) -> tuple[float, float, float]:
     """Return CPU seconds of model, derivation and compilers in a new process without a cache."""
     with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run([sys.executable, "-c", _BUILD, what, str(size)], check=True,
+        done = subprocess.run([sys.executable, "-c", _BUILD, kind, str(size)], check=True,
                               capture_output=True, text=True, cwd=_ROOT,
                               env={**os.environ, "GYROSPARK_CACHE": folder})
     model, derive, compiling = json.loads(done.stdout.splitlines()[-1])

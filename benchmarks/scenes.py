@@ -166,14 +166,14 @@ def scene_of(model: gs.Model) -> ReferenceScene:
     model = model.in_type(float)
     values, bodies = dict(model.parameters), bodies_of(model)
     gravity = np.array([values.get(f"gravity_{axis}", 0.0) for axis in "xyz"])
-    if all(at.mass is None for at in model.system.bodies):
+    if all(layout.mass is None for layout in model.system.bodies):
         gravity = np.array([0.0, 0.0, -_pull(model)])
     joints, springs = [], []
-    for at in model.system.joints:
-        if at.constraint_forces:
-            joints.append(_joint(at, bodies, values))
+    for layout in model.system.joints:
+        if layout.constraint_forces:
+            joints.append(_joint(layout, bodies, values))
         else:
-            springs.append(_spring(at, values))
+            springs.append(_spring(layout, values))
     return ReferenceScene(model.name, model, gravity, bodies, tuple(joints), tuple(springs))
 
 
@@ -182,31 +182,31 @@ def scene_of(model: gs.Model) -> ReferenceScene:
 
 def bodies_of(model: gs.Model) -> dict[str, SceneBody]:
     """Return the bodies of a model in double precision at t = 0."""
-    return {at.name: _body(at, model) for at in model.system.bodies}
+    return {layout.name: _body(layout, model) for layout in model.system.bodies}
 
 
-def _body(at: Any, model: gs.Model) -> SceneBody:
+def _body(layout: Any, model: gs.Model) -> SceneBody:
     values, places = model.parameters, {x: i for i, x in enumerate(model.system.q)}
-    entries = [float(values[str(x)]) for x in at.inertia]
+    entries = [float(values[str(x)]) for x in layout.inertia]
     if len(entries) == 3:
         inertia = np.diag(entries)
     else:  # the upper triangle of J⁻¹
         inverse = np.zeros((3, 3))
         inverse[np.triu_indices(3)] = entries
         inertia = np.linalg.inv(inverse + np.triu(inverse, 1).T)
-    turn, move = [places[x] for x in at.q], [places[x] for x in at.x]
+    turn, move = [places[x] for x in layout.q], [places[x] for x in layout.x]
     q, p = (np.asarray(state, dtype=float) for state in (model.q0, model.p0))
     omega = angular_velocity(q[turn], p[turn], inertia)
-    if at.x:
-        assert at.mass is not None
-        mass = _number(at.mass, values)
+    if layout.x:
+        assert layout.mass is not None
+        mass = _number(layout.mass, values)
         start = SceneMotion(q[turn], q[move], p[move] / mass, omega)
         return SceneBody(mass, inertia, np.zeros(3), start)
-    start = SceneMotion(q[turn], _vector(at.origin, values), np.zeros(3), omega)
-    if at.mass is None:
+    start = SceneMotion(q[turn], _vector(layout.origin, values), np.zeros(3), omega)
+    if layout.mass is None:
         mass, centre = 1.0, _moment(model) / (_pull(model) or 1.0)
     else:
-        mass, centre = _number(at.mass, values), _vector(at.centre, values)
+        mass, centre = _number(layout.mass, values), _vector(layout.centre, values)
     body = SceneBody(mass, inertia, centre, start, held=True)
     return SceneBody(mass, 2 * inertia - body.about_origin, centre, start, held=True)
 
@@ -240,43 +240,45 @@ def _pull(model: gs.Model) -> float:
     Its centre is so near the point that m |c|² is a hundredth of the least moment of inertia: there
     is a body that has it.
     """
-    least = min(float(model.parameters[str(x)]) for at in model.system.bodies for x in at.inertia)
-    return float(np.linalg.norm(_moment(model)) / np.sqrt(least / 100))
+    smallest_moment = min(float(model.parameters[str(x)])
+                          for layout in model.system.bodies for x in layout.inertia)
+    return float(np.linalg.norm(_moment(model)) / np.sqrt(smallest_moment / 100))
 
 
 # ---------------------------------------------------------------- joints and springs
 
 
 def _joint(
-    at: Any, bodies: Mapping[str, SceneBody], values: Mapping[str, float]
+    layout: Any, bodies: Mapping[str, SceneBody], values: Mapping[str, float]
 ) -> SceneJoint:
-    there = {name.partition(": ")[2]: pull for name, pull in at.constraint_forces}
-    where = _in_space(at.a, _vector(at.on_a, values), bodies)
+    there = {name.partition(": ")[2]: pull for name, pull in layout.constraint_forces}
+    where = _in_space(layout.a, _vector(layout.on_a, values), bodies)
     points = tuple(axis in there for axis in "xyz")
     if "cross" in there:
         pull = there["cross"]
         assert pull is not None
         first, second = (_turned(name, _vector(arm, values), bodies)
-                         for name, arm in ((at.a, pull.on_a), (at.b, pull.on_b)))
-        return SceneJoint("cross", at.a, at.b, where,
+                         for name, arm in ((layout.a, pull.on_a), (layout.b, pull.on_b)))
+        return SceneJoint("cross", layout.a, layout.b, where,
                           np.array([first, second, np.cross(first, second)]), points)
-    if not at.axis_a:
-        return SceneJoint("ball", at.a, at.b, where, np.eye(3), points)
-    normals = _vector(at.axis_a, values).reshape(2, 3)
-    axes = np.array([*(_turned(at.a, n, bodies) for n in normals),
-                     _turned(at.b, _vector(at.axis_b, values), bodies)])
+    if not layout.axis_a:
+        return SceneJoint("ball", layout.a, layout.b, where, np.eye(3), points)
+    normals = _vector(layout.axis_a, values).reshape(2, 3)
+    axes = np.array([*(_turned(layout.a, n, bodies) for n in normals),
+                     _turned(layout.b, _vector(layout.axis_b, values), bodies)])
     if any(name.startswith(("across", "turn")) for name in there):
         if len(there) != 5:
-            raise Unavailable(f"{at.name} is neither a hinge nor a slide")
-        return SceneJoint("slide", at.a, at.b, where, axes, ())
-    return SceneJoint("hinge", at.a, at.b, where, axes,
+            raise Unavailable(f"{layout.name} is neither a hinge nor a slide")
+        return SceneJoint("slide", layout.a, layout.b, where, axes, ())
+    return SceneJoint("hinge", layout.a, layout.b, where, axes,
                       (*points, "axis 1" in there, "axis 2" in there))
 
 
-def _spring(at: Any, values: Mapping[str, float]) -> SceneSpring:
-    return SceneSpring(at.a, at.b, _vector(at.on_a, values), _vector(at.on_b, values),
-                       values[f"{at.name}_stiffness"], values.get(f"{at.name}_length", 0.0),
-                       values.get(f"{at.name}_damping", 0.0))
+def _spring(layout: Any, values: Mapping[str, float]) -> SceneSpring:
+    return SceneSpring(layout.a, layout.b,
+                       _vector(layout.on_a, values), _vector(layout.on_b, values),
+                       values[f"{layout.name}_stiffness"], values.get(f"{layout.name}_length", 0.0),
+                       values.get(f"{layout.name}_damping", 0.0))
 
 
 def _in_space(name: str, point: Array, bodies: Mapping[str, SceneBody]) -> Array:

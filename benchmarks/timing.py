@@ -61,11 +61,11 @@ def stopwatch(job: Callable[[], object], clock: Clock = time.process_time) -> fl
     return clock() - start
 
 
-def repeated(job: Callable[[], object], least: float, clock: Clock = time.process_time
+def repeated(job: Callable[[], object], shortest: float, clock: Clock = time.process_time
              ) -> tuple[Callable[[], object], int]:
-    """Return a job done so often that it takes ``least`` seconds, and how often that is."""
+    """Return a job done so often that it takes ``shortest`` seconds, and how often that is."""
     times = 1
-    while stopwatch(_often(job, times), clock) < least:
+    while stopwatch(_often(job, times), clock) < shortest:
         times *= 2
     return _often(job, times), times
 

@@ -52,13 +52,13 @@ def tops(count: int = 1) -> list[Top]:
     More than eight repeat the first eight.
     """
     first = gs.problems.fast_top()
-    made = [Top(first.q0, first.p0)]
+    starts = [Top(first.q0, first.p0)]
     for i in range(1, LANES):
         half = (math.pi / 6 + math.radians(2 * i)) / 2
         q = np.array([math.cos(half), math.sin(half), 0.0, 0.0])
         spin = np.array([0.0, 0.0, 40 * math.pi * (1 + 0.02 * i)])
-        made.append(Top(q, 2 * left_matrix(q).T @ (np.array(INERTIA) * spin)))
-    return [made[i % LANES] for i in range(count)]
+        starts.append(Top(q, 2 * left_matrix(q).T @ (np.array(INERTIA) * spin)))
+    return [starts[i % LANES] for i in range(count)]
 
 
 def parameters() -> dict[str, float]:

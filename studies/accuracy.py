@@ -284,12 +284,12 @@ _EARLY = 33
 
 def _gain(engine: Engine, gamma: Case, alpha: Case, quantity: Quantity) -> Claim:
     """Compare IMS-α with IMS-γ over the first steps and over the whole figure."""
-    first, whole = (
+    first, full_ratio = (
         float(abs(engine.errors(alpha, quantity)[:states]).mean()
               / abs(engine.errors(gamma, quantity)[:states]).mean())
         for states in (_EARLY, gamma.steps + 1)
     )
     return Claim("IMS-γ with γ_m follows the true motion more closely than IMS-α: ratio of "
                  f"{NORMS[quantity]} of α-type and γ-type",
-                 f"{first:.2f} over the first {_EARLY - 1} steps, {whole:.2f} over all",
+                 f"{first:.2f} over the first {_EARLY - 1} steps, {full_ratio:.2f} over all",
                  "above 1 over the first steps", first > 1)

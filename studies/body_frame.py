@@ -108,5 +108,5 @@ def motion(top: BodyFrameTop, order: int) -> tuple[list[Vector], list[Vector]]:
     )
 
 
-def _at(n: int, part: list[Vector]) -> list[_Taylor]:
-    return [_Taylor(terms, n) for terms in part]
+def _at(n: int, vectors: list[Vector]) -> list[_Taylor]:
+    return [_Taylor(terms, n) for terms in vectors]

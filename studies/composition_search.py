@@ -77,12 +77,13 @@ class FloatConditions:
         flows = list(self.conditions.flows(self.words))
         kinds: dict[int, _Kind] = {}
         numbers: list[Affine] = []
-        for i, (flow, own) in enumerate(flows):
+        for i, (flow, flow_numbers) in enumerate(flows):
             if id(flow) not in kinds:
                 kinds[id(flow)] = _Kind(*_matrices(flow, parts), [], [])
             kinds[id(flow)].places.append(i)
-            kinds[id(flow)].numbers.append(list(range(len(numbers), len(numbers) + len(own))))
-            numbers += own
+            kinds[id(flow)].numbers.append(
+                list(range(len(numbers), len(numbers) + len(flow_numbers))))
+            numbers += flow_numbers
         slopes = np.zeros((len(numbers), len(self.conditions.unknowns)))
         for row, (_, terms) in zip(slopes, numbers, strict=True):
             for i, k in terms.items():
@@ -133,18 +134,18 @@ class FloatConditions:
 def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Array]:
     """Return the exponents of a flow's monomials, and the matrix of each: it multiplies rows."""
     monomials = sorted({e for terms in flow.values() for e in terms})
-    place = {word: i for i, word in enumerate(parts)}
-    made = np.zeros((len(monomials), len(parts), len(parts)))
+    word_index = {word: i for i, word in enumerate(parts)}
+    matrices = np.zeros((len(monomials), len(parts), len(parts)))
     for word in parts:
         for i in range(len(word) + 1):
             for e, value in flow.get(word[i:], {}).items():
-                made[monomials.index(e), place[word[:i]], place[word]] += float(value)
-    return np.array(monomials), made
+                matrices[monomials.index(e), word_index[word[:i]], word_index[word]] += float(value)
+    return np.array(monomials), matrices
 
 
 def search(
     name: str, seed: int = 1, starts: int = 100, hops: int = 0, width: float = 0.5,
-    middle: float = 1.0, most: float = 1.5,
+    middle: float = 1.0, largest_weight: float = 1.5,
 ) -> tuple[Array, float, int]:
     """Return the best solution found, its objective, and how many starts led to a solution.
 
@@ -173,28 +174,28 @@ def search(
     conditions = OrderConditions(composition_named(name))
     floats, draw = FloatConditions(conditions), np.random.default_rng(seed)
     centre = middle * np.array(conditions.equal)
-    found: list[tuple[float, Array]] = []
+    solutions: list[tuple[float, Array]] = []
     for _ in range(starts):
-        x = _solve(floats, centre + draw.uniform(-width, width, len(centre)), most)
+        x = _solve(floats, centre + draw.uniform(-width, width, len(centre)), largest_weight)
         if x is not None:
-            found.append((floats.objective(x), x))
-    if not found:
+            solutions.append((floats.objective(x), x))
+    if not solutions:
         raise ArithmeticError(f"None of {starts} starts led to a composition like {name}; take "
                               "more, or another seed.")
-    solved = len(found)
-    found.sort(key=lambda one: one[0])
-    value, x = min((_slide(floats, x, value, most) for value, x in found[:10]),
+    solved = len(solutions)
+    solutions.sort(key=lambda one: one[0])
+    value, x = min((_slide(floats, x, value, largest_weight) for value, x in solutions[:10]),
                    key=lambda one: one[0])
     for _ in range(hops):
-        y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), len(x)), most)
+        y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), len(x)), largest_weight)
         if y is not None and floats.objective(y) < _WORTH * value:
-            better, y = _slide(floats, y, floats.objective(y), most)
+            better, y = _slide(floats, y, floats.objective(y), largest_weight)
             if better < value:
                 value, x = better, y
     return x, value, solved
 
 
-def _solve(floats: FloatConditions, x: Array, most: float) -> Array | None:
+def _solve(floats: FloatConditions, x: Array, largest_weight: float) -> Array | None:
     """Return a solution of the conditions near a start; None if none is found.
 
     Gauss-Newton steps Δ of least length, shortened until ‖F′(x)⁺F(x + λΔ)‖ falls: this test does
@@ -204,7 +205,7 @@ def _solve(floats: FloatConditions, x: Array, most: float) -> Array | None:
     F, J = (part[:k] for part in floats.evaluate(x))
     size = 1.0
     for _ in range(_ITERATIONS):
-        if not np.abs(x).max() < most:  # or not a number
+        if not np.abs(x).max() < largest_weight:  # or not a number
             return None
         inverse = np.linalg.pinv(J, _RANK)
         step = -inverse @ F
@@ -225,7 +226,7 @@ def _solve(floats: FloatConditions, x: Array, most: float) -> Array | None:
 
 
 def _slide(
-    floats: FloatConditions, x: Array, value: float, most: float
+    floats: FloatConditions, x: Array, value: float, largest_weight: float
 ) -> tuple[float, Array]:
     """Return the least objective along the family of a solution, and where it is."""
     if not floats.conditions.composition.free:
@@ -233,11 +234,11 @@ def _slide(
     k = len(floats.conditions.words)
     from scipy import optimize  # takes 0.2 s
 
-    found = optimize.minimize(
+    optimum = optimize.minimize(
         floats.objective, x, method="SLSQP", options={"maxiter": 100, "ftol": 1e-12},
         constraints={"type": "eq", "fun": lambda y: floats.evaluate(y)[0][:k],
                      "jac": lambda y: floats.evaluate(y)[1][:k]}).x
-    y = _solve(floats, found, most)
+    y = _solve(floats, optimum, largest_weight)
     if y is None or floats.objective(y) >= value:
         return value, x
     return floats.objective(y), y

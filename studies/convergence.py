@@ -117,8 +117,8 @@ def _orders_claim(engine: Engine, studies: Sequence[ConvergenceStudy]) -> Claim:
     slopes: dict[int, list[float]] = {}
     for study in studies:
         slopes.setdefault(study.order, []).append(fit_slope(*measure(engine, study))[0])
-    found = ", ".join(_range(values) for values in slopes.values())
-    return Claim("The schemes converge with their order: slopes in the log-log plot", found,
+    slope_ranges = ", ".join(_range(values) for values in slopes.values())
+    return Claim("The schemes converge with their order: slopes in the log-log plot", slope_ranges,
                  f"{', '.join(str(order) for order in slopes)}, each ± {_TOLERANCE}",
                  all(abs(slope - order) <= _TOLERANCE
                      for order, values in slopes.items() for slope in values))
@@ -141,10 +141,11 @@ def _influence_claim(engine: Engine, stages: int) -> Claim:
     The influence |e(100γ_m)/e(γ_m) − 1| stays for even s and dies out for odd s.
     """
     dt, errors, floors = measure(engine, FIGURE_16[stages][0])
-    others = measure(engine, FIGURE_16[stages][2])[1]
-    kept = [(h, abs(b / a - 1)) for h, a, b, floor in zip(dt, errors, others, floors, strict=True)
-            if min(a, b) > 10 * floor]
-    (small, fine), (large, coarse) = kept[0], kept[-1]
+    errors_of_rule = measure(engine, FIGURE_16[stages][2])[1]
+    deviations = [(h, abs(b / a - 1))
+                  for h, a, b, floor in zip(dt, errors, errors_of_rule, floors, strict=True)
+                  if min(a, b) > 10 * floor]
+    (small, fine), (large, coarse) = deviations[0], deviations[-1]
     even = stages % 2 == 0
     return Claim(
         f"s = {stages}: the influence of γ {'stays' if even else 'dies out'} as Δt shrinks; "

@@ -68,17 +68,17 @@ at most {trajectories.found}, and the multipliers satisfy the relation to {multi
 
 def gradients_claim(alpha: sp.Expr | None = None) -> Claim:
     """Claim H_γ − H_α = (1 − |q|²)|p|²/(8γ); false for any α but γ."""
-    one, other = heavy_top("gamma"), heavy_top("alpha")
-    gamma = one.parameters[-1]
-    at_alpha = {other.parameters[-1]: gamma if alpha is None else alpha}
-    q2, p2 = (sum(x**2 for x in v) for v in (one.q, one.p))
-    left = one.H - other.H.subs(at_alpha) - (1 - q2) * p2 / (8 * gamma)
-    rest = sp.expand(left)
+    gamma_system, alpha_system = heavy_top("gamma"), heavy_top("alpha")
+    gamma = gamma_system.parameters[-1]
+    at_alpha = {alpha_system.parameters[-1]: gamma if alpha is None else alpha}
+    q2, p2 = (sum(x**2 for x in v) for v in (gamma_system.q, gamma_system.p))
+    difference = gamma_system.H - alpha_system.H.subs(at_alpha) - (1 - q2) * p2 / (8 * gamma)
+    expanded = sp.expand(difference)
     return Claim(
         "H_γ − H_α = (1 − |q|²)|p|²/(8γ) for all q and p; hence on |q| = 1 the H_p are equal and "
         "the H_q differ by −|p|²q/(4γ).",
-        f"difference of the sides {rest}" if rest == 0 else "the sides differ", "0", rest == 0,
-        "proved",
+        f"difference of the sides {expanded}" if expanded == 0 else "the sides differ", "0",
+        expanded == 0, "proved",
     )
 
 
@@ -116,14 +116,14 @@ def nodes_claim(tableaux: list[Tableau]) -> Claim:
 
 
 def _stages_are_constraint_nodes(t: Tableau) -> bool:
-    part = t.basis
+    basis = t.basis
     if t.s != t.p + 1:
         return False
-    same = [("A_tilde", "A_hat"), ("A_bar", "A"), ("b_tilde", "b_hat"), ("b_hat", "b"),
-            ("c_tilde", "c")]
-    last_column = part["A_tilde"] * t.constraints.at(-1).transpose()
+    equal_pairs = [("A_tilde", "A_hat"), ("A_bar", "A"), ("b_tilde", "b_hat"), ("b_hat", "b"),
+                   ("c_tilde", "c")]
+    last_column = basis["A_tilde"] * t.constraints.at(-1).transpose()
     ends = [e.centre for e in (t.enclosures["c"][0], t.enclosures["c"][-1])]
-    return bool(all(part[x] == part[y] for x, y in same) and last_column.is_zero_matrix
+    return bool(all(basis[x] == basis[y] for x, y in equal_pairs) and last_column.is_zero_matrix
                 and ends == [0, 1])
 
 
@@ -163,11 +163,12 @@ def multipliers_claim() -> Claim:
 def _stages(step: Stepper, s: int, rep: str, value: float) -> tuple[Array, Array]:
     """Solve T1 of the first step; return P_1..P_s and Λ_0..Λ_(s−2)."""
     problem = fast_top()
-    at: dict[str, Any] = {"dt": DT, "parameters": problem.parameters | {rep: value}}
+    run_options: dict[str, Any] = {"dt": DT, "parameters": problem.parameters | {rep: value}}
     q, p = problem.q0, problem.p0
-    x = step.guess(q, p, **at)
+    x = step.guess(q, p, **run_options)
     for _ in range(12):
-        x = x - np.linalg.solve(step.jacobian(x, q, p, **at), step.residual(x, q, p, **at))
+        x = x - np.linalg.solve(step.jacobian(x, q, p, **run_options),
+                                step.residual(x, q, p, **run_options))
     table = lobatto_iiiab(s).numeric(20)
     A, A_hat = (np.array(part, dtype=float) for part in (table.A, table.A_hat))
     k, k_hat = x[: 4 * s].reshape(s, 4), x[4 * s : 8 * s].reshape(s, 4)

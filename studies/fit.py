@@ -35,9 +35,9 @@ def fit_line(x: Sequence[float], y: Sequence[float]) -> FittedLine:
     xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     slope = float((xs - xs.mean()) @ (ys - ys.mean()) / ((xs - xs.mean()) @ (xs - xs.mean())))
     offset = float(ys.mean() - slope * xs.mean())
-    left = ys - slope * xs - offset
+    residuals = ys - slope * xs - offset
     spread = float((ys - ys.mean()) @ (ys - ys.mean()))
-    return FittedLine(slope, offset, 1 - float(left @ left) / spread if spread else 1.0)
+    return FittedLine(slope, offset, 1 - float(residuals @ residuals) / spread if spread else 1.0)
 
 
 def fit_slope(
@@ -47,11 +47,11 @@ def fit_slope(
 
     Points less than ten times above their round-off floor are dropped.
     """
-    kept = [(h, e) for h, e, floor in zip(dt, errors, floors, strict=True) if e > 10 * floor]
-    if len(kept) < 3:
-        return float("nan"), len(kept)
-    hs, es = zip(*kept, strict=True)
-    return fit_line(np.log(hs).tolist(), np.log(es).tolist()).slope, len(kept)
+    resolved = [(h, e) for h, e, floor in zip(dt, errors, floors, strict=True) if e > 10 * floor]
+    if len(resolved) < 3:
+        return float("nan"), len(resolved)
+    hs, es = zip(*resolved, strict=True)
+    return fit_line(np.log(hs).tolist(), np.log(es).tolist()).slope, len(resolved)
 
 
 def crossing(x: Sequence[float], y: Sequence[float], floor: float = 0.0) -> list[float]:

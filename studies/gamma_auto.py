@@ -64,10 +64,10 @@ def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
         gains = gains[np.isfinite(gains)]
         medians.append(float(np.median(gains)))
         texts.append(f"over {rule} {medians[-1]:.2f} ({gains.min():.2f} to {_short(gains.max())})")
-    other = [trial for trial in trials if trial.gamma() != trial.rule("γ_m")]
-    gains = np.array([trial.gain(times=times[:2]) for trial in other])
-    text = (f"{', '.join(texts)}; where it is not γ_m, in {len(other)} of {len(trials)}, over γ_m "
-            f"{float(np.nanmedian(gains)):.2f}")
+    changed_trials = [trial for trial in trials if trial.gamma() != trial.rule("γ_m")]
+    gains = np.array([trial.gain(times=times[:2]) for trial in changed_trials])
+    text = (f"{', '.join(texts)}; where it is not γ_m, in {len(changed_trials)} of {len(trials)}, "
+            f"over γ_m {float(np.nanmedian(gains)):.2f}")
     return Claim(f"All methods and motions: the largest distance of an axis up to {times[1]:g} s "
                  "with a recommendation, divided by that with the chosen γ, median (and range).",
                  text, "no median below 1",
@@ -77,12 +77,13 @@ def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
 def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
     """Return the claim that the γ of least energy error can increase the error of an axis."""
     worst = {trial: float(np.nanmax(trial.price(times), initial=0)) for trial in trials}
-    most = max(worst, key=lambda trial: worst[trial])
-    count, gain = sum(w > ALLOWED for w in worst.values()), most.energy_gain("γ_m")
+    worst_trial = max(worst, key=lambda trial: worst[trial])
+    count, gain = sum(w > ALLOWED for w in worst.values()), worst_trial.energy_gain("γ_m")
     return Claim("γ chosen for the energy: number of these motions with an error of some axis "
                  "more than 5 % above γ_m.",
-                 f"{count} of {len(trials)}; most {most.body.name}, {most.method}: "
-                 f"{_short(worst[most])} times, for an energy error {_short(gain)} times smaller",
+                 f"{count} of {len(trials)}; most {worst_trial.body.name}, {worst_trial.method}: "
+                 f"{_short(worst[worst_trial])} times, for an energy error {_short(gain)} times "
+                 "smaller",
                  "not none: the two criteria differ", count > 0)
 
 
@@ -99,17 +100,17 @@ def ims_claim(trials: list[Trial]) -> Claim:
 
 def energy_claim(body: TrialBody, trials: list[Trial]) -> Claim:
     """Return the claim that on the pilots' length no recommendation is better by more than 5 %."""
-    kept = [trial for trial in trials if not trial.at_round_off()]
+    resolved_trials = [trial for trial in trials if not trial.at_round_off()]
     return _energy_claim(f"{body.name}: energy error with the best of γ_m, γ_h, γ̃_m, γ̃_h, "
                          f"divided by the error with the chosen γ, {body.steps} steps of "
-                         f"{body.dt:g} s, errors at round-off excluded.", kept, 1)
+                         f"{body.dt:g} s, errors at round-off excluded.", resolved_trials, 1)
 
 
 def longer_claim(body: TrialBody, trials: list[Trial]) -> Claim:
     """Claim the same over ten times the steps."""
-    kept = [trial for trial in trials if not trial.at_round_off(LONGER)]
+    resolved_trials = [trial for trial in trials if not trial.at_round_off(LONGER)]
     return _energy_claim(f"{body.name}: the same γ over {LONGER * body.steps} steps, errors at "
-                         "round-off excluded.", kept, LONGER)
+                         "round-off excluded.", resolved_trials, LONGER)
 
 
 def _energy_claim(statement: str, kept: list[Trial], times: int) -> Claim:
@@ -121,12 +122,12 @@ def _energy_claim(statement: str, kept: list[Trial], times: int) -> Claim:
 
 def kinetic_claim(trials: list[Trial]) -> Claim:
     """Return the claim that the 1/γ part of the energy error of 2-LIIIA-B is −h² (T² − T₀²)/8."""
-    found = [kinetic_line(trial) for trial in trials]
-    text = "; ".join(f"slope {line.slope:.4f}, R² = {line.quality}" for line in found)
+    lines = [kinetic_line(trial) for trial in trials]
+    text = "; ".join(f"slope {line.slope:.4f}, R² = {line.quality}" for line in lines)
     return Claim("2-LIIIA-B, asymmetric tops: the part of the energy error that is linear in 1/γ "
                  "against h²(T² − T₀²), Δt quartered; derived: C_2 = T²/8.", text,
                  "slope −1/8 ± 1 %, R² ≥ 0.999",
-                 all(abs(8 * line.slope + 1) < 0.01 and line.r_squared > 0.999 for line in found))
+                 all(abs(8 * line.slope + 1) < 0.01 and line.r_squared > 0.999 for line in lines))
 
 
 def kinetic_line(trial: Trial) -> FittedLine:

@@ -163,10 +163,10 @@ class Trial:
         return float(with_rule / self.distances(self.gamma(), times)[-1].max())
 
     def _over(self, gamma: float, rule: str, times: tuple[float, ...]) -> Array:
-        other = self.rule(rule)
-        if gamma == other:
+        rule_trial = self.rule(rule)
+        if gamma == rule_trial:
             return np.ones((len(times), 3))
-        with_rule = self.distances(other, times)
+        with_rule = self.distances(rule_trial, times)
         lost = with_rule.max(axis=1, keepdims=True) > _LOST
         return np.where(lost, np.nan, self.distances(gamma, times) / with_rule)
 

@@ -79,24 +79,25 @@ def _keeps(engine: Engine, case: Case, quantity: Quantity) -> bool:
 
 def _overall_claim(engine: Engine, setting: Setting) -> Claim:
     """Return the claim that each scheme conserves the quantities that theory says it conserves."""
-    wanted = [(setting.case(method, rep, rule), quantity) for method in COLUMNS
-              for rep, rule in VARIANTS for quantity in CONSERVED[method]]
-    kept = [pair for pair in wanted if _keeps(engine, *pair)]
+    expected_pairs = [(setting.case(method, rep, rule), quantity) for method in COLUMNS
+                      for rep, rule in VARIANTS for quantity in CONSERVED[method]]
+    conserved_pairs = [pair for pair in expected_pairs if _keeps(engine, *pair)]
     return Claim("Neither γ nor α affects the invariants: conserved to round-off as derived",
-                 f"{len(kept)}", f"all {len(wanted)}", len(kept) == len(wanted))
+                 f"{len(conserved_pairs)}", f"all {len(expected_pairs)}",
+                 len(conserved_pairs) == len(expected_pairs))
 
 
 def _conserved_claim(engine: Engine, setting: Setting, method: str) -> Claim:
     """Return the same claim for both number types and all parameters."""
-    kept = {
+    conserved = {
         rep: [{c for c in _QUANTITIES if _keeps(engine, setting.case(method, rep, rule), c)}
               for other, rule in VARIANTS if other == rep]
         for rep in ("gamma", "alpha")
     }
-    gamma, alpha = set.intersection(*kept["gamma"]), set.intersection(*kept["alpha"])
-    found = f"γ-type {_listed(gamma)}; α-type {_listed(alpha)}"
+    gamma, alpha = set.intersection(*conserved["gamma"]), set.intersection(*conserved["alpha"])
+    measured_text = f"γ-type {_listed(gamma)}; α-type {_listed(alpha)}"
     return Claim(
-        f"{method} conserves exactly, for any γ and α", found,
+        f"{method} conserves exactly, for any γ and α", measured_text,
         f"{_listed(CONSERVED[method])} at least",
         CONSERVED[method] <= gamma and CONSERVED[method] <= alpha,
     )
@@ -129,9 +130,9 @@ _DRAWN = 201
 
 def figure_5(engine: Engine) -> Figure:
     """IMS and EMS: energy and l₃."""
-    wanted: tuple[tuple[str, Quantity], ...] = (("IMS", "H"), ("EMS", "H"), ("IMS", "l3"),
+    panels: tuple[tuple[str, Quantity], ...] = (("IMS", "H"), ("EMS", "H"), ("IMS", "l3"),
                                                 ("EMS", "l3"))
-    return _figure(engine, 5, "Conservation of invariants, fast top: IMS-γ and EMS-γ", wanted)
+    return _figure(engine, 5, "Conservation of invariants, fast top: IMS-γ and EMS-γ", panels)
 
 
 def figure_6(engine: Engine) -> Figure:
@@ -146,11 +147,11 @@ def figure_7(engine: Engine) -> Figure:
 
 
 def _figure(
-    engine: Engine, number: int, title: str, wanted: tuple[tuple[str, Quantity], ...]
+    engine: Engine, number: int, title: str, panel_cases: tuple[tuple[str, Quantity], ...]
 ) -> Figure:
     """Draw errors against time for γ = γ_m."""
     panels, claims = [], []
-    for letter, (method, quantity) in zip("abcd", wanted, strict=False):
+    for letter, (method, quantity) in zip("abcd", panel_cases, strict=False):
         case = TOP.case(method, "gamma", "m")
         errors = engine.errors(case, quantity)[:_DRAWN].tolist()
         t = engine.trajectory(case).t[:_DRAWN].tolist()
@@ -164,9 +165,9 @@ def _figure(
 
 
 def _exactness_claim(engine: Engine, case: Case, quantity: Quantity) -> Claim:
-    kept, wanted = _keeps(engine, case, quantity), quantity in CONSERVED[case.method]
-    size = "round-off" if kept else f"{engine.mean(case, quantity):.3e}"
-    return Claim(f"{case.method}-γ {'conserves' if wanted else 'does not conserve'} "
+    is_conserved, is_expected = _keeps(engine, case, quantity), quantity in CONSERVED[case.method]
+    size = "round-off" if is_conserved else f"{engine.mean(case, quantity):.3e}"
+    return Claim(f"{case.method}-γ {'conserves' if is_expected else 'does not conserve'} "
                  f"{_NAMES[quantity]} exactly: {NORMS[quantity]}", size,
-                 "round-off" if wanted else "above round-off", kept == wanted)
+                 "round-off" if is_expected else "above round-off", is_conserved == is_expected)
 

@@ -50,12 +50,12 @@ _KNOWN_SHARE = 0.75
 def table_9(engine: Engine) -> Table:
     """IMS."""
     counts = _Counts(engine, 9, "IMS", None)
-    main, other = counts.runs("", _IMS), counts.runs(_WITH_LAMBDA, _IMS_LAMBDA)
+    main, with_multipliers = counts.runs("", _IMS), counts.runs(_WITH_LAMBDA, _IMS_LAMBDA)
     reason = ("with λ excluded from the norm; the printed α rows are only approximated with λ "
               "included (erratum 20)")
     cells = [
         *(_cell(9, row, "", i, run, reason if row[0] == "alpha" else "") for row, i, run in main),
-        *(_cell(9, row, _WITH_LAMBDA, i, run, _ROUND_OFF) for row, i, run in other),
+        *(_cell(9, row, _WITH_LAMBDA, i, run, _ROUND_OFF) for row, i, run in with_multipliers),
     ]
     gamma = [c for c in cells if c.row.startswith("γ") and not c.column.endswith(_WITH_LAMBDA)]
     return Table(
@@ -80,7 +80,7 @@ def table_10(engine: Engine) -> Table:
         f"{_COMMON} Full Newton on x = (q_k, p_k, λ) from (q_{{k−1}}, p_{{k−1}}, 0), {_EMS} "
         "(erratum 20).",
         cells,
-        [_near_claim("readable cells", cells, 17, known=13), _types_alike(counts, _EMS)],
+        [_near_claim("readable cells", cells, 17, known_exceptions=13), _types_alike(counts, _EMS)],
     )
 
 
@@ -237,18 +237,19 @@ def _counted(table: int, cells: list[Cell]) -> list[Cell]:
 
 
 def _near_claim(
-    what: str, cells: list[Cell], wanted: int | None, known: int | None = None
+    label: str, cells: list[Cell], required: int | None, known_exceptions: int | None = None
 ) -> Claim:
-    """Say how many printed cells are met within ±1 iteration; at least half if none is wanted.
+    """Return the claim that printed cells are met within ±1 iteration: ``required``, or half.
 
-    ``known`` are those that are met on any machine where not all that are wanted are.
+    ``known_exceptions``: so many are met on every machine, where ``required`` are not.
     """
     printed = [c for c in cells if c.paper is not None]
     near = sum(map(_is_near, printed))
-    least = -(-len(printed) // 2) if wanted is None else wanted
-    as_known = known is not None and known <= near < least
-    return Claim(f"Within ±1 iteration of the paper: {what}", f"{near} of {len(printed)}",
-                 f"at least {least}", near >= least, known=_UNSAID if as_known else "")
+    required_count = -(-len(printed) // 2) if required is None else required
+    as_known = known_exceptions is not None and known_exceptions <= near < required_count
+    return Claim(f"Within ±1 iteration of the paper: {label}", f"{near} of {len(printed)}",
+                 f"at least {required_count}", near >= required_count,
+                 known=_UNSAID if as_known else "")
 
 
 def _share_claim(cells: list[Cell]) -> Claim:

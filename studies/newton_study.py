@@ -107,8 +107,8 @@ def march(
     result = March()
     for _ in range(steps):
         with np.errstate(over="ignore", invalid="ignore"):  # seen by run.solve
-            taken, error, result.failure = run.solve()
-        result.iterations.append(taken)
+            iteration_count, error, result.failure = run.solve()
+        result.iterations.append(iteration_count)
         if not result.failure and not error < rule.tolerance:
             result.unsolved += 1
             if all_solved or not error < STRAYED:

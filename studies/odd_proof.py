@@ -54,13 +54,13 @@ def variational(tableau: Tableau) -> bool:
     nodes, basis = tableau.stages, tableau.basis
     b, A, A_hat = (basis[name] for name in ("b", "A", "A_hat"))
     times_b = nodes.multiply(b)
-    left = times_b * A_hat + (times_b * A).transpose() - b * b.transpose()
+    symplectic_defect = times_b * A_hat + (times_b * A).transpose() - b * b.transpose()
     weighted = times_b * node_slope(nodes)
     closing = weighted.transpose() * nodes.trace * A_hat
     square = nodes.multiply(node_slope(nodes)) * weighted
     mu = node_numbers(tableau.s).mu
     constant = square - nodes.one * QQ.from_sympy(mu)
-    return all(part.is_zero_matrix for part in (left, closing, constant))
+    return all(part.is_zero_matrix for part in (symplectic_defect, closing, constant))
 
 
 def variational_claim(stages: Sequence[int]) -> Claim:
@@ -123,16 +123,16 @@ def _step_claim(s: int, holds: bool, where: str) -> Claim:
 
 def gamma_claim(stages: Sequence[int]) -> Claim:
     """Claim where γ itself first appears in the energy error of one step."""
-    found = []
+    terms = []
     for s in stages:
         for top in _rational_tops():
             error = energy_error(lobatto_iiiab(s), top, 2 * s + 1)
             with_gamma = {key: a for key, a in error.terms.items() if key[1] > 0}
-            found.append(with_gamma == {(2 * s + 1, 1): -_rate(energy_law(s, _moving(top)).B)})
+            terms.append(with_gamma == {(2 * s + 1, 1): -_rate(energy_law(s, _moving(top)).B)})
     return Claim(
         "γ itself first appears two orders later, as −h^{2s+1} γ dB_s/dt.",
-        f"{sum(found)} of {len(found)} expansions of s = {_list(stages)} at rational states",
-        f"all {len(found)}, in rational arithmetic", all(found), "proved",
+        f"{sum(terms)} of {len(terms)} expansions of s = {_list(stages)} at rational states",
+        f"all {len(terms)}, in rational arithmetic", all(terms), "proved",
     )
 
 

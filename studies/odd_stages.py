@@ -174,12 +174,12 @@ def slope_claims(s: int, sweeps: Sequence[GammaSweep]) -> list[Claim]:
     order = fit_line(np.log([x.dt for x in sweeps]).tolist(),
                      np.log([abs(x.line.slope) for x in sweeps]).tolist()).slope
     value = limit(sweeps, [x.ratio for x in sweeps])
-    straight, other = first.line.r_squared, first.wrong_line.r_squared
+    straight, wrong_r_squared = first.line.r_squared, first.wrong_line.r_squared
     ratios = ", ".join(f"{x.ratio:.4f}" for x in sweeps)
     steps = ", ".join(f"{x.dt:.4g}" for x in sweeps)
     return [
         Claim(f"{s}-LIIIA-B: the energy error is linear in {variable} (Δt = {first.dt:.4g} s).",
-              f"R² = {straight:.7f} (in {'γ' if first.even else '1/γ'}: {other:.3f})",
+              f"R² = {straight:.7f} (in {'γ' if first.even else '1/γ'}: {wrong_r_squared:.3f})",
               "R² ≥ 0.999", straight >= 0.999),
         Claim(f"{s}-LIIIA-B: the slope in {variable} is O(h^{power}).",
               f"h^{order:.2f}", f"h^{power} ± 0.2", abs(order - power) < 0.2),

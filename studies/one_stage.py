@@ -58,10 +58,10 @@ def order_claim(name: str, runs: list[Trajectory], exact: Trajectory) -> Claim:
 
 def iterations_claim(runs: list[Trajectory]) -> Claim:
     """Return the claim that Newton's method with the exact Jacobian has no trouble."""
-    most = max(r.report.iterations_max for r in runs)
+    largest_count = max(r.report.iterations_max for r in runs)
     steps = sum(r.report.steps for r in runs)
-    return Claim(f"Most Newton iterations in any of {steps} steps, all α of Table 8.", str(most),
-                 "≤ 6", most <= 6)
+    return Claim(f"Most Newton iterations in any of {steps} steps, all α of Table 8.",
+                 str(largest_count), "≤ 6", largest_count <= 6)
 
 
 def bounded_claim(motion: Trajectory) -> Claim:

@@ -96,9 +96,9 @@ def figure_13(engine: Engine) -> Figure:
     """G-L-γ, s = 1..4."""
     panels, claims = [], []
     for mark, sweep in zip("abcd", FIGURE_13, strict=True):
-        panel, found = _inverse_line(engine, sweep, mark)
+        panel, zero = _inverse_line(engine, sweep, mark)
         panels.append(panel)
-        claims += found
+        claims += zero
     return Figure(13, "Periodic energy error of G-L-γ against 1/γ",
                   f"Fast top, {DURATION} s. The paper gives no Δt; the higher orders have a larger "
                   "one, since their error is round-off at smaller steps.", panels,
@@ -125,9 +125,9 @@ def figure_15(engine: Engine) -> Figure:
     panels, claims = [], []
     for mark, sweep in zip("abcd", FIGURE_15, strict=True):
         draw = _inverse_line if follows_inverse(sweep) else _direct_line
-        panel, found = draw(engine, sweep, mark)
+        panel, zero = draw(engine, sweep, mark)
         panels.append(panel)
-        claims += found
+        claims += zero
     return Figure(15, "Periodic energy error of LIIIA-B-γ against 1/γ",
                   f"Fast top, {DURATION} s. Even s: a line in 1/γ. Odd s, called logarithmic in "
                   "the paper: a line in γ, hence a hyperbola here (erratum 24). The higher "
@@ -170,11 +170,11 @@ def _direct_line(engine: Engine, sweep: ParameterSweep, mark: str) -> tuple[Pane
     """Draw and judge the law A + B·γ."""
     x, y = measure(engine, sweep)
     line = fit_line([1 / inverse for inverse in x], y)
-    other = fit_line(x, y)
+    direct_line = fit_line(x, y)
     series = [Series(sweep.name, x, y, "o"),
               Series("A + B·γ", x, [line.at(1 / inverse) for inverse in x], "-")]
     claim = Claim(f"{sweep.name}: {sweep.symbol} is linear in γ, not in 1/γ",
-                  f"R² = {line.quality} in γ, {other.r_squared:.2f} in 1/γ",
+                  f"R² = {line.quality} in γ, {direct_line.r_squared:.2f} in 1/γ",
                   "R² at least 0.999 in γ", line.r_squared >= 0.999)
     return _panel(sweep, mark, series), [claim]
 
@@ -191,12 +191,12 @@ def _panel(
 
 def _law_claim(engine: Engine, statement: str, sweeps: tuple[ParameterSweep, ...]) -> Claim:
     """Judge the worst of several laws."""
-    found = []
+    law_texts = []
     for sweep in sweeps:
         x, y = measure(engine, sweep)
-        found.append(fit_line(x if follows_inverse(sweep) else [1 / a for a in x], y))
-    worst = min(found, key=lambda line: line.r_squared)
-    return Claim(f"{statement}: least R² of {len(found)}", worst.quality, "at least 0.999",
+        law_texts.append(fit_line(x if follows_inverse(sweep) else [1 / a for a in x], y))
+    worst = min(law_texts, key=lambda line: line.r_squared)
+    return Claim(f"{statement}: least R² of {len(law_texts)}", worst.quality, "at least 0.999",
                  worst.r_squared >= 0.999)
 
 
@@ -208,12 +208,13 @@ def _line_claim(statement: str, line: FittedLine) -> Claim:
 def _zero_claim(engine: Engine, sweep: ParameterSweep, x: list[float], y: list[float]) -> Claim:
     floor = engine.floor(sweep.case(x[0]), sweep.quantity)
     zeros = crossing(x, y, floor)
-    found = " and ".join(f"1/γ = {zero:.1f}" for zero in zeros) or "nowhere"
+    zero_text = " and ".join(f"1/γ = {zero:.1f}" for zero in zeros) or "nowhere"
     expected = ZEROS.get(sweep.method)
     if expected is None:
-        return Claim(f"{sweep.name}: the error crosses zero once", found, "once", len(zeros) == 1)
+        return Claim(f"{sweep.name}: the error crosses zero once", zero_text, "once",
+                     len(zeros) == 1)
     holds = len(zeros) == 1 and abs(zeros[0] / expected - 1) <= _TOLERANCE
-    return Claim(f"{sweep.name}: the error crosses zero once", found,
+    return Claim(f"{sweep.name}: the error crosses zero once", zero_text,
                  f"once, at {expected:g} within {_TOLERANCE:.0%} (erratum 25)", holds)
 
 

@@ -99,10 +99,10 @@ def _command(result: Result) -> str:
 
 def page(results: Sequence[Result], *, complete: bool = False) -> str:
     """Return ``docs/paper.md``; a complete page has pictures and all numbers, too."""
-    made = "" if complete else (
+    incomplete_note = "" if complete else (
         "`gyrospark reproduce all --summary docs/paper.md` writes this page; every number below "
         "is computed. If both numbers are round-off, none is given.")
-    parts = ["# The paper, reproduced", made, *_overview(results),
+    parts = ["# The paper, reproduced", incomplete_note, *_overview(results),
              *(section(result, complete=complete) for result in results)]
     return "\n\n".join(filter(None, parts)) + "\n"
 
@@ -150,8 +150,8 @@ def heading(result: Result) -> str:
 
 def _verdict_table(tables: Sequence[Table]) -> str:
     rows = [["table", *ALL_VERDICTS]]
-    for name, some in (*((str(table.number), [table]) for table in tables), ("all", tables)):
-        number = counts(some)
+    for name, group in (*((str(table.number), [table]) for table in tables), ("all", tables)):
+        number = counts(group)
         rows.append([name, *(str(number[verdict]) for verdict in ALL_VERDICTS)])
     return _grid(rows)
 

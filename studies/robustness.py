@@ -57,8 +57,8 @@ def table_8(engine: Engine) -> Table:
             if engine.watch is not None:
                 engine.watch(f"table 8, {scheme}, {row}")
             for inexact in (False, True)[: 1 if stages is None else 2]:
-                found = largest_step(scheme, stages, rep, rule, _unit(text), steps, inexact)
-                cells.append(_cell(row, scheme + _INEXACT * inexact, text, found, inexact))
+                step = largest_step(scheme, stages, rep, rule, _unit(text), steps, inexact)
+                cells.append(_cell(row, scheme + _INEXACT * inexact, text, step, inexact))
     return Table(
         8, "Fast spinning top: largest time step with convergent results", _ABOUT, cells,
         [_exact_reaches_further(cells), _types_reach_alike(cells), _inexact_explains(cells),
@@ -96,14 +96,14 @@ def largest_step(
         run = march(step, parameters, (top.q0, top.p0), count * unit, length, how, all_solved=True)
         return not run.divergent
 
-    first, most = max(1, round(_LOWEST / unit)), round(_HIGHEST / unit)
+    first, last = max(1, round(_LOWEST / unit)), round(_HIGHEST / unit)
     count = largest_count(lambda n: converges(n, steps // 8), lambda n: converges(n, steps),
-                          first, most)
+                          first, last)
     return round(count * unit, 9)
 
 
 def largest_count(
-    seems: Callable[[int], bool], converges: Callable[[int], bool], first: int, most: int
+    seems: Callable[[int], bool], converges: Callable[[int], bool], first: int, last: int
 ) -> int:
     """Return a count that converges while the next one does not; 0 if not even first does.
 
@@ -111,9 +111,9 @@ def largest_count(
     otherwise; then bisection between that success and the failure above it.
     """
     low, high = first, 2 * first
-    while high <= most and seems(high):
+    while high <= last and seems(high):
         low, high = high, 2 * high
-    high = min(high, most + 1)
+    high = min(high, last + 1)
     while not converges(low):
         low, high = low // 2, low
         if low < first:
@@ -127,15 +127,15 @@ def largest_count(
 # ---------------------------------------------------------------- verdicts and claims
 
 
-def _cell(row: str, column: str, printed: str, found: float, inexact: bool) -> Cell:
-    ours: float | str = found or DIVERGENT
+def _cell(row: str, column: str, printed: str, step: float, inexact: bool) -> Cell:
+    ours: float | str = step or DIVERGENT
     if printed == DIVERGENT:
         if ours == DIVERGENT:
             return Cell(row, column, DIVERGENT, ours, "agrees")
         return Cell(row, column, DIVERGENT, ours, "differs",
                     "Newton converges; the scheme does not have the behaviour that the paper "
                     "reports (erratum 22)")
-    if found >= _HIGHEST:
+    if step >= _HIGHEST:
         return Cell(row, column, float(printed), ours, "differs", "the search ends here")
     if isinstance(ours, float) and same_digits(ours, printed):
         return Cell(row, column, float(printed), ours, "agrees")

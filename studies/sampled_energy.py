@@ -49,8 +49,8 @@ def peak(errors: Array) -> float:
 def top_along(run: Trajectory, rows: Sequence[int] = ()) -> BodyFrameTop:
     """Return the states of a run as one top, each entry an array over the steps."""
     problem = fast_top()
-    kept = list(rows) or slice(None)
-    l = run.angular_velocity()[kept] * np.asarray(problem.inertia)  # noqa: E741
-    vertical = rotation_matrix(run.q[kept].astype(float))[:, 2, :]
+    selected_rows = list(rows) or slice(None)
+    l = run.angular_velocity()[selected_rows] * np.asarray(problem.inertia)  # noqa: E741
+    vertical = rotation_matrix(run.q[selected_rows].astype(float))[:, 2, :]
     return BodyFrameTop(list(l.astype(float).T), list(vertical.T), [1 / x for x in problem.inertia],
                         problem.parameters["mgl"])

@@ -53,7 +53,7 @@ def chosen(name: str) -> list[str]:
     if name == "all":
         return list(RESULTS)
     if name not in RESULTS:
-        findings = [known for known in RESULTS if known.startswith("finding-")]
+        findings = [result for result in RESULTS if result.startswith("finding-")]
         raise InputError(f"Unknown result {name!r}; choose all, table-2 to table-14, figure-5 to "
                          f"figure-16, or {', '.join(findings)}{proposal(name, RESULTS)}.")
     return [name]

@@ -41,8 +41,9 @@ def counts(tables: Iterable[Table]) -> Counter[Verdict]:
 
 def counts_line(tables: Iterable[Table]) -> str:
     """Return e.g. "30 agrees, 3 round-off, 3 misprint"."""
-    found = counts(tables)
-    return ", ".join(f"{found[verdict]} {verdict}" for verdict in ALL_VERDICTS if found[verdict])
+    verdict_counts = counts(tables)
+    return ", ".join(f"{verdict_counts[verdict]} {verdict}" for verdict in ALL_VERDICTS
+                     if verdict_counts[verdict])
 
 
 def tables_of(results: Iterable[Result]) -> list[Table]:
@@ -55,18 +56,21 @@ def requirements(results: Iterable[Result]) -> list[Claim]:
     tables = [table for table in tables_of(results) if table.number in ACCURACY_TABLES]
     if len(tables) < len(ACCURACY_TABLES):
         return []
-    found = counts(tables)
-    total = sum(found.values())
-    rest = total - found["agrees"] - found["round-off"]
+    verdict_counts = counts(tables)
+    total = sum(verdict_counts.values())
+    deviating = total - verdict_counts["agrees"] - verdict_counts["round-off"]
     explained = not any(unexplained(table) for table in tables)
     return [
         Claim(f"Cells of Tables 4, 6 and 7, {total} in all, that agree to every printed digit",
-              str(found["agrees"]), f"at least {WANTED_AGREE}", found["agrees"] >= WANTED_AGREE),
-        Claim("Further cells with round-off in both numbers", str(found["round-off"]),
+              str(verdict_counts["agrees"]), f"at least {WANTED_AGREE}",
+              verdict_counts["agrees"] >= WANTED_AGREE),
+        Claim("Further cells with round-off in both numbers", str(verdict_counts["round-off"]),
               f"at least {WANTED_ROUND_OFF} more",
-              found["agrees"] + found["round-off"] >= WANTED_AGREE + WANTED_ROUND_OFF),
-        Claim("Other cells, each with an explanation", f"{found['misprint']} misprints, "
-              f"{found['differs']} differences with a reason", f"all {rest}", explained),
+              verdict_counts["agrees"] + verdict_counts["round-off"]
+              >= WANTED_AGREE + WANTED_ROUND_OFF),
+        Claim("Other cells, each with an explanation", f"{verdict_counts['misprint']} misprints, "
+              f"{verdict_counts['differs']} differences with a reason",
+              f"all {deviating}", explained),
     ]
 
 

@@ -126,10 +126,10 @@ def integrable_claim(gamma: sp.Expr = moments[0]) -> Claim:
     l3 = double_momentum(q, p)[2] / 2
     quadratic = sum(x**2 for x in p) / (8 * I1) + gravity_potential(q)
     H = system.H.subs({system.parameters[-1]: gamma}).subs({I2: I1})
-    rest = sp.expand(H - quadratic - l3**2 * (1 / I3 - 1 / I1) / 2)
+    remainder = sp.expand(H - quadratic - l3**2 * (1 / I3 - 1 / I1) / 2)
     return Claim(
         "For I₁ = I₂ = γ the γ-type energy is |p|²/(8I₁) + V(q) + ½ l₃²(1/I₃ − 1/I₁).",
-        "identical" if rest == 0 else "different", "identical", rest == 0, "proved",
+        "identical" if remainder == 0 else "different", "identical", remainder == 0, "proved",
     )
 
 
@@ -158,12 +158,12 @@ def derived_claim(law: ErrorLine) -> Claim:
 
 def rules_claim(laws: list[ErrorLine], rules: dict[str, float]) -> Claim:
     """Return the claim that γ_m and γ_h reduce every error and cancel none."""
-    left = {name: [law.left_over(x) for law in laws] for name, x in rules.items()}
-    text = "; ".join(f"{name}: {min(v):.2f} to {max(v):.2f}" for name, v in left.items())
+    left_over = {name: [law.left_over(x) for law in laws] for name, x in rules.items()}
+    text = "; ".join(f"{name}: {min(v):.2f} to {max(v):.2f}" for name, v in left_over.items())
     return Claim(
         "Error at γ_m and γ_h over the error without the γ term (1/γ = 0).", text,
         "between 0.05 and 0.95: better, not optimal",
-        all(0.05 < value < 0.95 for values in left.values() for value in values),
+        all(0.05 < value < 0.95 for values in left_over.values() for value in values),
     )
 
 

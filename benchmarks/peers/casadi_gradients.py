@@ -30,25 +30,25 @@ _MOST = {"max_num_steps": 1_000_000}
 
 
 def _settings() -> dict[str, tuple[str, dict[str, Any]]]:
-    found: dict[str, tuple[str, dict[str, Any]]] = {}
+    settings: dict[str, tuple[str, dict[str, Any]]] = {}
     for plugin, tol in (("cvodes", 1e-9), ("cvodes", 1e-12), ("idas", 1e-9)):
         options = {"reltol": tol, "abstol": tol / 100} | _MOST
-        found[f"{plugin} tol {tol:g}"] = plugin, options
-        found[f"{plugin} tol {tol:g} tight"] = plugin, options | _TIGHT
-    found["collocation 400 × 4"] = "collocation", {
+        settings[f"{plugin} tol {tol:g}"] = plugin, options
+        settings[f"{plugin} tol {tol:g} tight"] = plugin, options | _TIGHT
+    settings["collocation 400 × 4"] = "collocation", {
         "number_of_finite_elements": 400, "interpolation_order": 4}
-    return found
+    return settings
 
 
 def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
     """Return settings of the top, and what prepares them."""
-    return {name: partial(_top, *what, t_end, target) for name, what in _settings().items()}
+    return {name: partial(_top, *setting, t_end, target) for name, setting in _settings().items()}
 
 
 def of_model(model: gs.Model, wrt: Sequence[str], t_end: float) -> dict[str, Callable[[], Job]]:
     """Return settings of bodies on joints, and what prepares them."""
-    return {name: partial(_constrained, model, wrt, *what, t_end)
-            for name, what in _settings().items() if what[0] == "idas" and "tight" in name}
+    return {name: partial(_constrained, model, wrt, *setting, t_end)
+            for name, setting in _settings().items() if setting[0] == "idas" and "tight" in name}
 
 
 def _top(plugin: str, options: Mapping[str, Any], t_end: float, target: Array) -> Job:

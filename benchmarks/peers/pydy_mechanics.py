@@ -47,9 +47,9 @@ class PydyMechanics:
     def run(self, tolerance: float, start: Array, t_end: float) -> Array:
         """Return the coordinates at ``t_end`` after a start at rest."""
         state = np.concatenate([start, np.zeros_like(start)])
-        found = self._solve(self._slopes, (0.0, t_end), state, method="DOP853", rtol=tolerance,
-                            atol=tolerance, t_eval=[t_end])
-        end: Array = found.y[:len(start), -1]
+        solution = self._solve(self._slopes, (0.0, t_end), state, method="DOP853", rtol=tolerance,
+                               atol=tolerance, t_eval=[t_end])
+        end: Array = solution.y[:len(start), -1]
         return end
 
     def _slopes(self, t: float, state: Array) -> Array:
