@@ -113,6 +113,7 @@ def _decoder(hint: Any) -> Decoder:
 
 
 def _of_union(inner: tuple[Any, ...]) -> Decoder:
+    """Return a decoder that takes the first type that fits."""
     decoders = [_decoder(argument) for argument in inner]
 
     def decode(value: Any) -> Any:
@@ -127,6 +128,7 @@ def _of_union(inner: tuple[Any, ...]) -> Decoder:
 
 
 def _of_items(decode_one: Decoder) -> Decoder:
+    """Return a decoder of lists of any length."""
     def decode(value: Any) -> Any:
         if type(value) is not list:
             _refuse(value, "a list")
@@ -136,6 +138,7 @@ def _of_items(decode_one: Decoder) -> Decoder:
 
 
 def _of_row(decoders: list[Decoder]) -> Decoder:
+    """Return a decoder of lists of one length."""
     def decode(value: Any) -> Any:
         if type(value) is not list or len(value) != len(decoders):
             _refuse(value, f"a list of {len(decoders)}")
@@ -146,6 +149,7 @@ def _of_row(decoders: list[Decoder]) -> Decoder:
 
 
 def _of_mapping(decode_one: Decoder) -> Decoder:
+    """Return a decoder of objects with values of one type."""
     def decode(value: Any) -> Any:
         if type(value) is not dict:
             _refuse(value, "an object")
@@ -156,6 +160,7 @@ def _of_mapping(decode_one: Decoder) -> Decoder:
 
 
 def _of_record(cls: Any) -> Decoder:
+    """Return a decoder of a dataclass: unknown and missing keys are refused."""
     hints = typing.get_type_hints(cls)
     decoders = {field.name: _decoder(hints[field.name]) for field in fields(cls)}
     needed = [field.name for field in fields(cls)

@@ -239,6 +239,7 @@ class DiscreteFlow:
                                         self.stepper.constraint_names)
 
     def _tangent(self, x: Array, dx: Array) -> Array:
+        """Return F'(x) dx, shape (k, 2 n), for one x and k directions."""
         run, binding = self._run(x), self.stepper._derivative_binding()
         stored_run, space = self._stored_run(run)
         fixed_count, count = self._places.size, len(dx)
@@ -247,6 +248,7 @@ class DiscreteFlow:
         tangents = dz[: 2 * self.n].copy()
         no_entries = binding.own.new(0)
         for steps in pieces(self.stepper, run, stored_run):
+            # directions of inputs change from step to step: a call of C for each
             for step_group in split(steps, np.arange(self.steps)) if u.any() else (steps,):
                 dz[self._input_places] = u[:, step_group.first].T if u.size else 0
                 status = binding.integrate_tangent(run, stored_run.parameters, step_group, dz,
@@ -260,6 +262,7 @@ class DiscreteFlow:
         return tangents.T
 
     def _adjoint(self, x: Array, w: Array) -> Array:
+        """Return F'(x)ᵀ w, shape (k, size), for one x and k cotangents."""
         run, binding = self._run(x), self.stepper._derivative_binding()
         stored_run, space = self._stored_run(run)
         frame = FrameMotion(binding, self.stepper.symmetries, run)

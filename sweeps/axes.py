@@ -131,6 +131,7 @@ def _scheme_axis(values: Any) -> Axis:
 
 
 def _numbers(name: str, values: Any) -> Array:
+    """Return values as a column of finite doubles."""
     refusal = InputError(f"{name} = {_short(values)} is no list of finite numbers; give at least "
                          "one.")
     try:
@@ -189,6 +190,7 @@ def _spaced(name: str, table: Mapping[str, Any]) -> Array:
 
 
 def _range(name: str, table: Any) -> tuple[float, float, str]:
+    """Return the ends and the spacing of a range, checked."""
     if not isinstance(table, Mapping) or not {"from", "to"} <= table.keys() <= {
             "from", "to", "spacing"}:
         raise InputError(f"{name} = {_short(table)} is no range; write "

@@ -436,6 +436,7 @@ def _scheme_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]
 
 
 def _unknowns_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]:
+    """Return the comment of the unknowns of a step."""
     if isinstance(scheme, SplittingScheme):
         return []
     if scheme.system.velocity_count:

@@ -44,6 +44,7 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     # A constant W⁻¹ and its correction are constants of a run; H and F are not evaluated here.
     unused = {"hamiltonian", "applied_force", "schur_inverse", "correction",
               *([] if derived.is_spark else ["hidden_constraint"])}
+    # kernels that share subexpressions w are called as a pair, under names of their own
     names = {"velocity": "first_rates", "force": "second_rates"} if system.shared else {}
     folds = {symbol: f"c->{symbol.name.lstrip('_')}"
              for symbol in system.folds.definitions.values()}
@@ -53,12 +54,14 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     m, is_constant = scheme.system.m, system.schur_inverse is not None
     tables = FastTableau(scheme.tableau).tables(real) if scheme.tableau else {}
     if not m and tables:
+        # without constraints there are no nodes of multipliers
         tables = {name: tables[name] for name in ("mu", "mu_hat")}
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     emitted = {k.name: emit_kernel(replace(k, name=names.get(k.name, k.name)), constants, real,
                                    target) for k in fast_kernels}
     return PlainIteration(
         kernels=[kernel for name, kernel in emitted.items() if name not in unused],
+        # all of them count in the operations of an iteration, also those that are not printed
         known=[*emitted.values()],
         run_constants=[
             *((f"W_inverse[{i}][{j}]", printer(e))

@@ -151,6 +151,7 @@ class CPrinter:
         return text if bare else f"({text})"
 
     def _product(self, e: sp.Mul) -> tuple[str, int]:
+        """Return a product or quotient in C, and its precedence."""
         if e.could_extract_minus_sign():
             return f"-{self._within(-e, _PRODUCT)}", _PRODUCT
         numerator: list[sp.Expr] = []

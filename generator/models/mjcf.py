@@ -230,6 +230,7 @@ class MjcfBuilder(RobotBuilder):
         self.builder.ball(name, self.frames[a], self.frames[b], on_a=on_a, on_b=on_b)
 
     def _weld(self, name: str, equality: MjcfEquality) -> None:
+        """Add a fixed joint of two bodies or sites, with the relative pose of the file."""
         (body1, site1), (body2, site2) = equality.ends
         first, second = self._at_reference(body1).then(site1), self._at_reference(body2).then(site2)
         point, aimed = np.zeros(3), IDENTITY  # of the second, where it is in the first

@@ -200,6 +200,7 @@ class _Reader:
             dt=float(options.timestep), off=frozenset(off))
 
     def read(self) -> MjcfRobot:
+        """Return the robot; elements that have no counterpart here are counted in ``extras``."""
         m, robot = self.m, self.robot
         if m.nbody > MAX_BODIES + 1:
             raise InputError(f"it has {m.nbody - 1} bodies and at most {MAX_BODIES} are allowed.")
@@ -247,6 +248,7 @@ class _Reader:
     # ------------------------------------------------------------ bodies
 
     def _body(self, k: int) -> None:
+        """Add a body: its inertia about the centre of mass in its own axes, and its joints."""
         m, robot = self.m, self.robot
         name, R = _name(m.body(k).name, "body", k), rotation(m.body_iquat[k])
         link = RobotLink(name, float(m.body_mass[k]), np.array(m.body_ipos[k]),
@@ -260,6 +262,7 @@ class _Reader:
         robot.joints |= {joint.name: joint for joint in joints}
 
     def _joint(self, k: int) -> RobotJoint:
+        """Return a joint as compiled: defaults, classes and flags are resolved in the numbers."""
         m, off, kind = self.m, self.robot.off, self._kind("mjtJoint", self.m.jnt_type[k])
         q, v, single = m.jnt_qposadr[k], m.jnt_dofadr[k], kind in ("hinge", "slide")
         if m.jnt_actgravcomp[k] and "actuation" in off and m.body_gravcomp.any():
@@ -317,6 +320,7 @@ class _Reader:
     # ------------------------------------------------------------ tendons, actuators, equalities
 
     def _tendon(self, k: int) -> None:
+        """Add a tendon: a fixed one is Σ c_i q_i of joints; a spatial one is counted as extra."""
         m, off, extras = self.m, self.robot.off, self.robot.extras
         parts = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
         fixed = all(self._kind("mjtWrap", m.wrap_type[wrap]) == "joint" for wrap in parts)
@@ -331,9 +335,11 @@ class _Reader:
             stiffness if low == high else 0.0, low, damping if fixed else 0.0)
 
     def _actuator(self, k: int) -> None:
+        """Add an actuator, force = gear (gain u + b₀ + b₁ l + b₂ l'), or count it as extra."""
         m, robot = self.m, self.robot
         group = int(m.actuator_group[k])
         passive = m.actuator_armature[k] or m.actuator_damping[k] or m.actuator_dampingpoly[k].any()
+        # a disabled actuator does nothing; its armature and damping act nevertheless
         if not passive and ("actuation" in robot.off or (
                 0 <= group <= 30 and m.opt.disableactuator >> group & 1)):
             return
@@ -366,6 +372,7 @@ class _Reader:
             float(gain[2]) if gains == "affine" else 0.0))
 
     def _equality(self, k: int) -> None:
+        """Add an equality with its two ends: placements of bodies or sites, joints or tendons."""
         m, robot = self.m, self.robot
         kind, data = self._kind("mjtEq", m.eq_type[k]), np.array(m.eq_data[k])
         name = _name(m.equality(k).name, "equality", k + 1)

@@ -170,6 +170,7 @@ def _read_all(top: Element, kind: str, read: Callable[[str, Element], Read]) -> 
 
 
 def _link(name: str, element: Element) -> RobotLink:
+    """Return mass, centre and inertia of a link; without <inertial> it has none."""
     inertial = element.first("inertial")
     if inertial is None:
         return RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3)))
@@ -184,6 +185,7 @@ def _link(name: str, element: Element) -> RobotLink:
                                        else None)[0]
                               for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # small negative moments are rounding of the file's digits
     smallest = float(np.linalg.eigvalsh(J).min())
     if smallest < -max(1e-9 * float(np.abs(J).max()), _NOTHING):
         raise InputError(f"its inertia has the principal moment {smallest:.3g}; none may be "

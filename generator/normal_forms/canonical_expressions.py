@@ -115,6 +115,7 @@ class CanonicalForms:
         return self._factor(e)
 
     def _factor(self, e: sp.Expr) -> sp.Expr:
+        """Return a factor in normal form: decimals exact, sums primitive, numbers in front."""
         if e.is_Float and e.is_finite:
             return rational(fraction(e))
         if not (e.is_Add or e.is_Pow):

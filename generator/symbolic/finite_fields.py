@@ -130,6 +130,7 @@ class Residues:
     # ------------------------------------------------------------ one expression
 
     def _value(self, e: sp.Basic, values: Mapping[sp.Basic, Residue]) -> Residue:
+        """Return an expression modulo the prime, from the residues of its arguments."""
         p = self.prime
         if e.is_Rational or e.is_Float:
             return self._number(sp.Rational(e))

@@ -53,6 +53,10 @@ def rounding(
 
 
 def _bound(e: sp.Expr, evaluate: Evaluator, bounds: Mapping[sp.Basic, Any]) -> Any:
+    """Return the bound of an expression's rounding error in ε, from the bounds of its arguments.
+
+    Each operation adds |value|, and passes the errors of its arguments on by their slopes.
+    """
     if e.is_Integer:
         return 0.0
     size = np.abs(evaluate(e))

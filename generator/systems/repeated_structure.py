@@ -174,6 +174,7 @@ class Structure:
     def _templates_of(
         self, parts: Iterable[tuple[tuple[sp.Expr, ...], tuple[int, ...]]]
     ) -> list[ElementTemplate]:
+        """Return the templates of parts: parts that are equal in local symbols share one."""
         instances_of: dict[tuple[sp.Expr, ...], list[Instance]] = {}
         for expressions, rows in parts:
             local_expressions, instance = self._canonical(expressions, rows)

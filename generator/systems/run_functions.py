@@ -50,6 +50,8 @@ def sum_over_states(
     columns |= dict(zip(system.momenta, run.p.T, strict=True))
     time = system.time or "t"
     forces = [f"lambda_{k}" for k in range(len(system.constraints))]
+    # a number or a column for each name that ℓ may have; states win over parameters of the same
+    # name
     columns_of = dict(zip(forces, at_states(run).T, strict=True)) if forces else {}
     columns_of |= {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
     values: dict[sp.Symbol, Any] = {}
@@ -63,6 +65,7 @@ def sum_over_states(
         with np.errstate(all="ignore"):  # what is not finite is refused as a cotangent
             return np.broadcast_to(walk(body), (rows,))
 
+    # ∂ℓ/∂x in each row: the cotangent of x there; those of parameters are summed over the rows
     slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
     zero = 0 * run.t
     cotangents: dict[str, Any] = {

@@ -119,6 +119,7 @@ def from_mechanics(
     F, potential = _generalised(mechanics, names)
     placed, shown_of = _places(mechanics.motion, getattr(method, "bodies", None) or ()) if as_flag(
         "bodies", bodies) else ({}, {})
+    # one substitution for all expressions, as each is a pass over their whole graph
     L, *named = _named(mechanics, [mechanics.L - potential, *mechanics.constraints,
                                    *mechanics.rates,
                                    *shown_of.values()], names)
@@ -136,9 +137,12 @@ def from_mechanics(
     system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
                              t if t in symbols_of(everything) else None, name=name,
                              inputs=input_symbols, quantities=quantities, placed=placed)
+    # rates of the holonomic constraints may be among the velocity constraints: only rows that g
+    # does not imply remain
     rows = _independent(system, bound)
     _refuse_functions(name, rows)
     row_symbols = symbols_of(rows)
+    # the rows may have parameters and the time, which L has not
     constants = {*system.parameters, *row_symbols} - {*q, *v, *input_symbols, t}
     return replace(system, parameters=tuple(sorted(constants, key=str)), velocity_constraints=rows,
                    time=t if t in row_symbols else system.time) if rows else system

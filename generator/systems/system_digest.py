@@ -37,6 +37,7 @@ def system_digest(*parts: Any) -> str | None:
 
 
 def _of(value: Any, digests: dict[sp.Basic, bytes]) -> bytes:
+    """Return the digest of a value; equal values have equal digests in every process."""
     if isinstance(value, sp.Basic):
         for subexpression in parts_of([value]):  # what is shared is hashed once
             if subexpression not in digests:

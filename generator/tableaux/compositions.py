@@ -118,6 +118,7 @@ def _load_compositions() -> dict[str, Composition]:
 
 
 def _from_record(name: str, record: dict[str, Any], bases: dict[str, Composition]) -> Composition:
+    """Return a composition from its record, which has one half of palindromic coefficients."""
     size, halves = record["stages"], {
         key: [Fraction(text) for text in record.get(key, ())]
         for key in ("weights", "drifts", "kicks", "gradients")}

@@ -193,6 +193,7 @@ def check_tableau(tableau: Tableau) -> list[Condition]:
 
 @cache
 def _check(tableau: Tableau) -> tuple[Condition, ...]:
+    """Return all conditions of a tableau, each with its residual."""
     largest_k = counts(tableau)
     lines = (
         *_structure(tableau),
@@ -408,6 +409,7 @@ def _symmetry_residuals(tableau: Tableau) -> Iterator[tuple[Matrix | None, Nodes
 
 
 def _symmetric(tableau: Tableau) -> Condition:
+    """Return the condition of symmetry in time, with the largest residual."""
     residuals = list(_symmetry_residuals(tableau))
     mirrored = all(residual is not None for residual, _, _ in residuals)
     sizes = [magnitude(*residual) for residual in residuals
@@ -436,6 +438,7 @@ def _stability(tableau: Tableau) -> Condition:
 
 
 def _order(tableau: Tableau) -> Condition:
+    """Return the condition of order: the proved one, compared with the claimed one."""
     proved = tableau.order
     claimed = tableau.claims.get("order")
     return Condition(

@@ -141,6 +141,8 @@ class Observation:
     def _of_function(
         self, function: Observe, data: Array, q: Array, p: Array
     ) -> tuple[Array, Array, Array]:
+        """Return residuals and derivatives by q and p of a user's function, their shapes checked.
+        """
         returned = function(q, p)
         if not isinstance(returned, tuple) or len(returned) != 3:
             raise InputError(f"observe returned {shown(returned)}; return the values and their "

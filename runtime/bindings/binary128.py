@@ -91,6 +91,7 @@ def unpack(data: bytes) -> list[Any]:
 
 
 def _encoded(value: Any) -> int:
+    """Return the 128 bits of a number: sign, exponent and fraction, rounded to nearest."""
     if not hasattr(value, "_mpf_"):
         value = quad(value)
     sign, mantissa, exponent, length = value._mpf_

@@ -148,6 +148,7 @@ def _kernel(match: re.Match[str]) -> KernelText | None:
 def _arrays(
     text: str, returns: str
 ) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], tuple[str, ...]]:
+    """Return shapes of inputs and outputs by name, and the order of the arguments."""
     inputs: dict[str, tuple[int, ...]] = {}
     outputs: dict[str, tuple[int, ...]] = {} if returns == "void" else {"": ()}
     order = []
@@ -175,6 +176,7 @@ def _lines(body: str) -> Iterator[str]:
 
 
 def _parse(line: str) -> tuple[str, str, list[Expression]] | None:
+    """Return the kind, target and expressions of a statement; None for declarations."""
     if _UNUSED.fullmatch(line) or _SUM.fullmatch(line):
         return None
     if _NO_SUM.fullmatch(line):

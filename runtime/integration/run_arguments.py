@@ -532,6 +532,7 @@ def refuse_texts(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> N
 def _as_parameter(
     name: str, domain: str, parameters: Mapping[str, Any], number: Callable[[Fraction], Any]
 ) -> Any:
+    """Return one parameter in the stepper's type; refuse one outside its domain."""
     value = parameters[name]
     if isinstance(value, Rule):
         value = gamma_by_rule(name, value, parameters)

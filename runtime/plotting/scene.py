@@ -406,6 +406,7 @@ def _points(parts: list[ScenePart], ties: list[Tie]) -> list[tuple[ScenePart, Ar
 
 
 def _remarks(trajectory: Trajectory, parts: list[ScenePart], state_indices: Any) -> Any:
+    """Yield sentences about the picture: unknown mass, flywheels, rotations too fast to follow."""
     if not all(body.to_scale for body in parts):
         yield "The mass is not known: the shape has the proportions of the inertia, not its size."
     for body in parts:

@@ -154,6 +154,11 @@ class BeamMotion:
         return w, np.einsum("...ij,...j->...i", left_matrix(q_a), q_b)
 
     def _moment(self, joint: JointAt) -> Array:
+        """Return the moment of a section in space, shape (rows, 3), in N m.
+
+        m = (stiffness/spacing) (u − u₀ + τ u̇), and the moment is R_a (w m + u × m), with (w, u)
+        the relative rotation of the two segments.
+        """
         section = _of(joint)
         ratio = section.ratio / self._number(section.spacing)
         (w, u), (q_a, q_b) = self._strain(joint), self._attitudes(joint)

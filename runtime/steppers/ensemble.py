@@ -410,6 +410,7 @@ def _rows(stepper: Stepper, name: str, value: Any) -> Array:
 def _each_parameters(
     parameters: Any, size: int, domains: Mapping[str, str]
 ) -> list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]:
+    """Return a dict for each trajectory, or (common values, columns) from one dict."""
     if isinstance(parameters, Mapping):
         parameters = with_rules(parameters, domains)
         refuse_texts(parameters, domains)
