@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import sympy as sp
 
 from ..multibody.model import Model, whole_array
@@ -41,15 +43,8 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         raise table.error("momenta", f"has the name {symbol!r}, which is a coordinate too; names "
                                      "must differ.")
     v = _symbols(table, "velocities") if "velocities" in table else {}
-    time = {"t": sp.Symbol("t", real=True)}
-    if "time" in table:
-        symbol = table.symbol("time", table.text("time"))
-        time = {symbol: sp.Symbol(symbol, real=True)}
     state = q | p
-    # Where nothing declares a time, t may be the name of a coordinate or of a parameter.
-    is_reserved = "time" not in table and not time.keys().isdisjoint(
-        {*state, *v, *formulas.parameters})
-    times = {} if is_reserved else time
+    time, times = _time(table, {*state, *v, *formulas.parameters})
     H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | times)
     constraints = formulas.read_all(table, "constraints", q | times)
     rows = formulas.read_all(table, "velocity_constraints", q | v | times)
@@ -84,6 +79,22 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     )
     q0, p0 = (whole_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
     return Model(system, values, q0, p0, **run_length(content))
+
+
+def _time(
+    table: TomlTable, names: Collection[str]
+) -> tuple[dict[str, sp.Symbol], dict[str, sp.Symbol]]:
+    """Return the time by name, and the same for H and constraints.
+
+    If the file declares no time, t may be one of the ``names`` of coordinates and parameters: then
+    H and constraints have no time.
+    """
+    if "time" in table:
+        name = table.symbol("time", table.text("time"))
+        time = {name: sp.Symbol(name, real=True)}
+        return time, time
+    time = {"t": sp.Symbol("t", real=True)}
+    return time, {} if "t" in names else time
 
 
 def _symbols(table: TomlTable, key: str) -> dict[str, sp.Symbol]:
