@@ -198,7 +198,7 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     events = (argument,) if isinstance(argument, Event | Impact) else argument
     if isinstance(events, Sequence):
         refuse_together(impacts=any(isinstance(event, Impact) for event in events) and "an impact",
-                        other_runs="ensembles, sweeps and sections")
+                        other_runs="sweeps and sections")
     if not isinstance(events, Sequence) or not all(isinstance(event, Event) for event in events):
         raise InputError(f"events = {shown(argument)} is no list of events; give "
                          'events=[gs.Event("height", level=0.0, direction=-1)].')

@@ -13,12 +13,13 @@ from typing import Any
 import zarr
 
 from ..core.errors import InputError
-from ..core.event import Event, Impact, refuse_unusable_names
+from ..core.event import Event, Impact, refuse_unusable_names, with_restitutions
 from ..core.exact_numbers import Number
 from ..core.progress import Progress, as_progress, log_progress
 from ..core.records import changed
 from ..core.solver import Solver
 from ..runtime.bindings.real_numbers import from_text
+from ..runtime.events.impacts import refuse_unusable
 from ..runtime.integration.run_arguments import RunArguments, step_count
 from ..runtime.results.rotation_rate import LOOKED_AT
 from ..runtime.steppers.stepper import Stepper
@@ -72,6 +73,9 @@ def record(
     """
     path = new_store_path(out, _AS_FILE)
     as_progress(progress)
+    if impacts := tuple(event for event in events if isinstance(event, Impact)):
+        refuse_unusable(stepper, run, impacts)
+        events = with_restitutions(impacts, run.parameters)
     refuse_unusable_names(events, "arrays of a store")
     warned = stepper._warned(run)
     with writer_lock(path):

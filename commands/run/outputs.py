@@ -182,9 +182,8 @@ def _stored(
             "parameters": start.parameters, "t0": start.t,
             **{name: x for name, x in arguments.items() if name not in ("events", "dtau")}}))
         names = step.manifest.system.event_quantities
-        impacts = bool(as_impacts(arguments.get("events", ()), names))
-        refuse_together(stored="a stored run (--out)", impacts=impacts and "impacts")
-        events = as_events(arguments.get("events", ()), names)
+        asked = arguments.get("events", ())
+        events = as_impacts(asked, names) or as_events(asked, names)
         recording = record(step, run, events, store, resume=resume, progress=progress)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, _open(store)

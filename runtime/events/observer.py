@@ -35,7 +35,7 @@ from .location import TerminalEvent, crossings_of, detectors_for, ending
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["Observer", "observed", "observer_of", "with_row"]
+__all__ = ["Observer", "observed", "observer_of", "with_events", "with_row"]
 
 Array = NDArray[Any]
 
@@ -74,12 +74,7 @@ def observed(
         raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
                       trajectory=trajectory)
-    end = observer.end
-    if end is not None:
-        row = replace(end.row, work=trajectory.report.work + end.row.work)
-        trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed), row)
-    trajectory = observer.results(trajectory, {
-        name: crossings.shown(stepper.binding) for name, crossings in crossings_by_name.items()})
+    trajectory = with_events(stepper, observer, trajectory, crossings_by_name)
     if end_event:
         events_by_name = {**trajectory.events}
         ends = {end_event: events_by_name.pop(end_event)}
@@ -98,6 +93,19 @@ def observer_of(
     if impacts:
         return ImpactObserver(stepper, run, impacts)
     return Observer(stepper, run, tuple(event for event in events if isinstance(event, Event)))
+
+
+def with_events(
+    stepper: Stepper, observer: Observer | ImpactObserver, trajectory: Trajectory,
+    crossings_by_name: dict[str, Any],
+) -> Trajectory:
+    """Return a trajectory with its events, and with the row of the one that ended it."""
+    end = observer.end
+    if end is not None:
+        row = replace(end.row, work=trajectory.report.work + end.row.work)
+        trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed), row)
+    return observer.results(trajectory, {
+        name: crossings.shown(stepper.binding) for name, crossings in crossings_by_name.items()})
 
 
 def with_row(

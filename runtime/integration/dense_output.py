@@ -73,35 +73,90 @@ def _states_at(
     refuse_impacts(trajectory)
     refuse_forgotten(stepper, trajectory)
     t = _times(stepper, times)
-    clocked = stepper.binding.clocked
-    begin, elapsed = ((trajectory.tau, trajectory.tau) if clocked else
-                      (trajectory.t, trajectory.elapsed))
+    clocked, dt = stepper.binding.clocked, trajectory.dt
+    known = _known_states(trajectory, clocked)
+    begin, elapsed = known.begin, known.elapsed
     places = (_places_in_scaled_time(stepper, trajectory, t, fill) if clocked else
-              places_of(stepper, trajectory.t[0], elapsed, trajectory.dt, t))
-    q, p = (x[places.rows] for x in full_states(trajectory))  # copies
-    work = trajectory.work[places.rows].copy()
+              places_of(stepper, trajectory.t[0], elapsed, dt, t))
+    q, p, work = (x[places.rows] for x in (known.q, known.p, known.work))  # copies
     of_steps = flat_multipliers(trajectory)
     multipliers = np.zeros((len(t), of_steps.shape[1]), trajectory.q.dtype)
     iterations = np.zeros(len(t), dtype=np.intc)
-    ended = places.rows > 0  # on a state that a step of the run ends at: what that step found
-    multipliers[ended] = of_steps[places.rows[ended] - 1]
-    iterations[ended] = trajectory.iterations[places.rows[ended] - 1]
+    steps_ended = known.ends_of[places.rows]
+    ended = steps_ended > 0  # on a state that a step of the run ends at: what that step found
+    multipliers[ended] = of_steps[steps_ended[ended] - 1]
+    iterations[ended] = trajectory.iterations[steps_ended[ended] - 1]
     targets = _Made(q, p, work, multipliers, iterations)
-    stored = np.rint((elapsed / trajectory.dt).astype(float)).astype(int)
-    for steps, group in _parts(trajectory, places):
-        _go(stepper, trajectory, fill, targets, group, begin[places.rows[group]],
-            np.full(len(group), trajectory.dt), begun=stored[places.rows[group]],
-            steps=places.steps[group],
-            step_limit=steps)
+    begun, done = begin[places.rows], known.steps[places.rows]
+    after = np.flatnonzero(known.is_impact[places.rows])
+    if len(after):  # from an impact, first to the end of its step
+        since, of_t = elapsed[places.rows[after]], t[after] - trajectory.t[0]
+        ends = stepper.binding.times(0 * since, dt, done[after] + 1)
+        reach = _reach(stepper, trajectory.t[0], elapsed[-1])
+        steps, rest = _counted(stepper, ends, dt, of_t, reach)
+        passed = np.array((1 if dt > 0 else -1) * (of_t - ends) >= -reach, bool)
+        leaving = after[passed]
+        if len(leaving):
+            _go(stepper, trajectory, fill, targets, leaving, begun[leaving], (ends - since)[passed],
+                begun=done[leaving], steps=np.ones(len(leaving), int), step_limit=1)
+        begun[leaving], done[leaving] = trajectory.t[0] + ends[passed], done[leaving] + 1
+        places.steps[after] = np.where(passed, steps, 0)
+        places.rest[after] = np.where(
+            passed, rest, np.where(abs(of_t - since) <= reach, 0 * since, of_t - since))
+    for limit, group in _parts(trajectory, places):
+        _go(stepper, trajectory, fill, targets, group, begun[group], np.full(len(group), dt),
+            begun=done[group], steps=places.steps[group], step_limit=limit)
     remaining = np.flatnonzero(places.rest != 0)
-    begun = stepper.binding.times(begin[places.rows], trajectory.dt, places.steps)
+    begun = stepper.binding.times(begun, dt, places.steps)
     if len(remaining):
         _go(stepper, trajectory, fill, targets, remaining, begun[remaining], places.rest[remaining],
-            begun=(stored[places.rows] + places.steps)[remaining],
+            begun=(done + places.steps)[remaining],
             steps=np.ones(len(remaining), dtype=int), step_limit=1)
     if clocked:
         targets.q[:, -1], t = t, begun + places.rest  # the same but for rounding, and τ
     return _trajectory(stepper, trajectory, t, targets)
+
+
+@dataclass(frozen=True)
+class _KnownStates:
+    """Rows of a run, and the states after its impacts, in the order of time.
+
+    ``begin`` are their times, in scaled time τ, ``steps`` the whole steps before each; ``ends_of``
+    is the stored row that a state is, 0 for the start and for impacts.
+    """
+
+    begin: Array
+    elapsed: Array
+    q: Array
+    p: Array
+    work: Array
+    steps: Array
+    ends_of: Array
+    is_impact: Array
+
+
+def _known_states(trajectory: Trajectory, clocked: bool) -> _KnownStates:
+    begin, elapsed = ((trajectory.tau, trajectory.tau) if clocked else
+                      (trajectory.t, trajectory.elapsed))
+    steps = np.rint((elapsed / trajectory.dt).astype(float)).astype(int)
+    rows = len(begin)
+    columns = [begin, elapsed, *full_states(trajectory), trajectory.work, steps, np.arange(rows),
+               np.zeros(rows, bool)]
+    if not trajectory.impacts:
+        return _KnownStates(*columns)
+    for impacts in trajectory.impacts.values():
+        since = impacts.t - trajectory.t[0] if trajectory._states is None else impacts.elapsed
+        columns = [np.concatenate(pair) for pair in zip(columns, (
+            impacts.t, since, impacts.q, impacts.p, impacts.work,
+            np.floor((since / trajectory.dt).astype(float)).astype(int),
+            np.zeros(len(impacts), int), np.ones(len(impacts), bool)), strict=True)]
+    # Of gaps that close at once, the last jump leads to a state that no other begins with.
+    begun = {(t, p.tobytes()) for impacts in trajectory.impacts.values()
+             for t, p in zip(impacts.t.tolist(), impacts.p_before, strict=True)}
+    last = [row for row in range(len(columns[0])) if row < rows or (
+        float(columns[0][row]), columns[3][row].tobytes()) not in begun]
+    order = np.argsort((1 if trajectory.dt > 0 else -1) * columns[1][last], kind="stable")
+    return _KnownStates(*(column[np.array(last)[order]] for column in columns))
 
 
 def stored_steps_at(
@@ -218,20 +273,31 @@ def places_of(stepper: Stepper, t0: Any, stored: Array, dt: Any, t: Array) -> Pl
     ``stored`` are the times of stored rows since the start t0: what is late has digits enough.
     """
     ahead, t = 1 if dt > 0 else -1, t - t0
-    # what rounding cannot tell from the end of a step is the end of it
-    reach = 2 * epsilon_of_times(stepper) * max(abs(t0), abs(t0 + stored[-1]))
+    reach = _reach(stepper, t0, stored[-1])
     outside = (ahead * (t - stored[0]) < -reach) | (ahead * (t - stored[-1]) > reach)
     if outside.any():
         raise InputError(
             f"The time {float(t0 + t[outside][0])} is outside of the run, which goes from "
             f"{float(t0)} to {float(t0 + stored[-1])} s; ask for times in between.")
-    times = stepper.binding.times
-    near = ahead * t + reach
-    rows = np.searchsorted(ahead * stored, near, side="right") - 1
-    steps = np.array([int(x) for x in (t - stored[rows]) / dt], dtype=int)
-    steps += ahead * times(stored[rows], dt, steps + 1) <= near  # a quotient rounds either way
-    remainders = t - times(stored[rows], dt, steps)
-    return Places(rows, steps, np.where(abs(remainders) <= reach, 0 * remainders, remainders))
+    rows = np.searchsorted(ahead * stored, ahead * t + reach, side="right") - 1
+    return Places(rows, *_counted(stepper, stored[rows], dt, t, reach))
+
+
+def _reach(stepper: Stepper, t0: Any, elapsed: Any) -> Any:
+    """Return what rounding cannot tell from the end of a step, up to ``elapsed`` after t0."""
+    return 2 * epsilon_of_times(stepper) * max(abs(t0), abs(t0 + elapsed))
+
+
+def _counted(
+    stepper: Stepper, begin: Array, dt: Any, t: Array, reach: Any
+) -> tuple[Array, Array]:
+    """Return the whole steps from ``begin`` to times t, and the rest of a step."""
+    ahead, times = 1 if dt > 0 else -1, stepper.binding.times
+    steps = np.array([int(x) for x in (t - begin) / dt], dtype=int)
+    # a quotient rounds either way
+    steps += ahead * times(begin, dt, steps + 1) <= ahead * t + reach
+    remainders = t - times(begin, dt, steps)
+    return steps, np.where(abs(remainders) <= reach, 0 * remainders, remainders)
 
 
 def _places_in_scaled_time(
@@ -304,11 +370,10 @@ def refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
 
 
 def refuse_impacts(trajectory: Trajectory) -> None:
-    """Refuse a trajectory with impacts, whose states do not follow from each other by steps."""
-    if trajectory.report.impacts:  # also of a run that is read from a file
-        raise InputError("The run has impacts, at which its momenta jump: states between its steps "
-                         "and derivatives are not computed through them; store more rows, or take "
-                         "differences of runs.")
+    """Refuse a trajectory whose impacts are not known, such as one of an earlier file."""
+    if trajectory.report.impacts and not trajectory.impacts:
+        raise InputError("The run has impacts, at which its momenta jump, and they are not kept; "
+                         "integrate again.")
 
 
 def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:

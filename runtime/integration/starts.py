@@ -137,15 +137,24 @@ def after_start(names: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     return arguments
 
 
-def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> StartNumbers:
-    """Return the numbers of many runs: rows of q and p, parameters as an ensemble takes them."""
+def merged_starts(
+    stepper: Evaluation, starts: Any, p: Any, parameters: Any, *, impacts: bool = False
+) -> StartNumbers:
+    """Return the numbers of many runs: rows of q and p, parameters as an ensemble takes them.
+
+    Raises
+    ------
+    InputError
+        As ``merged_start``; for starts of models with different impacts.
+    """
     entries = {} if parameters is None else parameters
     if p is not None:
         _refuse_second_state(starts, p)
         return StartNumbers(starts, p, entries, 0.0)
     if has_start(starts):
         start = as_start(starts)
-        _refuse_impacts(start)
+        if not impacts:
+            _refuse_impacts(start)
         rows_or_columns = ([start_parameters(stepper.parameter_domains, start, entry)
                             for entry in entries]
                            if isinstance(entries, Sequence)
@@ -157,7 +166,7 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
         q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
                 for x in (stepper.binding.numbers("q", start.q),
                           stepper.binding.numbers("p", start.p)))
-        return StartNumbers(q, p, rows_or_columns, start.t, start._excess)
+        return StartNumbers(q, p, rows_or_columns, start.t, start._excess, start._impacts)
     if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
                                           and isinstance(starts[0], (Sequence, np.ndarray))):
         raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
@@ -170,11 +179,13 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
         entries = [_row(entries, i, len(starts)) for i in range(len(starts))]
     if len(entries) != len(starts):
         raise InputError(f"{len(entries)} sets of parameters are given for {len(starts)} starts.")
-    rows = [merged_start(stepper, entry, None, rows_or_columns, frame=False)
+    rows = [merged_start(stepper, entry, None, rows_or_columns, frame=False, impacts=impacts)
             for entry, rows_or_columns in zip(starts, entries, strict=True)]
+    if any(row.impacts != rows[0].impacts for row in rows):
+        raise InputError("The starts have different impacts; give starts of one model.")
     return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
                         [row.parameters for row in rows], np.array([row.t for row in rows]),
-                        np.array([row.excess for row in rows]))
+                        np.array([row.excess for row in rows]), rows[0].impacts)
 
 
 def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:

@@ -36,7 +36,7 @@ from ..derivatives.kept_steps import SingleStep, multiplier_shape
 from ..derivatives.points import RunRows, rows_of
 from ..derivatives.second_order import Hessian, SecondBinding, Slopes, hessian_of, step_slope
 from ..derivatives.tangent_space import TangentSpace
-from ..integration.dense_output import refuse_forgotten, refuse_impacts, refuse_of_another
+from ..integration.dense_output import refuse_forgotten, refuse_of_another
 from ..integration.run_arguments import Origin, span_of
 from ..integration.starts import after_start, merged_start
 from ..results.run_arrays import full_states
@@ -416,7 +416,8 @@ class Differentiation(Evaluation):
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
         refuse_of_another(self, run)  # type: ignore[arg-type]
-        refuse_impacts(run)
+        refuse_together(impacts=bool(run.report.impacts) and "a run with impacts",
+                        derivatives="derivatives")
         origin: Origin | None = run._origin
         if origin is None:
             refuse_forgotten(self, run)  # type: ignore[arg-type]

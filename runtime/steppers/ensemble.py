@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
@@ -15,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_path, shown
 from ...core.calls import explain_arguments
-from ...core.errors import InputError, StepFailed, Stopped
-from ...core.event import Event, as_events, terminal_of
+from ...core.errors import InputError, InputWarning, StepFailed, Stopped
+from ...core.event import Event, Impact, as_events, as_impacts, terminal_of
 from ...core.exact_numbers import Number
 from ...core.file_formats import format_of
 from ...core.incompatibilities import refuse_together
@@ -24,6 +25,7 @@ from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.progress import Progress, as_progress, log_progress
 from ...core.records import changed
 from ...core.start import Rule
+from ...core.warnings import warn
 from ..bindings.array_checks import as_numbers, as_positive_count
 from ..bindings.inputs import as_inputs
 from ..derivatives.tangent_run import with_tangents
@@ -41,7 +43,9 @@ from ..devices.ensemble import (
 )
 from ..devices.trajectories import Trajectories, gathered
 from ..events.detection import Levels
+from ..events.impacts import ImpactObserver, refuse_unusable
 from ..events.location import crossings_of, detectors_for
+from ..events.observer import with_events
 from ..integration.failure import Diagnosis
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import (
@@ -55,7 +59,7 @@ from ..integration.run_arguments import (
     with_rules,
 )
 from ..integration.starts import StartNumbers
-from ..integration.step_loop import failure_of, trajectory_of
+from ..integration.step_loop import course, failure_of, trajectory_of
 from ..results.crossings import Crossings, CrossingsOfMany
 from ..results.table import as_dataset, as_frame, save_table, table_of_ensemble
 from ..results.tangent_rows import TangentRows
@@ -87,7 +91,8 @@ class Ensemble:
         Number of a failed trajectory → its ``StepFailed``.
     events : dict of str to CrossingsOfMany
         Where the events that were asked for happened: ``events["height"].first``, ``.count``, and
-        the ``Crossings`` of trajectory i in ``events["height"][i]``.
+        the ``Crossings`` of trajectory i in ``events["height"][i]``. Impacts of trajectory i are
+        in ``members[i].impacts``.
     tangents : list of TangentRows or None
         Those of each trajectory, where ``integrate_ensemble(tangents=...)`` was asked for them;
         None for one that failed.
@@ -231,6 +236,11 @@ def integrate_members(
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
         return cast(Ensemble, _integrate_on(card, stepper, starts, dt, options, progress))
     runs = _checked(stepper, starts, dt, options, inputs)
+    impacts = as_impacts(events, stepper.manifest.system.event_quantities)
+    if impacts:
+        refuse_unusable(stepper, runs[int(np.argmin(runs.dt))], impacts,
+                        derivatives=tangents is not None and "tangents")
+        return _with_impacts(stepper, runs, impacts, threads_of(workers), progress)
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
@@ -369,6 +379,65 @@ def _ensemble(
     events = {name: CrossingsOfMany([events_of_run[name] for events_of_run in shown])
               for name in (shown[0] if shown else ())}
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
+
+
+def _with_impacts(
+    stepper: Stepper, runs: EnsembleArguments, impacts: tuple[Impact, ...], threads: int,
+    progress: Progress,
+) -> Ensemble:
+    """Return the ensemble of runs with impacts: each by itself, with the bits of ``integrate``."""
+    binding, manifest, count = stepper.binding, stepper.manifest, len(runs)
+    stepper._impact_binding()  # compiled once, before threads ask for it
+    done, statuses, ends = [0] * count, [0] * count, [runs.q[i] for i in range(count)]
+
+    with (_progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts,
+          warnings.catch_warnings(), ThreadPoolExecutor(min(threads, count)) as pool):
+        warnings.simplefilter("ignore", InputWarning)  # of gaps that stay closed: one for all
+
+        def integrated(i: int) -> Trajectory:
+            def count_steps(steps: int) -> None:
+                done[i] = steps
+                if report is not None:
+                    report(sum(done))
+
+            try:
+                observer: Any = ImpactObserver(stepper, runs[i], impacts)
+                trajectory, statuses[i], state = course(
+                    binding, manifest, runs[i], lambda: interrupts.requested, count_steps, observer)
+            except InputError as error:
+                raise InputError(f"Trajectory {i}: {error}") from None
+            ends[i] = state.q
+            trajectory = with_events(stepper, observer, trajectory, observer.settle())
+            return trajectory.made_by(stepper, Origin(runs[i]))
+
+        members = list(pool.map(integrated, range(count)))
+    states, first = runs.first.rows + 1, members[0]
+    arrays: dict[str, Any] = {
+        name: np.full((count, states - of_steps, *getattr(first, name).shape[1:]), np.nan,
+                      getattr(first, name).dtype)
+        for name, of_steps in (("t", 0), ("q", 0), ("p", 0), ("multipliers", 1))}
+    iterations = np.zeros((count, states - 1), np.intc)
+    closed = 0
+    for i, member in enumerate(members):
+        ended = member.report.steps < runs.first.steps and not statuses[i]
+        stored = min(runs.first.stored(member.report.steps) + 1, len(member))
+        closed += ended and not interrupts.requested
+        for name in ("t", "q", "p"):
+            arrays[name][i, :stored] = getattr(member, name)[:stored]
+        arrays["multipliers"][i, : stored - 1] = member.multipliers[: stored - 1]
+        iterations[i, : stored - 1] = member.iterations[: stored - 1]
+    if closed:
+        warn(f"{closed:,} of {count:,} trajectories end before the last step, where a gap stays "
+             "closed; their last rows are in members.")
+    failures = {i: failure_of(binding, runs[i], members[i], Diagnosis.bare(statuses[i]), ends[i])
+                for i in range(count) if statuses[i]}
+    events = {impact.name: CrossingsOfMany([member.events[impact.name] for member in members])
+              for impact in impacts}
+    ensemble = Ensemble(**arrays, iterations=iterations, failures=failures, _name=stepper.name,
+                        _make=members.__getitem__, events=events)
+    if interrupts.requested:
+        raise _stopped(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)
+    return ensemble
 
 
 def _with_tangents(

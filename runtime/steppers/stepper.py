@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_flag, as_mapping, few
 from ...core.calls import explain_arguments
-from ...core.event import Event, Impact, as_events, as_impacts, with_restitutions
+from ...core.event import Event, Impact, as_events, as_impacts
 from ...core.exact_numbers import Number, Numbers
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
@@ -357,13 +357,11 @@ class Stepper(Dynamics):
         run = changed(run, open_end=True) if end_event else run
         rest: Any = self.binding.number(span) if span else 0
         if impacts:
-            refuse_unusable(self, run, impacts, t_eval=t_eval is not None and "t_eval",
-                            derivatives=tangents is not None and "tangents")
+            refuse_unusable(self, run, impacts, derivatives=tangents is not None and "tangents")
         if out is not None:
             step_count(steps, t_end, state.t, dt)
             stored: Trajectory = function_of("storage.record", "record")(
-                self, _storable(run, t_eval, tangents),
-                with_restitutions(impacts, run.parameters) or asked, out, progress=progress)
+                self, _storable(run, t_eval, tangents), asked, out, progress=progress)
             return stored
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, rest))
@@ -399,7 +397,7 @@ class Stepper(Dynamics):
         parameters: Mapping[str, Numbers] | Sequence[Mapping[str, Number]] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         every: int = 1,
-        events: Event | Sequence[Event] = (),
+        events: Event | Impact | Sequence[Event | Impact] = (),
         tangents: Tangents | None = None,
         solver: SolverName | Solver = "auto",
         workers: int | None = None,
@@ -426,6 +424,7 @@ class Stepper(Dynamics):
         ``integrate``, which puts the stages of one step into lanes.
 
         ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused.
+        With impacts each trajectory is integrated by itself, with the bits of ``integrate``.
 
         ``tangents`` are computed along each trajectory, on the same threads, with the bits of
         ``integrate``: ``Ensemble.tangents[i]``, and ``.tangents`` of each member.
@@ -445,9 +444,10 @@ class Stepper(Dynamics):
         dt, steps = span_or_own(self.binding, starts, dt, dtau, steps, t_end)
         refuse_together(ensemble="an ensemble", open_end=self.binding.clocked
                         and t_end is not None and "t_end in scaled time")
-        state = merged_starts(self, starts, p, parameters)
+        state = merged_starts(self, starts, p, parameters, impacts=True)
+        impacts = as_impacts(events, self.manifest.system.event_quantities, state.impacts)
         return integrate_members(
-            self, state, dt, workers, events, inputs, tangents, device, progress,
+            self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
             steps=steps_of_all(steps, t_end, state.t, dt), every=every, solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside

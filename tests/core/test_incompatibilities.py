@@ -220,9 +220,8 @@ CALLS = {
     ("ensemble", "terminal"): many("kepler", events=gs.Event("x", terminal=True)),
     ("sweep", "terminal"): swept(events=[TERMINAL]),
     ("sweep", "float128"): swept("float128"),
-    ("impacts", "other_runs"): many("kepler", events=gs.Impact("x")),
+    ("impacts", "other_runs"): swept(events=gs.Impact("q1")),
     ("impacts", "events"): hit("kepler", gs.Event("x")),
-    ("impacts", "t_eval"): hit("kepler", t_eval=[0.05]),
     ("impacts", "derivatives"): hit("kepler", tangents=gs.Tangents()),
     ("impacts", "splitting"): lambda: gs.stepper(
         "splitting", order=2, system=systems.case("kepler").system).integrate(

@@ -138,11 +138,16 @@ def test_a_row_keeps_the_impacts_and_other_runs_refuse_them():
     run = step.integrate(model, dt=0.01, steps=20)
     assert [*step.integrate(run[-1], dt=0.01, steps=60).impacts] == [
         impact.name for impact in model.events]
-    for call in (lambda: step.start(model, dt=0.01), lambda: step.step(model, dt=0.01),
-                 lambda: step.integrate_ensemble(model, dt=0.01, steps=2),
-                 lambda: step.integrate_ensemble([model, model], dt=0.01, steps=2)):
+    for starts in (model, [model, model]):
+        many = step.integrate_ensemble(starts, dt=0.01, steps=20)
+        assert [*many.events] == [impact.name for impact in model.events]
+        assert np.array_equal(many.q[-1], run.q)
+    for call in (lambda: step.start(model, dt=0.01), lambda: step.step(model, dt=0.01)):
         with pytest.raises(InputError, match="floor_a"):
             call()
+    with pytest.raises(InputError, match="different impacts"):
+        step.integrate_ensemble([model, gs.Start(model.q0, model.p0, model.parameters)], dt=0.01,
+                                steps=2)
     for e in (1.5, -0.1):
         with pytest.raises(InputError, match=f"{e}"):
             step.integrate(model, dt=0.01, steps=2, parameters={"e": e})
@@ -293,7 +298,7 @@ def test_tables_are_refused(tmp_path, old, new, word):
 
 
 def test_the_command_has_the_impacts_of_a_file(tmp_path, gyrospark):
-    """It prints and lists them; a table of rows is written, an event beside them refused."""
+    """It prints and lists them; rows and a store are written, an event beside them refused."""
     path = tmp_path / "dropped.toml"
     path.write_text("""
 name = "dropped"
@@ -319,8 +324,10 @@ steps = 120
     assert impacts["t"] == pytest.approx(np.sqrt(2 / 9.81) * np.array([1, 2, 2.5]), abs=8 * EPS)
     assert impacts["energy_lost"] == pytest.approx(9.81 * 0.75 * 0.25**np.arange(3))
     assert "3 times" in gyrospark(*command).stdout
-    for more, word in ((("--event", "ball_z=1"), "events"),
-                       (("--out", tmp_path / "rows.zarr"), "store")):
-        refused = gyrospark(*command, *more)
-        assert refused.code == 2
-        assert word in refused.stderr
+    stored = gyrospark(*command, "--json", "--out", tmp_path / "rows.zarr")
+    assert stored.code == 0
+    assert gs.load(tmp_path / "rows.zarr").impacts["floor"].t.tolist() == impacts["t"]
+    assert stored.document["impacts"]["floor"]["t"] == impacts["t"]
+    refused = gyrospark(*command, "--event", "ball_z=1")
+    assert refused.code == 2
+    assert "events" in refused.stderr
