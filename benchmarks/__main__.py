@@ -19,7 +19,7 @@ import gyrospark as gs
 
 from .machine import about
 from .peers import PROGRAMS
-from .rows import Choice, Row, as_json, draw, markdown, table
+from .rows import Choice, Row, accuracies, as_json, draw, markdown, table
 
 __all__ = ["BENCHMARKS", "main"]
 
@@ -145,9 +145,13 @@ def tables(name: str, rows: list[Row], choice: Choice) -> dict[str, list[list[st
                 for case in dict.fromkeys(row.case for row in rows)}
     more = {}
     if name == "bodies":
-        from .bodies import accuracies
+        from .bodies import ACCURACIES, COST, ERROR
 
-        more = {"cheapest for an error": table(accuracies(rows))}
+        more = {"cheapest for an error": table(accuracies(rows, COST, ERROR, ACCURACIES, " m"))}
+    if name == "adaptive":
+        from .adaptive import levels
+
+        more = {"cheapest for an error": table(levels(rows))}
     groups: dict[str, list[Row]] = {}
     for row in rows:  # those without numbers are beside those before them
         cost = next(iter(row.numbers), next(reversed(groups), ""))

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 import gyrospark as gs
 
 from .peers.optional import need
-from .rows import Choice, Entry, Prepared, Row, contest
+from .rows import Choice, Entry, Prepared, Row, accuracies, contest
 from .timing import Sample
 
-__all__ = ["adaptive"]
+__all__ = ["adaptive", "levels"]
 
 Array = NDArray[Any]
 
@@ -76,6 +76,13 @@ def adaptive(choice: Choice) -> list[Row]:
             for row in contest(orbit.name, list(_entries(orbit)), choice)]
 
 
+def levels(rows: Sequence[Row]) -> list[Row]:
+    """Return the cheapest of scaled steps, of constant ones and of each program for an error."""
+    return accuracies(rows, "CPU µs/period", "error", (1e-6, 1e-10, 1e-13), "",
+                      lambda row: row.program + " constant" * ("constant" in row.setting),
+                      ("error", "iterations/period"))
+
+
 # ---------------------------------------------------------------- orbits
 
 
@@ -87,13 +94,15 @@ def _kepler(e: float, quick: bool) -> Orbit:
     # τ of a period: ∫ dt / r^(3/2) = ∫ (1 − e cos E)^(−1/2) dE
     tau = float(np.mean((1 - e * np.cos(np.linspace(0, 2 * np.pi, 4096, endpoint=False))) ** -0.5)
                 * 2 * np.pi)
-    # Constant steps as long as the shortest of 4, 8 and 16 scaled ones.
-    constant = [round(n * 2 * np.pi / (1 - e) ** 1.5 / tau, 2) for n in (4, 8, 16)]
+    # Constant steps as long as the shortest of 4, 8, … scaled ones.
+    constant = [(s, round(n * 2 * np.pi / (1 - e) ** 1.5 / tau, 2))
+                for s, n in ((6, 4), (6, 8), (6, 16), (8, 12), (8, 24))]
     return Orbit(f"Kepler, e = {e}", system, (1 - e, 0.0), (0.0, float(np.sqrt((1 + e) / (1 - e)))),
                  periods * 2 * np.pi, periods * tau, periods, partial(_on_ellipse, e),
-                 [(6, n) for n in constant],
+                 constant,
                  [(6, n) for n in (8.37, 10.37, 12.37, 14.37, 16.37, 20.37, 24.37)]
-                 + [(8, n) for n in (8.3, 10.3, 12.3, 14.3)])
+                 + [(8, n) for n in (8.3, 10.3, 12.3, 14.3, 18.3, 24.3)]
+                 + [(4, n) for n in (8.37, 12.37, 16.37, 24.37)])
 
 
 def _on_ellipse(e: float, t: float) -> Array:
@@ -115,8 +124,9 @@ def _arenstorf(quick: bool) -> Orbit:
     system = gs.System((_X, _Y), (_U, _V), (), H, name="arenstorf", time_scale=scale)
     x, v, period = _ARENSTORF
     return Orbit("Arenstorf", system, (x, 0.0), (0.0, v + x), period, 0.0, 1.0, _on_arenstorf,
-                 [(6, n) for n in (4000.0, 16000.0)],
-                 [(6, n) for n in (60.0, 80.0, 120.0, 160.0, 240.0)])
+                 [(6, n) for n in (2000.0, 4000.0, 8000.0, 16000.0)],
+                 [(6, n) for n in (40.0, 60.0, 80.0, 120.0, 160.0, 240.0)]
+                 + [(8, n) for n in (60.0, 80.0, 120.0, 160.0)])
 
 
 def _on_arenstorf(t: float) -> Array:

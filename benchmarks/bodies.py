@@ -27,11 +27,11 @@ from .peers.exudyn_scenes import IMPLICIT, ExudynScene
 from .peers.mujoco_scenes import MujocoScene
 from .peers.pydy_bodies import TOLERANCES, PydyBodies
 from .peers.pydy_mechanics import PydyMechanics
-from .rows import Choice, Entry, Prepared, Row, cheapest, contest
+from .rows import Choice, Entry, Prepared, Row, contest
 from .scenes import ReferenceScene, SceneMotion, scene_of
 from .timing import Sample
 
-__all__ = ["ACCURACIES", "COST", "ERROR", "Links", "accuracies", "arm", "batches", "bodies",
+__all__ = ["ACCURACIES", "COST", "ERROR", "Links", "arm", "batches", "bodies",
            "mechanics", "scenes", "tree"]
 
 T_END = 1.0
@@ -175,21 +175,6 @@ def _pydy(motion: Motion, scene: ReferenceScene) -> Iterator[Entry]:
     for tolerance in TOLERANCES:
         yield Entry("pydy", f"DOP853 tol {tolerance:g}", partial(prepare, tolerance),
                     tolerance == TOLERANCES[-1])
-
-
-def accuracies(rows: list[Row]) -> list[Row]:
-    """Return the cheapest run of each program for each case and accuracy."""
-    found = []
-    for case in dict.fromkeys(row.case for row in rows):
-        mine = [row for row in rows if row.case == case]
-        for accuracy in ACCURACIES:
-            for program in dict.fromkeys(row.program for row in mine):
-                best = cheapest([row for row in mine if row.program == program], COST, ERROR,
-                                accuracy)
-                if best is not None:
-                    found.append(replace(best, case=f"{case}, {accuracy:.0e} m",
-                                         numbers={COST: best.numbers[COST]}, samples={}))
-    return found
 
 
 # ---------------------------------------------------------------- sympy.physics.mechanics

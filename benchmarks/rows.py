@@ -17,8 +17,8 @@ import gyrospark as gs
 from .peers.optional import Unavailable, need, version
 from .timing import Clock, Sample, alternate, repeated
 
-__all__ = ["Choice", "Entry", "Prepared", "Row", "as_json", "cheapest", "contest", "draw",
-           "markdown", "power_laws", "table", "text_of"]
+__all__ = ["Choice", "Entry", "Prepared", "Row", "accuracies", "as_json", "cheapest", "contest",
+           "draw", "markdown", "power_laws", "table", "text_of"]
 
 
 @dataclass(frozen=True)
@@ -166,6 +166,29 @@ def cheapest(rows: Sequence[Row], cost: str, error: str, accuracy: float) -> Row
     exact = [row for row in rows if cost in row.numbers
              and row.numbers.get(error, math.inf) <= accuracy]
     return min(exact, key=lambda row: row.numbers[cost], default=None)
+
+
+def accuracies(
+    rows: Sequence[Row], cost: str, error: str, levels: Sequence[float], unit: str,
+    competitor: Callable[[Row], str] = lambda row: row.program, more: Sequence[str] = (),
+) -> list[Row]:
+    """Return the cheapest run of each competitor for each case and accuracy.
+
+    The columns are the cost and ``more``.
+    """
+    best_rows = []
+    for case in dict.fromkeys(row.case for row in rows):
+        of_case = [row for row in rows if row.case == case]
+        for level in levels:
+            for name in dict.fromkeys(map(competitor, of_case)):
+                best = cheapest([row for row in of_case if competitor(row) == name], cost, error,
+                                level)
+                if best is not None:
+                    numbers = {key: best.numbers[key] for key in (cost, *more)
+                               if key in best.numbers}
+                    best_rows.append(replace(best, case=f"{case}, {level:.0e}{unit}",
+                                             numbers=numbers, samples={}))
+    return best_rows
 
 
 def power_laws(points: Mapping[float, Mapping[str, float]], smallest_size: float = 0.0

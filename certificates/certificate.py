@@ -32,11 +32,15 @@ from ..generator.schemes.named_schemes import (
     scheme_named,
 )
 from ..generator.symbolic.numeric_evaluation import as_rational
+from ..generator.systems.system import System
+from ..generator.systems.time_scale import scaled
 from ..runtime.bindings.array_checks import as_positive_count, as_step
+from ..runtime.integration.run_arguments import step_argument
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
 from .guarantees import Guarantees, MeanGuarantees, SparkGuarantees, SplittingGuarantees
 from .measured_properties import CertificateLine, Examination
+from .measurements import step_named
 from .round_off import RoundOff
 
 if TYPE_CHECKING:
@@ -60,12 +64,19 @@ class Certificate:
     steps: int
     parameters: dict[str, float]
     lines: list[CertificateLine]
+    #: Whether dt is a step of scaled time.
+    scaled: bool = False
+
+    @property
+    def step_text(self) -> str:
+        """The step with its unit."""
+        return f"Δτ = {self.dt:g}" if self.scaled else f"{self.dt:g} s"
 
     def __repr__(self) -> str:
         compared = [line for line in self.lines if line.holds is not None]
         return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
-                f"{self.dt:g} s: {sum(line.holds is True for line in compared)} of {len(compared)} "
-                "guarantees hold>")
+                f"{self.step_text}: {sum(line.holds is True for line in compared)} of "
+                f"{len(compared)} guarantees hold>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: a row for each property, its measurement and the result."""
@@ -73,7 +84,7 @@ class Certificate:
                       for line in self.lines]
         result = "every guarantee holds" if self.holds else "a guarantee is missed"
         return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
-                    f"{self.dt:g} s: {result}",
+                    f"{self.step_text}: {result}",
                     table(table_rows, ("kept", "found", "should be", "verdict")))
 
     @property
@@ -110,6 +121,7 @@ def certify(
     energy: bool = False,
     real: RealName = "double",
     dt: float | None = None,
+    dtau: float | None = None,
     steps: int | None = None,
     parameters: Mapping[str, Number] | None = None,
     order: int | None = None,
@@ -130,6 +142,9 @@ def certify(
         Inertia representation of a named problem.
     dt, steps : float, int
         Step in s and number of steps; by default the model's own.
+    dtau : float
+        In place of dt, of a system with ``time_scale``: the step of scaled time. Properties are
+        those in (q, t, p, e).
     parameters : mapping, optional
         Values in place of the model's. With co-moving frames the rates too, by default the least
         squares of the start.
@@ -161,15 +176,15 @@ def certify(
             "frame": frame, "real": real, "energy": energy, "order": order,
             "composition": composition})
         end_stage()
-        step._refuse_scaled(certificate="a certificate")
         if step.manifest.system.velocity_names:
             raise InputError(f"System {known_model.system.name!r} is from a Lagrangian, and its H "
                              "is not written out: guarantees are not proved for it. Certify a "
                              "model with the system that its legendre() returns.")
-        if dt is None:
+        if dt is None and not step.binding.clocked:
             dt = known_model.dt
-        if dt is None:
-            raise InputError(f"Model {known_model.name!r} names no time step; give dt.")
+            if dt is None and dtau is None:
+                raise InputError(f"Model {known_model.name!r} names no time step; give dt.")
+        size = as_step(step_argument(step.binding, dt, dtau))
         count = as_positive_count("steps", (known_model.steps or STEPS) if steps is None else steps,
                                   least=2)
         changes = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
@@ -177,16 +192,22 @@ def certify(
             if name not in step.parameter_domains:
                 raise InputError(f"{name!r} is no parameter of model {model.name!r}; its "
                                  f"parameters are {', '.join(step.parameter_domains) or 'none'}.")
-        run = step.integrate(known_model, dt=as_step(dt), steps=count, parameters=changes)
+        run = step.integrate(known_model, steps=count, parameters=changes,
+                             **step_named(step, size))
         end_stage()
         numbers = dict(run.parameters)
-        guarantees = _guarantees(known_model, step, scheme, stages, tableau, numbers)
-        round_off = RoundOff(known_model.system, run, numbers, step)
+        system = scaled(known_model.system)
+        guarantees = _guarantees(system, step, scheme, stages, tableau, numbers)
+        round_off = RoundOff(system, run, numbers, step)
         with capture_warnings():  # the run above has warned already
             lines = list(Examination(
-                known_model, step, guarantees, run, numbers, round_off).lines())
+                known_model, system, step, guarantees, run, numbers, round_off).lines())
         end_stage()
-        return Certificate(model.name, step.name, step.order, run.dt, count, numbers, lines)
+        if step.binding.clocked:
+            lines = [replace(line, **{name: getattr(line, name).replace("Δt", "Δτ")
+                                      for name in ("found", "expected", "why")}) for line in lines]
+        return Certificate(model.name, step.name, step.order, run.dt, count, numbers, lines,
+                           step.binding.clocked)
 
 
 class MethodOptions(TypedDict, total=False):
@@ -228,17 +249,17 @@ def compiled(
 
 
 def _guarantees(
-    model: Model, step: Stepper, scheme: SchemeName | None, stages: int | None,
+    system: System, step: Stepper, scheme: SchemeName | None, stages: int | None,
     tableau: str | Path | Tableau | None, parameters: Mapping[str, float],
 ) -> Guarantees:
     """Return the guarantees of the scheme at these parameters, as exact fractions."""
-    exact_parameters = {s: as_rational(parameters[str(s)]) for s in model.system.parameters}
+    exact_parameters = {s: as_rational(parameters[str(s)]) for s in system.parameters}
     if not step.binding.solves:
-        return SplittingGuarantees(model.system, exact_parameters, step.order)
+        return SplittingGuarantees(system, exact_parameters, step.order)
     if tableau is None and scheme_named(scheme).tableau is None:
-        return MeanGuarantees(model.system, exact_parameters, str(scheme), step.order)
+        return MeanGuarantees(system, exact_parameters, str(scheme), step.order)
     if tableau is None:
-        return SparkGuarantees(model.system, exact_parameters, make_tableau(str(scheme), stages),
+        return SparkGuarantees(system, exact_parameters, make_tableau(str(scheme), stages),
                                bool(step.manifest.scheme.exact_energy))
     exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
-    return SparkGuarantees(model.system, exact_parameters, exact)
+    return SparkGuarantees(system, exact_parameters, exact)

@@ -1,5 +1,7 @@
 """The loop invariant ∮ p·dq of a map, over a closed curve of states on the constraint manifold.
 
+In scaled time t is among q and e among p: ∮ p·dq + e dt.
+
     I = ∮ Σ_i p_i dq_i/ds ds  ≈  2π/M Σ_k p(s_k)·q'(s_k),   s_k = 2πk/M,
 
 with q' from the discrete Fourier transform of q: for an analytic curve the error falls like a
@@ -17,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import GyrosparkError
+from ..runtime.results.run_arrays import full_states
 from ..runtime.steppers.stepper import Stepper
+from .measurements import step_named
 
 __all__ = ["LoopDrift", "closed_loop", "loop_drift", "loop_integral"]
 
@@ -136,7 +140,7 @@ def closed_loop(
     s = 2 * np.pi * np.arange(points)[:, None] / points
     circle = [np.cos(s), np.sin(s)]
     curves = [
-        x0 + radius * size * sum(wave * rng.standard_normal(len(x0)) for wave in circle)
+        x0 + radius * size[: len(x0)] * sum(wave * rng.standard_normal(len(x0)) for wave in circle)
         for x0, size in zip((q0, p0), sizes, strict=True)
     ]
     states = [stepper.project(*state, parameters=parameters) for state in zip(*curves, strict=True)]
@@ -180,15 +184,17 @@ def _integrated_loop(
     """
     try:
         q, p = closed_loop(stepper, q0, p0, sizes, radius, points, parameters)
-        ensemble = stepper.integrate_ensemble(q, p, dt=dt, steps=steps, parameters=parameters,
-                                              every=max(1, steps // 8))
+        ensemble = stepper.integrate_ensemble(q, p, steps=steps, parameters=parameters,
+                                              every=max(1, steps // 8), **step_named(stepper, dt))
     except GyrosparkError:
         return None
     if ensemble.failures:
         return None
-    integrals = [loop_integral(ensemble.q[:, k].astype(float), ensemble.p[:, k].astype(float),
-                               rounded, stepper.binding.epsilon)
-                 for k in range(ensemble.q.shape[1])]
+    states = [full_states(member) for member in ensemble.members] if stepper.binding.clocked else (
+        zip(ensemble.q, ensemble.p, strict=True))
+    q, p = (np.array(rows, dtype=float) for rows in zip(*states, strict=True))
+    integrals = [loop_integral(q[:, k], p[:, k], rounded, stepper.binding.epsilon)
+                 for k in range(q.shape[1])]
     start = integrals[0].value
     changes = [abs(integral.value - start) for integral in integrals]
     return LoopDrift(

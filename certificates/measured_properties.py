@@ -16,12 +16,14 @@ from ..generator.symbolic.derivatives import derivative
 from ..generator.symbolic.numeric_evaluation import evaluate
 from ..generator.symbolic.rounding_errors import rounding
 from ..generator.symbolic.shared_subexpressions import substitute
+from ..generator.systems.moving_frame import energy_of
 from ..generator.systems.smoothness import Switching
+from ..generator.systems.system import System
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 from .guarantees import Guarantee, Guarantees
 from .loop_invariant import loop_drift
-from .measurements import measure_order, reversal, trend
+from .measurements import measure_order, reversal, step_named, trend
 from .momentum_maps import (
     MAX_COORDINATES,
     MomentumMap,
@@ -105,6 +107,8 @@ class Examination:
     """One run of a model, and the lines that come of it."""
 
     model: Model
+    #: That of the model; in scaled time with t among the coordinates.
+    system: System
     step: Stepper
     guarantees: Guarantees
     run: Trajectory
@@ -119,7 +123,7 @@ class Examination:
     @cached_property
     def switching(self) -> Switching:
         """Switches of H and the forces, such as |x|: guarantees need a smooth motion."""
-        return Switching(self.model.system)
+        return Switching(self.system)
 
     def lines(self) -> Iterator[CertificateLine]:
         """Yield the lines, the strictest properties first."""
@@ -146,31 +150,34 @@ class Examination:
         composition of flows has no residual: H and g are compared, and the line on energy shows
         that its flows are those of H.
         """
-        system, n, step = self.model.system, self.model.system.n, self.step
+        system, n, step = self.system, self.system.n, self.step
         solves = step.binding.solves
         rates = [*system.H_p, *system.minus_p_rate] if solves else []
         slip = substitute(system.velocity_constraints,
                           dict(zip(system.velocities, system.H_p, strict=bool(system.velocities))))
-        expressions = [system.H, *rates, *system.constraints, *slip]
+        expressions = [energy_of(system), *rates, *system.constraints, *slip]
         sample_rows = np.unique(np.linspace(0, self.steps, 5).astype(int))
         symbol_values = self.round_off.values(sample_rows)
+        if step.binding.clocked:  # a residual is that of a start, where e = −H
+            symbol_values[system.p[-1]] = -self.run.energies[sample_rows].astype(float)
         expected = np.broadcast_to(evaluate(expressions, symbol_values),
                                    (len(expressions), len(sample_rows)))
         sizes = np.broadcast_to(rounding(expressions, symbol_values, {}), expected.shape)
         parameters = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
         stages = self._scheme.stages or 1
         compiled_values = np.empty_like(expected)
-        for k, (q, p,
-                t) in enumerate(zip(*(x[sample_rows] for x in (self.run.q, self.run.p, self.run.t)),
-                                          strict=True)):
+        at_start = step.binding.parameters(parameters)
+        for k, (q, p, t) in enumerate(zip(*(x[sample_rows] for x in (
+                self.run.q, self.run.p, self.run.t)), strict=True)):
             x = np.zeros(step.unknowns)
             if self._scheme.unknowns_are_state:
-                x[: 2 * n] = *q, *p
+                x[: 2 * n] = np.concatenate(step.binding.start_in_scaled_time(at_start, q, p, t))
             energy = float(step.energy(q, p, parameters=parameters, t=t))
             if not solves:
                 compiled_values[:, k] = [energy, *step.defects(q, p, parameters=parameters, t=t)[0]]
                 continue
-            r = step.residual(x, q, p, dt=_SHORT, parameters=parameters, t=t).astype(float)
+            r = step.residual(x, q, p, parameters=parameters, t=t,
+                              **step_named(step, _SHORT)).astype(float)
             end = 2 * stages * n
             compiled_values[:, k] = [energy, *-r[:n],
                                      *r[stages * n : (stages + 1) * n], *r[end : end + step.m],
@@ -189,7 +196,8 @@ class Examination:
 
     def _loop(self) -> CertificateLine:
         """Return the line of the loop invariant: ∮p·dq over a loop of starts, and its drift."""
-        quantity, guarantee = "loop invariant ∮p·dq", self.guarantees.loop()
+        quantity = f"loop invariant ∮p·dq{' + e dt' * self.step.binding.clocked}"
+        guarantee = self.guarantees.loop()
         rounded = self.round_off
         loop = loop_drift(self.step, self.run.q[0], self.run.p[0], self._loop_sizes(),
                           (rounded.q_sizes, rounded.p_sizes), dt=self.run.dt, steps=self.steps,
@@ -305,7 +313,7 @@ class Examination:
     @cached_property
     def moving(self) -> list[tuple[float, MomentumMap]]:
         """The rates of the co-moving frame that are not 0, each with its momentum map."""
-        return [(rate, momentum_map_of(symmetry.A, symmetry.meaning, self.model.system,
+        return [(rate, momentum_map_of(symmetry.A, symmetry.meaning, self.system,
                                        any_parameters=not symmetry.condition))
                 for symmetry in self.step.symmetries
                 if (rate := float(self.parameters[symmetry.name]))]
@@ -347,7 +355,8 @@ class Examination:
         """Return the line of the energy: its largest error, and the linear trend of the error."""
         system = self.model.system
         works = system.forces or system.is_time_dependent or any(system.a)
-        quantity = "energy H less work" if works else "energy H"
+        quantity = ("energy H + e" if self.step.binding.clocked else
+                    "energy H less work" if works else "energy H")
         error = self.run.energy_error().astype(float)
         linear, swing = trend(self.run.t, error)
         value = float(np.abs(error).max())
@@ -386,7 +395,7 @@ class Examination:
     @cached_property
     def decay(self) -> float:
         """λ, the fastest decay that dampers make: |eigenvalues| of ∂F/∂p over the run, in 1/s."""
-        system = self.model.system
+        system = self.system
         damped = [i for i, force in enumerate(system.forces) if force.has(*system.p)]
         slopes = [derivative(system.forces[i], system.p[j]) for i in damped for j in damped]
         fastest = 0.0
@@ -401,9 +410,10 @@ class Examination:
 
     def _momentum_maps(self) -> Iterator[CertificateLine]:
         """Yield a line for each momentum map J = p·(A q + a) of a symmetry: its largest change."""
-        system, run, rounded = self.model.system, self.run, self.round_off
+        system, rounded = self.system, self.round_off
+        q, p = rounded.states_of_run
         try:
-            maps = momentum_maps(system, self.parameters, run.q[0], run.p[0])
+            maps = momentum_maps(system, self.parameters, q[0], p[0])
         except InputError as error:
             yield reported("momentum maps", "not searched", "-", str(error))
             return
@@ -412,7 +422,7 @@ class Examination:
             yield reported("momentum maps", "none", "-",
                            f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
         for J in maps:
-            momentum = J.values(run.q, run.p)
+            momentum = J.values(q, p)
             guarantee = self._in_frame(J, self.guarantees.momentum(J))
             value = float(np.abs(momentum - momentum[0]).max())
             bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))

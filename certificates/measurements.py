@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from ..core.errors import GyrosparkError, StepFailed
 from ..core.start import Start
+from ..runtime.results.run_arrays import full_states
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["MeasuredOrder", "Reversal", "constraint_scales", "measure_order", "reversal", "trend"]
+__all__ = ["MeasuredOrder", "Reversal", "constraint_scales", "measure_order", "reversal",
+           "step_named", "trend"]
 
 Array = NDArray[Any]
 
@@ -42,6 +44,11 @@ class Reversal:
     growth: float
 
 
+def step_named(stepper: Stepper, size: float) -> dict[str, Any]:
+    """Return a step as an argument by its name: dt, in scaled time dtau."""
+    return {"dtau" if stepper.binding.clocked else "dt": size}
+
+
 def reversal(
     stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
     sizes: tuple[float, float],
@@ -52,13 +59,14 @@ def reversal(
     """
     steps = run.report.steps
     try:
-        end = Start(run.q[-1], run.p[-1], parameters, float(run.t[-1]))
-        back = stepper.integrate(end, dt=-run.dt, steps=steps)
+        back = stepper.integrate(run[-1], steps=steps, parameters=parameters,
+                                 **step_named(stepper, -run.dt))
         growth = max(_growth(stepper, trajectory, parameters, sizes) for trajectory in (run, back))
     except GyrosparkError:
         return None
-    return Reversal(q_error=_largest(back.q[-1] - run.q[0]),
-                    p_error=_largest(back.p[-1] - run.p[0]), growth=growth)
+    errors = [_largest(x[-1] - y[0])
+              for x, y in zip(full_states(back), full_states(run), strict=True)]
+    return Reversal(*errors, growth=growth)
 
 
 def _growth(
@@ -75,8 +83,9 @@ def _growth(
     starts = [stepper.project(*state, parameters=parameters, t=float(run.t[0]))
               for state in zip(*neighbours, strict=True)]
     qs, ps = (np.array(components) for components in zip(*starts, strict=True))
-    ensemble = stepper.integrate_ensemble(Start(qs, ps, parameters, float(run.t[0])), dt=run.dt,
-                                          steps=run.report.steps)
+    ensemble = stepper.integrate_ensemble(
+        Start(qs, ps, parameters, float(run.t[0])), steps=run.report.steps,
+        **step_named(stepper, run.dt))
     distance = np.maximum(*(np.abs(states - run_states).max(axis=2) / size
                             for states, run_states, size in
                             zip((ensemble.q, ensemble.p), (run.q, run.p), sizes, strict=True)))
@@ -104,16 +113,17 @@ def constraint_scales(
     Σ_i |∂g/∂q_i| r_i and Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i by differences, the largest over the
     run; with the round-off r and s of q and p in units of ε, that of g and f.
     """
-    n, increment, binding = stepper.n, 2.0**-15, stepper.binding
+    n, increment, binding = stepper.binding.n, 2.0**-15, stepper.binding
     m = binding.conditions
     parameter_struct = binding.parameters(dict(parameters))
     displacements = increment * np.concatenate([np.zeros((1, 2 * n)),
                                                 np.diag(np.concatenate(sizes))])
     largest = [np.zeros(stepper.m), np.zeros(m)]
     count = max(1, _MOST_NUMBERS // (2 * n * (n + m)))
+    run_states = np.concatenate(full_states(run), axis=1).astype(float)
     for start in range(0, len(run.q), count):
         block = slice(start, start + count)
-        states = np.concatenate([run.q[block], run.p[block]], axis=1).astype(float)
+        states = run_states[block]
         displaced = (states[:, None] + displacements).reshape(-1, 2 * n)
         q, p = (np.ascontiguousarray(x, dtype=binding.dtype)
                 for x in (displaced[:, :n], displaced[:, n:]))
@@ -201,11 +211,12 @@ def _halving_errors(
     errors: list[float] = []
     for k in range(_HALVINGS + 1):
         try:
-            run = stepper.integrate(q, p, dt=h / 2**k, steps=8 * 2**k, parameters=parameters,
-                                    every=8 * 2**k)
+            run = stepper.integrate(q, p, steps=8 * 2**k, parameters=parameters, every=8 * 2**k,
+                                    **step_named(stepper, h / 2**k))
         except StepFailed:
             return None
-        ends.append((run.q[-1], run.p[-1]))
+        end_q, end_p = full_states(run)
+        ends.append((end_q[-1], end_p[-1]))
         if k == 0:
             continue
         error = max(_largest(a - b) / size for a, b, size in zip(*ends[-2:], sizes, strict=True))

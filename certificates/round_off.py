@@ -20,6 +20,8 @@ from ..generator.symbolic.numeric_evaluation import evaluate
 from ..generator.symbolic.rounding_errors import rounding
 from ..generator.symbolic.shared_subexpressions import parts_of
 from ..generator.systems.system import System
+from ..generator.systems.time_scale import ScaledSystem
+from ..runtime.results.run_arrays import full_states
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 from .measurements import constraint_scales
@@ -57,14 +59,19 @@ class RoundOff:
         return self.epsilon * max(32.0, 4 * math.sqrt(self.run.report.steps))
 
     @cached_property
+    def states_of_run(self) -> tuple[Array, Array]:
+        """q and p of each state; in scaled time with t and its momentum."""
+        return full_states(self.run)
+
+    @cached_property
     def q_sizes(self) -> Array:
         """Round-off of each coordinate in units of ε."""
-        return _largest_of(self.run.q) + self._q_step
+        return _largest_of(self.states_of_run[0]) + self._q_step
 
     @cached_property
     def p_sizes(self) -> Array:
         """Round-off of each momentum in units of ε."""
-        return _largest_of(self.run.p) + self._p_step
+        return _largest_of(self.states_of_run[1]) + self._p_step
 
     @cached_property
     def _q_step(self) -> Array:
@@ -78,8 +85,8 @@ class RoundOff:
     def sizes_of_steps(self, dt: float) -> tuple[float, float]:
         """Return the largest round-off of q and of p, in units of ε, in steps of another length."""
         longer = abs(dt / float(self.run.dt))
-        q = _largest_of(self.run.q) + longer * max(1.0, longer) * self._q_step
-        p = _largest_of(self.run.p) + longer * self._p_step
+        q = _largest_of(self.states_of_run[0]) + longer * max(1.0, longer) * self._q_step
+        p = _largest_of(self.states_of_run[1]) + longer * self._p_step
         return float(q.max()) or 1.0, float(p.max()) or 1.0
 
     def _errors(self, symbols: Sequence[sp.Symbol], sizes: Array) -> dict[sp.Symbol, float]:
@@ -87,10 +94,11 @@ class RoundOff:
 
     @cached_property
     def energy(self) -> float:
-        """Round-off of H: of the states and of the arithmetic, in units of ε."""
+        """Round-off of H, in scaled time of H + e: of the states and of the arithmetic, in ε."""
         system = self.system
+        H = system.conserved if isinstance(system, ScaledSystem) else system.H
         errors = self._errors(system.q, self.q_sizes) | self._errors(system.p, self.p_sizes)
-        return float(self._largest([self.system.H], errors)[0])
+        return float(self._largest([H], errors)[0])
 
     @cached_property
     def constraints(self) -> tuple[Array, Array]:
@@ -141,8 +149,8 @@ class RoundOff:
         """Return the values of all symbols at states of the run, in double."""
         system, run = self.system, self.run
         symbol_values: dict[Any, Any] = {s: self.parameters[str(s)] for s in system.parameters}
-        symbol_values |= dict(zip(system.q, run.q[states].astype(float).T, strict=True))
-        symbol_values |= dict(zip(system.p, run.p[states].astype(float).T, strict=True))
+        for symbols, rows in zip((system.q, system.p), self.states_of_run, strict=True):
+            symbol_values |= dict(zip(symbols, rows[states].astype(float).T, strict=True))
         if system.time is not None:
             symbol_values[system.time] = run.t[states]
         return symbol_values

@@ -49,6 +49,7 @@ SPLITTING = "splitting"
 @stepper_options
 @frame_option
 @click.option("--dt", metavar="DT", help="With --model: time step in seconds (default: its own).")
+@click.option("--dtau", metavar="DTAU", help="In place of --dt, of a model with time_scale.")
 @click.option("--steps", metavar="N",
               help="With --model: number of steps (default: its own, or 1000).")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
@@ -57,7 +58,8 @@ SPLITTING = "splitting"
 @json_option
 def verify(
     target: str | None,
-    model: str | None, frame: str | None, dt: str | None, steps: str | None, plot: Path | None,
+    model: str | None, frame: str | None, dt: str | None, dtau: str | None,
+    steps: str | None, plot: Path | None,
     as_json: bool, **choice: Any,
 ) -> int:
     """Check every condition of a tableau exactly, its order, and the compiled coefficients.
@@ -82,8 +84,8 @@ def verify(
     gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000 --plot order.png
     """
     if model is not None:
-        return _certify(model, target, dt, steps, plot, choice, frame=frame, as_json=as_json)
-    for option, value in (("--dt", dt), ("--steps", steps), ("--plot", plot),
+        return _certify(model, target, dt, dtau, steps, plot, choice, frame=frame, as_json=as_json)
+    for option, value in (("--dt", dt), ("--dtau", dtau), ("--steps", steps), ("--plot", plot),
                           ("--frame", frame)):
         if value is not None:
             raise InputError(f"{option} belongs to --model; name the model, or leave it out.")
@@ -168,8 +170,8 @@ def spec_of_name(name: str) -> Spec:
 
 
 def _certify(
-    name: str, target: str | None, dt: str | None, steps: str | None, plot: Path | None,
-    choice: dict[str, Any], *, frame: str | None, as_json: bool,
+    name: str, target: str | None, dt: str | None, dtau: str | None, steps: str | None,
+    plot: Path | None, choice: dict[str, Any], *, frame: str | None, as_json: bool,
 ) -> int:
     """Print the certificate of a model; 0 if no guarantee is missed."""
     if target is not None:
@@ -190,11 +192,15 @@ def _certify(
     with log_task(f"checking what {name} keeps"):
         model = _model(name, choice["rep"])
         rep = choice["rep"] if isinstance(model, Problem) else None  # a file has had its say
+        if plot is not None and dtau is not None:
+            raise InputError("--plot draws errors over dt, which steps of --dtau do not have; "
+                             "leave --plot out.")
         certificate = certify(
             model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
             frame=frame, energy=choice["energy"],
-            dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
+            dt=step_size, dtau=None if dtau is None else real_number("--dtau", dtau),
+            steps=None if steps is None else whole_number("--steps", steps),
             order=None if spec.composition else spec.order, composition=spec.composition or None,
         )
     drawn = {}
@@ -246,7 +252,7 @@ def _print_certificate(certificate: Certificate) -> None:
     from rich.table import Table
 
     table = Table(title=f"{certificate.model} with {certificate.stepper}: "
-                        f"{certificate.steps:,} steps of {certificate.dt:g} s",
+                        f"{certificate.steps:,} steps of {certificate.step_text}",
                   title_justify="left")
     for heading in ("quantity", "found", "should be", ""):
         table.add_column(heading, overflow="fold")

@@ -20,7 +20,6 @@ LARGEST = 28
 FEATURES = {
     "accelerations": "accelerations, mass matrices, inverse dynamics",
     "artefact": "artefacts of `build`",
-    "certificate": "certificates",
     "changing_inputs": "inputs that change along the run",
     "command": "command `lyapunov`",
     "control": "profile `control`",
@@ -131,7 +130,6 @@ PAIRS = tuple(Pair(*pair) for pair in (
     ("accelerations", "scaled", "they are not derived in scaled time", _UNSCALED),
     ("joint_gradients", "scaled", "they are not derived in scaled time",
      f"give cotangents of \"multipliers\", or {_UNSCALED}"),
-    ("certificate", "scaled", "guarantees are not proved in scaled time", _UNSCALED),
     ("interop", "scaled", "flows are not derived in scaled time",
      f"take run.gradient, or {_UNSCALED}"),
     ("command", "scaled", "exponents are derived for steps of t", _UNSCALED),

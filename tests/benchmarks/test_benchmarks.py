@@ -36,7 +36,7 @@ from benchmarks.__main__ import BENCHMARKS, main, tables
 from benchmarks.peers import optional, ours, pydy_mechanics
 from benchmarks.peers.entry import PeerEntry
 from benchmarks.peers.gradient_job import of_euler, top_start
-from benchmarks.rows import Choice, Entry, Prepared, Row
+from benchmarks.rows import Choice, Entry, Prepared, Row, accuracies
 from benchmarks.scenes import scene_of
 from processes import ROOT
 
@@ -319,7 +319,8 @@ def test_ours_arrives_on_bodies(monkeypatch):
     assert fine.numbers[bodies.ERROR] < coarse.numbers[bodies.ERROR] / 12
     assert fine.numbers["limit (m)"] < fine.numbers[bodies.ERROR]
     assert min(fine.numbers[bodies.COST], fine.numbers["µs/step"]) > 0
-    assert {row.numbers[bodies.COST] for row in bodies.accuracies([coarse, fine])} <= {
+    assert {row.numbers[bodies.COST] for row in accuracies(
+        [coarse, fine], bodies.COST, bodies.ERROR, bodies.ACCURACIES, " m")} <= {
         coarse.numbers[bodies.COST], fine.numbers[bodies.COST]}
 
 

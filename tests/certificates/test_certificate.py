@@ -255,13 +255,15 @@ def test_order_of_each_scheme():
 class Ladder:
     """A stepper whose end, after T, is off by a given law of the step and T."""
 
-    binding = SimpleNamespace(epsilon=EPS)
+    binding = SimpleNamespace(epsilon=EPS, clocked=False)
 
     def __init__(self, law):
         self.law = law
 
     def integrate(self, q, p, *, dt, steps, **_):
-        return SimpleNamespace(q=np.array([[1.0 + self.law(dt, steps * dt)]]), p=np.array([[1.0]]))
+        unscaled = SimpleNamespace(system=SimpleNamespace(clock=None))
+        return SimpleNamespace(q=np.array([[1.0 + self.law(dt, steps * dt)]]), p=np.array([[1.0]]),
+                               manifest=unscaled)
 
 
 @pytest.mark.parametrize(("law", "dt", "order"), [
@@ -369,3 +371,30 @@ def test_a_force_of_the_time_alone_is_a_gradient():
         guarantees = SparkGuarantees(replace(model.system, forces=forces), numbers,
                                      gs.tableau("G-L", 2))
         assert guarantees.loop().guaranteed is kept
+
+
+# ---------------------------------------------------------------- scaled time
+
+
+@pytest.mark.parametrize(("name", "scheme", "symplectic"), [
+    ("eccentric", "G-L", True), ("eccentric", "EMS", False), ("scaled_pendulum", "G-L", False),
+    ("tethered_pair", "G-L", True)])
+def test_properties_in_scaled_time_are_those_of_q_t_p_e(name, scheme, symplectic):
+    """The loop lies in (q, t, p, e); e is a momentum map where nothing does work."""
+    entry, stages = systems.case(name), 2 if scheme == "G-L" else None
+    start = systems.stepper(name).project(entry.q, entry.p, parameters=entry.parameters)
+    model = gs.Model(entry.system, entry.parameters, *start)
+    found = gs.certify(model, scheme, stages, dtau=entry.dt, steps=60)
+    assert found.holds, found.lines
+    assert found.scaled
+    loop, energy, order = map(found.line, ("loop", "energy H + e", "order"))
+    assert loop.holds is (True if symplectic else None)
+    assert (loop.value < 1e-12) == symplectic
+    assert energy.holds is (True if scheme == "EMS" else None)
+    assert (energy.value < 1e-13) == (scheme == "EMS")
+    assert abs(order.value) < 0.1  # of orders 4 and 2, of which it is the lack
+    assert found.line("reversal").value < 1e-12
+    works = name == "scaled_pendulum"
+    assert any(line.quantity == "momentum p_t" for line in found.lines) != works
+    with pytest.raises(gs.InputError, match="dtau"):
+        gs.certify(model, scheme, stages, steps=3)

@@ -372,3 +372,13 @@ k = [1.0, 1.1]
                      "--set", "parameters.k=1.01", "--free", "k")
     assert abs(found["parameters"]["k"] - 1) < 1e-9
     refused(gyrospark("fit", orbit[1], table, *orbit[2:], "--observe", "x,y"), "dtau")
+
+
+def test_a_certificate_in_scaled_time(orbit, document, gyrospark):
+    found = document("verify", "--model", *orbit[1:], "--dtau", "0.1", "--steps", "40")
+    assert found["holds"]
+    assert (found["dt"], found["steps"]) == (0.1, 40)
+    verify = "verify", "--model", *orbit[1:]
+    assert "τ" in gyrospark(*verify, "--dtau", "0.1", "--steps", "40").stdout
+    refused(gyrospark(*verify), "dtau")
+    refused(gyrospark(*verify, "--dtau", "0.1", "--plot", "a.png"), "--plot")

@@ -202,7 +202,6 @@ CALLS = {
     ("accelerations", "scaled"): scaled(lambda step, start, run: step.accelerations(start)),
     ("joint_gradients", "scaled"): scaled(
         lambda step, start, run: cotangents_of_multipliers(run, np.ones((len(run), 1)))),
-    ("certificate", "scaled"): lambda: gs.certify(scaled_model(), "G-L", 2, dt=0.05),
     ("interop", "scaled"): scaled(lambda step, start, run: DiscreteFlow(step, 3)),
     ("command", "scaled"): from_command,
     ("rules", "scaled"): scaled(lambda step, start, run: gs.tune(

@@ -294,9 +294,9 @@ def calls(tmp_path: Path) -> list[Call]:
               description=""),
         Call("certify", lambda: (gs.certify, {
             "model": gs.problems.fast_top(), "scheme": "IMS", "stages": None, "rep": "gamma",
-            "tableau": None, "allow_invalid": False, "frame": None, "dt": 1e-3, "steps": 2,
-            "parameters": {}, "real": "double", "energy": False, "order": None,
-            "composition": None, "progress": None}),
+            "tableau": None, "allow_invalid": False, "frame": None, "dt": 1e-3,
+            "dtau": None, "steps": 2, "parameters": {}, "real": "double", "energy": False,
+            "order": None, "composition": None, "progress": None}),
             kept=("allow_invalid",), spared=("half", "none", "zero", "empty text", "fraction",
                                              "dict", "pi")),
         plain("cite", gs.cite, stepper=step),

@@ -323,7 +323,6 @@ def other_calls(step, start, run):
         "mass_matrix": lambda: step.mass_matrix(start),
         "lyapunov": lambda: gs.lyapunov(step, start, dt=d, steps=10),
         "periodic_orbit": lambda: gs.periodic_orbit(step, start, dt=d, steps=10),
-        "certify": lambda: gs.certify(model, "G-L", 2, dt=d),
         "flow": lambda: DiscreteFlow(step, 3),
         "build": lambda: gs.build("cpp", model, scheme="G-L", stages=2),
         "splitting": lambda: gs.stepper(order=4, system=model.system),
