@@ -43,7 +43,7 @@ from .runtime.steppers.run_defaults import RunDefaults
 from .runtime.steppers.stepper import Stepper
 
 if TYPE_CHECKING:
-    from .generator.models.robots import MjcfOptions, UrdfOptions
+    from .generator.models.robot_options import MjcfOptions, UrdfOptions
     from .generator.multibody.model import Model
     from .generator.systems.system import System
     from .generator.tableaux.tableau import Tableau

@@ -16,6 +16,7 @@ Open first: ``model_file.read_model``.
     urdf_schema       the classes of URDF
     sdf_schema        the classes of SDF
     xml_numbers       numbers, rotations and places in URDF and SDF
+    robot_options     options of robots' files, by format
     robot_tree        the tree of a robot, whichever format its file has
     robot_builder     the tree of a robot to bodies and joints
     urdf              a URDF file to bodies and joints

@@ -39,6 +39,7 @@ from .robot_builder import (
     take_values,
     with_unit_quaternion,
 )
+from .robot_options import MjcfOptions
 from .robot_tree import IDENTITY, Mount, Placement, place_bodies
 from .robot_visuals import Look, draw
 
@@ -48,16 +49,15 @@ Array = NDArray[np.float64]
 
 
 def parse_mjcf(
-    text: str, path: str | Path, *, keyframe: Any = None, angles: Any = None, rates: Any = None,
-    ignore: Any = (), gravity: Any = None, rep: Any = "gamma", limits: Any = None,
-    close: Close | None = None,
+    text: str, path: str | Path, rep: Any, options: MjcfOptions, close: Close | None = None
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``load_model``.
 
     ``close`` adds loop joints, given the placement of each body.
     """
-    left_out = as_names(ignore)
-    weight, stiffness = optional_vector("gravity", gravity), ends_of_ranges(limits)
+    left_out = as_names(options.get("ignore", ()))
+    weight = optional_vector("gravity", options.get("gravity"))
+    stiffness = ends_of_ranges(options.get("limits"))
     file = Path(path)
     try:
         robot = read_mjcf_robot(text, file)
@@ -68,7 +68,7 @@ def parse_mjcf(
         refuse_extras(robot.extras, EXTRAS, left_out)
         if weight is not None:
             robot.gravity = weight
-        mjcf_builder = MjcfBuilder(robot, _start(robot, keyframe, angles, rates), rep, file)
+        mjcf_builder = MjcfBuilder(robot, _start(robot, options), rep, file)
         builder = mjcf_builder.build()
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
@@ -87,12 +87,12 @@ class MjcfStart(Start):
     controls: dict[str, float]
 
 
-def _start(robot: MjcfRobot, keyframe: Any, angles: Any, rates: Any) -> MjcfStart:
-    """Return where the robot starts: at a keyframe, else where the file places it."""
+def _start(robot: MjcfRobot, options: MjcfOptions) -> MjcfStart:
+    """Return the start of the robot: a keyframe, or its pose in the file."""
     start = MjcfStart(*reference_of(robot), {actuator.name: 0.0 for actuator in robot.actuators})
-    if keyframe is not None:
-        _take_key(robot, start, _key(robot, keyframe))
-    take_values(robot, start, angles, rates)
+    if options.get("keyframe") is not None:
+        _take_key(robot, start, _key(robot, options["keyframe"]))
+    take_values(robot, start, options.get("angles"), options.get("rates"))
     return start
 
 

@@ -26,12 +26,21 @@ from ...core.inertia import real_array, warn_of_degrees
 from ...core.registry import SYSTEMS
 from ..multibody.body import GROUND, Body, Frame, dot
 from ..multibody.coordinates import Arm, Slide, Translation
-from ..multibody.initial_poses import clean, finite, positive, unit, vector
+from ..multibody.initial_poses import (
+    attitude,
+    clean,
+    finite,
+    positive,
+    rotation,
+    unit,
+    vector,
+)
 from ..multibody.joints import Align, Connection, Joint
 from ..multibody.multibody import Multibody
 from ..parsing.exact_expressions import parse_number
 from ..parsing.grammar import ANGLES, RATES
 from ..parsing.reserved_names import KEYWORDS
+from .robot_options import SdfOptions
 from .robot_tree import (
     IDENTITY,
     Follower,
@@ -46,8 +55,8 @@ from .robot_tree import (
 )
 from .xml_numbers import UNLIMITED
 
-__all__ = ["Close", "Names", "RobotBuilder", "Start", "as_names", "ends_of_ranges", "plain_name",
-           "reference_of", "refuse_extras", "set_base_motion", "take_values",
+__all__ = ["Close", "Names", "RobotBuilder", "Start", "as_names", "base_pose", "ends_of_ranges",
+           "plain_name", "reference_of", "refuse_extras", "start_of", "take_values",
            "with_unit_quaternion"]
 
 Array = NDArray[np.float64]
@@ -109,6 +118,20 @@ def reference_of(robot: Robot) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return coordinates and rates of joints where the file places the robot, at rest."""
     return ({name: robot.reference(joint) for name, joint in robot.joints.items()},
             {name: np.zeros(joint.freedoms) for name, joint in robot.joints.items()})
+
+
+def base_pose(options: SdfOptions) -> Placement:
+    """Return the pose of the base, which ``position`` and ``quaternion`` set."""
+    return Placement(vector("position", options.get("position", np.zeros(3))),
+                     rotation(attitude("the base", options.get("quaternion"), None)))
+
+
+def start_of(robot: Robot, options: SdfOptions) -> Start:
+    """Return the coordinates and rates that the file and the options set, checked."""
+    start = Start(*reference_of(robot))
+    take_values(robot, start, options.get("angles"), options.get("rates"))
+    set_base_motion(robot, start, options.get("velocity"), options.get("angular_velocity"))
+    return start
 
 
 def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:

@@ -21,10 +21,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, TypedDict
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ...core.arguments import as_path, listed, proposal, shown
 from ...core.errors import ArgumentError, InputError
@@ -39,14 +38,14 @@ from ..parsing.text_file import is_robot, model_text
 from .bounded_xml import read_xml
 from .mjcf import parse_mjcf
 from .multibody_file import finished, join, telling
-from .robot_tree import IDENTITY, Limits, Mount
+from .robot_options import MjcfOptions, SdfOptions, UrdfOptions
+from .robot_tree import IDENTITY, Mount
 from .sdf import parse_sdf
 from .toml_tables import TomlTable, load_toml
 from .urdf import parse_urdf
 
-__all__ = ["NO_OPTIONS", "Loops", "MjcfOptions", "RobotFormat", "SdfOptions", "UrdfOptions",
-           "load_robot", "read_loops", "read_settings", "refuse_other_options", "robot_format",
-           "robot_model"]
+__all__ = ["NO_OPTIONS", "Loops", "RobotFormat", "load_robot", "read_loops", "read_settings",
+           "refuse_other_options", "robot_format", "robot_model"]
 
 NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
@@ -55,39 +54,6 @@ _LOOP = "<constraint"
 #: Keys of a joint → the link they refer to.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
 _AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
-
-
-class RobotOptions(TypedDict, total=False):
-    """Options of the files of all robots, as ``gyrospark.load_model`` describes them."""
-
-    angles: Mapping[str, Any] | None
-    rates: Mapping[str, Any] | None
-    ignore: str | Iterable[str] | None
-    gravity: ArrayLike | None
-    limits: Limits
-
-
-class SdfOptions(RobotOptions, total=False):
-    """Options of SDF."""
-
-    base: Literal["fixed", "floating"] | None
-    position: ArrayLike | None
-    quaternion: ArrayLike | None
-    velocity: ArrayLike | None
-    angular_velocity: ArrayLike | None
-
-
-class UrdfOptions(SdfOptions, total=False):
-    """Options of URDF."""
-
-    loops: str | Path | None
-
-
-class MjcfOptions(RobotOptions, total=False):
-    """Options of MJCF."""
-
-    keyframe: str | int | None
-    loops: str | Path | None
 
 
 @dataclass(frozen=True)
@@ -171,9 +137,9 @@ def _read_robot(
     present = {name: value for name, value in options.items() if value is not None}
     refuse_other_options(file_format.name, file_format.options, present)
     if "loops" not in present:
-        return file_format.parse(text, path, rep=rep or "gamma", **present), None
+        return file_format.parse(text, path, rep or "gamma", present), None
     loops = read_loops(as_path("loops", present.pop("loops"), "loops.toml"))
-    return file_format.parse(text, path, rep=rep or "gamma", close=loops.close, **present), loops
+    return file_format.parse(text, path, rep or "gamma", present, loops.close), loops
 
 
 def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> dict[str, Any]:

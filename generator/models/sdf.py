@@ -24,19 +24,18 @@ from ...core.errors import InputError
 from ...core.shapes import Shape
 from ...core.warnings import warn
 from ..multibody.body import GROUND
-from ..multibody.initial_poses import attitude, optional_vector, rotation, unit, vector
+from ..multibody.initial_poses import optional_vector, unit
 from ..multibody.multibody import Multibody
 from .bounded_xml import Element, read_xml
 from .robot_builder import (
     RobotBuilder,
-    Start,
     as_names,
+    base_pose,
     ends_of_ranges,
-    reference_of,
     refuse_extras,
-    set_base_motion,
-    take_values,
+    start_of,
 )
+from .robot_options import SdfOptions
 from .robot_tree import (
     IDENTITY,
     Edge,
@@ -87,18 +86,14 @@ class PlacedJoint:
     follower: Follower | None = None
 
 
-def parse_sdf(
-    text: str, path: str | Path, *, base: Any = None, angles: Any = None, rates: Any = None,
-    ignore: Any = (), gravity: Any = None, position: Any = (0.0, 0.0, 0.0),
-    quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
-    limits: Any = None,
-) -> Multibody:
+def parse_sdf(text: str, path: str | Path, rep: Any, options: SdfOptions) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``load_model``."""
+    base = options.get("base")
     if base is not None:
         choose("base", base, BASES)
-    left_out = as_names(ignore)
-    pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
-    weight, stiffness = optional_vector("gravity", gravity), ends_of_ranges(limits)
+    left_out, pose = as_names(options.get("ignore", ())), base_pose(options)
+    weight = optional_vector("gravity", options.get("gravity"))
+    stiffness = ends_of_ranges(options.get("limits"))
     try:
         top = read_xml(text)
         model = _only_model(top)
@@ -111,10 +106,7 @@ def parse_sdf(
         robot = _tree(scopes, links, joints, pose, base)
         robot.gravity = np.array(_gravity(top)) if weight is None else weight
         robot.limits = stiffness
-        start = Start(*reference_of(robot))
-        take_values(robot, start, angles, rates)
-        set_base_motion(robot, start, velocity, angular_velocity)
-        robot_builder = RobotBuilder(robot, start, rep)
+        robot_builder = RobotBuilder(robot, start_of(robot, options), rep)
         builder, mounts = robot_builder.build(), robot_builder.mounts()
         assumed = [name for name, element in scopes.all("link").items()
                    if element.first("inertial") is None and mounts[name].frame is not GROUND]

@@ -25,20 +25,19 @@ from numpy.typing import NDArray
 from ...core.arguments import choose, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.warnings import warn
-from ..multibody.initial_poses import attitude, rotation, unit, vector
+from ..multibody.initial_poses import unit, vector
 from ..multibody.multibody import Multibody
 from .bounded_xml import Element, read_xml
 from .robot_builder import (
     Close,
     RobotBuilder,
-    Start,
     as_names,
+    base_pose,
     ends_of_ranges,
-    reference_of,
     refuse_extras,
-    set_base_motion,
-    take_values,
+    start_of,
 )
+from .robot_options import UrdfOptions
 from .robot_tree import (
     Edge,
     Follower,
@@ -75,27 +74,21 @@ _NOTHING = 1e-20
 
 
 def parse_urdf(
-    text: str, path: str | Path, *, base: Any = "fixed", angles: Any = None, rates: Any = None,
-    ignore: Any = (), gravity: Any = (0.0, 0.0, -9.81), position: Any = (0.0, 0.0, 0.0),
-    quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
-    limits: Any = None, close: Close | None = None,
+    text: str, path: str | Path, rep: Any, options: UrdfOptions, close: Close | None = None
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``load_model``.
 
-    ``close`` may add to them what closes loops, knowing where each link is.
+    ``close`` adds loop joints, given the placement of each link.
     """
-    choose("base", base, BASES)
-    left_out = as_names(ignore)
-    pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
-    weight, stiffness = vector("gravity", gravity), ends_of_ranges(limits)
+    base = choose("base", options.get("base", "fixed"), BASES)
+    left_out, pose = as_names(options.get("ignore", ())), base_pose(options)
+    weight = vector("gravity", options.get("gravity", (0.0, 0.0, -9.81)))
+    stiffness = ends_of_ranges(options.get("limits"))
     try:
         top = read_xml(text)
         robot = _read(top, left_out, stiffness, pose, base == "floating")
         robot.gravity = weight
-        start = Start(*reference_of(robot))
-        take_values(robot, start, angles, rates)
-        set_base_motion(robot, start, velocity, angular_velocity)
-        robot_builder = RobotBuilder(robot, start, rep)
+        robot_builder = RobotBuilder(robot, start_of(robot, options), rep)
         builder = robot_builder.build()
         mounts = robot_builder.mounts()
         add_visuals(builder, urdf_looks(top), mounts, Path(path))
