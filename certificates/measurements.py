@@ -64,9 +64,9 @@ def reversal(
         growth = max(_growth(stepper, trajectory, parameters, sizes) for trajectory in (run, back))
     except GyrosparkError:
         return None
-    errors = [_largest(x[-1] - y[0])
-              for x, y in zip(full_states(back), full_states(run), strict=True)]
-    return Reversal(*errors, growth=growth)
+    q_error, p_error = (_largest(x[-1] - y[0])
+                        for x, y in zip(full_states(back), full_states(run), strict=True))
+    return Reversal(q_error, p_error, growth)
 
 
 def _growth(
