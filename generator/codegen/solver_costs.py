@@ -113,6 +113,7 @@ def _elements_cost(elements: Elements) -> tuple[Any, Any]:
     """Return two functions name → cost of a kernel: of energies and forces, and of constraints."""
 
     def sum_over(templates: list[dict[str, Any]]) -> Any:
+        """Return a function: kernel name → its cost in all instances of the templates."""
         def cost(name: str) -> Cost:
             return sum((Cost.of(k["operations"]).times(template["count"]) for template in templates
                         for k in template["kernels"] if k["name"] == name), Cost())

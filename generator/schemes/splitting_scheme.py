@@ -171,6 +171,7 @@ class SplittingScheme:
         rate = [self.kick[i] for i in self.kicked]
         if self.gradients:
             gradient = _flat(self.symmetric.gradient)
+            # one kernel for kicks with and without the gradient, whose weight is then 0
             rate = [sp.factor_terms(e + weight * gradient[i])
                     for e, i in zip(rate, self.kicked, strict=True)]
         kernels = [Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",

@@ -47,6 +47,8 @@ def primes() -> Iterator[int]:
     p = 2**31
     for _ in range(4000):
         p = int(sp.prevprime(p))
+        # 16 | p − 9: then 8 | p − 1, so that there is an eighth root of 1, with √−1 and √2; and
+        # half of all residues have a root, which is found by one power
         if p % 16 == 9:
             yield p
 
@@ -106,6 +108,8 @@ class Residues:
         If too few have all roots, roots are replaced by random numbers.
         """
         outputs, subexpressions = [*self._symbols, *expressions], list(parts_of(expressions))
+        # a point without √u is dropped, on average one of two for each root: with many roots none
+        # may remain
         for self._with_roots in (True, False):
             batches: list[list[Residue]] = []
             for _ in range(_BATCHES):

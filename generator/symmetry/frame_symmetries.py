@@ -108,6 +108,7 @@ class CoMovingFrame:
         frame_velocity = [sp.Add(*(rate * sp.diff(symmetry.momentum(system), p)
                                    for rate, symmetry in zip(rates, self.symmetries, strict=True)))
                           for p in system.p]
+        # forces do work on the motion of the frame; without such a work C needs no frame velocity
         power = [f * v for f,
                  v in zip(system.forces, frame_velocity, strict=False) if f != 0 and v != 0]
         does_work = bool(power) and not identically_zero([power])
@@ -133,6 +134,7 @@ def frame_of(system: System) -> CoMovingFrame:
         f"{few(system.velocity_constraint_names)} of {system.name!r}",
         lagrangian=isinstance(system, LagrangianSystem) and f"the Lagrangian of {system.name!r}")
     search = _SymmetrySearch(system)
+    # the order decides which of several symmetries that do not commute are taken
     groups = [*search.bodies(), *search.space(), *search.others()]
     if not groups:
         raise InputError(
@@ -174,6 +176,7 @@ class _SymmetrySearch:
         If several have as few, axis 3 comes first, then 2, then 1.
         """
         named = {body.q: body.name for body in self.system.bodies}
+        # rotations of one body about its own axes, by their names
         spins = [f for f in self._candidates() if ", the" not in f.name and "axis" in f.name]
         blocks: dict[tuple[int, ...], list[LinearField]] = {}
         for field in spins:
@@ -186,6 +189,8 @@ class _SymmetrySearch:
     def space(self) -> Iterator[tuple[FrameSymmetry, ...]]:
         """Yield the rotation of the system about e3, or e2 or e1; about all three if it is free."""
         rotations = [field for field in motions_of_space(self.system) if field.A.any()]
+        # the three rotations of space do not commute with each other; as one group, with one axis
+        # and one rate, they move the frame nevertheless
         if len(rotations) == 3 and all(field.name in self.unconditional for field in rotations):
             symmetries = [self._symmetry(f"omega_space_{k}", field, ()) for k, field in
                           enumerate(rotations, 1)]
@@ -205,6 +210,8 @@ class _SymmetrySearch:
         """Yield the symmetry with the fewest conditions on parameters, the first of several."""
         candidates = [field for field in fields if self._is_new(field)]
         symmetries: list[FrameSymmetry] = []
+        # those that need no condition first; one condition, such as I1 = I2, is as few as any other
+        # needs
         for field in sorted(candidates, key=lambda field: field.name not in self.unconditional):
             conditions = self._conditions(field)
             symmetry = None if conditions is None else self._symmetry(name, field, conditions)
@@ -257,6 +264,7 @@ class _SymmetrySearch:
         conditions: list[sp.Expr] = []
         solved: dict[sp.Symbol, sp.Expr] = {}
         for e in coefficients:
+            # conditions so far are substituted: the next coefficient may follow from them
             numerator = sp.numer(sp.together(e.xreplace(solved)))
             condition = None if sp.expand(numerator) == 0 else _linear_factor(numerator)
             if condition is None and sp.expand(numerator) != 0:
@@ -269,6 +277,7 @@ class _SymmetrySearch:
                           for s, x in solved.items()} | {symbol: solution}
             if len(conditions) > _MOST_CONDITIONS:  # too special to occur
                 return None
+        # the conditions are necessary; that they suffice is proved on the special system
         special = replace(affected, H=substitute([affected.H], solved)[0],
                           constraints=tuple(substitute(list(affected.constraints), solved)))
         if any(e.free_symbols & inputs for e in conditions):
@@ -315,6 +324,7 @@ class _SymmetrySearch:
         monomials = sorted(set(target.monoms()).union(*(g.monoms() for g in polynomials)))
         matrix = sp.Matrix([[g.coeff_monomial(x) for g in polynomials] for x in monomials])
         right_side = sp.Matrix([target.coeff_monomial(x) for x in monomials])
+        # coefficients of like monomials give linear equations for c
         unknowns = sp.symbols(f"_c0:{len(indices)}")
         solution = sp.linsolve((matrix, right_side), *unknowns)
         if not solution:

@@ -88,6 +88,7 @@ class _Statics:
             rows: Array = numbers[np.array([index(i) for i in form.instances], dtype=int)]
             return rows.T
 
+        # at rest: momenta are 0; each symbol has a column of the values of all instances
         substitution: dict[sp.Symbol, Any] = dict.fromkeys(form.p, 0.0) | self.time
         substitution |= dict(zip(form.q, of(lambda i: i.q, x), strict=True))
         substitution |= dict(zip(form.constants, of(lambda i: i.constants, self.values),

@@ -53,13 +53,14 @@ def _enclosure(value: tuple[int, int], unit: int) -> Enclosure:
 def horner(
     coefficients: Sequence[tuple[int, int]], x: tuple[int, int], bits: int
 ) -> tuple[int, int]:
-    """Enclose Σ_k coefficients[k] atᵏ in multiples of 2^−bits: (centre, radius), 0 when exact.
+    """Enclose Σ_k coefficients[k] xᵏ in multiples of 2^−bits: (centre, radius), 0 when exact.
 
-    |at| ≤ 1. A product is rounded down, which adds at most one unit to the radius.
+    |x| ≤ 1. A product is rounded down, which adds at most one unit to the radius.
     """
     centre, radius = coefficients[-1]
     for c, r in reversed(coefficients[:-1]):
         product = centre * x[0]
+        # |c x − c' x'| ≤ |c| δx + δc (|x| + δx)
         error = abs(centre) * x[1] + radius * (abs(x[0]) + x[1])
         inexact = int(product & (2**bits - 1) != 0)
         centre = (product >> bits) + c
@@ -72,6 +73,7 @@ def enclose_expression(expression: sp.Expr, digits: int) -> Enclosure:
     if expression.is_Rational:
         return Enclosure(Fraction(int(expression.p), int(expression.q)))
     text = str(sp.N(expression, digits))
+    # SymPy's evaluation is right to its digits but for a few: five of them are given away
     centre = Fraction(text)
     return Enclosure(centre, abs(centre) * Fraction(1, 10 ** (digits - 5)))
 

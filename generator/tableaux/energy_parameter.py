@@ -33,6 +33,7 @@ Matrix = Any
 
 def legendre(nodes: Nodes, k: int) -> Matrix:
     """Return P_k on the nodes, as a column of their exact algebra."""
+    # (j + 1) P_{j+1} = (2j + 1) x P_j − j P_{j−1}, in the exact algebra of the nodes
     x = 2 * power(nodes, 1) - power(nodes, 0)  # from [0, 1] to [−1, 1]
     previous, current = power(nodes, 0), x
     for j in range(1, k):

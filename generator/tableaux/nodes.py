@@ -86,6 +86,7 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
     step = Fraction(1, 2**bits)
     enclosures = []
     for numerator in numerators:
+        # in whole numbers: the signs of f on both sides of the rounded root are exact
         low, middle, high = (_scaled_value(integer, numerator + i, bits) for i in (-1, 0, 1))
         if middle != 0 and (low < 0) == (high < 0):
             raise TableauError(
@@ -169,6 +170,7 @@ def exact_roots(polynomial: sp.Poly) -> tuple[sp.Expr, ...]:
 
 
 def _short_radicals(factor: sp.Poly) -> list[sp.Expr] | None:
+    """Return the roots of an irreducible factor with square roots alone; None if there are none."""
     if factor.degree() == 1:
         return [-factor.all_coeffs()[1] / factor.all_coeffs()[0]]
     y, u = sp.symbols("y u")

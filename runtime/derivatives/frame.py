@@ -40,6 +40,7 @@ class FrameMotion:
             A = inner.new(n, n)
             A += np.array(symmetry.A, dtype=A.dtype if A.dtype != object else float)
             both = inner.new(2 * n, 2 * n)
+            # the flow of A lifted to the cotangent space: q' = A q, p' = −Aᵀ p
             both[:n, :n], both[n:, n:] = A, -A.T
             self._fields.append(both)
             self._places.append(2 * n + inner.parameter_names.index(symmetry.name))
@@ -64,6 +65,8 @@ class FrameMotion:
         parameters = self._binding.own.parameters(run.parameters, run.t0)
         G = self._binding.constraint_derivatives(parameters, run.q, run.p)[0][:, :n]
         for field in self._fields:
+            # half a radian: constraints that are invariant have the same G there, in the frame's
+            # axes
             S = self._exponential(field / 2)
             z = S @ np.concatenate([run.q, run.p])
             turned = self._binding.constraint_derivatives(
@@ -91,10 +94,12 @@ class FrameMotion:
         for index, field in zip(self._places, self._fields, strict=True):
             block[:size, size:] = field * (k * self.dt)
             derivatives[:, index] = self._exponential(block)[:size, size:] @ z
+        # by Δt: dS/dΔt = k (Σ ω_i A_i) S, which commutes
         derivatives[:, -2] = k * (self._sum @ (self._exponential(X) @ z))
         return derivatives
 
     def _exponential(self, X: Array) -> Array:
+        """Return e^X by Taylor series of X/2^k, squared k times; in any floating-point type."""
         largest = max(float(np.abs(row).sum()) for row in X)
         halvings = max(0, int(np.ceil(np.log2(largest))) + 2) if largest > 0 else 0
         X = X / 2**halvings

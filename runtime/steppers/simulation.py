@@ -560,6 +560,7 @@ class Simulation:
         return isinstance(self._held, RecordingRun)
 
     def _image(self) -> tuple[Any, ...]:
+        """Return state and memory of the run, as they are between two steps."""
         self._take()
         try:
             return self._held.image
