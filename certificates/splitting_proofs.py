@@ -80,7 +80,7 @@ class _Flow:
     force: Sequence[sp.Expr] = (sp.S.Zero,) * 3
 
     def proofs(self) -> Iterator[Proof]:
-        """Yield the proofs (i) to (iii) of a flow in closed form: its field, derivative and start."""
+        """Yield the proofs (i) to (iii) of a flow: its field, its derivative, its start."""
         ring = Quotient({**unit_quaternions([q]), **self.squares})
         state = {**dict(zip(q, self.q, strict=True)), **dict(zip(l, self.l, strict=True))}
 
