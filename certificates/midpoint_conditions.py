@@ -48,6 +48,7 @@ def _energy(scheme: MeanScheme) -> Condition:
 
 
 def _constraint(scheme: MeanScheme) -> Condition:
+    """Return the condition that Ḡ is exact: constraint forces then do no work between the ends."""
     system, slopes = scheme.system, scheme.mean_constraint
     if system.is_time_dependent:
         slopes = [[*row, rate] for row, rate in

@@ -74,6 +74,7 @@ def before_start(subject: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _handling(numbers: list[int]) -> Iterator[Interrupts]:
+    """Yield interrupts of these signals: those of an outer call, none outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield Interrupts()
         return

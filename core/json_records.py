@@ -65,6 +65,7 @@ def _encoded(value: Any) -> Any:
 
 
 def _is_written(field: Field[Any], record: Any) -> bool:
+    """Return whether a field is in the JSON: fields with their default are left out."""
     value = getattr(record, field.name)
     if "written" in field.metadata:
         return True

@@ -138,6 +138,7 @@ class DiscreteFlow:
             return self._of_rows(exact_derivative, (v.shape[1], width), x, v, dx)
 
         def row(x: Array, v: Array, dx: Array) -> Array:
+            """Return the difference quotient of one row, of the order of ``_DIFFERENCE``."""
             run = self._run(x)
             start = np.concatenate([run.q, run.p, x[2 * self.n :]])
             projected = self._projected(self._stored_run(run)[1], dx[:, : self._places.size])
@@ -187,6 +188,7 @@ class DiscreteFlow:
 
     def _of_rows(self, function: Callable[..., Array], shape: int | tuple[int, ...],
                  *arrays: Array) -> Array:
+        """Return a function of each row; a row that fails is NaN, and its reason is kept."""
         results = np.full((len(arrays[0]), *np.atleast_1d(shape)), np.nan)
         inputs = [np.array(array, dtype=float) for array in arrays]  # compiled code may write
         for i, row_arguments in enumerate(zip(*inputs, strict=True)):
@@ -223,6 +225,7 @@ class DiscreteFlow:
         return replace(run, q=_unless_near(run.q, q), p=_unless_near(run.p, p))
 
     def _value(self, x: Array) -> Array:
+        """Return F(x) = (q, p) after all steps, for one x."""
         run, binding = self._run(x), self.stepper.binding
         state = RunState.at_start(binding, run.q, run.p)
         status = binding.integrate(run.constants(binding), run.steps, run.every, state,

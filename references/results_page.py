@@ -52,6 +52,7 @@ def page(
 
 
 def _summary(measured: Sequence[tuple[Reference, Sequence[WorkPrecisionRun]]]) -> str:
+    """Return the table of the cheapest run for each problem, and errors of published values."""
     table_rows = []
     for problem, runs in measured:
         accurate_runs = [run for run in runs if run.error <= LIMIT and not run.peer]

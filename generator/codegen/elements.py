@@ -97,6 +97,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
 
 
 def _form(name: str, form: ElementTemplate, index: dict[int, int]) -> dict[str, Any]:
+    """Return the tables of a template's instances, as the template of C reads them."""
     return {
         "name": name,
         "nq": len(form.q), "np": len(form.p), "nk": len(form.constants),

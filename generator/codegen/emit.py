@@ -346,6 +346,7 @@ def _features(
 
 @cache
 def _environment() -> jinja2.Environment:
+    """Return Jinja's environment for C."""
     options: dict[str, Any] = {
         "undefined": jinja2.StrictUndefined,  # a misspelt name is an error, not an empty text
         "trim_blocks": True,

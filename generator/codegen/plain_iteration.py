@@ -86,6 +86,7 @@ def plain_iteration(derived: Derived) -> PlainIteration:
 
 
 def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) -> None:
+    """Refuse a type, tableau or system that the profiles ``control`` and ``run`` do not support."""
     system = scheme.system
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None
     refuse_together(

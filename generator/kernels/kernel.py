@@ -310,6 +310,7 @@ def _assignments(statements: Statements, printer: CPrinter) -> Iterator[str]:
 
 
 def _signature(kernel: Kernel, target: Target) -> str:
+    """Return the parameters of the C function: constants, inputs, outputs."""
     arguments = [f"const {target.constants} *c"]
     arguments += [f"const {target.value} {a}[{len(s)}]" for a, s in kernel.inputs.items()]
     for array, output in kernel.outputs.items():

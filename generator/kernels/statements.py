@@ -136,6 +136,7 @@ def entries(kernel: Kernel) -> list[tuple[str, sp.Expr]]:
 
 
 def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
+    """Yield the C name and the expression of each entry of the outputs."""
     for array, output in outputs.items():
         if not isinstance(output, list):
             yield "", output

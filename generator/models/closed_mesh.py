@@ -86,10 +86,12 @@ def mesh_volume(triangles: Array, *, overlaps: bool = False) -> Volume:
 
 
 def _refuse_open(triangles: Array) -> None:
+    """Refuse a surface with an edge that is not in two triangles, once in each direction."""
     points, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     corners = index.reshape(-1, 3)
     count = len(points)
     edges = np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)])
+    # a degenerate triangle has an edge from a point to itself
     edges = edges[edges[:, 0] != edges[:, 1]]
     there, back = (np.sort(edges[:, i] * count + edges[:, 1 - i]) for i in (0, 1))
     if not np.array_equal(there, back):

@@ -99,6 +99,7 @@ def _parsed(
     text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol],
     units: Mapping[str, str],
 ) -> sp.Expr:
+    """Return a formula as an expression; refuse numbers that no double can hold."""
     arithmetic = _Formulas({**CONSTANTS, **names}, exponents)
     formula = parse_quantity(text, arithmetic, "a formula such as m*g*z", units).exact
     for number in formula.atoms(sp.Rational):
@@ -232,6 +233,7 @@ class _Formulas:
         return _Condition(chooser, holds == 1, ())
 
     def join(self, word: str, conditions: Sequence[_Condition]) -> _Condition:
+        """Return conditions joined by ``and`` or ``or``; those that are decided need no code."""
         ends = word == "or"  # what one of them alone decides
         if any(c.known is ends for c in conditions):
             return _Condition(conditions[0].chooser, ends, ())

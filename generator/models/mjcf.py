@@ -97,6 +97,7 @@ def _start(robot: MjcfRobot, options: MjcfOptions) -> MjcfStart:
 
 
 def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
+    """Return a keyframe by its name or number."""
     names = [key.name for key in robot.keys]
     if isinstance(keyframe, str) and keyframe in names:
         return robot.keys[names.index(keyframe)]
@@ -110,6 +111,7 @@ def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
 
 
 def _take_key(robot: MjcfRobot, start: MjcfStart, key: MjcfKey) -> None:
+    """Set coordinates, rates and controls of a keyframe."""
     if key.moved:
         raise InputError(f"keyframe {shown(key.name)} places body {shown(key.moved)}, a mocap, "
                          "otherwise than the file; write its pos and quat in <body>.")
@@ -137,6 +139,7 @@ class MjcfBuilder(RobotBuilder):
         self.inputs = [self.parameter_names.free(actuator.name) for actuator in robot.actuators]
 
     def _add_more(self) -> None:
+        """Add actuators, tendons, equalities and visual shapes."""
         for label, actuator in zip(self.inputs, self.mjcf.actuators, strict=True):
             self._actuator(label, actuator)
         for name, tendon in self.mjcf.tendons.items():
@@ -170,6 +173,8 @@ class MjcfBuilder(RobotBuilder):
     # ------------------------------------------------------------ actuators and equalities
 
     def _actuator(self, label: str, actuator: MjcfActuator) -> None:
+        """Add an actuator's force on the length l of its joints: gear (gain u + b₀ + b₁ l + b₂ l').
+        """
         build, gear = self.builder, actuator.gear
         length, rate = (gear * e for e in self._length(
             f"actuator {shown(actuator.name)}", actuator.joints))
@@ -220,6 +225,7 @@ class MjcfBuilder(RobotBuilder):
         return IDENTITY if body < 0 else self.at_reference.bodies[body]
 
     def _connect(self, name: str, equality: MjcfEquality) -> None:
+        """Add a ball joint of two bodies or sites."""
         points = np.zeros((2, 3)) if equality.sites else equality.data[:6].reshape(2, 3)
         ends = []
         for (body, site), point in zip(equality.ends, points, strict=True):

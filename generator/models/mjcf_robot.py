@@ -236,6 +236,7 @@ class _Reader:
 
     @cached_property
     def _joint_names(self) -> list[str]:
+        """Return names of all joints; one without gets that of its body, and a number."""
         m, counts = self.m, Counter[int]()
         names = []
         for k in range(m.njnt):
@@ -393,6 +394,8 @@ class _Reader:
         robot.equalities.append(MjcfEquality(name, kind, tuple(ends), sites, data))
 
     def _key(self, k: int) -> None:
+        """Add a keyframe; a moved mocap body is noted, as it is refused if the keyframe is chosen.
+        """
         m = self.m
         moved = next((m.body(b).name for b in range(m.nbody) for mocap in [m.body_mocapid[b]]
                       if mocap >= 0 and not (

@@ -215,6 +215,7 @@ def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str
 
 
 def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
+    """Add a rigid body of [[bodies]]."""
     chosen = table.choice("rep", REPS, "gamma") if rep is None else rep
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
     if "angular_velocity" in table:
@@ -418,6 +419,7 @@ def _joints(table: TomlTable, kind: str) -> list[str]:
 
 
 def _frames(table: TomlTable, bodies: Mapping[str, Frame], count: int) -> list[Frame]:
+    """Return the frames that ``bodies`` names."""
     names = table.strings("bodies")
     if len(names) != count:
         raise table.error("bodies", f"has {len(names)} names; write {count}.")

@@ -388,6 +388,7 @@ class RobotBuilder:
     def _chain(
         self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array], points: Sequence[Array]
     ) -> None:
+        """Add the joints of a limb as a chain of coordinates, with a flywheel for each armature."""
         joints, build = self.robot.bodies[limb].joints, self.builder
         rows = []
         for joint, axis, point in zip(joints, axes, points, strict=True):

@@ -451,6 +451,7 @@ def _numbers(element: Element, count: int, endless: bool = False) -> list[float]
 def _number(
     element: Element, name: str, default: float | None = None, endless: bool = False
 ) -> float:
+    """Return the number of a child element, or the default."""
     child = element.first(name)
     if child is None:
         if default is None:

@@ -219,6 +219,7 @@ class TomlTable:
         return value
 
     def _number(self, key: str, value: Any, units: Units) -> float:
+        """Return a number, or text with a number and a unit, as a double."""
         if isinstance(value, str):
             try:
                 number = self._float(key, parse_number(value, self.constants, units))

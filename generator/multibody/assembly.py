@@ -154,6 +154,7 @@ class Assembly:
         return tuple(v for body in self.components.bodies for v in body.velocities)
 
     def _poses(self) -> dict[Frame, Pose]:
+        """Return the poses of the description, propagated from body to body along the joints."""
         poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
         poses |= {body: start.pose() for body, start in self.components.bodies.items()}
         for point in self.components.moving_points:
@@ -370,6 +371,7 @@ class Assembly:
                 (numbers.f(q, self.p0), numbers.f(q, p)))
 
     def _coordinates_at(self, poses: Mapping[Frame, Pose]) -> Array:
+        """Return q of all bodies at these poses: quaternion, then position of each."""
         q: list[Array] = []
         for body in self.components.bodies:
             pose = poses[body]
@@ -381,6 +383,7 @@ class Assembly:
         return np.concatenate(q)
 
     def _momenta_at(self, poses: Mapping[Frame, Pose]) -> Array:
+        """Return p of all bodies at these velocities: 2 L(q)ᵀ J Ω and m v of each."""
         p: list[Array] = []
         for body in self.components.bodies:
             pose = poses[body]

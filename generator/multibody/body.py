@@ -164,6 +164,7 @@ class Body(Frame):
         cls, name: str, rep: Rep, x: tuple[sp.Symbol, ...], p_x: tuple[sp.Symbol, ...],
         origin: Vector, centre: Vector, tensor: bool,
     ) -> Body:
+        """Return a body whose symbols begin with its name."""
         inertia = tensor_symbols(f"{name}_") if tensor else sp.symbols(f"{name}_I1:4",
                                                                        positive=True)
         inverse = tuple(sp.Symbol(f"{name}_{entry}", real=True) for entry in INVERSE)

@@ -325,6 +325,8 @@ class Velocities:
         return targets
 
     def _rate(self, rate: StartRate) -> _Target:
+        """Return the row of D of a given rate, and its value less the share of prescribed motions.
+        """
         name, value, coefficients = rate
         row = np.zeros((1, len(self.u)))
         for frame, parts in coefficients.items():

@@ -246,6 +246,7 @@ class Model:
             bodies={name: rounded(inertia) for name, inertia in self.bodies.items()})
 
     def _state(self, name: str, values: ArrayLike) -> Array:
+        """Return q0 or p0 as doubles, or with more digits if they would lose some."""
         state, count = real_array(values), self.system.n
         if state is None or state.shape != (count,) or not np.isfinite(state).all():
             raise InputError(f"{name} of model {self.name!r} is {shown(values)}; give "

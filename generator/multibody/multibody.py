@@ -1341,6 +1341,7 @@ class Multibody:
     # ------------------------------------------------------------ inside
 
     def _join(self, link: Joined) -> Joined:
+        """Add a connection; refuse one that needs axes of a point mass."""
         point = next((frame for frame in link.frames if isinstance(frame, Particle)), None)
         if point is not None and type(link) not in (Joint, Rod, Spring) and (
                 not isinstance(point, FlywheelBody)):
@@ -1401,6 +1402,7 @@ class Multibody:
         self, name: str, a: Frame | str, b: Frame | str, axes: Axes, rate: float | None = None,
         angle: float | None = None,
     ) -> Align:
+        """Return the hinge of a joint: its axis, and its angle and rate if they are given."""
         first, second = self._components.frames(name, a, b)
         value = _number_or_none(f"angle of {name!r} in rad", angle)
         described, start = self._value(value)
@@ -1442,6 +1444,8 @@ class Multibody:
     def _add(
         self, body: Body, start: InitialState, mass: float, inertia: Inertia, weight: float | None
     ) -> Body:
+        """Add a body with its mass, inertia and weight γ or α, by default the mean of its moments.
+        """
         self._components.values[str(body.mass)] = positive(f"mass of {body.name!r}", mass)
         mean = float(np.mean(moments_of(inertia)))
         self._components.values[str(body.weight)] = mean if weight is None else nonzero(

@@ -316,6 +316,7 @@ class ForceTerms:
     def _select(
         self, row_terms: dict[int, Terms], original: dict[int, list[Addend]]
     ) -> Iterable[sp.Expr]:
+        """Return derived rows, or the original ones if these are equal and clearly cheaper."""
         derived_rows = list(map(self.forms.short, row_terms.values()))
         original_rows = [total(original[row]) for row in row_terms]
         is_equal = all(total_of(*(addend_terms for _, addend_terms in original[row])) == terms

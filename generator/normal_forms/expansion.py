@@ -98,6 +98,7 @@ class NormalForm:
         return self._expanded[e]
 
     def _terms(self, e: sp.Expr) -> Terms:
+        """Return an expression as terms: sums and products expanded, functions as atoms."""
         if e.is_Rational or (e.is_Float and e.is_finite):
             return constant(fraction(e))
         if e.is_Symbol:
@@ -134,6 +135,7 @@ class NormalForm:
         return power
 
     def _times(self, a: Terms, b: Terms) -> Terms:
+        """Return the product of two sums, term by term, within the limit of work."""
         self.spend(len(a) * len(b))
         product: Terms = {}
         expanded_products: list[Terms] = []
@@ -151,6 +153,7 @@ class NormalForm:
     # ------------------------------------------------------------ denominators, roots, other powers
 
     def _power(self, base: sp.Expr, exponent: sp.Expr) -> Terms:
+        """Return base^exponent as terms; sums in denominators and roots stay atoms."""
         if exponent.is_Float and exponent.is_finite:
             exponent = rational(fraction(exponent))
         if exponent.is_Integer and exponent > 0:

@@ -455,6 +455,7 @@ class Echelon(Generic[Key]):
     def _reduce(
         self, vector: Mapping[Key, Number], coefficients: Mapping[int, Number]
     ) -> tuple[dict[Key, Number], dict[int, Number]]:
+        """Return the vector minus combinations of the rows, and the combination, by elimination."""
         remainder, combination = dict(vector), dict(coefficients)
         for pivot, row, row_combination in self._rows:
             if pivot in remainder:

@@ -202,6 +202,8 @@ def _interval_power(interval: Any, exponent: sp.Rational) -> Any:
 
 
 def _refuse_root(value: Value) -> None:
+    """Refuse the root of a negative number, of one that may be zero, and of one that is too long.
+    """
     interval = value.interval
     if interval is not None and interval.b < 0:
         raise RefusedError("This is the square root of a negative number; write one that is not")

@@ -174,6 +174,7 @@ class _Parser(Generic[V]):
         return self.apply(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
 
     def quantity(self, units: Mapping[str, V]) -> V:
+        """Parse a sum whose terms all have units, or none: ``1.5 m + 20 cm``."""
         start, terms, unitless = self.token, [self.product()], []
         while True:
             unit = self.unit(units)
@@ -207,6 +208,7 @@ class _Parser(Generic[V]):
         return units[name]
 
     def product(self) -> V:
+        """Parse factors with * and /."""
         start = self.token
         factors = [self.signed()]
         while sign := self.accept("*", "/"):
@@ -233,6 +235,7 @@ class _Parser(Generic[V]):
         return self.apply(sign, self.arithmetic.power, base, self.nested(sign, self.signed))
 
     def atom(self) -> V:
+        """Parse a number, a name, a call or a sum in brackets."""
         token = self.token
         if token.kind == "number":
             self.next += 1
@@ -249,6 +252,7 @@ class _Parser(Generic[V]):
         raise self.error("A number, a name or ( is missing", "complete the expression")
 
     def literal(self, text: str) -> V:
+        """Return a decimal exactly, as digits · 10^exponent."""
         integer_part, fraction, exponent = decimal_parts(text)
         digits = integer_part + fraction
         if len(digits) > MAX_DIGITS:
@@ -299,6 +303,7 @@ class _Parser(Generic[V]):
         return self.junction("or", lambda: self.junction("and", self.comparison))
 
     def junction(self, word: str, operand: Callable[[], Any]) -> Any:
+        """Parse conditions joined by ``and``, or by ``or``."""
         start = self.token
         operands = [operand()]
         while self.token.kind == "name" and self.token.text == word:
@@ -309,6 +314,7 @@ class _Parser(Generic[V]):
         return self.apply(start, self.choosing.join, word, operands)
 
     def comparison(self) -> Any:
+        """Parse a comparison, or a chain of them, a < b < c, which means both."""
         start = self.token
         a, conditions = self.sum(), []
         while sign := self.accept(*COMPARISONS):
@@ -327,6 +333,7 @@ class _Parser(Generic[V]):
         return cast("Choosing[V]", self.arithmetic)
 
     def name(self, token: Token) -> V:
+        """Return the value of a name, or refuse it with the closest match."""
         if token.text not in self.arithmetic.names:
             functions = (f"{name}(…)" for name in self.arithmetic.functions)
             allowed = ", ".join([*sorted(self.arithmetic.names), *functions])

@@ -165,6 +165,7 @@ def by_each(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Row
 
 
 def _spark_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+    """Return the kernels of SPARK methods: rates and constraint forces by constants of the run."""
     if not system.m:
         return _rates(system, columns)
     q, lam = list(system.q), vector("lambda", system.m)

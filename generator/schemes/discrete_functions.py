@@ -126,6 +126,7 @@ def power(u: DiscreteDifference, exponent: sp.Expr) -> DiscreteDifference:
 
 
 def _integer_power(u: DiscreteDifference, n: int) -> DiscreteDifference:
+    """Return the difference of uⁿ."""
     # 1/u first: the ends of uⁿ are further apart, and lose more digits in mean ∓ ½ change
     if n < 0:
         return _integer_power(_reciprocal(u), -n)
@@ -151,12 +152,14 @@ def _quotient(u: DiscreteDifference, n: int) -> sp.Expr:
 
 
 def _reciprocal(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of 1/u: mean ū/(u₀u₁), slope −1/(u₀u₁), u₀u₁ = ū² − ¼Δu²."""
     u = u.shared()
     product = u.mean**2 - u.change**2 / 4  # u₀u₁
     return u.apply(u.mean / product, -1 / product)
 
 
 def _root(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of √u: slope 1/(√u₁ + √u₀)."""
     u0, u1 = map(sp.sqrt, u.ends)
     total = u1 + u0
     if u.known_ends is None:

@@ -216,6 +216,7 @@ class _Differences:
 
 
 def _refuse_unknown(e: sp.Expr) -> None:
+    """Refuse a function without a rule for its exact difference."""
     if e.is_Add or e.is_Mul or e.is_Pow or e.func in FUNCTIONS or e.func in _MULTIVARIATE:
         return
     raise InputError(

@@ -280,6 +280,7 @@ class Folds:
         return self._folded[e]
 
     def _fold(self, e: sp.Expr) -> sp.Expr:
+        """Return a product whose number is folded into its first constant."""
         if not e.is_Mul:
             return e
         coefficient, factors = e.as_coeff_Mul()

@@ -70,6 +70,7 @@ class StartKernels:
                 self._add(f"{x}_dot", {i: sp.Integer(1)})
 
     def _add(self, name: str, column: dict[int, sp.Expr]) -> None:
+        """Add a velocity with its column, under a name that is not taken."""
         system = self.system
         reserved = {*map(str, (*system.parameters, *system.q, *system.p, system.time)),
                     *system.quantities, *self.names}

@@ -88,6 +88,7 @@ def _slope(derivative: Any, third: int) -> Any:
 
 
 def _make_slope(function: type[_Cardinal], derivative: Any, third: int) -> type[_Slope]:
+    """Return the class of the derivative of a cardinal function."""
     evaluate = _slope(derivative, third)
     name = f"{function.__name__}Slope"
     return type(name, (_Slope,), {

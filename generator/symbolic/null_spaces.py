@@ -109,6 +109,7 @@ class NullSpace:
         return self._echelon_forms[prime]
 
     def _solve(self, prime: int) -> tuple[Residue, list[int]] | None:
+        """Return the basis modulo a prime: block by block, the space is cut by the conditions."""
         basis = np.eye(self.size, dtype=np.int64)  # its columns
         if self._within is not None:
             outer = self._within._modulo(prime)

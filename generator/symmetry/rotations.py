@@ -98,6 +98,7 @@ def _root(square: Fraction) -> Fraction | None:
 
 
 def _product(A: Entries, B: Entries) -> dict[tuple[int, int], Fraction]:
+    """Return the product of two sparse matrices of fractions."""
     rows: dict[int, list[tuple[int, Fraction]]] = {}
     for (j, k), x in B.items():
         rows.setdefault(j, []).append((k, x))

@@ -158,6 +158,7 @@ def _of_lagrange(method: Any) -> Mechanics:
 
 
 def _of_kane(method: Any) -> Mechanics:
+    """Return the mechanics of a KanesMethod: its speeds as functions of q̇."""
     if not method.bodies:
         raise InputError("KanesMethod has no bodies as yet; give them as KanesMethod(..., "
                          "bodies=[...]), or call its kanes_equations first.")
@@ -172,6 +173,7 @@ def _of_kane(method: Any) -> Mechanics:
 
 
 def _of_system(method: Any) -> Mechanics:
+    """Return the mechanics of a System: potential energies of bodies, loads of actuators."""
     bodies = list(method.bodies)
     if not bodies:
         raise InputError("System has no bodies as yet; add them, or joints that have some.")

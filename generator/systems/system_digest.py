@@ -56,6 +56,7 @@ def _of(value: Any, digests: dict[sp.Basic, bytes]) -> bytes:
 
 
 def _of_expression(e: sp.Basic, digests: Mapping[sp.Basic, bytes]) -> bytes:
+    """Return the digest of an expression from the digests of its arguments."""
     kind = _name_of_class(e)
     if isinstance(e, sp.Dummy):
         raise TypeError("a Dummy is another one in each process")

@@ -124,6 +124,7 @@ def _constraint_parts(
 def _tableau(
     name: str, parts: dict[str, Rows], claims: dict[str, int], rounding: Rounding | None
 ) -> Tableau:
+    """Return the tableau of all parts, with the digits that are certain."""
     if rounding is not None:  # a digit less for each factor of 10 in the 1/b of partners
         smallest = min((abs(float(x)) for x in _flat(parts["b"]) if x), default=1.0)
         lost_digits = max(0, math.ceil(-math.log10(smallest)))

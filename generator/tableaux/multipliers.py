@@ -41,6 +41,7 @@ def multiplier_condition(tableau: Tableau) -> mp.mpf:
 
 
 def _matrix(tableau: Tableau) -> mp.matrix:
+    """Return M = Ā Ã, p × p: rows of the nodes 1..p, columns of the multipliers 0..p − 1."""
     tables, p = tableau.map_enclosures(lambda e: e.centre), tableau.p
     M = mp.matrix(p, p)
     for row in range(p):

@@ -127,6 +127,7 @@ def _bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
 
 
 def _new_bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
+    """Return the bound of a number from those of its operands."""
     if e.is_Rational:
         return _Bound(max(1, abs(int(e.p))), int(e.q))
     if e.is_Pow:
@@ -142,6 +143,7 @@ def _new_bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
 
 
 def _power_bound(base: _Bound, e: sp.Expr) -> _Bound:
+    """Return the bound of a power or root."""
     k, n = int(e.exp.q), int(e.exp.p)
     u, m, λ, roots = base.u, base.m, base.λ, base.roots
     if k > 1:  # (U/L)^(1/k) = (U L^(k−1))^(1/k)/L
@@ -159,6 +161,7 @@ def _value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
 
 
 def _new_value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
+    """Return an interval that contains a number with radicals."""
     if e.is_Rational:
         return interval.mpf(int(e.p)) / int(e.q)
     if e.is_Pow:

@@ -201,6 +201,7 @@ class _Reader:
     # ------------------------------------------------------------ the content
 
     def check_keys(self, content: dict[str, Any]) -> None:
+        """Refuse unknown keys, missing keys, and a part of the constraint coefficients alone."""
         allowed = [*dict.fromkeys((*REQUIRED, *FIELDS, *CLAIMS))]
         for key in content:
             if key not in allowed:
@@ -216,6 +217,7 @@ class _Reader:
                              f"{', '.join(CONSTRAINTS)}, or none of them, to have them derived.")
 
     def claims(self, content: dict[str, Any]) -> dict[str, int]:
+        """Return the claimed order and properties."""
         claims = {}
         if "order" in content:
             order = content["order"]
@@ -252,6 +254,7 @@ class _Reader:
                 self.check_shape(key, content[key], [size[kind] for kind in kinds])
 
     def length(self, key: str, entries: Any, meaning: str, low: int, high: int) -> int:
+        """Return the number of entries of a list, within its limits."""
         if not isinstance(entries, list):
             raise self.error(f"{key} is {_describe(entries)}; write a list of numbers.")
         if not low <= len(entries) <= high:
@@ -262,6 +265,7 @@ class _Reader:
         return len(entries)
 
     def check_shape(self, key: str, entries: Any, shape: list[int], row: str = "") -> None:
+        """Refuse a list that has another shape."""
         name = f"{key}{row}"
         elements = "rows" if len(shape) == 2 else "entries"
         if not isinstance(entries, list):
@@ -289,6 +293,7 @@ class _Reader:
         ]
 
     def entry(self, where: str, entry: Any) -> sp.Expr:
+        """Return an entry as an exact number; equal texts are parsed once."""
         if not isinstance(entry, str):
             raise self.error(
                 f"{where} is {_describe(entry)}; write a number or a text such as \"1/2\"."
@@ -299,6 +304,7 @@ class _Reader:
         return self.values[entry]
 
     def parse(self, where: str, text: str) -> sp.Expr:
+        """Return the exact number of a text, and note the digits of a decimal."""
         if not PLAIN_NUMBER.fullmatch(text):
             self.characters += len(text)
         if self.characters > MAX_EXPRESSION_CHARACTERS:

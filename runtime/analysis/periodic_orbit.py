@@ -338,6 +338,7 @@ class OrbitSearch:
             return None
 
     def _evaluate(self, q: Array, p: Array, dt: Any, parameters: dict[str, Any]) -> Guess:
+        """Return a guess with its gap z(T) − z(0) and the tangents of the gap."""
         run = self.stepper.integrate(
             Start(q, p, parameters, self.t0), dt=dt, steps=self.steps, every=self.steps,
             tangents=Tangents(start="all", dt=True,
@@ -419,6 +420,8 @@ class OrbitSearch:
         return math.hypot(guess.size, self._fixed_residual(guess) * self._scale(guess))
 
     def _result(self, guess: Guess, gaps: list[float]) -> PeriodicOrbit:
+        """Return the orbit with its multipliers, the eigenvalues of M = Bᵀ Φ B, the largest first.
+        """
         Phi, B, *_ = self._tangents(guess)
         M = B.T @ Phi
         omega = B.T @ canonical_form(self.stepper.n) @ B

@@ -331,6 +331,7 @@ class Compiled:
         return self._report_type
 
     def _seen_by_numpy(self) -> np.dtype[Any]:
+        """Return the C struct of reports as NumPy's record type."""
         kinds = {"long": np.dtype("l"), "int": np.dtype("i")}
         struct = self.ffi.typeof(f"{self.name}_report")
         fields = dict(struct.fields)

@@ -153,6 +153,7 @@ def as_inputs(
 
 
 def _named(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
+    """Return the names of inputs; refuse unknown and missing ones."""
     unknown = [str(name) for name in inputs if name not in names]
     if unknown:
         raise InputError(f"Input {unknown[0]!r} is unknown; this system has {', '.join(names)}"
