@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 from .arguments import choose, shown
 from .errors import InputError
@@ -88,6 +88,8 @@ class Impact:
         e, from 0 (plastic) to 1 (elastic), or the name of a parameter that has it.
     name : str, optional
         Under which it is found in ``Trajectory.impacts``; by default the quantity's.
+    terminal : bool
+        Whether the run ends where the gap closes, before the momenta jump.
 
     Raises
     ------
@@ -98,14 +100,15 @@ class Impact:
     quantity: str
     restitution: Any = 1.0
     name: str = ""
-    #: It ends no run, but for a gap that stays closed.
-    terminal: ClassVar[bool] = False
+    terminal: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.quantity, str):
             raise InputError(f"An impact's quantity is a name, not {shown(self.quantity)}.")
         if not isinstance(self.name, str):
             raise InputError(f"An impact's name is text, not {shown(self.name)}.")
+        if not isinstance(self.terminal, bool):
+            raise InputError(f"terminal = {shown(self.terminal)} is neither True nor False.")
         if not isinstance(self.restitution, str):
             _refuse_restitution("restitution", self.restitution)
         object.__setattr__(self, "name", self.name or self.quantity)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
-from ...core.event import Event, Impact, as_events, as_impacts, event_of_text
+from ...core.event import Event, Impact, as_events, as_impacts, event_of_text, with_restitutions
 from ...core.file_formats import ending_of, endings, format_of
 from ...core.incompatibilities import refuse_together
 from ...runtime.plotting.show import ENDINGS
@@ -146,8 +146,7 @@ def _in_memory(
 
 def _ended_by(trajectory: Trajectory, arguments: dict[str, Any]) -> str | None:
     """Return the name of the event that has ended a run."""
-    ends = (event.name for event in arguments.get("events", ())
-            if isinstance(event, Event) and event.terminal)
+    ends = (event.name for event in arguments.get("events", ()) if event.terminal)
     return next((name for name in ends if len(trajectory.events.get(name, ()))), None)
 
 
@@ -165,6 +164,7 @@ def _stored(
     step: Stepper, start: Start, store: Path, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool,
 ) -> RunOutcome:
+    from ...runtime.events.impacts import refuse_unusable
     from ...runtime.integration.run_arguments import step_count
     from ...storage.record import record
 
@@ -183,7 +183,9 @@ def _stored(
             **{name: x for name, x in arguments.items() if name not in ("events", "dtau")}}))
         names = step.manifest.system.event_quantities
         asked = arguments.get("events", ())
-        events = as_impacts(asked, names) or as_events(asked, names)
+        impacts = as_impacts(asked, names)
+        refuse_unusable(step, run, impacts)
+        events: Any = with_restitutions(impacts, run.parameters) or as_events(asked, names)
         recording = record(step, run, events, store, resume=resume, progress=progress)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, _open(store)

@@ -45,8 +45,9 @@ bodies:
     joints = ["first"]
     torque = "2 - 0.1*first_rate"
 
-Impacts are tables [[contacts]] and [[stops]], whose keys are arguments of ``Multibody.contact``,
-with bodies or a gap, and of ``Multibody.stop``; a restitution may name a parameter:
+Impacts are tables [[contacts]], [[stops]] and [[latches]], whose keys are arguments of
+``Multibody.contact``, with bodies or a gap, of ``Multibody.stop`` and ``Multibody.latch``; a
+restitution may name a parameter:
 
     [[contacts]]
     name = "floor"
@@ -120,7 +121,7 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "beams",
                   "joints", "forces", "gravity", "potential", "without", "redundant", "parameters",
                   "inputs", "run", "quantities", "points", "drives", "events", "units",
-                  "time_scale", "contacts", "stops")
+                  "time_scale", "contacts", "stops", "latches")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)
@@ -146,9 +147,10 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     for table in content.tables("forces"):
         telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
     time = {} if "t" in formulas.parameters else {"t": builder.time}
-    for table in content.tables("contacts"):
-        telling(table, lambda table: _contact(builder, bodies, table, formulas, position | time),
-                table)
+    for kind, more in (("contacts", "restitution"), ("latches", "close")):
+        for table in content.tables(kind):
+            telling(table, partial(_contact, builder, bodies, formulas=formulas,
+                                   position=position | time, more=more), table)
     for table in content.tables("stops"):
         telling(table, lambda table: _stop(builder, table, formulas), table)
     if "potential" in content:
@@ -360,11 +362,12 @@ def _force(
 
 def _contact(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
-    position: Mapping[str, sp.Expr],
+    position: Mapping[str, sp.Expr], more: str,
 ) -> None:
-    """Add a contact of bodies, or of a gap."""
-    table.allow("name", "bodies", "gap", "on_a", "on_b", "normal", "radius", "box", "restitution")
-    table.require("name", *(() if "bodies" in table else ("gap",)))
+    """Add a contact of bodies, or of a gap; with ``more`` = "close" a latch."""
+    table.allow("name", "bodies", "gap", "on_a", "on_b", "normal", "radius", "box", more)
+    table.require("name", *(() if "bodies" in table else ("gap",)),
+                  *(("close",) if more == "close" else ()))
     values: dict[str, Any] = {key: table.vector(key, 3) for key in ("on_a", "on_b", "normal", "box")
                               if key in table and not table.is_matrix(key)}
     if table.is_matrix("on_a"):
@@ -379,7 +382,10 @@ def _contact(
     if "bodies" in table:
         count = 2 if len(table.strings("bodies")) == 2 else 1
         values |= zip("ab", _frames(table, bodies, count), strict=False)
-    builder.contact(table.text("name"), **values, **_restitution(table, formulas))
+    if more == "close":
+        builder.latch(table.text("name"), close=table.strings("close"), **values)
+    else:
+        builder.contact(table.text("name"), **values, **_restitution(table, formulas))
 
 
 def _stop(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:

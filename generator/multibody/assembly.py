@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.inertia import inverse_entries, moments_of
-from ...core.projection import Projection, project_coordinates, report
+from ...core.projection import Projection, project_coordinates, project_momenta, report
 from ...core.warnings import warn
 from ..systems.body_layout import (
     BodyLayout,
@@ -78,6 +78,8 @@ Array = NDArray[Any]
 #: By which factor a radius of gyration exceeds the model, or falls below the body's own arms, that
 #: makes units in g or mm more likely than such a body.
 _LARGE, _SMALL = 30, 300
+#: How far a joint may be open, of the size of coordinates, where its latch closes.
+_OPEN = 1e-8
 
 
 class Assembly:
@@ -88,6 +90,8 @@ class Assembly:
     components : Components
     without : set of str
         Names of constraints to leave out.
+    closed : collection of str
+        Names of latches whose joints are closed; those of others are left out.
 
     Raises
     ------
@@ -95,10 +99,13 @@ class Assembly:
         For a joint without a position, an unknown constraint, and numbers out of range.
     """
 
-    def __init__(self, components: Components, without: set[str]) -> None:
+    def __init__(
+        self, components: Components, without: set[str], closed: Collection[str] = ()
+    ) -> None:
         self.components = components
         self.connections = copies(components.connections)  # completed by the initial poses
-        self.links = [*self.connections.values()]
+        latched = {joint for joints in components.latches.values() for joint in joints}
+        self.links = [copy for link, copy in self.connections.items() if link not in latched]
         self.store = components.values | self._body_values()
         # products of given numbers may exceed the range of a double: that is an error of the model
         with in_range(f"Multibody {components.name!r}"):
@@ -108,6 +115,17 @@ class Assembly:
             self.equations, self.velocity_equations = self._equations(without)
             self.start = self._start()
             self.q0, self.p0 = self._coordinates_at(self.start), self._momenta_at(self.start)
+            for joint in (joint for name in closed for joint in components.latches[name]):
+                self._close(self.connections[joint])
+            self.equations, self.velocity_equations = self._equations(without)
+
+    def _close(self, link: Connection) -> None:
+        """Add a joint that does not hold where the bodies are described."""
+        if isinstance(link, Joint) and (link.on_a is None or link.on_b is None):
+            raise InputError(f"Joint {link.name!r} of a latch is open at the start; give its "
+                             "points, on_a= and on_b=.")
+        self.links.append(link)
+        self._of_link[link] = list(link.equations(self.poses, self.store))
 
     def redundancy(self) -> Redundancy:
         """Return which constraints depend on others at the start."""
@@ -339,6 +357,25 @@ class Assembly:
         aliases = (replace(layout(self.connections[joint], False), name=name, axis_a=(), axis_b=())
                    for name, joint in self.components.aliases.items())
         return (*own, *aliases)
+
+    def closed_state(self, numbers: NumericSystem) -> Projection:
+        """Return the state with latches closed: p is projected, a plastic impact.
+
+        Raises
+        ------
+        InputError
+            For coordinates at which a joint of a latch is open.
+        """
+        with np.errstate(all="ignore"):  # what is not finite ends in a refusal
+            g = numbers.g(self.q0)
+            worst = int(np.abs(g).argmax())
+            if not abs(g[worst]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
+                raise InputError(f"{numbers.names[worst]!r} is open by {g[worst]:.3g} where its "
+                                 "latch closes; give start=run[-1] of a run that ended there.")
+            q = project_coordinates(numbers, self.q0)
+            p = project_momenta(numbers, q, self.p0)
+        return report(numbers, (self.q0, self.p0), (q, p), (g, numbers.g(q)),
+                      (numbers.f(self.q0, self.p0), numbers.f(q, p)))
 
     def consistent_state(self, numbers: NumericSystem) -> Projection:
         """Return the start on the constraints, with what is given kept.

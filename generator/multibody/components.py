@@ -64,6 +64,8 @@ class Components:
     beams: list[Beam] = field(default_factory=list)
     #: Name of a contact or a stop → the impacts of its gaps, which are quantities.
     contacts: dict[str, tuple[Impact, ...]] = field(default_factory=dict)
+    #: Name of a latch → the joints that it closes.
+    latches: dict[str, list[Connection]] = field(default_factory=dict)
     #: Name of a joint that others hold in one → that one.
     aliases: dict[str, Connection] = field(default_factory=dict)
 

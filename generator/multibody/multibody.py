@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar
 
@@ -40,6 +41,7 @@ from ...core.inertia import (
 from ...core.projection import Projection
 from ...core.registry import function_of
 from ...core.shapes import Shape
+from ...core.start import HasStart, as_start
 from ...core.warnings import warn
 from ..symbolic.derivatives import derivative
 from ..systems.expression_arguments import as_expression
@@ -1183,6 +1185,39 @@ class Multibody:
             name, gaps_of_spheres(name, ends, points, base, radius, values) if normal is None else
             gaps_of_plane(name, ends, points, base, normal, radius, values), restitution)
 
+    def latch(
+        self, name: str, a: Frame | str | None = None, b: Frame | str = GROUND, *,
+        close: Connection | str | Iterable[Connection | str], **gap: Any,
+    ) -> tuple[Impact, ...]:
+        """End runs where a gap closes, after which joints hold.
+
+        The joints are open, and left out, until ``model(closed=name, start=run[-1])`` returns the
+        model in which they are closed: the momenta are projected onto its constraints, in the
+        metric of H_pp, which is the plastic impact. ``model(start=run[-1])`` opens them again.
+
+        Parameters
+        ----------
+        a, b, **gap
+            As of ``contact``, without a restitution.
+        close : joint, or several
+            With points given by ``on_a`` and ``on_b``; axes are those of the start.
+
+        Raises
+        ------
+        InputError
+            As ``contact``, and for an unknown joint.
+        """
+        names = [close] if isinstance(close, Connection | str) else as_items(
+            "close", close, "joints")
+        joints = [self._components.joint(joint, f"Latch {name!r}") for joint in names]
+        if "restitution" in gap:
+            raise InputError(f"Latch {name!r} has a restitution, and closes; leave it out.")
+        impacts = tuple(replace(impact, restitution=0.0, terminal=True)
+                        for impact in self.contact(name, a, b, **gap))
+        self._components.contacts[name] = impacts
+        self._components.latches[name] = joints
+        return impacts
+
     def stop(
         self, name: str, joint: Connection | str, *, lower: float | None = None,
         upper: float | None = None, restitution: Any = 1.0,
@@ -1304,7 +1339,9 @@ class Multibody:
     # ------------------------------------------------------------ the model
 
     def model(
-        self, *, without: Iterable[str] = (), redundant: Literal["refuse", "leave out"] = "refuse"
+        self, *, without: Iterable[str] = (),
+        redundant: Literal["refuse", "leave out"] = "refuse",
+        closed: str | Iterable[str] = (), start: HasStart | None = None,
     ) -> Model:
         """Return the model: system, parameters, and a consistent state at t = 0.
 
@@ -1314,6 +1351,10 @@ class Multibody:
             Names of constraints to leave out because others imply them, such as ``"hinge: z"``.
         redundant : {"refuse", "leave out"}
             What to do with constraints that others imply; ``redundancy`` names them.
+        closed : iterable of str
+            Names of latches that are closed.
+        start : Start, model or row of a run, optional
+            The state to start from, of the same bodies, where latches close or open.
 
         Raises
         ------
@@ -1327,16 +1368,26 @@ class Multibody:
         left_out = {without} if isinstance(without, str) else {
             as_text("a constraint to leave out", name)
             for name in as_items("without", without, "constraints' names")}
-        assembly = Assembly(self._components, left_out)
+        latches = [closed] if isinstance(closed, str) else as_items("closed", closed, "latches")
+        for latch in latches:
+            choose("latch", latch, self._components.latches)
+        assembly = Assembly(self._components, left_out, latches)
+        if start is not None:
+            state = as_start(start)
+            assembly.q0, assembly.p0 = (finite(name, x, assembly.q0.shape) for name, x in (
+                ("q of start", state.q), ("p of start", state.p)))
         assembly.warn_of_sizes()
         self.redundancy = assembly.redundancy()
         if redundant == "refuse":
             self.redundancy.refuse('; redundant="leave out" does so')
         system, store = assembly.make_system(self.redundancy.left_out), assembly.store
-        self.start = assembly.consistent_state(NumericSystem(system, store))
+        numbers = NumericSystem(system, store)
+        self.start = assembly.closed_state(numbers) if latches or start else (
+            assembly.consistent_state(numbers))
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, visuals=self._visuals,
-                     events=self._components.impacts, **self._about)
+                     events=[impact for name, impacts in self._components.contacts.items()
+                             if name not in latches for impact in impacts], **self._about)
 
     # ------------------------------------------------------------ inside
 

@@ -36,7 +36,7 @@ __all__ = ["ImpactObserver", "refuse_unusable"]
 Array = NDArray[Any]
 
 #: Why compiled code returns before the end, beside the failures of a step.
-_FULL, _REST, _INSIDE, _UNMOVABLE, _NOT_QUADRATIC = range(16, 21)
+_FULL, _REST, _INSIDE, _UNMOVABLE, _NOT_QUADRATIC, _LATCHED = range(16, 22)
 #: Impacts that one call returns at most, and those that wait to be stored.
 _CAPACITY, _MOST = 1024, 2**14
 _WORD = re.compile(r"[^\W\d]\w*")
@@ -49,7 +49,7 @@ class ImpactObserver:
     ----------
     events : tuple of Impact
     end : TerminalEvent or None
-        The gap that stays closed, which ends the run.
+        The gap that ends the run: one that stays closed, or of a terminal impact.
 
     Raises
     ------
@@ -72,6 +72,7 @@ class ImpactObserver:
         self._restitution = own.converted(np.array([
             as_real("restitution", impact.restitution, own.number)
             for impact in with_restitutions(events, run.parameters)]))
+        self._ends = np.array([impact.terminal for impact in events], np.intc)
         self._margins, self._since = own.new(len(events)), own.new(1)
         self._places, self._hits = list[Array](), list[Array]()
         start = RunState.at_start(stepper.binding, run.q, run.p)
@@ -155,8 +156,8 @@ class ImpactObserver:
         status = int(own.function("integrate_impacts")(
             constants.parameters, constants.options, *own._fed(constants.inputs)[:2], constants.dt,
             steps, every, len(self._gaps), own.ffi.from_buffer("int[]", self._gaps),
-            *map(own.pointer, (self._restitution, self._margins, state.q, state.p, rows.q, rows.p,
-                               rows.multipliers)),
+            own.pointer(self._restitution), own.ffi.from_buffer("int[]", self._ends),
+            *map(own.pointer, (self._margins, state.q, state.p, rows.q, rows.p, rows.multipliers)),
             own.ffi.from_buffer("int[]", rows.iterations, require_writable=True),
             *([own.pointer(rows.work)] if own.has_forces else []), own.pointer(self._since),
             _CAPACITY, count, own.ffi.from_buffer("long[]", places, require_writable=True),
@@ -165,10 +166,16 @@ class ImpactObserver:
         self._places.append(places[: count[0]].copy())
         self._hits.append(hits[: count[0]].copy())
         gap = int(places[count[0], 0])
-        if status == _REST:
-            self._rest(gap, state)
-            return 0
         name = self.events[gap].quantity
+        if status in (_REST, _LATCHED):
+            self.end = self._end(gap, state)
+            if status == _LATCHED:
+                return 0
+            warn(f"The run ends at t = {float(self.end.at.t[0]):.9g} s, after {state.steps:,} "
+                 f"of {self._run.steps:,} steps: impacts of {self.events[gap].name!r} follow each "
+                 "other faster than times resolve, and it stays closed. Go on from run[-1] with a "
+                 "system that has the gap as a constraint.")
+            return 0
         if status == _INSIDE:
             raise InputError(f"The gap {name!r} is {float(hits[0, 0]):.6g} at the start, below 0; "
                              "start where it is open.")
@@ -180,17 +187,14 @@ class ImpactObserver:
                              "impacts does not reverse the rate of a gap; take H = T(q, p) + V(q).")
         return status
 
-    def _rest(self, gap: int, state: RunState) -> None:
-        """End the run in the state in which a gap stays closed; warn of it."""
-        own, run, name = self._own, self._run, self.events[gap].name
+    def _end(self, gap: int, state: RunState) -> TerminalEvent:
+        """Return the end of the run in the state in which a gap is closed."""
+        own, run = self._own, self._run
         steps = np.array([state.steps])
         elapsed = own.times(0 * run.t0, run.dt, steps) + self._since.astype(own.number_type)
         t, q, p = run.t0 + elapsed, state.q[None].copy(), state.p[None].copy()
         row = Rows(q, p, own.new(1, own.multipliers) + np.nan, np.zeros(1, np.intc), own.new(1))
-        self.end = TerminalEvent(gap, Crossings(t, q, p, steps, np.zeros(1, bool), elapsed), row)
-        warn(f"The run ends at t = {float(t[0]):.9g} s, after {state.steps:,} of {run.steps:,} "
-             f"steps: impacts of {name!r} follow each other faster than times resolve, and it "
-             "stays closed. Go on from run[-1] with a system that has the gap as a constraint.")
+        return TerminalEvent(gap, Crossings(t, q, p, steps, np.zeros(1, bool), elapsed), row)
 
 
 def refuse_unusable(

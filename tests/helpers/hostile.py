@@ -420,6 +420,7 @@ def multibody_calls() -> Iterator[Call]:
     yield of("moving_point", name="j", path=(0.0, 0.0, 1.0))
     yield of("contact", name="j", a="body", b="ground", gap=None, on_a=(0.0, 0.0, 0.1),
              on_b=(0.0, 0.0, -9.0), normal=(0.0, 0.0, 1.0), radius=0.1, box=None, restitution=0.5)
+    yield of("latch", name="j", a="body", b="ground", close=["hinge"])
     yield of("stop", name="j", joint="hinge", lower=-1.0, upper=1.0, restitution=0.5)
     yield of("angle", joint="hinge")
     yield of("rate", joint="hinge")

@@ -20,7 +20,7 @@
  */
 
 /* Why integrate_impacts returns early, besides the failures of a step. */
-enum { HITS_FULL = 16, AT_REST, INSIDE, UNMOVABLE, NOT_QUADRATIC };
+enum { HITS_FULL = 16, AT_REST, INSIDE, UNMOVABLE, NOT_QUADRATIC, LATCHED };
 
 /*
  * Numbers of a hit: time since the last grid point, impulse, loss of H, work of the forces; q, p
@@ -48,6 +48,7 @@ typedef struct {
     int gaps;
     const int *gap;
     const real *restitution;
+    const int *ends; /* whether the run ends where a gap closes, before the momenta jump */
     real margin[QUANTITIES]; /* round-off of each gap */
     /* Memory of hits, and one more place: the gap for which the run returns early. */
     long capacity, *count, *places;
@@ -328,8 +329,10 @@ static int resolve_impacts(impact_run *r, long n, real since, gap_state *s, repo
             out[STATES_OF_HIT + a] = s->q[a];
             out[STATES_OF_HIT + N + a] = s->p[a];
         }
-        status = apply_impact(r, at, row, drifts[r->gap[worst]], r->restitution[worst], s->q,
-            s->p, &out[1], &out[2]);
+        out[1] = out[2] = 0;
+        if (!r->ends[worst])
+            status = apply_impact(r, at, row, drifts[r->gap[worst]], r->restitution[worst], s->q,
+                s->p, &out[1], &out[2]);
         for (int a = 0; a < N; ++a)
             out[STATES_OF_HIT + 2*N + a] = s->p[a];
         out[0] = since == r->dt ? 0 : since;
@@ -337,6 +340,10 @@ static int resolve_impacts(impact_run *r, long n, real since, gap_state *s, repo
         r->places[2*(*r->count) + 1] = n + (since == r->dt);
         *r->count += status == OK;
         report->energy_start -= status == OK ? out[2] : 0; /* a loss is no error of the energy */
+        if (status == OK && r->ends[worst]) {
+            r->places[2*(*r->count)] = worst;
+            status = LATCHED;
+        }
     }
     evaluate_gaps(r, n, since, s);
     return status;

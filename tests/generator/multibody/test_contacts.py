@@ -178,6 +178,75 @@ def test_a_pendulum_between_two_stops():
     assert abs(run.energy_error()).max() < 1e-9
 
 
+#: Housner's block: half its width and height, its moment of inertia, the angle of its diagonal.
+HALF, HEIGHT, SLOPE = 0.2, 0.5, np.arctan2(0.2, 0.5)
+MOMENT = (HALF**2 + HEIGHT**2) / 3
+
+
+def rocking_block() -> gs.Multibody:
+    """Return a block tilted by half its slope about its right edge; each edge is a latch."""
+    build = gs.Multibody("rocking_block")
+    c, s = np.cos(SLOPE / 2), np.sin(SLOPE / 2)
+    block = build.body(
+        "block", mass=1, inertia=[MOMENT] * 3, rotation=Rotation.from_rotvec([0, SLOPE / 2, 0]),
+        position=(HALF - c * HALF + s * HEIGHT, 0, s * HALF + c * HEIGHT))
+    for side, x in (("right", HALF), ("left", -HALF)):
+        build.revolute(f"{side}_pin", build.ground, block, axis_in_space=(0, 1, 0),
+                       on_a=(x, 0, 0), on_b=(x, 0, -HEIGHT))
+        build.latch(side, block, on_a=(x, 0, -HEIGHT), close=f"{side}_pin")
+    return build
+
+
+def test_a_block_rocks_from_latch_to_latch():
+    """Rates by Housner's 1 - 1.5 sin^2 to round-off, amplitudes and the first hit in closed form.
+
+    (Housner 1963, The behavior of inverted pendulum structures during earthquakes.)
+    """
+    ratio = 1 - 1.5 * np.sin(SLOPE)**2
+    build, start, t, before = rocking_block(), None, 0.0, None
+    amplitudes = []
+    for k in range(5):
+        model = build.model(closed=("right", "left")[k % 2], start=start)
+        with budget.shared():
+            step = gs.stepper("G-L", 4, system=model)
+            step._impact_binding()
+        run = step.integrate(model.start.replace(t=t), dt=0.01, t_end=t + 2)
+        other = run.impacts[("left", "right")[k % 2]]
+        assert other.t == run.t[-1:]
+        assert other.p == pytest.approx(other.p_before, abs=0)
+        rates = run.body("block").angular_velocity()[[0, -1], 1]
+        if before is None:
+            assert run.t[-1] == pytest.approx(0.357810995370, abs=1e-12)
+        else:
+            assert rates[0] / before == pytest.approx(ratio, abs=2 * EPS)
+            rise = 2 * MOMENT * rates[0]**2 / (9.81 * np.hypot(HALF, HEIGHT))
+            amplitudes.append(SLOPE - np.arccos(np.cos(SLOPE) + rise))
+        start, t, before = run[-1], run.t[-1], rates[1]
+    assert amplitudes == pytest.approx(
+        [.104370449361, .061783331499, .037614679434, .023218124964], abs=1e-11)
+
+
+def test_latches_are_refused():
+    build = rocking_block()
+    model = build.model(closed="right")
+    build.revolute("loose", build.ground, "block", axis_in_space=(0, 1, 0))
+    build.latch("loop", "block", close=["loose"])
+    for call, word in (
+            (lambda: build.model(closed="left"), "start=run"),
+            (lambda: build.model(closed="up"), "up"),
+            (lambda: build.model(closed="loop"), "on_a"),
+            (lambda: build.model(closed="right", start=gs.Start([0.0], [0.0])), "q of start"),
+            (lambda: build.model(start=3), "start"),
+            (lambda: build.latch("more", "block", close="pin"), "pin"),
+            (lambda: build.latch("more", "block", close="loose", restitution=1), "restitution"),
+            (lambda: gs.Impact("floor", terminal=1), "terminal")):
+        with pytest.raises(InputError, match=word):
+            call()
+    opened = build.model(start=model)
+    assert opened.system.m == 1
+    assert [impact.terminal for impact in opened.events] == [True] * 3
+
+
 REFUSED = {
     "gap and body": ({"a": "a", "gap": sp.Symbol("a_x", real=True)}, "body"),
     "neither": ({}, "gap="),
@@ -253,6 +322,18 @@ gap = ["box_z + 1 - t", "elbow_angle + 2"]
 [[contacts]]
 name = "roof"
 gap = "h - box_z"
+[[latches]]
+name = "dock"
+bodies = ["box", "arm"]
+on_a = [0, 0, 0.5]
+close = ["grip"]
+radius = 0.5
+[[joints]]
+name = "grip"
+type = "ball"
+bodies = ["box", "arm"]
+on_a = [0, 0, 0]
+on_b = [0, 0, 0]
 [[stops]]
 name = "end"
 joint = "elbow"
@@ -271,11 +352,13 @@ def test_a_file_has_contacts_and_stops(tmp_path):
     path.write_text(FILE)
     model = gs.load_model(path)
     expected = {"floor_1": 0.75, "floor_2": 1.25, "click": np.hypot(3, 2.5) - 0.75, "free_1": 3,
-                "free_2": 2, "roof": 3, "end_lower": np.pi / 6, "end_upper": 10}
+                "free_2": 2, "roof": 3, "end_lower": np.pi / 6, "end_upper": 10,
+                "dock": np.sqrt(18) - 1}
     expected |= {f"block_{i}": 2 + 0.125 * (-1)**i for i in range(1, 9)}
     assert gaps(model) == pytest.approx(expected)
     assert {impact.name: impact.restitution for impact in model.events if impact.restitution != 1
-            } == {"floor_1": "e", "floor_2": "e", "end_lower": 0.5, "end_upper": 0.5}
+            } == {"floor_1": "e", "floor_2": "e", "end_lower": 0.5, "end_upper": 0.5, "dock": 0}
+    assert [impact.name for impact in model.events if impact.terminal] == ["dock"]
 
 
 @pytest.mark.parametrize(("old", "new", "word"), [
@@ -286,6 +369,8 @@ def test_a_file_has_contacts_and_stops(tmp_path):
     ('joint = "elbow"', 'joint = "knee"', "knee"),
     ('gap = "h - box_z"', 'gap = "h - box_y0"', "box_y0"),
     ('gap = "h - box_z"', "", "gap"),
+    ('close = ["grip"]', 'close = ["grasp"]', "grasp"),
+    ('close = ["grip"]', "", "close"),
     ('lower = "-30 deg"', 'lower = "700 deg"', "upper"),
 ])
 def test_tables_are_refused(tmp_path, old, new, word):
