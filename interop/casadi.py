@@ -93,7 +93,7 @@ def _column(component: Any, shape: tuple[int, ...]) -> Any:
 # ---------------------------------------------------------------- functions of CasADi
 
 
-class _Function(casadi.Callback):  # type: ignore[misc]
+class _Function(casadi.Callback):
     """A function of columns and matrices by a NumPy function of arrays."""
 
     def __init__(

@@ -101,7 +101,7 @@ def _batch(function: Any, size: int, axes: tuple[Any, ...], inputs: tuple[Any, .
                           *result.shape[mapped_axis + 1 :]), mapped_axis
 
 
-class _Value(Function):  # type: ignore[misc]
+class _Value(Function):
     """x, shape (rows, size) → F(x), shape (rows, 2 n)."""
 
     @staticmethod
@@ -129,7 +129,7 @@ class _Value(Function):  # type: ignore[misc]
         return _batch(_Value, info.batch_size, in_dims, inputs)
 
 
-class _Linear(Function):  # type: ignore[misc]
+class _Linear(Function):
     """x and v → F'(x) v or F'(x)ᵀ v; linear in v."""
 
     @staticmethod

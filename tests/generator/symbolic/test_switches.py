@@ -29,7 +29,7 @@ from gyrospark.generator.symbolic.derivatives import derivative
 from gyrospark.generator.symbolic.identities import evaluate
 from gyrospark.generator.symbolic.numeric_evaluation import Evaluator, mp_context
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate as in_numpy
-from gyrospark.generator.symbolic.switching_functions import as_switches, switches_of
+from gyrospark.generator.symbolic.switching_functions import Max, Min, as_switches, switches_of
 from gyrospark.generator.systems.numeric_system import NumericConstraints
 from gyrospark.generator.systems.repeated_structure import Structure
 from strategies import EPS
@@ -176,6 +176,14 @@ def test_symbols_are_real_numbers_declared_or_not():
     system = gs.System((z,), (u,), (), u**2 / 2 + sp.Abs(sp.exp(z)) + sp.Abs(z))
     assert system.H - u**2 / 2 == sp.exp(z) + sp.Abs(z)
     assert system.H_q == [sp.exp(z) + sp.sign(z)]
+
+
+def test_order_of_two_that_is_decided():
+    assert Max(x, x) == Min(x, x) == x
+    assert (Max(Q(1, 2), Q(1, 3)), Min(Q(1, 2), Q(1, 3))) == (Q(1, 2), Q(1, 3))
+    assert Max(y, x) == Max(x, y)
+    assert Max(x, k).is_extended_nonnegative
+    assert Max(x, y).is_extended_nonnegative is None
 
 
 def test_text_reads_like_a_model_file():
