@@ -87,8 +87,9 @@ def on_a_cluster(folder, what, **changes):
 def test_a_cluster_of_threads_writes_the_same_bytes(tmp_path, monkeypatch):
     """Workers are threads of this process; scheduler and client are those of any cluster."""
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(tiles, "_LEAST_STORED", 10**4)
-    study = load_study(study_file(tmp_path)).study
+    monkeypatch.setattr(tiles, "_LEAST_STORED", 10**3)
+    study = load_study(study_file(tmp_path, STUDY.replace("count = 40", "count = 4"))).study
+    assert len(list(tiles.tiles_of(study))) > 2
     run_study(study, out=tmp_path / "threads.zarr")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of Dask

@@ -13,7 +13,7 @@ from gyrospark.runtime.compilation.kernel_text import kernels_of
 
 def test_loops_have_the_constants_and_the_bits_of_single_assignments(monkeypatch):
     model = gs.models.chain(2)
-    spec, sources = Spec.checked("G-L", 1), []
+    spec, sources = Spec.checked("IMS"), []
     for few in (64, 3):
         monkeypatch.setattr(constant_loops, "_FEW", few)
         monkeypatch.setattr(emit, "_LARGE", 4 * few)
