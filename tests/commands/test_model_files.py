@@ -256,7 +256,7 @@ def test_a_file_says_by_which_rule_gamma_is_found(ruled, document):
     run = ("--scheme", "G-L", "--stages", "2", "--steps", "10")
     inertia = (120.0, 100.0, 30.0)
     wanted = {"h": gs.gamma(inertia, "h"), "auto-energy": document(
-        "run", SATELLITE, *run, "--gamma", "auto-energy")["parameters"]["gamma"]}
+        "run", ruled("h"), *run, "--gamma", "auto-energy")["parameters"]["gamma"]}
     assert len({*wanted.values(), gs.gamma(inertia)}) == 3
     for rule, gamma in wanted.items():
         path = ruled(rule)
@@ -273,7 +273,7 @@ def test_a_sweep_has_no_motion_to_choose_for(ruled):
     with pytest.raises(gs.InputError, match="gamma = 'auto'"):
         gs.sweep(ruled("auto"), axis, scheme="G-L", stages=2, steps=3)
     by_rule = gs.sweep(ruled("h"), axis, scheme="G-L", stages=2, steps=3)
-    told = gs.sweep(SATELLITE, axis, scheme="G-L", stages=2, steps=3,
+    told = gs.sweep(ruled("m"), axis, scheme="G-L", stages=2, steps=3,
                     parameters={"gamma": gs.gamma((120.0, 100.0, 30.0), "h")})
     assert np.array_equal(by_rule["q"], told["q"])
 
