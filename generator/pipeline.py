@@ -147,7 +147,7 @@ def _scheme(
 def _refuse_features(
     spec: Spec, system: System, *, own_tableau: bool, asked: Mapping[str, str | bool]
 ) -> None:
-    """Refuse what cannot be combined with velocity constraints or a time scale of the system."""
+    """Refuse features that velocity constraints or a time scale of the system exclude."""
     if system.velocity_count:
         refuse_together(
             velocity_constraints=f"the velocity constraints "

@@ -193,6 +193,7 @@ def create(
 def _create_along(
     group: zarr.Group, dimension: str, fields: list[StoredField], rows: int, block: int
 ) -> None:
+    """Create arrays with one row for each state or event, and those of their further digits."""
     for stored_field in fields:
         inner = [name for name, _ in stored_field.inner]
         create_array(group, stored_field.name, (rows, *stored_field.shape),

@@ -72,6 +72,7 @@ def save_store(run: Trajectory, path: Path) -> Path:
 
 
 def _attributes(run: Trajectory) -> dict[str, Any]:
+    """Return the attributes of the store of a run that was in memory."""
     about = Trajectory._attributes(run)
     return {
         **about, "status": COMPLETE, "states": len(run), "steps_done": run.report.steps,
@@ -84,5 +85,5 @@ def _attributes(run: Trajectory) -> dict[str, Any]:
 
 
 def _asked(run: Trajectory) -> dict[str, dict[str, Any]]:
-    """Return what is known of the events of a run: which of them are impacts."""
+    """Return the events of a run as JSON: names, and which of them are impacts."""
     return {name: {"restitution": None} if name in run.impacts else {} for name in run.events}

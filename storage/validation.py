@@ -186,6 +186,7 @@ def _check_events(
 
 
 def _check_report(report: Any) -> Iterator[str]:
+    """Yield the faults of a report."""
     if report is None:
         return
     needed = {f.name for f in fields(Report) if f.default is MISSING}

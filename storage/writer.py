@@ -108,6 +108,7 @@ class Writer:
             raise self._error
 
     def _work(self) -> None:
+        """Commit batches until the queue ends; the first error is kept for the caller."""
         while (batch := self._queue.get()) is not None:
             if self._error is None:  # after an error only the queue is emptied
                 try:

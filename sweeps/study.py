@@ -202,6 +202,7 @@ def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
 
 
 def _refuse_repetition(study: Study) -> None:
+    """Refuse axes of one name, and a column on two axes."""
     axis_of_column: dict[str, str] = {}
     for axis in study.axes:
         if sum(axis.name == other_axis.name for other_axis in study.axes) > 1:

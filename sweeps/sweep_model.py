@@ -70,6 +70,7 @@ def _named(
 def _stepper(
     model: Any, label: str, rep: str | None, real: str | None, frame: str | None
 ) -> tuple[Stepper, RunDefaults]:
+    """Return the stepper of one scheme, and parameters and start of the model."""
     from ..api import model_stepper, stepper_of
 
     scheme, stages = _scheme(label)

@@ -147,6 +147,7 @@ def _line_axis(shown: list[_Axis]) -> _Axis | None:
 
 
 def _lines(axes: Any, array: xarray.DataArray, along: _Axis, line_axis: _Axis | None) -> None:
+    """Draw a quantity along an axis, a line for each value of the other one."""
     order = np.argsort(along.places, kind="stable")
     lines = np.asarray(array if line_axis is None
                        else array.transpose(line_axis.dimension, along.dimension),
@@ -165,6 +166,7 @@ def _lines(axes: Any, array: xarray.DataArray, along: _Axis, line_axis: _Axis | 
 
 
 def _colours(figure: Any, axes: Any, array: xarray.DataArray, x: _Axis, y: _Axis) -> None:
+    """Draw a quantity over two axes as colours."""
     from matplotlib.colors import LogNorm
 
     cell_values = np.asarray(array.transpose(y.dimension, x.dimension), dtype=float)

@@ -289,6 +289,7 @@ def _choose_of_several(
 def _pull(
     system: SystemManifest, path: str, name: str, pull: ConstraintForceManifest | None
 ) -> Pull | None:
+    """Return how a constraint acts on its bodies; None if its force is not known."""
     if name not in system.constraint_names:
         raise UnfitError("has other constraints", path)
     if pull is None:

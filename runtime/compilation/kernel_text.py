@@ -455,6 +455,7 @@ def evaluate(
 
 
 def _value(expression: Expression, by: Arithmetic | RunningError, inputs: Mapping[str, Any]) -> Any:
+    """Return the value of an expression in postfix order."""
     stack: list[Any] = []
     for kind, text, count in expression:
         if kind == "number":

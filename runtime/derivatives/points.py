@@ -167,6 +167,7 @@ def _point(run: RunArguments, step: int, tau: Any) -> Point:
 def _of_event(
     stepper: Stepper, run: RunArguments, event: Event, crossings: Crossings
 ) -> list[Point]:
+    """Return the points of an event, each with the gradient of the event's value."""
     full_steps = stepper.binding.times(0 * run.t0, run.dt, crossings.steps)
     remainders = (crossings.elapsed - full_steps).tolist()
     points = [replace(_point(run, int(step), tau), name=event.name, normal=_normal(

@@ -255,6 +255,7 @@ class Start:
 
 
 def _given_start(space: TangentSpace, tangents: Tangents, binding: Any, n: int) -> Array:
+    """Return the directions of q and p: the basis, or the user's, checked to be tangent."""
     if isinstance(tangents.start, str):
         return space.basis()
     entry: ArrayLike = tangents.start

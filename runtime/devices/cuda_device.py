@@ -117,6 +117,7 @@ class CudaDevice:
         return self._cuda.view.from_buffer(memory.handle, shape, strides, dtype=memory.dtype)
 
     def _new(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Memory:
+        """Allocate memory of the card, or raise InputError if it has none."""
         size = int(np.prod(shape)) * dtype.itemsize
         try:
             handle = self._card.allocate(max(size, 1), stream=self._stream)

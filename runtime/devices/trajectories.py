@@ -65,6 +65,7 @@ class Trajectories:
         count, number = len(runs), self.dtype
         sizes = device.zeros((2,), np.int64)
         device.launch(self.program, "measure", 1, sizes)
+        # the kernel says how much memory a trajectory takes, and how many parameters it reads
         words, fields = device.get(sizes).tolist()
         parameters = binding.parameter_rows(runs.parameters, runs.t0)
         assert parameters.shape[1] == fields, "profile control has the parameters of the stepper"
@@ -88,10 +89,13 @@ class Trajectories:
         first, pace = self.runs.first, ChunkSize(clock=time.perf_counter)
         done = row = 0
         while True:
+            # rows are copied window by window: memory of the card is the limit, not that of all
+            # states
             window = self._window(row, min(rows, first.rows + 1 - row))
             end = min((row + window.q.shape[0] - 1) * first.every, first.steps)
             if row == 0:
                 self._advance(0, 0, window)
+            # launches of a fraction of a second, so that Ctrl-C is heard
             while done < end and not stop():
                 count = min(pace.begin(), end - done)
                 self._advance(done, done + count, window)
@@ -121,6 +125,7 @@ class Trajectories:
             iterations[:, window_rows] = self.device.get(window.iterations).T
 
         self.integrate(max(_WINDOW // (2 * n * count * q.itemsize), 1), store, stop)
+        # profile control keeps neither multipliers nor work
         unknown = binding.new(1)[0] + np.nan
         multipliers = np.broadcast_to(unknown, (count, rows, binding.multipliers))
         work = np.broadcast_to(unknown if binding.has_forces else unknown.dtype.type(0),

@@ -284,7 +284,7 @@ def places_of(stepper: Stepper, t0: Any, stored: Array, dt: Any, t: Array) -> Pl
 
 
 def _reach(stepper: Stepper, t0: Any, elapsed: Any) -> Any:
-    """Return what rounding cannot tell from the end of a step, up to ``elapsed`` after t0."""
+    """Return the rounding of times up to ``elapsed`` after t0: so near, a time is a step's end."""
     return 2 * epsilon_of_times(stepper) * max(abs(t0), abs(t0 + elapsed))
 
 

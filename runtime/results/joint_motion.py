@@ -186,6 +186,7 @@ class JointMotion:
         return self._in(frame, self._reaction()[1])
 
     def _reaction(self) -> tuple[Array, Array]:
+        """Return force and torque Gᵀλ on b in space, shape (rows, 3) each, in N and N m."""
         if self._at.pulls is None:
             raise InputError(f"The force and the torque of {self.name!r} are not known: its "
                              "constraint acts on more than its two bodies, as that of a gear, or "

@@ -154,7 +154,7 @@ class Rotations:
     def _largest_of_one(
         self, parameters: Mapping[str, Any], dt: float, q: Array, p: Array
     ) -> tuple[str, float, float]:
-        """Return the same of one state, in Python's floats: a quarter of the time."""
+        """Return the largest rotation of one state, in Python's floats: a quarter of the time."""
         bodies, largest, fastest = self.bodies, -1.0, ""
         if any(_only(parameters[name]) for name in self._rates if name in parameters):
             return "", -1.0, 0.0

@@ -198,6 +198,7 @@ def state_of_body(
 
 
 def _vectors(components: ArrayLike, length: int, name: str) -> Array:
+    """Return an array whose last axis has the given length."""
     vectors = real_array(components)
     if vectors is None:
         raise InputError(f"The {name} {shown(components)} is no array of real numbers.")

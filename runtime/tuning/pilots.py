@@ -169,6 +169,7 @@ class Pilots:
         return finest
 
     def _reference(self, x: Array) -> _Reference | None:
+        """Return the motion by Richardson's extrapolation of Δt/4 and Δt/8, and its error."""
         runs = [self.run(x, refinement) for refinement in (2, 4, 8)]
         second, fourth, eighth = (None if run is None else np.asarray(run.q) for run in runs)
         if second is None or fourth is None or eighth is None or runs[-1] is None:
@@ -176,6 +177,7 @@ class Pilots:
         factor = 2**self.stepper.order - 1
         motion = eighth + (eighth - fourth) / factor
         error = MotionError(motion, eighth)
+        # the extrapolation of twice the step: its distance bounds the error of the reference
         change = error(fourth + (fourth - second) / factor)[1:]
         return _Reference(motion, error, _total(change), root_mean_squares(change, error.paths),
                           runs[-1])

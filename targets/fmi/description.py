@@ -76,6 +76,7 @@ def _numbers(variable: Variable) -> dict[str, str]:
 
 
 def _variables2(root: Element, variables: Sequence[Variable]) -> None:
+    """Add variables and the dependencies of outputs, as FMI 2 has them: by position from 1."""
     listed = Sub(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         entry = Sub(listed, "ScalarVariable", {
@@ -96,6 +97,7 @@ def _variables2(root: Element, variables: Sequence[Variable]) -> None:
 
 
 def _variables3(root: Element, variables: Sequence[Variable]) -> None:
+    """Add variables and the dependencies of outputs, as FMI 3 has them: by reference."""
     listed = Sub(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         Sub(listed, "Float64", {"name": variable.name, "valueReference": str(reference),

@@ -69,6 +69,7 @@ class Slave:
             raise GyrosparkError(f"The FMU makes no instance: {' '.join(self.messages)}")
 
     def _instantiate(self, token: bytes) -> Any:
+        """Return an instance of the FMU; its messages are collected."""
         if self._version == 2:
             self._log: Any = _LOG2(lambda _e, _n, _s, _c, text: self.messages.append(text.decode()))
             self._calls = _Calls(self._log)
