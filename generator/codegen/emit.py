@@ -163,10 +163,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     functions = printer.functions.union(
         *(k.functions for k in counted if not k.name.startswith("lanes_")),
         quantities.functions if quantities else (), other_functions)
-    tableau = scheme.tableau
-    legendre = system if isinstance(system, LagrangianSystem) else None
     index_of = {x: i for i, x in enumerate(system.q)}
-    hidden = hidden_constraints(derived, element_sums)
     return Program(
         name=derived.name,
         version=__version__,
@@ -176,23 +173,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         features=_features(derived, element_sums, lanes or plain, frame, states),
         title=f"{derived.method} for {system.name.replace('_', ' ')}",
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
-        N=system.n, M=system.m, U=scheme.size,
-        S=tableau.s if tableau else 0, P=tableau.p if tableau else 0,
-        multipliers=scheme.multipliers * system.m + scheme.reactions * system.velocity_count,
-        rows=system.velocity_count,
-        velocity_table=[[real.literal(real.round(e)) for e in row]
-                        for row in velocity_enclosures(tableau)]
-        if tableau and system.velocity_count else [],
-        order=scheme.order,
-        hamiltonian="" if element_sums else comment(
-            legendre.texts()[0] if legendre else energy_of(system)),
-        lagrangian=comment(legendre.texts()[1]) if legendre else "",
-        forces=[comment(f) for f in system.forces],
-        constraints=[] if element_sums else [comment(g) for g in system.constraints],
-        velocity_constraints=[comment(e) for e in system.velocity_constraints],
-        hidden=", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden)) or "no constraint",
-        scheme_doc=_scheme_doc(scheme),
-        unknowns_doc=_unknowns_doc(scheme),
+        **_sizes(derived),
+        **_formulas(derived, element_sums),
         parameters=[str(p) for p in system.parameters],
         domains=[(str(p), domain_of(p)) for p in system.parameters],
         quaternions=[[index_of[x] for x in body.q] for body in system.bodies if body.q],
@@ -200,7 +182,6 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         inputs=[str(u) for u in system.inputs] if derived.profile == "full" else [],
         input_places=[list(constants_c).index(str(u)) for u in system.inputs
                       if str(u) in constants_c],
-        quantities={name: comment(e) for name, e in system.quantities.items()},
         quantity_time=bool(system.quantities) and system.time is not None,
         quantity_kernel=quantities,
         constants={str(s): comment(e) for e, s in definitions.items()},
@@ -218,7 +199,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         iteration_kernels=iteration_kernels,
         renamed=renamed,
         tableau=_tableau(scheme, real) if isinstance(scheme, SparkScheme) else None,
-        mass=mass_tables(legendre) if legendre else None,
+        mass=mass_tables(system) if isinstance(system, LagrangianSystem) else None,
         elements=element_sums,
         lanes=lanes,
         plain=plain,
@@ -228,6 +209,41 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         flows=flows,
         states=states,
     )
+
+
+def _sizes(derived: Derived) -> dict[str, Any]:
+    """Return the numbers of coordinates, constraints, stages, nodes, unknowns, and the order."""
+    scheme, system, tableau = derived.scheme, derived.system, derived.scheme.tableau
+    real = derived.real
+    return {
+        "N": system.n, "M": system.m, "U": scheme.size,
+        "S": tableau.s if tableau else 0, "P": tableau.p if tableau else 0,
+        "multipliers": scheme.multipliers * system.m + scheme.reactions * system.velocity_count,
+        "rows": system.velocity_count,
+        "velocity_table": [[real.literal(real.round(e)) for e in row]
+                           for row in velocity_enclosures(tableau)]
+        if tableau and system.velocity_count else [],
+        "order": scheme.order,
+    }
+
+
+def _formulas(derived: Derived, elements: Elements | None) -> dict[str, Any]:
+    """Return the formulas in comments of the C; those of element templates stand with these."""
+    scheme, system = derived.scheme, derived.system
+    legendre = system if isinstance(system, LagrangianSystem) else None
+    hidden = hidden_constraints(derived, elements)
+    return {
+        "hamiltonian": "" if elements else comment(
+            legendre.texts()[0] if legendre else energy_of(system)),
+        "lagrangian": comment(legendre.texts()[1]) if legendre else "",
+        "forces": [comment(f) for f in system.forces],
+        "constraints": [] if elements else [comment(g) for g in system.constraints],
+        "velocity_constraints": [comment(e) for e in system.velocity_constraints],
+        "hidden": ", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden)) or "no constraint",
+        "scheme_doc": _scheme_doc(scheme),
+        "unknowns_doc": _unknowns_doc(scheme),
+        "quantities": {name: comment(e) for name, e in system.quantities.items()},
+    }
 
 
 def _used_constants(
