@@ -61,7 +61,7 @@ def clamped_beam():
 def shown(gl3, tmp_path_factory):
     """Objects of every public class, and of those that their attributes and calls return."""
     run = gl3.integrate(TOP.q0, TOP.p0, steps=300, **RUN)
-    chain, tableau = gs.models.chain(3), gs.tableau("G-L", stages=3)
+    model, tableau = systems.case("double_top").system, gs.tableau("G-L", stages=3)
     tuned = gs.tune(gl3, TOP, dt=1e-3, gamma="auto", steps=20)
     certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
     dip = gs.Event("q1", level=0.2)
@@ -77,8 +77,8 @@ def shown(gl3, tmp_path_factory):
         many, DeviceEnsemble(many.t, many.q, many.p, many.iterations, many.t, {}, "top"),
         tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
         tuned, *tuned.pilots,
-        certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
-        chain.system, small_system(), *built(),
+        certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), model,
+        model.system, small_system(), *built(),
         gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
         moved, moved.tangents, run.gradient({"q": run.q[-1]}), gs.Tangents(),
         gs.lyapunov(gl3, TOP.q0, TOP.p0, steps=40, every=20, **RUN),

@@ -58,7 +58,7 @@ def elastica(load: float) -> tuple[float, float]:
         return (float(mp.sqrt(2 * mp.sin(angle) / load)), float(1 - 2 * bent / mp.sqrt(load)))
 
 
-@pytest.mark.parametrize("load", [1.0, 10.0])
+@pytest.mark.parametrize("load", [pytest.param(1.0, marks=pytest.mark.slow), 10.0])
 def test_a_cantilever_is_an_elastica_to_order_two(load):
     exact = elastica(load)
     errors = []
@@ -88,7 +88,7 @@ def test_a_torque_about_the_tangent_twists_by_ml_over_gj():
 def test_stretching_of_a_pulled_beam_is_exact():
     """F L/EA: the end joints have the compliance of the ends beside them."""
     EA, force = 40.0, 3.0
-    for count in (2, 5):
+    for count in (2, 3):
         model = cantilever(count, (force, 0, 0), stretching=EA, shearing=15.0).equilibrium()
         assert np.abs(tip(model, 1 / count) - [1 + force / EA, 0, 0]).max() <= 16 * EPS
 
@@ -116,7 +116,7 @@ def test_a_straight_beam_bent_to_a_circle_has_its_energy():
     given = STRAIGHT | {"bending": (2.0, 3.0), "points": arc, "start": None, "end": None,
                         "normal": (0, 0, 1)}
     energies = []
-    for count, rest in ((8, (0, 0, 0)), (16, (0, 0, 0)), (8, None)):
+    for count, rest in ((4, (0, 0, 0)), (8, (0, 0, 0)), (4, None)):
         build = builder()
         beam = build.beam("arc", count=count, rest=rest, **given)
         for end in ("first", "last"):
@@ -125,7 +125,7 @@ def test_a_straight_beam_bent_to_a_circle_has_its_energy():
         values = dict(zip((*model.system.q, *model.system.p), (*model.q0, *model.p0), strict=True))
         values |= {s: model.parameters[str(s)] for s in model.system.parameters}
         energies.append(float(evaluate([model.system.H], values)[0]))
-    for count, energy in zip((8, 16), energies, strict=False):
+    for count, energy in zip((4, 8), energies, strict=False):
         h = np.pi / count
         joints, clamps = 2 * np.sin(h / 2) ** 2, 4 * np.sin(h / 4) ** 2
         assert energy == pytest.approx(2.0 / h * ((count - 1) * joints + 2 * clamps), rel=1e-3)
@@ -278,8 +278,9 @@ def test_the_flying_spaghetti():
     assert run.total_momentum()[1:] == pytest.approx(np.array([[20, 0, 0]] * 2), abs=1e-13)
 
 
-@pytest.mark.parametrize("extension", [{}, {"stretching": 4e4, "shearing": 4e4}],
-                         ids=["balls", "springs"])
+@pytest.mark.parametrize("extension", [
+    pytest.param({}, id="balls"),
+    pytest.param({"stretching": 4e4, "shearing": 4e4}, id="springs", marks=pytest.mark.slow)])
 def test_frequencies_of_a_cantilever(extension):
     """√ of the eigenvalues of K against M on the tangent space, against Timoshenko's 3.51499."""
     frequencies = []
@@ -325,7 +326,7 @@ def loaded(extension: tuple[float, ...] = ()) -> tuple[gs.Model, gs.Trajectory]:
     build.force(beam.last, LOAD)
     with budget.shared():
         model = build.model().equilibrium()
-        step = gs.stepper("G-L", 2, system=model)
+        step = gs.stepper("IMS", system=model)
     return model, step.integrate(model, dt=1e-3, steps=2)
 
 
@@ -383,7 +384,7 @@ def test_sections_of_damped_beams_resist_rates_of_strain():
         model = build.model()
         values[damping] = model, beam
     with budget.shared():
-        step = gs.stepper("G-L", 2, system=values[0.0][0])
+        step = gs.stepper("IMS", system=values[0.0][0])
     model = values[0.0][0]
     p = np.zeros(14)
     p[4:7], p[11:14] = (0.1, 0.2, -0.1), (-0.1, -0.2, 0.1)

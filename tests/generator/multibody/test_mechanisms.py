@@ -62,6 +62,7 @@ def test_auto_takes_newton_where_that_costs_less():
     assert np.array_equal(made.q, again.q)
 
 
+@pytest.mark.slow  # a stepper of one system; auto takes its steps with EMS above
 def test_andrews_mechanism_agrees_with_fifty_digits():
     """β and γ at t = 0.03 s as an extrapolated midpoint rule in 40 digits has them."""
     spark = systems.stepper("andrews")

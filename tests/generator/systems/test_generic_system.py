@@ -38,7 +38,8 @@ def largest(x):
 
 
 #: Each method, and each system with one.
-PAIRS = [("runner", "IMS", None), ("runner", "EMS", None), ("runner", "LIIIA-B", 3),
+PAIRS = [("runner", "IMS", None), ("runner", "EMS", None),
+         pytest.param("runner", "LIIIA-B", 3, marks=pytest.mark.slow),  # a stepper more
          ("pendulum", "G-L", 2), ("oscillator", "EMS", None)]
 pairs = pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 
