@@ -56,7 +56,8 @@ def identity_of(
 def _event_identity(events: tuple[Event | Impact, ...]) -> dict[str, Any]:
     events_json = {event.name: {"quantity": event.quantity, **(
         {"level": _level(event.level), "direction": event.direction, "terminal": event.terminal}
-        if isinstance(event, Event) else {"restitution": _level(event.restitution)})}
+        if isinstance(event, Event) else
+        {"restitution": _level(event.restitution), "terminal": event.terminal})}
         for event in events}
     return {"events": events_json} if events_json else {}
 

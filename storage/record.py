@@ -146,7 +146,7 @@ def resume(
         solver=Solver(about["solver"], None if tolerance is None else number(tolerance),
                       about["max_iterations"])))
     run.p[n:] = p0[n:]
-    events = tuple(Impact(one["quantity"], Fraction(one["restitution"]), name)
+    events = tuple(Impact(one["quantity"], Fraction(one["restitution"]), name, one["terminal"])
                    if "restitution" in one else
                    Event(one["quantity"], Fraction(one["level"]), one["direction"],
                          terminal=one["terminal"], name=name)

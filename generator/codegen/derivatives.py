@@ -13,6 +13,7 @@ from ..kernels.statements import Kernel
 from ..schemes.derivative_kernels import (
     derivative_kernels,
     flow_transposes,
+    impact_derivatives,
     quantity_derivatives,
     quantity_rates,
     switch_kernel,
@@ -93,9 +94,10 @@ def derivatives_of(
     quantities = quantity_derivatives(system)
     rates = quantity_rates(system) if derived.profile == "full" else None
     switches = switch_kernel(system)
+    impacts = impact_derivatives(system) if derived.second else None
     kernels += [emit_kernel(kernel, Constants(system.parameters), real,
                             Target(real.c_type, "parameters_t", ""))
-                for kernel in (quantities, rates, switches) if kernel is not None]
+                for kernel in (quantities, rates, switches, impacts) if kernel is not None]
     called = [*kernels, *(k["scalar"] for template in templates for k in template["own"])]
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
                        | {START: f"par->{system.time}"})
@@ -117,6 +119,7 @@ def derivatives_of(
         quantity_rates=rates is not None,
         duals=duals,
         second=derived.second,
+        impacts=impacts is not None,
         switches=0 if switches is None else len(switches.outputs["w"]),
     )
 

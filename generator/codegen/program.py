@@ -339,8 +339,9 @@ class Derivatives:
     quantity_rates: bool
     #: Kernels on dual numbers: for second derivatives, and for tangents of flows without lanes.
     duals: DualKernels | None
-    #: Whether there are second derivatives.
+    #: Whether there are second derivatives, and those of impacts.
     second: bool
+    impacts: bool
     #: Number of switching functions of H and the forces.
     switches: int
 

@@ -26,8 +26,8 @@ from .splitting_scheme import SplittingScheme
 from .step_equations import MeanScheme, SparkScheme
 from .system_differences import TIME_STEP, time_input, vector
 
-__all__ = ["by_each", "derivative_kernels", "flow_transposes", "quantity_derivatives",
-           "quantity_rates", "time_columns"]
+__all__ = ["by_each", "derivative_kernels", "flow_transposes", "impact_derivatives",
+           "quantity_derivatives", "quantity_rates", "time_columns"]
 
 Rows = list[list[sp.Expr]]
 
@@ -140,6 +140,33 @@ def quantity_rates(system: System) -> Kernel | None:
     return Kernel("quantity_rates", "derivatives of quantities along (dq, dp, dt)",
                   {**times, "q": list(system.q), "p": list(system.p), "dq": dq, "dp": dp,
                    "dt": [dt]}, {"rates": rates})
+
+
+def impact_derivatives(system: System) -> Kernel | None:
+    """Return the kernel of the derivatives that those of the law of impacts are made of.
+
+    Of the gaps φ, quantities of q and the time, it has the derivatives of φ_qᵀ μ + g_qᵀ λ by q, the
+    parameters and the time, and those of φ_q H_p + φ_t by q, p, the parameters and the time; None
+    without gaps, or where they are too long.
+    """
+    moving = {*system.p, *system.inputs}
+    gaps = [e if e.free_symbols.isdisjoint(moving) else sp.Integer(0)
+            for e in system.quantities.values()]
+    time = sp.Dummy() if system.time is None else system.time
+    columns = [*system.parameters, time]
+    velocities = [derivative(system.H, p) for p in system.p]
+    rates = [sp.Add(derivative(e, time), *(derivative(e, x) * v for x, v in zip(
+        system.q, velocities, strict=True))) for e in gaps]
+    if not any(gaps) or tree_size(rates) * len(columns) > _LARGEST_QUANTITIES:
+        return None
+    mu, lam = vector("mu", len(gaps)), vector("lambda", system.m)
+    forces = [sp.Add(*(derivative(e, x) * weight for e, weight in zip(
+        [*gaps, *system.constraints], [*mu, *lam], strict=True))) for x in system.q]
+    return Kernel("impact_derivatives", "derivatives of the impulses and rates of gaps",
+                  {"t": [time], "q": list(system.q), "p": list(system.p), "mu": mu}
+                  | ({"lambda": lam} if lam else {}),
+                  {"forces": by_each(forces, [*system.q, *columns]),
+                   "rates": by_each(rates, [*system.q, *system.p, *columns])})
 
 
 def switch_kernel(system: System) -> Kernel | None:

@@ -242,7 +242,7 @@ def compile_module(
         running.append(_start([*compile_, *options, "-c", f"{object_file.name}/{name}.c", "-o",
                                f"{object_file.name}.o"], folder))
         linked.append(f"{object_file.name}.o")
-    everything = is_whole() and module_kind not in ("derivatives", "second", "motion", "impacts")
+    everything = is_whole() and module_kind in ("runs", "lanes", "newton")
     header = files[f"{name}.h"]
     if not everything and module_kind != "newton":
         header = declarations_of(name, header, module_kind)

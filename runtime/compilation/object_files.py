@@ -42,7 +42,8 @@ __all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Level", "ModuleKind", "Objec
            "objects_of", "with_inline_functions"]
 
 #: A stepper is compiled as several modules, each when it is first needed.
-ModuleKind = Literal["runs", "lanes", "newton", "derivatives", "second", "motion", "impacts"]
+ModuleKind = Literal["runs", "lanes", "newton", "derivatives", "second", "motion", "impacts",
+                     "jumps"]
 
 #: How much of -O3 an object has: all, most, or no more than -O2.
 Level = Literal["all", "most", "seldom"]
@@ -64,7 +65,8 @@ _LATER: dict[ModuleKind, set[str]] = {
     "second": {"second_size", "integrate_second", "constraint_second", *_BOTH},
     "motion": {"derivative_size", "accelerations", "inverse_mass", "constraint_derivatives",
                "quantity_rates", *_BOTH},
-    "impacts": {"derivative_size", "impact_size", "integrate_impacts", "inverse_mass", *_BOTH}}
+    "impacts": {"derivative_size", "impact_size", "integrate_impacts", "inverse_mass", *_BOTH},
+    "jumps": {"impacts_by_state", *_BOTH}}
 #: The kernels of an object by its number: Newton's on numbers, the fixed-point iteration's on
 #: lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {

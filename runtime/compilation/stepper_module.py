@@ -66,7 +66,7 @@ def _load_compiled(
     label = name + {"runs": "", "lanes": " for ensembles", "newton": ": Newton's method",
                     "derivatives": ": derivatives",
                     "second": ": second derivatives", "motion": ": accelerations",
-                    "impacts": ": impacts"}[module_kind]
+                    "impacts": ": impacts", "jumps": ": derivatives of impacts"}[module_kind]
     with log_task(f"compiling {label}", f"compiled {label}"), build_folder() as folder:
         built, record = compile_verified(name, files, compiler, folder, module_kind)
         proof = folder / "record.json"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from ...core.errors import InputError
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
 from ..bindings.run_memory import ParameterStruct, Rows, RunState
@@ -34,6 +36,48 @@ class KeptSteps:
     def count(self) -> int:
         """Number of steps."""
         return len(self.x)
+
+
+@dataclass(frozen=True)
+class ImpactStep(KeptSteps):
+    """A step with impacts, by the derivatives of its end by all rows of a direction at its start.
+    """
+
+    matrix: Array
+
+    @property
+    def count(self) -> int:
+        """One step."""
+        return 1
+
+    def take_tangents(
+        self, dz: Array, every: int, rows: Array, multipliers: Array, tangents: Array
+    ) -> int:
+        """Advance tangents as ``DerivativeBinding.integrate_tangent``; return 0."""
+        self._refuse_multipliers(multipliers)
+        tangents[:] = self.matrix @ np.concatenate([tangents, dz[len(tangents) :]])
+        if (self.first + 1) % every == 0:
+            rows[0] = tangents
+        return 0
+
+    def take_adjoint(
+        self, cotangents: Array, multipliers: Array, w: Array, z_bar: Array, inputs_bar: Array,
+        columns: list[int],
+    ) -> int:
+        """Take ``w`` backwards as ``DerivativeBinding.integrate_adjoint``; return 0."""
+        self._refuse_multipliers(multipliers)
+        cotangent = self.matrix.T @ w
+        if len(inputs_bar):
+            inputs_bar[0], cotangent[columns] = cotangent[columns], 0
+        z_bar[len(w) :] += cotangent[len(w) :]
+        w[:] = cotangent[: len(w)] + (cotangents[0] if len(cotangents) else 0)
+        return 0
+
+    @staticmethod
+    def _refuse_multipliers(multipliers: Array) -> None:
+        if multipliers.size:
+            raise InputError("Multipliers of a run with impacts are not differentiated; leave "
+                             "multipliers out.")
 
 
 class DerivativeBinding:
@@ -163,6 +207,8 @@ class DerivativeBinding:
 
         ``multipliers`` gets those of each step, unless it is empty.
         """
+        if isinstance(steps, ImpactStep):
+            return steps.take_tangents(dz, every, rows, multipliers, tangents)
         binding, (memory, _keep) = self.own, self.memory()
         return int(binding.function("integrate_tangent")(
             parameters, *binding._fed(run.inputs)[:2], run.dt, steps.first, steps.count,
@@ -180,6 +226,9 @@ class DerivativeBinding:
         ``multipliers`` has the cotangents of the multipliers of each step, or is empty.
         """
         binding, (memory, _keep) = self.own, self.memory()
+        if isinstance(steps, ImpactStep):
+            return steps.take_adjoint(cotangents, multipliers, w, z_bar, inputs_bar, [
+                2 * self.n + binding.parameter_names.index(u) for u in binding.input_names])
         fed = [*binding._fed(run.inputs)[:2],
                binding.pointer(inputs_bar)] if binding.input_names else []
         return int(binding.function("integrate_adjoint")(
@@ -205,6 +254,18 @@ class KeptRun:
     def done(self) -> int:
         """Steps done."""
         return self.state.steps
+
+    def go_on_from(self, steps: int, q: Array, p: Array) -> KeptRun:
+        """Return the run from a state after so many steps, without the solver's memory."""
+        kept_run = KeptRun(self.binding, replace(self.run, q=q, p=p))
+        state, none = kept_run.state, Rows.allocate(self.binding.own, 0)
+        primal = self.binding.primal
+        begun = RunState.at_start(primal, q, p)
+        primal.integrate(self.run.constants(primal), 0, 1, begun, none)
+        for own, other in ((state.record, begun.record), (state.work, begun.work)):
+            self.binding.own.image(own)[:] = primal.image(other)
+        state.record.steps = steps
+        return kept_run
 
     def keep(self, count: int) -> tuple[KeptSteps, int]:
         """Return the next steps, up to one that fails, and the status."""

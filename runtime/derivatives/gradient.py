@@ -30,7 +30,15 @@ from ..integration.run_arguments import RunArguments
 from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
 from .binding import KeptSteps
 from .frame import FrameMotion
-from .kept_steps import multiplier_shape, refuse_run, singular, split, warn_of_growth, warn_of_jumps
+from .kept_steps import (
+    multiplier_shape,
+    pieces,
+    refuse_run,
+    singular,
+    split,
+    warn_of_growth,
+    warn_of_jumps,
+)
 from .points import Point, RunRows, cotangent_at
 from .tangent_space import TangentSpace, null_space
 
@@ -469,8 +477,13 @@ def backwards(
     """Yield the steps of a run in pieces, the last piece first."""
     if run.steps == 0:
         return
+    refuse_together(reversed=memory is None and 'memory = "none"', impacts=bool(run.impact_steps)
+                    and "a run with impacts")
     if memory is None:
         yield from _reversed(stepper, run, end)
+        return
+    if run.impact_steps:
+        yield from _back_through_impacts(stepper, run, memory, end)
         return
     binding = stepper.binding
     width = 16 if binding.c_type not in ("float", "double") else np.dtype(binding.dtype).itemsize
@@ -500,6 +513,24 @@ def backwards(
     for checkpoint in reversed(checkpoints):
         kept_run.state.assign(kept_run.binding.own, checkpoint)
         yield kept_run.keep(min(piece, run.steps - kept_run.done))[0]
+
+
+def _back_through_impacts(
+    stepper: Stepper, run: RunArguments, memory: int, end: tuple[Array, Array] | None
+) -> Iterator[KeptSteps]:
+    """Yield the steps of a run with impacts, all of which are kept, the last ones first."""
+    binding = stepper._derivative_binding()
+    a_step = (2 * binding.n + stepper.unknowns) * np.dtype(stepper.binding.dtype).itemsize
+    needed = run.steps * a_step + len(run.impact_steps) * 2 * binding.n * binding.rows * a_step // (
+        2 * binding.n + stepper.unknowns)
+    if needed > memory:
+        raise InputError(f"memory = {memory:,} bytes are too few: a run with impacts keeps all its "
+                         f"steps, {needed:,} bytes; give these.")
+    kept = list(pieces(stepper, run, binding.begin(run)))
+    if end is not None:
+        _refuse_mismatch((kept[-1].q[-1], kept[-1].p[-1]), end, "the run, done again, ends "
+                         "elsewhere than it did; give the solver that it had")
+    yield from reversed(kept)
 
 
 def _check(

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ...core.errors import GyrosparkError, InputError
 from ...core.incompatibilities import refuse_together
+from ...core.registry import function_of
 from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
-from .binding import KeptSteps
+from .binding import ImpactStep, KeptSteps
 from .frame import FrameMotion
 
 if TYPE_CHECKING:
@@ -31,17 +32,25 @@ _LOST = 1e-3
 
 
 def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptSteps]:
-    """Yield the steps of a run, kept, a piece at a time."""
-    while kept_run.done < run.steps:
-        steps, status = kept_run.keep(min(_PIECE, run.steps - kept_run.done))
-        if status:
-            stepper._run(run)  # says why it fails, with everything before
-            raise singular(kept_run.done, status)
-        yield steps
+    """Yield the steps of a run, kept, a piece at a time; of a step with impacts its derivatives."""
+    for step in [*run.impact_steps, run.steps]:
+        while kept_run.done < step:
+            steps, status = kept_run.keep(min(_PIECE, step - kept_run.done))
+            if status:
+                stepper._run(run)  # says why it fails, with everything before
+                raise singular(kept_run.done, status)
+            yield steps
+        if step < run.steps:
+            impact_step = function_of("runtime.derivatives.impacts", "impact_step")(
+                stepper, run, step, kept_run.state.q.copy(), kept_run.state.p.copy())
+            yield impact_step
+            kept_run = kept_run.go_on_from(step + 1, impact_step.q[1], impact_step.p[1])
 
 
 def split(steps: KeptSteps, boundaries: Array) -> list[KeptSteps]:
     """Return kept steps in parts that begin at these steps of the run, a rising sequence."""
+    if isinstance(steps, ImpactStep):
+        return [steps]
     inside = boundaries[(boundaries > steps.first)
                         & (boundaries < steps.first + steps.count)] - steps.first
     ends = [0, *inside.tolist(), steps.count]

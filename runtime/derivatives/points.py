@@ -14,6 +14,7 @@ In scaled time τ and Δτ stand for t and Δt here, and t is a coordinate: a fi
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.event import Event
+from ...core.registry import function_of
 from ..events.location import ending
 from ..integration.dense_output import places_of
 from ..integration.run_arguments import Origin, RunArguments
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
-__all__ = ["Point", "RunRows", "cotangent_at", "rows_of", "tangent_at"]
+__all__ = ["Point", "RunRows", "cotangent_at", "rate_of", "rows_of", "tangent_at"]
 
 Array = NDArray[Any]
 
@@ -121,6 +123,8 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
     # a terminal event ends a run before the steps that were asked for
     done = int(trajectory.report.steps)
     run = replace(run.until(done), stored_steps=None)
+    if origin.impacts:
+        run = replace(run, hits=_hits(stepper, trajectory, origin, run))
     events: dict[str, list[Point]] = {}
     refused: dict[str, str] = {}
     crossings = trajectory.events | trajectory._end_event
@@ -139,6 +143,18 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
     if last is not None:
         return replace(run_rows, points=run_rows.event(last)[-1:], events=asked)
     return replace(run_rows, points=[Point(done, origin.rest)]) if origin.rest else run_rows
+
+
+def _hits(
+    stepper: Stepper, trajectory: Trajectory, origin: Origin, run: RunArguments
+) -> Mapping[int, Any]:
+    """Return the impacts of a run by steps, or refuse rows that have no derivatives."""
+    if origin.between or run.steps < origin.run.steps:
+        raise InputError("Derivatives of a run with impacts are those of its rows at whole steps: "
+                         "leave t_eval out, and end the run before a gap stays closed.")
+    hits: Mapping[int, Any] = function_of("runtime.derivatives.impacts", "hits_of")(
+        stepper, run, trajectory, origin.impacts)
+    return hits
 
 
 def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
@@ -256,7 +272,7 @@ def tangent_at(
         d_tau = -dt
     else:
         directions = np.concatenate([Z[: 2 * n], here[2 * n :, :count]])
-        d_tau = -(point.normal @ directions) / _rate(point, v[: 2 * n])
+        d_tau = -(point.normal @ directions) / rate_of(point, v[: 2 * n])
     return Z + v[:, None] * d_tau, dt + d_tau
 
 
@@ -284,7 +300,7 @@ def cotangent_at(
         unit[-2] = 1
         v = step.tangent(unit, multipliers is not None)[:, 0]
         end_cotangent = w if multipliers is None else np.concatenate([w, multipliers])
-        of_tau = point.normal * ((end_cotangent @ v + s) / _rate(point, v[: len(w)]))
+        of_tau = point.normal * ((end_cotangent @ v + s) / rate_of(point, v[: len(w)]))
         cotangent = step.adjoint(w - of_tau[: len(w)], multipliers)
         cotangent[len(w) :] -= of_tau[len(w) :]
         of_start = cotangent[-1] + s
@@ -292,7 +308,7 @@ def cotangent_at(
     return cotangent
 
 
-def _rate(point: Point, v: Array) -> Any:
+def rate_of(point: Point, v: Array) -> Any:
     """Return c_z v + c_t, or refuse an event whose value only touches its level."""
     assert point.normal is not None
     # the first entries are c_z, the last one c_t

@@ -154,8 +154,9 @@ class ImpactObserver:
         places = np.zeros((_CAPACITY + 1, 2), np.dtype("l"))
         hits = own.new(_CAPACITY, 4 + 3 * own.n)
         status = int(own.function("integrate_impacts")(
-            constants.parameters, constants.options, *own._fed(constants.inputs)[:2], constants.dt,
-            steps, every, len(self._gaps), own.ffi.from_buffer("int[]", self._gaps),
+            constants.parameters, constants.options, *own._fed(constants.inputs)[:2],
+            self._run.t0, constants.dt, steps, every, len(self._gaps),
+            own.ffi.from_buffer("int[]", self._gaps),
             own.pointer(self._restitution), own.ffi.from_buffer("int[]", self._ends),
             *map(own.pointer, (self._margins, state.q, state.p, rows.q, rows.p, rows.multipliers)),
             own.ffi.from_buffer("int[]", rows.iterations, require_writable=True),

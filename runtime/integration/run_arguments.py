@@ -84,6 +84,8 @@ class RunArguments:
     excess: Any = 0.0
     #: Whether an event alone ends the run: its steps are not counted beforehand.
     open_end: bool = False
+    #: The impacts that its derivatives go through: by step, those within it, in their order.
+    hits: Mapping[int, Sequence[Any]] | None = None
 
     def constants(self, binding: Compiled) -> RunConstants:
         """Return the constant arguments of the compiled steps."""
@@ -95,6 +97,11 @@ class RunArguments:
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
         return -(-self.steps // self.every) if self.stored_steps is None else len(self.stored_steps)
+
+    @property
+    def impact_steps(self) -> list[int]:
+        """The whole steps before each step with impacts."""
+        return sorted(self.hits or ())
 
     def pilot(self, steps: int) -> Self:
         """Return the arguments of a short run from the same start, with the default solver."""

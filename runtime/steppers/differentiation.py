@@ -88,6 +88,7 @@ class Differentiation(Evaluation):
         self._derivative_bindings: list[DerivativeBinding] = []
         self._second_bindings: list[SecondBinding] = []
         self._controls: dict[str, str] = {}
+        self._jumps: Any = None
         self._deriving = threading.Lock()
         #: The name of each constraint.
         self.constraint_names = list(self.manifest.system.constraint_names)
@@ -132,6 +133,36 @@ class Differentiation(Evaluation):
                 binding = self._bound(load_module(self.name, files, "second"))
                 self._second_bindings.append(SecondBinding(binding, first))
         return self._second_bindings[0]
+
+    def _jump_binding(self) -> Callable[..., None]:
+        """The derivatives of impulses and rates of gaps, derived and compiled when first called.
+        """
+        with self._deriving:
+            if self._jumps is None:
+                derive = self._derive.of_others if self._derive is not None else None
+                if derive is None:
+                    raise InputError(
+                        f"Stepper {self.name} was read from a file, or sent to this process before "
+                        "derivatives of its impacts were first used; make it with "
+                        "gyrospark.stepper(...).")
+                binding = self._bound(load_module(self.name, derive.files(second=True), "jumps"))
+                if "impacts_by_state" not in dir(binding.lib) and not hasattr(
+                        binding.lib, f"{self.name}_impacts_by_state"):
+                    raise InputError(
+                        f"The gaps of {self.name} are too long for derivatives; use differences of "
+                        "runs.")
+                self._jumps = binding
+        binding = self._jumps
+
+        def fill(parameters: Any, t: Any, *arrays: Array) -> None:
+            time = binding.new(1)
+            time[0] = t
+            binding.function("impacts_by_state")(
+                binding.ffi.cast(f"{self.name}_parameters *", int(
+                    self._derivative_binding().own.ffi.cast("uintptr_t", parameters))),
+                *map(binding.pointer, (time, *arrays)))
+
+        return fill
 
     def _control_files(self) -> dict[str, str]:
         """Header, source and manifest of profile control, derived when first called."""
@@ -393,6 +424,8 @@ class Differentiation(Evaluation):
         """
         names = names_of(self, wrt)  # type: ignore[arg-type]
         self._refuse_scaled(second="second derivatives")
+        refuse_together(second="second derivatives", impacts=isinstance(run, Trajectory)
+                        and run.report.impacts > 0 and "a run with impacts")
         choose("solver", solver, ["auto", "newton", "fixed-point"])
         if (cotangents is None) == (loss is None):
             raise InputError("Give either cotangents or loss.")
@@ -416,8 +449,9 @@ class Differentiation(Evaluation):
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
         refuse_of_another(self, run)  # type: ignore[arg-type]
-        refuse_together(impacts=bool(run.report.impacts) and "a run with impacts",
-                        derivatives="derivatives")
+        if run.report.impacts and (run._origin is None or not run._origin.impacts):
+            raise InputError("The impacts of this trajectory are not known, for it was stored; "
+                             "integrate again for derivatives.")
         origin: Origin | None = run._origin
         if origin is None:
             refuse_forgotten(self, run)  # type: ignore[arg-type]

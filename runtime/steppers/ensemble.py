@@ -239,7 +239,7 @@ def integrate_members(
     impacts = as_impacts(events, stepper.manifest.system.event_quantities)
     if impacts:
         refuse_unusable(stepper, runs[int(np.argmin(runs.dt))], impacts,
-                        derivatives=tangents is not None and "tangents")
+                        tangents=tangents is not None and "tangents of an ensemble")
         return _with_impacts(stepper, runs, impacts, threads_of(workers), progress)
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))

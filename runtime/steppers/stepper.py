@@ -357,7 +357,7 @@ class Stepper(Dynamics):
         run = changed(run, open_end=True) if end_event else run
         rest: Any = self.binding.number(span) if span else 0
         if impacts:
-            refuse_unusable(self, run, impacts, derivatives=tangents is not None and "tangents")
+            refuse_unusable(self, run, impacts)
         if out is not None:
             step_count(steps, t_end, state.t, dt)
             stored: Trajectory = function_of("storage.record", "record")(

@@ -149,6 +149,14 @@ def hit(name, *pair, **options):
     return call
 
 
+def with_impact():
+    """Return the run of a ball that falls on a floor."""
+    z, pz = sp.symbols("z pz", real=True)
+    ball = gs.System((z,), (pz,), (), pz**2 / 2 + z, name="fallen", quantities={"floor": z})
+    return gs.stepper("G-L", 2, system=ball).integrate(
+        [0.1], [0.0], dt=0.1, steps=6, parameters={}, events=gs.Impact("floor"))
+
+
 def unhit(n=2, real="double", energy=False):
     """Refuse impacts of a stepper that costs much to compile."""
     stepper = SimpleNamespace(symmetries=(), binding=SimpleNamespace(
@@ -221,7 +229,10 @@ CALLS = {
     ("sweep", "float128"): swept("float128"),
     ("impacts", "other_runs"): swept(events=gs.Impact("q1")),
     ("impacts", "events"): hit("kepler", gs.Event("x")),
-    ("impacts", "derivatives"): hit("kepler", tangents=gs.Tangents()),
+    ("impacts", "second"): lambda: with_impact().hessian({"q": np.ones((7, 1))}),
+    ("impacts", "tangents"): many("kepler", events=gs.Impact("x"), tangents=gs.Tangents()),
+    ("reversed", "impacts"): lambda: with_impact().gradient(
+        {"q": np.ones((7, 1))}, memory="none"),
     ("impacts", "splitting"): lambda: gs.stepper(
         "splitting", order=2, system=systems.case("kepler").system).integrate(
             [1.0, 0.0], [0.0, 1.0], dt=0.1, steps=2, parameters={"k": 1.0},

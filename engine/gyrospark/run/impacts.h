@@ -44,7 +44,7 @@ typedef struct {
     IF_INPUTS(inputs_t inputs;)
     work_t *work;
     derivatives_t *d; /* scratch */
-    real dt, direction;
+    real origin, dt, direction; /* t of the start, of which gaps are functions */
     int gaps;
     const int *gap;
     const real *restitution;
@@ -67,7 +67,7 @@ static const constants *constants_at(impact_run *r, long n, real since)
 /* Evaluates the gaps of a state and their rates. */
 static void evaluate_gaps(impact_run *r, long n, real since, gap_state *s)
 {
-    const real t = time_origin(r->parameters) + (real)n*r->dt + since;
+    const real t = r->origin + (real)n*r->dt + since;
     const real at_rest[N] = { 0 };
     real v[N], force[N];
     rates_of_state(constants_at(r, n, since), s->q, s->p, v, force);
@@ -251,7 +251,7 @@ static int apply_impact(impact_run *r, const constants *at, const real row[N], r
 static void evaluate_gradients(impact_run *r, long n, real since, const gap_state *s,
     real rows[N][QUANTITIES], real drifts[QUANTITIES])
 {
-    const real t = time_origin(r->parameters) + (real)n*r->dt + since, zero[N] = { 0 };
+    const real t = r->origin + (real)n*r->dt + since, zero[N] = { 0 };
     quantity_rates_at(r->parameters, t, s->q, s->p, zero, zero, 1, drifts);
     for (int a = 0; a < N; ++a) {
         real unit[N] = { 0 };
@@ -263,7 +263,7 @@ static void evaluate_gradients(impact_run *r, long n, real since, const gap_stat
 /* Estimates the round-off of each gap. */
 static void update_margins(impact_run *r, long n, real since, const gap_state *s)
 {
-    const real t = time_origin(r->parameters) + (real)n*r->dt + since;
+    const real t = r->origin + (real)n*r->dt + since;
     real rows[N][QUANTITIES], drifts[QUANTITIES];
     evaluate_gradients(r, n, since, s, rows, drifts);
     for (int j = 0; j < r->gaps; ++j) {
@@ -447,7 +447,7 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
                 return status;
         }
         if (hit >= 0 && MATH(fabs)(r->from.gap[hit]) <= r->margin[hit]) {
-            const real t = time_origin(r->parameters) + (real)n*r->dt + *since + h;
+            const real t = r->origin + (real)n*r->dt + *since + h;
             if (MATH(fabs)(h) <= 8*epsilon*larger(MATH(fabs)(t), MATH(fabs)(r->dt))
                 || MATH(fabs)(h*r->from.rate[hit]) <= r->margin[hit])
                 return AT_REST;

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import tempfile
 import warnings
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -237,6 +239,18 @@ def test_a_store_is_resumed_in_the_middle_of_a_cascade(tmp_path, monkeypatch):
     assert_same_impacts(longer.impacts, whole.impacts)
 
 
+def test_a_store_ends_at_a_terminal_impact(tmp_path):
+    """Begun before it, resumed beyond."""
+    arguments = {"dt": 0.01, "parameters": {"m": 1, "g": 9.81}, "events": gs.Impact(
+        "floor", terminal=True)}
+    run = stepper("ball").integrate([1.0], [0.0], steps=100, **arguments)
+    stepper("ball").integrate([1.0], [0.0], steps=20, **arguments, out=tmp_path / "ball.zarr")
+    stored = gs.resume(tmp_path / "ball.zarr", steps=100)
+    assert stored.status == "ended: floor"
+    assert_same(stored, run)
+    assert_same_impacts(stored.impacts, run.impacts)
+
+
 def test_a_store_of_more_impacts_than_a_call_returns(tmp_path, monkeypatch):
     """Some thousand in each step: whole steps are stored."""
     small_blocks(monkeypatch, 2)
@@ -319,6 +333,84 @@ def test_work_at_impacts_and_between_steps():
     assert np.abs(H - 9.81 * 0.5 - hits.work + lost).max() < 1e-5
     between = run.at(np.linspace(0, 1, 41))
     assert np.abs(between.energy_error()).max() < 1e-5
+
+
+def differences(end, step):
+    """Return the derivative of a function of a number at 0 by differences of fourth order."""
+    return (8 * (end(step) - end(-step)) - (end(2 * step) - end(-2 * step))) / (12 * step)
+
+
+@cache
+def differentiable(name: str, *args: object) -> gs.Stepper:
+    """Return a stepper whose modules of derivatives are compiled."""
+    made = stepper(name, *args)
+    with budget.shared():
+        made._derivative_binding()
+        made._jump_binding()
+    return made
+
+
+@pytest.mark.parametrize(("scheme", "stages", "accuracy"), [
+    ("G-L", 2, 1e-10), ("EMS", None, 1e-8)])  # the round-off of differences
+def test_tangents_and_adjoint_through_impacts(scheme, stages, accuracy):
+    """Three impacts of the double pendulum, off the grid: by the start, parameters and dt."""
+    pendulum = differentiable("pendulum", scheme, stages)
+    run = swung(200, scheme=scheme, stages=stages, restitution=0.7, end=4.0,
+                tangents=gs.Tangents(parameters=["g", "width"], dt=True))
+    made, start, steps = run.tangents, np.concatenate([run.q[0], run.p[0]]), 200
+    assert len(run.impacts["gap"]) == 3
+    for k, name in enumerate(made.names):
+        def end(h, k=k, name=name):
+            values = {"g": 9.81, "width": 0.3, "dt": 0.02, "": start}
+            values["" if name.startswith("start") else name] = (
+                start + h * made.start[:, k] if name.startswith("start") else values[name] + h)
+            dt, z0 = values.pop("dt"), values.pop("")
+            moved = pendulum.integrate(
+                *pendulum.project(z0[:4], z0[4:], parameters=values), dt=dt, steps=steps,
+                parameters=values, events=gs.Impact("gap", restitution=0.7))
+            return np.concatenate([moved.q[-1], moved.p[-1]])
+
+        exact = made[name][-1]
+        step = {"dt": 1e-6, "width": 1e-4}.get(name, 3e-4)  # no impact crosses the grid
+        error = np.abs(differences(end, step) - exact).max()
+        assert error < accuracy * np.abs(exact).max(), name
+    rng = np.random.default_rng(0)
+    w = {name: rng.normal(size=(201, 4)) for name in "qp"}
+    gradient = run.gradient(w, wrt=["start", "g", "width", "dt"]).vector()
+    along = np.einsum("ij,ijk", w["q"], made.q) + np.einsum("ij,ijk", w["p"], made.p)
+    assert np.abs(gradient - along).max() < 1e-12 * np.abs(along).max()
+
+
+def test_derivatives_with_a_moving_wall_inputs_and_a_parameter_as_restitution():
+    ball, inputs = differentiable("dragged"), np.linspace(-1, 2, 20)[:, None]
+
+    def moved(start=(0.5, 0.2), m=1.3, g=9.81, c=0.9, dt=0.07, t0=0.3, push=inputs, **options):
+        return ball.integrate(
+            gs.Start([start[0]], [start[1]], {"m": m, "g": g, "c": c}, t=t0), dt=dt, steps=20,
+            inputs=push, events=gs.Impact("wall", restitution="c"), **options)
+
+    run = moved()
+    assert len(run.impacts["wall"]) > 1
+    w = {"q": np.cos(np.arange(21.0))[:, None], "p": np.sin(np.arange(21.0))[:, None]}
+    names = ["start", "m", "g", "c", "dt", "t0", "inputs"]
+    gradient = run.gradient(w, wrt=names)
+
+    def value(**changes):
+        moved_run = moved(**changes)
+        return (w["q"] * moved_run.q).sum() + (w["p"] * moved_run.p).sum()
+
+    for name, at, step in (("m", 1.3, 1e-4), ("g", 9.81, 1e-3), ("c", 0.9, 1e-4),
+                           ("dt", 0.07, 1e-6), ("t0", 0.3, 1e-4)):
+        assert differences(lambda h, name=name, at=at: value(**{name: at + h}), step) == (
+            pytest.approx(gradient[name], rel=1e-8)), name
+    for k in range(2):
+        direction = gradient.basis[:, k]
+        assert differences(lambda h, d=direction: value(start=h * d + [0.5, 0.2]), 1e-4) == (
+            pytest.approx(gradient["start"][k], rel=1e-8))
+    for step in (0, *run.impacts["wall"].steps[:2], 19):
+        unit = (np.arange(20) == step)[:, None]
+        assert differences(lambda h, unit=unit: value(push=inputs + h * unit), 1e-3) == (
+            pytest.approx(gradient["inputs"][step, 0], rel=1e-8, abs=1e-11))
 
 
 def test_a_moving_wall():
@@ -431,7 +523,17 @@ def test_files_have_the_impacts(tmp_path, ending):
     (lambda: gs.stepper("IMS", system=SYSTEMS["quartic"]).integrate(
         [0.5], [-1.0], dt=0.1, steps=9, parameters={}, events=gs.Impact("floor")), "quadratic"),
     (lambda: dropped(100).at(1.5), "outside"),
-    (lambda: dropped(100).gradient({"q": np.ones(101)}), "impacts"),
+    (lambda: dropped(100, tangents=gs.Tangents(), t_eval=[0.5]), "t_eval"),
+    (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="none"), "impacts"),
+    (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="1 kB"), "memory"),
+    (lambda: dropped(100).hessian({"q": np.ones((101, 1))}), "impacts"),
+    (lambda: stepper("ball").integrate([0.0], [-1.0], dt=0.1, steps=1, parameters={
+        "m": 1, "g": 9.81}, events=gs.Impact("floor"), tangents=gs.Tangents()), "start"),
+    (lambda: gs.load(dropped(100).save(Path(tempfile.mkdtemp()) / "x.npz")).gradient(
+        {"q": np.ones((101, 1))}, stepper=stepper("ball")), "stored"),
+    (lambda: stepper("cradle", "EMS", None).integrate(
+        [-0.5, 1, 2, 3, 4], [1, 0, 0, 0, 0], dt=0.3, steps=4, parameters={"m": 1},
+        events=[gs.Impact(f"gap{i}") for i in range(4)], tangents=gs.Tangents()), "at once"),
 ])
 def test_refusals(call, words):
     with pytest.raises(InputError, match=words):
