@@ -99,11 +99,11 @@ def copy_example(name: str, folder: Path) -> int:
     gyrospark examples copy satellite.toml
     gyrospark examples copy all --to examples
     """
-    known = {path.name: path for path in _examples()}
-    if name != "all" and name not in known:
-        raise InputError(f"There is no example {shown(name)}; choose {listed(known)}, or "
-                         f"all{proposal(name, known)}.")
-    chosen = list(known.values()) if name == "all" else [known[name]]
+    example_of_name = {path.name: path for path in _examples()}
+    if name != "all" and name not in example_of_name:
+        raise InputError(f"There is no example {shown(name)}; choose {listed(example_of_name)}, or "
+                         f"all{proposal(name, example_of_name)}.")
+    chosen = list(example_of_name.values()) if name == "all" else [example_of_name[name]]
     for path in chosen:
         if (folder / path.name).exists():
             raise InputError(f"{str(folder / path.name)!r} is there already; choose another folder "

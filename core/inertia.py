@@ -230,8 +230,9 @@ def refuse_impossible_inertias(
         moments = values if count == 3 else _moments_of_inverses(values)
         with np.errstate(over="ignore"):
             largest = moments.max(axis=1)
-            others = moments.sum(axis=1) - largest
-        impossible = ~(largest - others <= _TWO_DIGITS * largest)  # NaN of a singular J⁻¹ too
+            sums_of_smaller = moments.sum(axis=1) - largest
+        # also where a singular J⁻¹ has made them NaN
+        impossible = ~(largest - sums_of_smaller <= _TWO_DIGITS * largest)
         if impossible.any():
             body, *row = np.argwhere(impossible)[0].tolist()
             entries = values[(body, slice(None), *row)].tolist()

@@ -175,12 +175,13 @@ class Start:
         In scaled time a row of a run keeps H + e, which its steps made other than 0: with −p in
         place of p it leads back to the start of the run.
         """
-        own = {name: getattr(self, name) for name in ("q", "p", "parameters", "t", "inputs")}
-        if other := changes.keys() - own.keys():
+        present_values = {name: getattr(self, name)
+                          for name in ("q", "p", "parameters", "t", "inputs")}
+        if other := changes.keys() - present_values.keys():
             raise InputError(f"replace has no argument {min(other)!r}; it takes "
-                             f"{', '.join(own)}.")
-        start = Start(**own | changes).of_model(self._inertias, self._rules, self._spare,
-                                                self._span, self._impacts)
+                             f"{', '.join(present_values)}.")
+        start = Start(**present_values | changes).of_model(self._inertias, self._rules, self._spare,
+                                                           self._span, self._impacts)
         start._excess = self._excess
         return start
 

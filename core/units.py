@@ -57,9 +57,10 @@ def base_units(text: str) -> dict[str, Fraction]:
             known = [*_BASE, *_NAMED]
             raise InputError(f"The unit {shown(text)} is no product of {', '.join(known)}; write "
                              f'one such as "kg.m2" or "N.m/rad"{proposal(factor, known)}.')
-        own = ({} if name == "1" else {name: Fraction(1)} if name in _BASE
-               else base_units(_NAMED[name]))
-        found = combined((found, 1), (own, int(match[2] or 1) * (1 if sign == "." else -1)))
+        exponents_of_name = ({} if name == "1" else {name: Fraction(1)} if name in _BASE
+                             else base_units(_NAMED[name]))
+        found = combined((found, 1), (
+            exponents_of_name, int(match[2] or 1) * (1 if sign == "." else -1)))
     return found
 
 

@@ -163,7 +163,7 @@ class DiscreteFlow:
 
     # ------------------------------------------------------------ x from its parts
 
-    def parameters(self, given: Mapping[str, Any]) -> list[Any]:
+    def parameters(self, parameters: Mapping[str, Any]) -> list[Any]:
         """Return the values of a dict in the order of ``names``; rates left out are 0.
 
         Raises
@@ -172,17 +172,17 @@ class DiscreteFlow:
             For missing and unknown names, and for text in place of a number.
         """
         rates = {symmetry.name for symmetry in self.stepper.symmetries}
-        for name, value in given.items():
+        for name, value in parameters.items():
             if name not in self.names:
                 raise unknown("parameter", name, self.names)
             if isinstance(value, str):
                 raise InputError(f"Parameter {name} = {value!r} is no number; give one, such as "
                                  "gs.gamma(inertia).")
-        missing = [name for name in self.names if name not in given and name not in rates]
+        missing = [name for name in self.names if name not in parameters and name not in rates]
         if missing:
             raise InputError(f"Parameter {missing[0]!r} is not given; this stepper needs "
                              f"{', '.join(name for name in self.names if name not in rates)}.")
-        return [given.get(name, 0.0) for name in self.names]
+        return [parameters.get(name, 0.0) for name in self.names]
 
     # ------------------------------------------------------------ one row
 

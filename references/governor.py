@@ -39,7 +39,7 @@ def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
 
     q = _, beta, s = sp.symbols("psi beta s", real=True)
     v = turn, swing, slide = sp.symbols("psi_t beta_t s_t", real=True)
-    K, C, rest, g, m, M, ball, w, a = parameters = sp.symbols([*_VALUES], positive=True)
+    K, C, rest_length, g, m, M, ball, w, a = parameters = sp.symbols([*_VALUES], positive=True)
     sin, cos = sp.sin(beta), sp.cos(beta)
     about_hinge = m * (1 + w**2 / 4) / 3 + ball
     rod = (m * (a**2 + a * cos + cos**2 / 3 + w**2 * (2 * sin**2 + cos**2) / 12)
@@ -47,7 +47,7 @@ def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
     inertia = m * w**2 / 6 + M * (2 * a) ** 2 / 6 + 2 * rod
     kinetic = inertia * turn**2 / 2 + about_hinge * swing**2 + M * slide**2 / 2
     length = sp.sqrt(cos**2 / 4 + (1 - sin / 2 - s) ** 2)
-    potential = g * (M * s - (m + 2 * ball) * sin) + K * (length - rest) ** 2
+    potential = g * (M * s - (m + 2 * ball) * sin) + K * (length - rest_length) ** 2
     slopes = [sp.diff(length, x) for x in q]
     rate = sum(slope * x for slope, x in zip(slopes, v, strict=True))
     system = System.from_lagrangian(kinetic - potential, q, v, parameters, name="flyball_governor",

@@ -121,9 +121,9 @@ def resume(
     StorageError, StepFailed, Stopped
         As of ``Stepper.integrate``.
     """
-    kept = open_recording(path)
-    about, real = kept.attributes["run"], kept.manifest.real
-    stepper = kept.stepper
+    recording = open_recording(path)
+    about, real = recording.attributes["run"], recording.manifest.real
+    stepper = recording.stepper
 
     def number(value: Any) -> Any:
         return from_text(value, real)
@@ -205,16 +205,17 @@ def _existing_group(
 
 
 def _run_attributes(
-    stepper: Stepper, run: RunArguments, identity: dict[str, Any], kept: Recording | None = None
+    stepper: Stepper, run: RunArguments, identity: dict[str, Any],
+    recording: Recording | None = None
 ) -> dict[str, Any]:
-    """Return the attributes of a new run, or of one with more steps than ``kept``.
+    """Return the attributes of a new run, or of one with more steps than ``recording``.
 
     A last state off the storage interval does not belong to the longer run.
     """
-    begun = kept is not None and kept.report is not None
+    begun = recording is not None and recording.report is not None
     return {
         "title": f"{stepper.name}: {run.steps} steps of {float(run.dt):g} s",
         "status": RUNNING,
-        "states": kept.steps_done // run.every + 1 if kept is not None and begun else 0,
+        "states": recording.steps_done // run.every + 1 if recording is not None and begun else 0,
         "run": identity,
     }

@@ -276,9 +276,9 @@ class Recorder:
         if end is None or self.state.ended_by is not None:
             return
         self.state = replace(self.state, status=-1 - end.event)
-        place = self.state.steps // self.run.every + 1 - self.first
-        self.rows.assign(np.s_[place : place + 1], end.row)
-        self.rows.work[place] += self._report(self.state).work
+        row_in_block = self.state.steps // self.run.every + 1 - self.first
+        self.rows.assign(np.s_[row_in_block : row_in_block + 1], end.row)
+        self.rows.work[row_in_block] += self._report(self.state).work
         self.end = end.at.t  # in scaled time τ
 
     # ------------------------------------------------------------ committing

@@ -202,7 +202,7 @@ def _solve(floats: FloatConditions, x: Array, largest_weight: float) -> Array | 
     not depend on how conditions are scaled, some of which are nearly combinations of others.
     """
     k = len(floats.conditions.words)
-    F, J = (part[:k] for part in floats.evaluate(x))
+    F, J = (block[:k] for block in floats.evaluate(x))
     size = 1.0
     for _ in range(_ITERATIONS):
         if not np.abs(x).max() < largest_weight:  # or not a number
@@ -215,7 +215,7 @@ def _solve(floats: FloatConditions, x: Array, largest_weight: float) -> Array | 
         size = min(1.0, 4 * size, 1 / max(length, _NEAR))
         while True:
             y = x + size * step
-            F, J = (part[:k] for part in floats.evaluate(y))
+            F, J = (block[:k] for block in floats.evaluate(y))
             if np.linalg.norm(inverse @ F) <= (1 - size / 2) * length:
                 break
             size /= 2
@@ -260,10 +260,10 @@ def store(name: str, x: Sequence[float], note: str) -> None:
     texts = [f"{Decimal(text).quantize(last, context=context):f}" for text in digits]
     texts = [text.rstrip("0") if i in free else text for i, text in enumerate(texts)]
     stored = json.loads(PATH.read_text(encoding="utf-8"))
-    for part in ("weights", "drifts", "kicks", "gradients"):
-        if part in stored[name]:
-            count = len(stored[name][part])
-            stored[name][part], texts = texts[:count], texts[count:]
+    for kind_of_numbers in ("weights", "drifts", "kicks", "gradients"):
+        if kind_of_numbers in stored[name]:
+            count = len(stored[name][kind_of_numbers])
+            stored[name][kind_of_numbers], texts = texts[:count], texts[count:]
     stored[name]["found"] = note
     PATH.write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
 

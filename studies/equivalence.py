@@ -94,9 +94,9 @@ def stages_claim(norm: sp.Expr = 1) -> Claim:
     difference = (1 - sum(x**2 for x in Q)) * square / (8 * gamma)
     on_node = {Q[0] ** 2: norm - sum(x**2 for x in Q[1:])}
     shifted = multiplier + square / (8 * gamma)
-    left = [difference.diff(x).subs(on_node) for x in P]
-    left += [-difference.diff(x) - 2 * x * shifted + 2 * x * multiplier for x in Q]
-    holds = all(sp.expand(sp.expand(e).subs(on_node)) == 0 for e in left)
+    derivatives = [difference.diff(x).subs(on_node) for x in P]
+    derivatives += [-difference.diff(x) - 2 * x * shifted + 2 * x * multiplier for x in Q]
+    holds = all(sp.expand(sp.expand(e).subs(on_node)) == 0 for e in derivatives)
     return Claim(
         "With Λ^γ = Λ^α + |P_i|²/(8γ) a stage with |Q_i| = 1 has the same k_i and the same force "
         "k̂_i + k̃_i in both forms.",
@@ -170,7 +170,7 @@ def _stages(step: Stepper, s: int, rep: str, value: float) -> tuple[Array, Array
         x = x - np.linalg.solve(step.jacobian(x, q, p, **run_options),
                                 step.residual(x, q, p, **run_options))
     table = lobatto_iiiab(s).numeric(20)
-    A, A_hat = (np.array(part, dtype=float) for part in (table.A, table.A_hat))
+    A, A_hat = (np.array(table_rows, dtype=float) for table_rows in (table.A, table.A_hat))
     k, k_hat = x[: 4 * s].reshape(s, 4), x[4 * s : 8 * s].reshape(s, 4)
     Q = q + DT * A @ k
     push = -2 * Q * np.append(x[8 * s :], 0.0)[:, None]

@@ -97,7 +97,7 @@ def _ems_claim(engine: Engine) -> Claim:
     run, symmetries = engine.trajectory(case), engine.stepper(case).symmetries
     lost = [run.parameters[s.name] * s.momentum(run.q, run.p) for s in symmetries]
     energy = run.energy() - sum(lost)
-    size = abs(run.energy()[0]) + sum(abs(part[0]) for part in lost)
+    size = abs(run.energy()[0]) + sum(abs(losses[0]) for losses in lost)
     floor = float(np.finfo(float).eps) * case.steps * size
     mean_energy_error = float(abs(energy - energy[0]).mean())
     H = engine.mean(case, "H")

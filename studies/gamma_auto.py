@@ -113,9 +113,10 @@ def longer_claim(body: TrialBody, trials: list[Trial]) -> Claim:
                          "round-off excluded.", resolved_trials, LONGER)
 
 
-def _energy_claim(statement: str, kept: list[Trial], times: int) -> Claim:
-    gains = [trial.energy_gain(times=times) for trial in kept]
-    text = ", ".join(f"{trial.method} {_short(g)}" for trial, g in zip(kept, gains, strict=True))
+def _energy_claim(statement: str, resolved_trials: list[Trial], times: int) -> Claim:
+    gains = [trial.energy_gain(times=times) for trial in resolved_trials]
+    text = ", ".join(f"{trial.method} {_short(g)}"
+                     for trial, g in zip(resolved_trials, gains, strict=True))
     return Claim(statement, text, f"all at least 1/{ALLOWED}",
                  min(gains, default=1) >= 1 / (ALLOWED + 1e-4))
 

@@ -60,7 +60,7 @@ def variational(tableau: Tableau) -> bool:
     square = nodes.multiply(node_slope(nodes)) * weighted
     mu = node_numbers(tableau.s).mu
     constant = square - nodes.one * QQ.from_sympy(mu)
-    return all(part.is_zero_matrix for part in (symplectic_defect, closing, constant))
+    return all(matrix.is_zero_matrix for matrix in (symplectic_defect, closing, constant))
 
 
 def variational_claim(stages: Sequence[int]) -> Claim:
@@ -84,7 +84,7 @@ def symbolic_top() -> tuple[BodyFrameTop, Callable[[Expression], Expression]]:
     """
     polynomials, *symbols = ring("l1 l2 l3 G1 G2 G3 j1 j2", QQ)
     top = BodyFrameTop(symbols[:3], symbols[3:6], [*symbols[6:], polynomials.one], polynomials.one)
-    rates = [rate for part in top.rates() for rate in part]
+    rates = [rate for vector in top.rates() for rate in vector]
 
     def derivative(f: Expression) -> Expression:
         return sum((f.diff(x) * rate for x, rate in zip(symbols[:6], rates, strict=True)),

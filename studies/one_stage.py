@@ -32,8 +32,9 @@ def study(engine: Engine) -> Finding:
     runs = {name: [run("G-L", 1, DURATION / n, n, a, rep="alpha") for n in STEPS]
             for name, a in alphas.items()}
     long = run("G-L", 1, LONG_DT, LONG_STEPS, mean, rep="alpha")
-    claims = [*(order_claim(name, part, exact) for name, part in runs.items()),
-              iterations_claim([*(r for part in runs.values() for r in part), long]),
+    claims = [*(order_claim(name, runs_of_alpha, exact) for name, runs_of_alpha in runs.items()),
+              iterations_claim(
+                  [*(r for runs_of_alpha in runs.values() for r in runs_of_alpha), long]),
               bounded_claim(long), trend_claim(long)]
     return Finding("one-stage-alpha", "1-G-L-α does not diverge", _about(claims, long), claims,
                    [_order_panel(runs, exact), _energy_panel(long)])
@@ -68,7 +69,8 @@ def bounded_claim(motion: Trajectory) -> Claim:
     """Return the claim that the energy errors of the first and last quarter are equal."""
     errors = np.abs(energy_errors(motion))
     quarter = len(errors) // 4
-    first, last = (float(part.max()) for part in (errors[:quarter], errors[-quarter:]))
+    first, last = (float(errors_of_quarter.max())
+                   for errors_of_quarter in (errors[:quarter], errors[-quarter:]))
     return Claim(
         f"Largest energy error in the last quarter of {motion.report.steps} steps over the first.",
         f"{last / first:.5f}", "1 ± 0.01", abs(last / first - 1) < 0.01,
@@ -102,17 +104,18 @@ ratio of the last quarter to the first is {bounded.found}. A fitted straight lin
 
 
 def _order_panel(runs: dict[str, list[Trajectory]], exact: Trajectory) -> Panel:
-    series = [Series(f"α = {name}", [r.dt for r in part], [axis_error(r, exact) for r in part],
-                     "o-") for name, part in runs.items()]
+    series = [Series(f"α = {name}", [r.dt for r in runs_of_alpha],
+                     [axis_error(r, exact) for r in runs_of_alpha],
+                     "o-") for name, runs_of_alpha in runs.items()]
     return Panel("1-G-L-α: order", "Δt in s", "error of the unit axis", series, "log", "log")
 
 
 def _energy_panel(motion: Trajectory) -> Panel:
     """Show the extremes of the energy error in 200 equal parts of the run."""
     parts = np.array_split(energy_errors(motion), 200)
-    middles = [float(part.mean()) for part in np.array_split(motion.t, 200)]
+    middles = [float(times.mean()) for times in np.array_split(motion.t, 200)]
     return Panel(
         f"1-G-L-α: energy error, {motion.report.steps} steps", "t in s", "energy error in J",
-        [Series("largest", middles, [float(part.max()) for part in parts]),
-         Series("smallest", middles, [float(part.min()) for part in parts])],
+        [Series("largest", middles, [float(times.max()) for times in parts]),
+         Series("smallest", middles, [float(times.min()) for times in parts])],
     )

@@ -165,9 +165,9 @@ def _exact_reaches_further(cells: list[Cell]) -> Claim:
 def _types_reach_alike(cells: list[Cell]) -> Claim:
     """Exact Newton: γ and α of the same value allow the same Δt, orders 4 to 8."""
     def ratios(attribute: str) -> list[float]:
-        at = {(c.row, c.column): _number(getattr(c, attribute)) for c in cells}
-        return [a / at[row.replace("γ =", "α ="), column]
-                for (row, column), a in at.items()
+        value_of_cell = {(c.row, c.column): _number(getattr(c, attribute)) for c in cells}
+        return [a / value_of_cell[row.replace("γ =", "α ="), column]
+                for (row, column), a in value_of_cell.items()
                 if "γ =" in row and not row.startswith("2nd") and column in COLUMNS_8]
 
     ours, printed = ratios("ours"), ratios("paper")

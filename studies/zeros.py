@@ -195,8 +195,8 @@ EMS conserves H by construction; its error here is the error of l₃."""
 def _panel(law: ErrorLine, rules: dict[str, float]) -> Panel:
     x = list(law.x)
     quantity = "l₃ error in kg m²/s" if law.case.scheme == "EMS" else "energy error in J"
-    marks = [Series(f"1/{name}", [at, at], [min(law.y), max(law.y)], "--")
-             for name, at in rules.items()]
+    marks = [Series(f"1/{name}", [position, position], [min(law.y), max(law.y)], "--")
+             for name, position in rules.items()]
     return Panel(
         f"{law.case.name}-γ, Δt = {law.case.dt:g} s, zero at {law.zero:.1f}",
         "1/γ in 1/(kg m²)", quantity,

@@ -246,11 +246,12 @@ def _joint(joint: JointLayout) -> JointManifest:
                          **_vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero"))
 
 
-def _section(one: SectionLayout) -> SectionManifest:
-    spacing, damping = _entries([one.spacing, one.damping])
+def _section(section: SectionLayout) -> SectionManifest:
+    spacing, damping = _entries([section.spacing, section.damping])
     return SectionManifest(
-        beam=one.beam, arc=one.arc, ratio=one.ratio, spacing=spacing, holder=one.holder,
-        damping=damping, **_vectors(one, "stiffness", "rest", "turn", "extension"))
+        beam=section.beam, arc=section.arc, ratio=section.ratio, spacing=spacing,
+        holder=section.holder,
+        damping=damping, **_vectors(section, "stiffness", "rest", "turn", "extension"))
 
 
 def _vectors(source: JointLayout | SectionLayout | ConstraintForce, *names: str) -> dict[str, Any]:

@@ -113,8 +113,9 @@ class Constants:
             return e  # with constants hoisted, continuity at the switches could not be proved
         if e.is_Mul or e.is_Add:
             constants = [a for a in e.args if self._is_constant(a)]
-            others = [self.hoist(a) for a in e.args if not self._is_constant(a)]
-            return e.func(self.hoist(e.func(*constants)), *others) if constants else e.func(*others)
+            varying = [self.hoist(a) for a in e.args if not self._is_constant(a)]
+            return (e.func(self.hoist(e.func(*constants)), *varying) if constants
+                    else e.func(*varying))
         if e.is_Pow and self._is_constant(e.base):
             return sp.exp(self.hoist(e.exp * sp.log(e.base)))  # a logarithm a run, not a call
         return e.func(*(self.hoist(a) for a in e.args))

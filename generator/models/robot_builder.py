@@ -298,10 +298,10 @@ class RobotBuilder:
         """Return the placement of each body of the file, in its rigid part and in space."""
         return {body.name: self._mount(k, IDENTITY) for k, body in enumerate(self.robot.bodies)}
 
-    def _mount(self, body: int, place: Placement) -> Mount:
+    def _mount(self, body: int, placement: Placement) -> Mount:
         """Return where a frame of a body, −1 for space, is in what moves and in space."""
-        limb, inner = self.robot.limb(body), self.robot.inner(body).then(place)
-        space = place if body < 0 else self.poses.bodies[body].then(place)
+        limb, inner = self.robot.limb(body), self.robot.inner(body).then(placement)
+        space = placement if body < 0 else self.poses.bodies[body].then(placement)
         return Mount(self.frames[limb], Placement(inner.x - self.centres[limb], inner.R), space)
 
     # ------------------------------------------------------------ bodies

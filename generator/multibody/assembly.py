@@ -351,12 +351,12 @@ class Assembly:
             return joint_at(link, self.poses, [e for e in self._of_link[link] if e in equations],
                             parameters, values, is_counted)
 
-        own = (layout(link, link.name in counted) for link in self.links
-               if not isinstance(link, Slide) and not any(
+        joint_layouts = (layout(link, link.name in counted) for link in self.links
+                         if not isinstance(link, Slide) and not any(
                    isinstance(frame, MovingPoint | Particle) for frame in link.frames))
         aliases = (replace(layout(self.connections[joint], False), name=name, axis_a=(), axis_b=())
                    for name, joint in self.components.aliases.items())
-        return (*own, *aliases)
+        return (*joint_layouts, *aliases)
 
     def closed_state(self, numbers: NumericSystem) -> Projection:
         """Return the state with latches closed: p is projected, a plastic impact.

@@ -244,8 +244,9 @@ def hessian_of(
                                     z_bar_slope)
         columns.append(D.T @ changed)
         gradient[j] = dz @ space.pulled_back(z_bar)
-    found = np.array(columns).T
-    matrix, defect = (found + found.T) / 2, np.abs(found - found.T) / 2
+    rows_of_hessian = np.array(columns).T
+    matrix = (rows_of_hessian + rows_of_hessian.T) / 2
+    defect = np.abs(rows_of_hessian - rows_of_hessian.T) / 2
     size = float(np.abs(matrix).max(initial=0))
     asymmetry = float(defect.max(initial=0)) / size if size > 0 else 0.0
     return Hessian(matrix, asymmetry, names, gradient, space.basis(), value)

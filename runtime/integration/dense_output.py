@@ -93,7 +93,7 @@ def _states_at(
         since, of_t = elapsed[places.rows[after]], t[after] - trajectory.t[0]
         ends = stepper.binding.times(0 * since, dt, done[after] + 1)
         reach = _reach(stepper, trajectory.t[0], elapsed[-1])
-        steps, rest = _counted(stepper, ends, dt, of_t, reach)
+        steps, remainders = _counted(stepper, ends, dt, of_t, reach)
         passed = np.array((1 if dt > 0 else -1) * (of_t - ends) >= -reach, bool)
         leaving = after[passed]
         if len(leaving):
@@ -102,7 +102,7 @@ def _states_at(
         begun[leaving], done[leaving] = trajectory.t[0] + ends[passed], done[leaving] + 1
         places.steps[after] = np.where(passed, steps, 0)
         places.rest[after] = np.where(
-            passed, rest, np.where(abs(of_t - since) <= reach, 0 * since, of_t - since))
+            passed, remainders, np.where(abs(of_t - since) <= reach, 0 * since, of_t - since))
     for limit, group in _parts(trajectory, places):
         _go(stepper, trajectory, fill, targets, group, begun[group], np.full(len(group), dt),
             begun=done[group], steps=places.steps[group], step_limit=limit)

@@ -119,7 +119,7 @@ class Stepper(Dynamics):
                 ("H", textwrap.shorten(str(system.hamiltonian), _LONGEST, placeholder=" …")),
                 ("parameters", few(name if domain == "real" else f"{name} ({domain})"
                                    for name, domain in domains)),
-                *((what, few(names)) for what, names in (
+                *((label, few(names)) for label, names in (
                     ("inputs", self.binding.input_names), ("bodies", system.bodies),
                     ("joints", system.joints),
                     ("quantities", system.quantities),
