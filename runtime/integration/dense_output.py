@@ -324,12 +324,14 @@ def _places_in_scaled_time(
     steps = np.zeros(len(t), int)
     if step_limit:
         states = run_together(stepper, q, p, none, dt, columns, fill, step_limit).rows
+        # the last coordinate is t
         passed = ahead * states.q[:, :, -1].astype(t.dtype) <= ahead * t[:, None] + reach
         steps = np.where(gaps > 1, passed.sum(axis=1) - 1, 0)
         indices = np.arange(len(t))
         q, p = states.q[indices, steps], states.p[indices, steps]
     remainders, ends = none.copy(), (q, p)
     parameters = binding.parameters(trajectory.parameters)
+    # Newton's method for t(τ) = t, with dt/dτ = σ at the end so far; δτ stays within one step
     for _ in range(_NEWTON):
         missing = t - ends[0][:, -1].astype(t.dtype)
         open_ = np.abs(missing) > reach

@@ -165,7 +165,9 @@ class Stepper(Dynamics):
                 "parameters", parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names}
         arguments = (dt, solver, parameters)
+        # one for each thread: threads share a stepper, and not the memory of its solver
         previous_step: ContinuedStep | None = getattr(self._local, "previous_step", None)
+        # gone until this step has succeeded: a step that fails leaves no memory to go on from
         self._local.previous_step = None
         if previous_step is None or not previous_step.continues(q, p, t0, arguments):
             run = self._checked_run(self._run_arguments(

@@ -95,6 +95,8 @@ class Fmu:
                 state = slave.keep()
                 first_end: list[float] = []
                 second_end: list[float] = []
+                # twice from one saved state: a state that does not hold all of the solver's memory
+                # shows here
                 for end_state in (first_end, second_end):
                     slave.restore(state)
                     for step in range(_STEPS):
