@@ -9,6 +9,7 @@ Open first: ``gradient.gradient_of``.
     binding             the compiled module of derivatives; steps with their unknowns
     kept_steps          steps of a run that are kept; a single one with its derivatives
     points              states within steps, at given times and at events, with derivatives
+    impacts             a step with impacts: derivatives of its parts, jumps and times
     tangent_run         tangents along a run
     gradient            gradients of functions of a run
     second_order        Hessians of functions of a run, and the module for them
