@@ -7,7 +7,6 @@ Open first: ``gradient.gradient_of``.
     frame               states of a co-moving frame in space, and their derivatives
     tangent_space       directions of a start on the constraints
     binding             the compiled module of derivatives; steps with their unknowns
-    impacts             steps with impacts: parts, jumps, shifts of their times
     kept_steps          steps of a run that are kept; a single one with its derivatives
     points              states within steps, at given times and at events, with derivatives
     impacts             a step with impacts: derivatives of its parts, jumps and times
