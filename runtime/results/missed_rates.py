@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.warnings import warn
 
@@ -13,36 +14,64 @@ if TYPE_CHECKING:
 
 __all__ = ["warn_of_missed_rate"]
 
-#: Rows that are looked at, the last ones; fewest.
-_LOOKED_AT, _FEWEST = 1 << 14, 16
+Array = NDArray[Any]
+
+#: Rows that are looked at, the last ones, so many at a time; fewest, for few do not span a motion.
+_LOOKED_AT, _AT_ONCE, _FEWEST = 1 << 20, 1 << 14, 32
 #: Coordinates whose range is below this part of their size are constant.
 _CONSTANT = 1e-9
-#: Scaled steps may change a coordinate by this multiple of what constant steps do.
+#: Order of the differences: of first ones a pulse has no more than a later rotation.
+_ORDER = 4
+#: As many constant steps may be shorter by this factor, for equal differences.
 _WORSE = 1.3
 
 
 def warn_of_missed_rate(trajectory: Trajectory) -> None:
     """Warn if steps in scaled time resolve the motion worse than as many constant steps.
 
-    A step changes coordinate or momentum z by |Δz|, in parts of the range of z: at most a in these
-    steps, and about c = max |Δz/Δt| T/N in N constant steps. A scale that sees all rates makes a
-    smaller than c. A run that stores not every step is not looked at.
+    The error of steps h grows with h^r |z⁽ʳ⁾|. Of scaled steps that is the difference |Δʳz| of
+    r + 1 rows, of N constant ones in a time T about (T/N)^r r! |z[t_k, …, t_(k+r)]| with the
+    divided difference; r = 4. A scale that sees all rates makes the largest |Δʳz|, in parts of the
+    range of z, smaller than the largest of constant steps. A run that stores not every step is not
+    looked at.
     """
-    rows = slice(-_LOOKED_AT, len(trajectory) - 1)  # the last step may end at t_end
-    z = np.concatenate([trajectory.q[rows], trajectory.p[rows]], axis=1).astype(float)
-    if trajectory.every != 1 or len(z) < _FEWEST:
+    count = min(len(trajectory) - 1, _LOOKED_AT)  # the last step may end at t_end
+    if trajectory.every != 1 or count < _FEWEST:
         return
-    steps = np.abs(np.diff(trajectory.t[rows].astype(float)))
-    reach = np.ptp(z, axis=0)
-    moves = reach > _CONSTANT * np.abs(z).max(axis=0)
-    changes = np.abs(np.diff(z[:, moves], axis=0)) / reach[moves]
-    scaled = changes.max(axis=0, initial=0)
-    constant = (changes / steps[:, None]).max(initial=0) * steps.mean()
-    if not scaled.max(initial=0) > _WORSE * constant:
+    rows = slice(len(trajectory) - 1 - count, len(trajectory) - 1)
+    t, states = trajectory.t[rows].astype(float), (trajectory.q[rows], trajectory.p[rows])
+    reach, size = (np.concatenate([measure(x, axis=0) for x in states]).astype(float)
+                   for measure in (np.ptp, _largest))
+    moves, step = reach > _CONSTANT * size, abs(t[-1] - t[0]) / (count - 1)
+    scaled = constant = np.zeros(np.count_nonzero(moves))
+    for first in range(0, count - _ORDER, _AT_ONCE):
+        block = slice(first, first + _AT_ONCE + _ORDER)
+        z = np.concatenate([x[block] for x in states], axis=1).astype(float)
+        z = z[:, moves] / reach[moves]
+        scaled = np.maximum(scaled, _largest(np.diff(z, _ORDER, axis=0), axis=0))
+        constant = np.maximum(constant, _largest(_divided(z, t[block] / step), axis=0))
+    worst = int(np.argmax(scaled)) if len(scaled) else 0
+    if not len(scaled) or not scaled[worst] > _WORSE**_ORDER * constant.max():
         return
-    names = [*trajectory.coordinates, *trajectory.momenta]
-    name = names[np.flatnonzero(moves)[int(np.argmax(scaled))]]
-    warn(f"A step in scaled time changes {name} by up to {scaled.max():.2g} of its range; as many "
-         f"constant steps would change no coordinate or momentum by more than {constant:.2g}: "
-         "time_scale misses a rate of the motion. Add it to gyrospark.scales.rates(...), or leave "
-         "time_scale out.")
+    name = [*trajectory.coordinates, *trajectory.momenta][np.flatnonzero(moves)[worst]]
+    factor = (scaled[worst] / constant.max()) ** (1 / _ORDER)
+    warn(f"Steps in scaled time resolve {name} at worst as constant steps {factor:.2g} times as "
+         "long as as many of them are: time_scale misses a rate of the motion. Add it to "
+         "gyrospark.scales.rates(...), or leave time_scale out.")
+
+
+def _divided(z: Array, t: Array) -> Array:
+    """Return r! z[t_k, …, t_(k+r)], 0 where it is round-off."""
+    differences = z
+    for j in range(1, _ORDER + 1):
+        differences = np.diff(differences, axis=0) * (j / (t[j:] - t[:-j]))[:, None]
+    shortest = np.abs(np.diff(t))
+    for _ in range(_ORDER - 1):
+        shortest = np.minimum(shortest[1:], shortest[:-1])
+    noise = 2.0 ** (2 * _ORDER) * np.finfo(float).eps / shortest**_ORDER
+    return np.where(np.abs(differences) > noise[:, None], differences, 0)
+
+
+def _largest(x: Array, axis: int) -> Array:
+    largest: Array = np.abs(x).max(axis=axis)
+    return largest
