@@ -80,7 +80,7 @@ def fit(
     observed = _names(observe)
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
-    state, _ = start_of(step, start, begin)
+    state = start_of(step, start, begin)
     outcome = fitted(
         step, state, times, rows, observe=observed,
         dt=None if dt is None else real_number("--dt", dt),

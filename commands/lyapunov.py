@@ -67,7 +67,7 @@ def lyapunov(
     between = whole_number("--every", every)
     exponent_count = None if count is None else whole_number("--count", count)
     _, step, start, begin = started(problem, set, choice)
-    state, _ = start_of(step, start, begin)
+    state = start_of(step, start, begin)
     size, number = steps_for(start, begin, {"dt": dt, "steps": steps, "t_end": t_end})
     with progress_bar(number, quiet=as_json, least=_BAR_FROM) as progress:
         spectrum = exponents_of(step, state, dt=size, steps=number,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeGuard
@@ -21,6 +21,8 @@ from .registry import function_of
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
+
+    from .event import Event, Impact
 
 __all__ = ["GAMMA_M", "HasStart", "Rule", "Start", "as_start", "has_start"]
 
@@ -59,7 +61,9 @@ class Start:
 
     ``Model.start``, ``Simulation.start``, the problems' ``start`` and a row of a trajectory,
     ``run[-1]``, are starts. γ and α that are left out are found by rule, γ_m unless the model
-    says another, from the inertia that the run has in the end.
+    says another, from the inertia that the run has in the end. The numbers of a model or a problem
+    are typed, or meet the constraints for other parameters: a run moves them onto its constraints,
+    with a warning where this is more than round-off.
 
     Parameters
     ----------
@@ -100,8 +104,10 @@ class Start:
         self._rules: Mapping[str, str] = {}
         #: Time step and number of steps of the model's runs, None where it names none.
         self._span: tuple[Any, Any] = None, None
-        #: Impacts of the model's runs.
-        self._impacts: tuple[Impact, ...] = ()
+        #: Events and impacts of the model's runs.
+        self._events: tuple[Event | Impact, ...] = ()
+        #: Whether it is a model's, whose numbers steps move onto the constraints of their run.
+        self._nominal = False
         #: Parameters that some steppers of the system do not have.
         self._spare: frozenset[str] = frozenset()
         #: H + e of a state in scaled time: 0 where a run starts, later what its steps made of that.
@@ -180,19 +186,20 @@ class Start:
         if other := changes.keys() - present_values.keys():
             raise InputError(f"replace has no argument {min(other)!r}; it takes "
                              f"{', '.join(present_values)}.")
-        start = Start(**present_values | changes).of_model(self._inertias, self._rules, self._spare,
-                                                           self._span, self._impacts)
-        start._excess = self._excess
+        start = Start(**present_values | changes)
+        for name in ("_inertias", "_rules", "_span", "_events", "_spare", "_excess"):
+            setattr(start, name, getattr(self, name))
+        start._nominal = self._nominal and changes.keys().isdisjoint(("q", "p"))
         return start
 
     def of_model(
         self, inertias: Mapping[str, Any], rules: Mapping[str, str],
         spare: frozenset[str] = frozenset(), span: tuple[Any, Any] = (None, None),
-        impacts: tuple[Impact, ...] = (),
+        events: Sequence[Event | Impact] = (),
     ) -> Self:
-        """Set a model's bodies, rules for γ and α, dt, steps and impacts; return the start."""
+        """Set a model's bodies, its rules for γ and α, dt, steps and events; return the start."""
         self._inertias, self._rules, self._spare, self._span = inertias, rules, spare, span
-        self._impacts = impacts
+        self._events, self._nominal = tuple(events), True
         return self
 
 

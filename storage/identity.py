@@ -47,6 +47,7 @@ def identity_of(
         "dt": digits_of(run.dt),
         "steps": run.steps,
         "every": run.every,
+        **({"t_end": digits_of(run.t_end), "rest": digits_of(run.rest)} if run.rest else {}),
         "solver": run.solver,
         "tolerance": None if run.tolerance is None else digits_of(run.tolerance),
         "max_iterations": run.max_iterations,

@@ -6,7 +6,7 @@ bits of ``Stepper.integrate``, for any number of interruptions.
 
 from __future__ import annotations
 
-from fractions import Fraction
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,10 @@ from ..core.exact_numbers import Number
 from ..core.progress import Progress, as_progress, log_progress
 from ..core.records import changed
 from ..core.solver import Solver
+from ..runtime.bindings.array_checks import as_real
 from ..runtime.bindings.real_numbers import from_text
 from ..runtime.events.impacts import refuse_unusable
-from ..runtime.integration.run_arguments import RunArguments, step_count
+from ..runtime.integration.run_arguments import RunArguments, span_of
 from ..runtime.results.rotation_rate import LOOKED_AT
 from ..runtime.steppers.stepper import Stepper
 from .array_layout import (
@@ -35,7 +36,7 @@ from .checkpoint import checkpoint_size
 from .durable_files import new_store_path, remove_parts, storage_errors
 from .identity import identity_of, refuse_if_different, versions
 from .recorder import Recorder
-from .recording import Recording, group_of, open_recording, source_of
+from .recording import Recording, events_in, group_of, open_recording, source_of
 from .staging import created_atomically, is_new, writer_lock
 from .validation import COMPLETE, ENDED, FAILED, RUNNING, refuse_other_arrays
 from .writer import CURE
@@ -136,7 +137,12 @@ def resume(
     dt, t0 = number(about["dt"]), number(about["t0"])
     if stepper.binding.clocked and t_end is not None:
         raise InputError("Steps in scaled time adapt; give steps in place of t_end.")
-    count = about["steps"] if t_end is None and steps is None else step_count(steps, t_end, t0, dt)
+    count, rest = about["steps"], number(about.get("rest", 0.0))
+    end = number(about["t_end"]) if "t_end" in about else None
+    if t_end is not None or steps is not None:
+        count, part = span_of(steps, t_end, t0, dt)
+        rest = stepper.binding.number(part)
+        end = as_real("t_end", t_end, stepper.binding.number) if part else None
     tolerance = about["tolerance"]
     n, (q0, p0) = stepper.n, ([number(x) for x in about[name]] for name in ("q0", "p0"))
     t0, = q0[n:] or [t0]  # in scaled time the coordinates that are stepped have the time
@@ -146,11 +152,8 @@ def resume(
         solver=Solver(about["solver"], None if tolerance is None else number(tolerance),
                       about["max_iterations"])))
     run.p[n:] = p0[n:]
-    events = tuple(Impact(one["quantity"], Fraction(one["restitution"]), name, one["terminal"])
-                   if "restitution" in one else
-                   Event(one["quantity"], Fraction(one["level"]), one["direction"],
-                         terminal=one["terminal"], name=name)
-                   for name, one in about.get("events", {}).items())
+    run = replace(run, rest=rest, t_end=end)
+    events = events_in(about)
     return record(stepper, run, events, path, resume=True, progress=progress)
 
 
@@ -170,7 +173,7 @@ def _opened(
     }
     with storage_errors(path, _NEW):
         with created_atomically(path) as fresh:
-            create(fresh, fields_of(stepper.manifest), run.rows + 1,
+            create(fresh, fields_of(stepper.manifest), run.stored_states,
                    checkpoint_size(stepper.binding, events), about,
                    fields_of_events(stepper.manifest, identity.get("events", {})),
                    source_of(stepper, any(isinstance(event, Impact) for event in events)))
@@ -184,9 +187,13 @@ def _existing_group(
     """Return the group of an existing store of this run, or of its first steps."""
     kept = Recording.read(path)
     begun = kept.attributes["run"]
-    longer = run.steps > begun["steps"] and not kept.status.startswith(FAILED)
-    refuse_if_different(begun | ({"steps": run.steps} if longer else {}), identity,
-                        f"The store {str(path)!r}")
+    rest = float(from_text(begun.get("rest", 0.0), kept.manifest.real))
+    longer = (run.steps, abs(float(run.rest))) > (begun["steps"], abs(rest)) and not (
+        kept.status.startswith(FAILED))
+    spans = ("steps", "t_end", "rest")
+    refuse_if_different({name: x for name, x in begun.items() if name not in spans}
+                        | {name: identity[name] for name in spans if name in identity}
+                        if longer else begun, identity, f"The store {str(path)!r}")
     if kept.status.startswith(ENDED):
         return group_of(path)
     fields = fields_of(stepper.manifest)
@@ -198,7 +205,7 @@ def _existing_group(
         refuse_other_arrays(path, group_of(path), fields, {rows, coming or rows}, checkpoint,
                             of_events)
         if longer or coming is not None:
-            extend(path, kept.attributes["arrays"], run.rows + 1,
+            extend(path, kept.attributes["arrays"], run.stored_states,
                    _run_attributes(stepper, run, identity, kept) if longer else {})
         remove_parts(path)
         return group_of(path, write=True)
@@ -214,7 +221,8 @@ def _run_attributes(
     """
     begun = recording is not None and recording.report is not None
     return {
-        "title": f"{stepper.name}: {run.steps} steps of {float(run.dt):g} s",
+        "title": f"{stepper.name}: {run.steps} steps of {float(run.dt):g} s"
+                 + (f", to {float(run.t_end):g} s" if run.rest else ""),
         "status": RUNNING,
         "states": recording.steps_done // run.every + 1 if recording is not None and begun else 0,
         "run": identity,

@@ -17,16 +17,19 @@ from typing import Any
 import numpy as np
 import zarr
 
-from ..core.errors import InputError, Stopped
+from ..core.errors import InputError, StepFailed, Stopped
 from ..core.event import Event, Impact
 from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.run_memory import Rows, RunState
-from ..runtime.events.observer import observer_of
+from ..runtime.events.last_step import counted_from_start, ends_within, report_to_end, row_of
+from ..runtime.events.location import ending
+from ..runtime.events.observer import observed, observer_of
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import ChunkSize, ended_at, next_chunk
 from ..runtime.results.crossings import Crossings
 from ..runtime.results.diagnostics import Report
+from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 from .array_layout import (
     CHECKPOINT,
@@ -62,6 +65,9 @@ class Recorder:
     def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...],
                  path: Path, group: zarr.Group) -> None:
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
+        self.stepper = stepper
+        #: The last part of a step, to t_end between two steps, once it is taken.
+        self.last_part: Trajectory | None = None
         self.manifest, self.fields = stepper.manifest, fields_of(stepper.manifest)
         self.block = array_of(group, "time").chunks[0]
         self.constants = run.constants(self.binding)
@@ -72,6 +78,8 @@ class Recorder:
         #: Count of each event up to the last commit; time of the one that ended the run.
         self.counts = np.zeros(len(events), int)
         self.end: Any = None
+        #: When the last crossing of each event was.
+        self._latest: dict[str, Any] = {}
         self.observer = observer_of(stepper, run, self.events) if events else None
         self._step_on = self.binding.integrate if self.observer is None else self.observer.advance
         self.state, self.first, self.rows = self._resume_state()
@@ -109,7 +117,8 @@ class Recorder:
         counts = [] if progress is None else progress.counts.tolist()
         stored = [array_of(self.group, fields[0].name).shape[0]
                   for fields in self._event_fields.values()]
-        if (checkpoint.steps > self.run.steps or self._states(checkpoint) > self.run.rows + 1
+        if (checkpoint.steps > self.run.steps
+                or self._states(checkpoint) > self.run.stored_states
                 or any(count > stored_count
                        for count, stored_count in zip(counts, stored, strict=True))):
             raise ValueError("its checkpoint is ahead of what is stored")
@@ -123,9 +132,12 @@ class Recorder:
             self.counts = checkpoint.event_progress.counts
             assert self.observer is not None
             self.observer.go_on(checkpoint.run, checkpoint.event_progress.memory)
-            for fields, count in zip(self._event_fields.values(), self.counts.tolist(),
-                                     strict=True):
+            for (name, fields), count in zip(self._event_fields.items(), self.counts.tolist(),
+                                             strict=True):
                 refuse_missing_blocks(self.path, self.group, 0, count, names_of(fields))
+                if count:
+                    elapsed = next(one for one in fields if one.name.endswith("_elapsed"))
+                    self._latest[name] = self._stored(elapsed.name, elapsed.wide, count - 1, 1)[0]
         names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
             EventStore(self.group, self.manifest, self._asked).grow(
@@ -144,7 +156,8 @@ class Recorder:
         run = self.run
         if state.ended_by is not None:
             return state.steps // run.every + 2
-        return run.rows + 1 if state.steps == run.steps else state.steps // run.every + 1
+        complete = state.steps == run.steps and (self.last_part is not None or not run.rest)
+        return run.stored_states if complete else state.steps // run.every + 1
 
     def _empty(self) -> Rows:
         """Return a block of rows; the start has no multipliers."""
@@ -202,10 +215,14 @@ class Recorder:
                                                 self.run, self.block))
             self._compute(writer, interrupts, progress)
             self._commit(writer)
+            if (self.run.rest and self.state.steps == self.run.steps and not self._has_ended()
+                    and not interrupts.requested):
+                self._take_last_part(writer)
         if interrupts.requested and self.state.status <= 0:
             ended = self.state.status < 0
-            end_text = ended_at(self.state.steps, self.state.steps if ended else self.run.steps)
-            continuation = ("It is" if ended or self.state.steps == self.run.steps else
+            left = self.run.steps - self.state.steps + bool(self.run.rest and not self.last_part)
+            end_text = ended_at(self.state.steps, self.state.steps + (0 if ended else left))
+            continuation = ("It is" if ended or not left else
                             "The same command with --resume continues it: everything up to there "
                             "is")
             raise Stopped(f"{end_text} {continuation} in {str(self.path)!r}.", interrupts.signal)
@@ -250,6 +267,38 @@ class Recorder:
         self.state = CheckpointState(state, status=status)
         self._end_at_event()
 
+    def _take_last_part(self, writer: Writer) -> None:
+        """Take the part of a step to t_end, and commit its end as the last row."""
+        run, state, binding = self.run, self.state.run, self.binding
+        t = binding.times(run.t0, run.dt, np.array([run.steps]))[0]
+        elapsed = binding.times(0 * run.t0, run.dt, np.array([run.steps]))[0]
+        try:
+            last = observed(self.stepper, run.part_of_step(state.q, state.p, t), self.events, None)
+        except StepFailed as error:
+            status = next(code for code, text in REASONS.items() if text == error.reason)
+            self.state = replace(self.state, status=status)
+            self._commit(writer)
+            return
+        begun = self._report(self.state).work
+        crossings = {name: counted_from_start(one, run.steps, elapsed, begun,
+                                              self._latest.get(name))
+                     for name, one in (last.impacts or last.events).items()}
+        place = run.steps // run.every + 1 - self.first
+        most = int(self.rows.iterations[place]) if run.steps % run.every else 0
+        if place == self.block:
+            self.first, place = self.first + self.block, 0
+            self.rows = self._next_block(writer)
+        self.rows.assign(np.s_[place : place + 1], row_of(last, begun + last.work[-1:]))
+        self.last_part, self.state = last, replace(self.state, most=most)
+        self.end = np.array([run.t_end], last.t.dtype)
+        if ends_within(self.events, last, run.dt):
+            self.end = last.t[-1:]
+            name = ending(self.events, last.events, run.dt) or max(
+                last.impacts, key=lambda gap: max(last.impacts[gap].elapsed, default=0 * elapsed))
+            names = [event.name for event in self.events]
+            self.state = replace(self.state, status=-1 - names.index(name))
+        self._commit(writer, crossings=crossings)
+
     # ------------------------------------------------------------ events
 
     def _commit_events(self) -> dict[str, Crossings]:
@@ -283,17 +332,23 @@ class Recorder:
 
     # ------------------------------------------------------------ committing
 
-    def _commit(self, writer: Writer, *, reusable: bool = False) -> None:
+    def _commit(
+        self, writer: Writer, *, reusable: bool = False,
+        crossings: dict[str, Crossings] | None = None,
+    ) -> None:
         """Commit the filled part of the block, and the state of the run.
 
-        The writer may give ``reusable`` rows back; whole blocks are not copied.
+        The writer may give ``reusable`` rows back; whole blocks are not copied. ``crossings`` are
+        those since the last commit, by default what the observer has seen.
         """
-        crossings = self._commit_events()
+        if crossings is None:
+            crossings = self._commit_events()
+        self._latest |= {name: one.elapsed[-1] for name, one in crossings.items() if len(one)}
         state, run = self.state, self.run
         count = self._states(state) - self.first
         row = state.steps // run.every + 1 - self.first  # of a row that is begun
-        begun = state.steps % run.every and state.ended_by is None
-        iterations_so_far = int(self.rows.iterations[row]) if begun else 0
+        begun = state.steps % run.every and state.ended_by is None and self.last_part is None
+        iterations_so_far = int(self.rows.iterations[row]) if begun else state.most
         counts = {event.name: int(n) for event, n in zip(self.events, self.counts, strict=True)}
         self.counts = self.counts + [len(crossings.get(name, ())) for name in counts]
         checkpoint = replace(state, most=iterations_so_far, event_progress=self._event_progress())
@@ -314,8 +369,12 @@ class Recorder:
     def _report(self, state: CheckpointState) -> Report:
         run = state.run
         report = Report.read(run.record, run.q, run.p, self.binding)
-        return (report if self.observer is None else
-                self.observer.reported(report, int(self.counts.sum())))
+        if self.observer is not None:
+            report = self.observer.reported(report, int(self.counts.sum()))
+        if self.last_part is None:
+            return report
+        to_end = report_to_end(report, self.last_part, report.work + float(self.last_part.work[-1]))
+        return replace(to_end, impacts=report.impacts)
 
     def _run_attributes(self, state: CheckpointState) -> dict[str, Any]:
         """Return the attributes of the run so far."""
@@ -324,7 +383,9 @@ class Recorder:
         elif state.status:
             status = FAILED + REASONS[state.status]
         else:
-            status = COMPLETE if state.steps == self.run.steps else RUNNING
+            complete = state.steps == self.run.steps and (
+                self.last_part is not None or not self.run.rest)
+            status = COMPLETE if complete else RUNNING
         attributes = {"status": status, "steps_done": state.steps, "states": self._states(state),
                       "report": asdict(self._report(state))}
         counts = {event.name: int(n) for event, n in zip(self.events, self.counts, strict=True)}

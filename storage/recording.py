@@ -6,7 +6,8 @@ import json
 import operator
 import os
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from ..core.arguments import listed
 from ..core.calls import explain_arguments
 from ..core.errors import InputError, StepFailed
+from ..core.event import Event, Impact
 from ..core.html import card
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
@@ -29,11 +31,22 @@ from ..runtime.results.run_arrays import OUTPUTS, States, labels_of, parts, toge
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.differentiation import Derive
 from ..runtime.steppers.stepper import Stepper, stepper_of
-from .array_layout import SOURCE, array_of, fields_of_events, names_of, open_group, wide_name
+from .array_layout import (
+    CHECKPOINT,
+    SOURCE,
+    array_of,
+    fields_of_events,
+    names_of,
+    open_group,
+    wide_name,
+)
+from .checkpoint import unpack
 from .durable_files import one_line, store_path
 from .event_store import crossings_in
 from .identity import written_by
 from .validation import (
+    COMPLETE,
+    ENDED,
     FAILED,
     UNREADABLE,
     checked_attributes,
@@ -45,7 +58,9 @@ from .validation import (
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Recording", "group_of", "open_recording", "source_of"]
+    from ..core.start import Start
+
+__all__ = ["Recording", "events_in", "group_of", "open_recording", "source_of"]
 
 Array = NDArray[Any]
 
@@ -131,6 +146,11 @@ class Recording(Trajectory):
                     self.__dict__.setdefault(output.attribute, array)
                 return self.__dict__[name]
             return super().__getattr__(name)
+
+    @property
+    def ended_by(self) -> str | None:
+        """The name of the event that ended the run, None if none has."""
+        return self.status.removeprefix(ENDED) if self.status.startswith(ENDED) else None
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the path of the store."""
@@ -220,6 +240,20 @@ class Recording(Trajectory):
 
     def _maker(self, stepper: Any, call: str) -> Any:
         return super()._maker(self.stepper if stepper is None else stepper, call)
+
+    @property
+    def grid_end(self) -> Start:
+        """The state of the last whole step; see ``Trajectory``."""
+        if self.status != COMPLETE or "rest" not in self.attributes["run"]:
+            return super().grid_end
+        binding, run, real = self.stepper.binding, self.attributes["run"], self.manifest.real
+        checkpoint = unpack(binding, np.asarray(array_of(self._group, CHECKPOINT)[:]),
+                            events_in(run))
+        assert checkpoint is not None  # of a complete run
+        t0, dt = (from_text(run[name], real) for name in ("t0", "dt"))
+        t = binding.times(t0, dt, np.array([run["steps"]]))[0]
+        start: Start = self[-1].replace(q=checkpoint.run.q, p=checkpoint.run.p, t=t)
+        return start
 
     @property
     def rows(self) -> int:
@@ -332,6 +366,15 @@ def source_of(stepper: Stepper, impacts: bool = False) -> bytes:
     if impacts:
         files |= {_DERIVATIVES + name: text for name, text in stepper._derivative_files().items()}
     return zlib.compress(json.dumps(files, sort_keys=True).encode(), 9)
+
+
+def events_in(run: Mapping[str, Any]) -> tuple[Event | Impact, ...]:
+    """Return the events or impacts of a run from its attributes."""
+    return tuple(Impact(one["quantity"], Fraction(one["restitution"]), name, one["terminal"])
+                 if "restitution" in one else
+                 Event(one["quantity"], Fraction(one["level"]), one["direction"],
+                       terminal=one["terminal"], name=name)
+                 for name, one in run.get("events", {}).items())
 
 
 def group_of(path: Path, *, write: bool = False) -> zarr.Group:

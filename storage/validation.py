@@ -114,7 +114,7 @@ def _check_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
             continue
         if not _is_count(run.get(name), lower_bound):
             yield f"run.{name} is {run.get(name)!r}"
-    for name in ("dt", "t0"):
+    for name in ("dt", "t0", *(("t_end", "rest") if "rest" in run else ())):
         if not _is_number(run.get(name), real):
             yield f"run.{name} is {run.get(name)!r}"
     parameters = run.get("parameters")
@@ -145,11 +145,12 @@ def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> I
         yield f"status is {status!r}"
     elif ended and not about["events"].get(status.removeprefix(ENDED)):
         yield f"status is {status!r}, and that has not happened"
-    elif (status == COMPLETE) is not (done == run["steps"]) and about.get("report") is not None:
+    elif (status == COMPLETE) is not (done == run["steps"]) and about.get("report") is not None \
+            and not (done == run["steps"] and "rest" in run):  # t_end is still to be reached
         yield f"status is {status!r} after {done} of {run['steps']} steps"
     if about.get("report") is None:
         expected = done  # nothing is
-    elif done == run["steps"]:
+    elif done == run["steps"] and (status == COMPLETE or "rest" not in run):
         expected = rows_of(run)
     else:
         expected = done // run["every"] + 1 + ended
@@ -203,6 +204,8 @@ def rows_of(run: Mapping[str, Any]) -> int:
     """Return the number of states of the whole run, which a saved run has as an attribute."""
     if "rows" in run:
         return int(run["rows"])
+    if "rest" in run:  # the last row is the state at t_end
+        return int(run["steps"]) // int(run["every"]) + 2
     return -(-int(run["steps"]) // int(run["every"])) + 1
 
 

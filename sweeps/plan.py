@@ -13,8 +13,8 @@ from ..core.inertia import refuse_impossible_inertias
 from ..core.warnings import warn
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..runtime.bindings.array_checks import as_positive_count
+from ..runtime.integration.consistency import text_of_move
 from ..runtime.integration.run_arguments import step_argument
-from ..runtime.steppers.stepper import Stepper
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
 from .study import Study, checked_study
 from .sweep_model import base_parameters, resolve, starts
@@ -22,8 +22,6 @@ from .tiles import cells_of, tiles_of
 
 __all__ = ["plan"]
 
-#: Round-off of a projected start, in ε of its size: of equations with a condition of thousands.
-_ROUNDING = 4096
 
 
 def plan(
@@ -97,17 +95,6 @@ def _points(name: str, table: Any, step_name: str) -> tuple[Axis, int | None]:
     return random_axis(name, ranges, table["count"], seed), seed
 
 
-def _warn_of_moved(stepper: Stepper, original: Any, moved: Any, kind_of_names: str) -> None:
-    """Warn if the projection moved a start by more than round-off."""
-    old, new = (np.asarray(x, dtype=float) for x in (original, moved))
-    change = np.abs(new - old)
-    k = int(np.argmax(change))
-    if change[k] > _ROUNDING * stepper.binding.epsilon * np.abs(old).max():
-        name = getattr(stepper.manifest.system, kind_of_names)[k]
-        warn(f"The start of the sweep is off the constraints; {name} = {old[k]:.9g} is moved "
-             f"furthest, to {new[k]:.9g}.")
-
-
 def _warn_of_moved_start(study: Study, parameters: dict[str, float]) -> None:
     """Warn if the model's start is off the constraints, at the model's own parameters.
 
@@ -119,5 +106,7 @@ def _warn_of_moved_start(study: Study, parameters: dict[str, float]) -> None:
     own_parameters = {name: float(axis.columns[name][0]) for axis in study.axes
                       for name in axis.columns if name in stepper.parameter_domains}
     q, p = stepper.project(study.q, study.p, parameters=own_parameters | parameters, t=study.t0)
-    _warn_of_moved(stepper, study.q, q, "coordinates")
-    _warn_of_moved(stepper, study.p, p, "momenta")
+    system = stepper.manifest.system
+    for old, new, names in ((study.q, q, system.coordinates), (study.p, p, system.momenta)):
+        if change := text_of_move(stepper.binding, old, new, names):
+            warn(change)

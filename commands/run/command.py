@@ -13,7 +13,6 @@ import click
 from ...core.arguments import listed
 from ...core.errors import GyrosparkError, StepFailed, Stopped
 from ...core.interrupts import catch_signals
-from ...core.real_types import REALS
 from ...core.registry import MODELS, PROBLEMS, RULES
 from ...core.warnings import capture_warnings, warn
 from ...runtime.bindings.binding import SOLVERS
@@ -150,9 +149,7 @@ def run(
         for line in map(": ".join, step.manifest.warnings):
             click.echo(line)
     defaults, search = with_options(step, start, gamma, alpha, frame)
-    # The problem's start is on the constraints to double only, a file's to its own digits.
-    state, moved = start_of(step, defaults, begin,
-                            project=chosen is None or REALS[step.manifest.real].wide)
+    state = start_of(step, defaults, begin)
     method = solver_from(solver)
     state, size, span, tuning = tuned(
         step, state, defaults, begin,
@@ -177,8 +174,6 @@ def run(
                 else:
                     warn(message)
             result = result_of(start, step, done, begin)
-            if moved:
-                result["start_moved"] = moved
             if tuning is not None:
                 result |= about_tuning(tuning)
             if chosen is not None and chosen.exact is not None:

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
-from ...core.event import Event, Impact, as_events, as_impacts, event_of_text, with_restitutions
+from ...core.event import Event, Impact, as_events, as_impacts, event_of_text
 from ...core.file_formats import ending_of, endings, format_of
-from ...core.incompatibilities import refuse_together
 from ...runtime.plotting.show import ENDINGS
 from ..options import check_ending, check_film, check_picture, check_writable
 from .choices import steps_of
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from ...core.start import Start
     from ...runtime.results.trajectory import Trajectory
     from ...runtime.steppers.stepper import Stepper
-    from ...storage.recording import Recording
 
 __all__ = ["RunOutcome", "check_targets", "events_of", "integrate_to", "stored_location"]
 
@@ -55,6 +53,8 @@ class RunOutcome:
     out: str | None
     trouble: GyrosparkError | Stopped | None
     ended_by: str | None = None
+    #: Whether the last row is the state at a t_end between two steps.
+    between_steps: bool = False
 
 
 def check_targets(
@@ -85,10 +85,12 @@ def check_targets(
 def events_of(
     texts: tuple[str, ...], model_events: Sequence[Event | Impact], step: Stepper
 ) -> dict[str, Any]:
-    """Return the argument for the model's own events and impacts, and what --event adds."""
+    """Return the argument for the model's own events and what --event adds, where it does."""
+    if not texts:
+        return {}
     events = [*model_events, *map(_named, texts)]
     names = step.manifest.system.event_quantities
-    return {"events": as_impacts(events, names) or as_events(events, names)} if events else {}
+    return {"events": as_impacts(events, names) or as_events(events, names)}
 
 
 def _named(text: str) -> Event:
@@ -140,14 +142,12 @@ def _in_memory(
     count = steps_of(arguments, start.t, arguments.get("dt"))
     if isinstance(trouble, Stopped) and count:
         trouble = _told(trouble, trajectory.report.steps, count, written)
+    origin = trajectory._origin
+    events = () if origin is None else (*origin.events, *origin.impacts)
+    ended_by = next((event.name for event in events
+                     if event.terminal and len(trajectory.events.get(event.name, ()))), None)
     return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
-                _ended_by(trajectory, arguments))
-
-
-def _ended_by(trajectory: Trajectory, arguments: dict[str, Any]) -> str | None:
-    """Return the name of the event that has ended a run."""
-    ends = (event.name for event in arguments.get("events", ()) if event.terminal)
-    return next((name for name in ends if len(trajectory.events.get(name, ()))), None)
+                      ended_by, trajectory._grid is not None)
 
 
 def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
@@ -164,39 +164,21 @@ def _stored(
     step: Stepper, start: Start, store: Path, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool,
 ) -> RunOutcome:
-    from ...runtime.events.impacts import refuse_unusable
-    from ...runtime.integration.run_arguments import step_count
-    from ...storage.record import record
+    from ...storage.recording import Recording, open_recording
+    from ...storage.validation import COMPLETE
 
-    clocked = step.binding.clocked
-    if "t_end" in arguments:  # refused, as it lies between two steps
-        refuse_together(stored="a stored run (--out)", open_end=clocked and "t_end in scaled time")
-        step_count(None, arguments["t_end"], start.t, arguments["dt"])
-    if clocked:
-        arguments = {**arguments, "dt": arguments["dtau"], "excess": 0.0}
-    before = _open(store).steps_done if resume and store.exists() else 0
+    before = open_recording(store).steps_done if resume and store.exists() else 0
     trouble: GyrosparkError | Stopped | None = None
     started = time.perf_counter()
     try:
-        run = step._resolved(step._run_arguments(start.q, start.p, **{
-            "parameters": start.parameters, "t0": start.t,
-            **{name: x for name, x in arguments.items() if name not in ("events", "dtau")}}))
-        names = step.manifest.system.event_quantities
-        asked = arguments.get("events", ())
-        impacts = as_impacts(asked, names)
-        refuse_unusable(step, run, impacts)
-        events: Any = with_restitutions(impacts, run.parameters) or as_events(asked, names)
-        recording = record(step, run, events, store, resume=resume, progress=progress)
+        recording = step._recorded(step._integration(start, None, **arguments), store, progress,
+                                   resume=resume)
     except (StepFailed, Stopped) as error:
-        trouble, recording = error, _open(store)
+        trouble, recording = error, open_recording(store)
+    assert isinstance(recording, Recording)
     seconds = time.perf_counter() - started
     shown = recording[:: -(-len(recording) // _SHOWN)]
     last = recording[-1:]
     return RunOutcome(shown, last, seconds, recording.steps_done - before, str(store), trouble,
-                _ended_by(shown, arguments))
-
-
-def _open(store: Path) -> Recording:
-    from ...storage.recording import open_recording
-
-    return open_recording(store)
+                recording.ended_by,
+                recording.status == COMPLETE and "rest" in recording.attributes["run"])

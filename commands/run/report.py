@@ -24,6 +24,8 @@ __all__ = ["about_tuning", "as_text", "axis_errors", "json_text", "result_of", "
 
 #: Largest change of a coordinate, beside the largest of them, that is none: some round-off.
 _AT_REST = 1e-13
+#: Largest move of a start onto the constraints, in parts of its size, that is none: typed digits.
+_MOVED = 1e-12
 
 
 def json_text(result: dict[str, Any]) -> str:
@@ -54,7 +56,7 @@ def result_of(
     report = trajectory.report
     end = float(t0) + report.steps * float(trajectory.dt)
     clocked = step.binding.clocked
-    if trajectory._grid is not None or clocked:
+    if done.between_steps or clocked:
         end = float(trajectory.t[-1])
     result: dict[str, Any] = {
         "problem": start.name,
@@ -110,6 +112,10 @@ def result_of(
         result["events"] = {name: {"t": [float(t) for t in crossings.t],
                                    "rising": crossings.rising.tolist()}
                             for name, crossings in events.items()}
+    moved = max(float(np.abs(np.subtract(x, x0)).max()) for x, x0 in (
+        (done.trajectory.q[0], start.q0), (done.trajectory.p[0], start.p0)))
+    if moved > _MOVED * max(map(abs, (*start.q0, *start.p0))):
+        result["start_moved"] = moved
     if done.ended_by is not None:
         result["ended"] = {"event": done.ended_by, "t": float(events[done.ended_by].t[0])}
     if done.steps < report.steps:
@@ -212,9 +218,6 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
     if "ended" in result:
         lines.append("  ended                   by event {event} at t = {t:.12g} s".format(
             **result["ended"]))
-    if "start_moved" in result:
-        lines.append("  start                   moved onto the constraints by "
-                     f"{result['start_moved']:.2e}")
     if "tuned" in result:
         numbers = result["tuned"]["parameters"] | {"dt": result["tuned"]["dt"]}
         values = ", ".join(f"{name} = {x:.8g}" for name, x in numbers.items())

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 from ...core.arguments import proposal
 from ...core.errors import InputError
 from ...core.registry import Entry, entry_named
-from ...core.start import Start
 from ...generator.spec import is_model_file
-from ...runtime.rigid_body.gamma_rules import mean_inertia
 from ...runtime.steppers.run_defaults import RunDefaults
 from ..options import real_number, spec_from
 
 if TYPE_CHECKING:
+    from ...core.start import Start
     from ...runtime.rigid_body.problems import Problem
     from ...runtime.steppers.stepper import Stepper
 
@@ -94,21 +93,7 @@ def settings_of(settings: tuple[str, ...]) -> dict[str, str]:
     return changes
 
 
-def start_of(
-    step: Stepper, defaults: RunDefaults, t0: float, *, project: bool = True
-) -> tuple[Start, float]:
-    """Return the start, moved onto the constraints, and by how much if a reader shall know.
-
-    A number typed with all its digits is not worth a word.
-    """
+def start_of(step: Stepper, defaults: RunDefaults, t0: float) -> Start:
+    """Return the start with those parameters that the stepper has."""
     values = {name: x for name, x in defaults.parameters.items() if name in step.parameter_domains}
-    (q, p), moved = defaults.state, 0.0
-    if project:
-        means = {name: mean_inertia(inertia) for name, inertia in defaults.bodies.items()
-                 if name in step.parameter_domains}
-        q, p = step.project(q, p, parameters=means | values, t=t0)
-        moved = max((abs(float(new) - float(old)) for new, old in zip(
-            [*q, *p], [*defaults.q0, *defaults.p0], strict=True)), default=0.0)
-        size = max(map(abs, (*defaults.q0, *defaults.p0)))
-        moved = moved if moved > 1e-12 * size else 0.0
-    return Start(q, p, values, t0).of_model(defaults.bodies, defaults.rules), moved
+    return defaults.start.replace(parameters=values, t=t0)

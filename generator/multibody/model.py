@@ -58,8 +58,8 @@ class Model:
         "symmetries" where its steppers shall have co-moving frames, whose rates are the least
         squares of the start unless a run is given others.
     events : tuple of Event and Impact
-        Impacts of its runs, which ``step.integrate(model, ...)`` has; and events, which it looks
-        for if it is asked: ``step.integrate(..., events=model.events)``. ``gyrospark run`` does.
+        Events and impacts of its runs, unless these are given others:
+        ``events=[*model.events, another]``; impacts stay unless others are given.
     units : mapping of str to str
         SI unit of parameters, inputs, coordinates, momenta or quantities, "kg.m2" or "N.m/rad";
         manifests complete them by those that follow.
@@ -210,8 +210,7 @@ class Model:
         """Where a run of it starts; γ and α without a value are found by its rules."""
         rules = {**self.rules, **({"frame": "start"} if self.frame else {})}
         return Start(self.q0, self.p0, self.parameters).of_model(
-            self.bodies, rules, span=(self.dt, self.steps),
-            impacts=tuple(event for event in self.events if isinstance(event, Impact)))
+            self.bodies, rules, span=(self.dt, self.steps), events=self.events)
 
     def equilibrium(self) -> Model:
         """Return the model that starts at rest in static equilibrium, near its start.

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event, Impact
 from ...core.records import changed
-from ..bindings.array_checks import as_real
 from ..bindings.run_memory import Rows
 from ..integration.run_arguments import RunArguments
 from ..results.crossings import Crossings, Impacts
+from ..results.diagnostics import Report
 from ..results.run_arrays import flat_multipliers
 from ..results.trajectory import Trajectory
 from .location import ending
@@ -24,16 +24,17 @@ from .observer import observed, with_row
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["ended_between"]
+__all__ = ["counted_from_start", "ended_between", "ends_within", "joined_with_part",
+           "report_to_end", "row_of"]
 
+Array = NDArray[Any]
 CrossingsType = TypeVar("CrossingsType", bound=Crossings)
 
 
 def ended_between(
     stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact], trajectory: Trajectory,
-    remaining_time: Fraction, t_end: Any,
 ) -> Trajectory:
-    """Return a run of whole steps with one more row: the state ``remaining_time`` later, at t_end.
+    """Return a run of whole steps with one more row: the state ``run.rest`` later, at t_end.
 
     The row of its last whole step is left out, unless ``every`` or ``t_eval`` stores it. A run that
     a terminal event, or a gap that stays closed, has ended is returned as it is; one in the last
@@ -47,61 +48,80 @@ def ended_between(
     if (trajectory.report.steps < run.steps
             or ending(events, trajectory.events, run.dt) is not None):
         return trajectory
-    binding, whole_steps = stepper.binding, run.steps
-    last_elapsed = trajectory.elapsed[-1]
-    grid = trajectory[len(trajectory) - 1]
-    partial_run = replace(run.at_step(whole_steps), q=trajectory.q[-1].copy(),
-                          p=trajectory.p[-1].copy(), t0=trajectory.t[-1],
-                          dt=binding.number(remaining_time), steps=1, every=1, inputs=None,
-                          stored_steps=None)
+    part = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
     try:
-        last_trajectory = observed(stepper, partial_run, events, None)
+        last = observed(stepper, part, events, None)
     except StepFailed as error:
-        raise StepFailed(step=whole_steps + 1, t=error.t, reason=error.reason,
-                         trajectory=trajectory,
+        raise StepFailed(step=run.steps + 1, t=error.t, reason=error.reason, trajectory=trajectory,
                          increment=error.increment, dt=error.dt, detail=error.detail,
                          cure=error.cure) from None
     except Stopped as error:
         error.trajectory = trajectory
         raise
-    if last_trajectory.report.steps and ending(events, last_trajectory.events, run.dt) is None:
-        end = as_real("t_end", t_end, binding.number)
-        times = (np.array([end], trajectory.t.dtype),
-                 np.array([last_elapsed + partial_run.dt], trajectory.elapsed.dtype))
+    return joined_with_part(stepper, run, events, trajectory, last)
+
+
+def ends_within(events: Sequence[Event | Impact], last: Trajectory, dt: Any) -> bool:
+    """Whether an event, or a gap that stays closed, ends the last part of a step."""
+    return not last.report.steps or ending(events, last.events, dt) is not None
+
+
+def joined_with_part(
+    stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact], trajectory: Trajectory,
+    last: Trajectory,
+) -> Trajectory:
+    """Return a run of whole steps and, in place of its last row, the end of ``last``."""
+    last_elapsed, grid = trajectory.elapsed[-1], trajectory[len(trajectory) - 1]
+    if ends_within(events, last, run.dt):
+        times = last.t[-1:], last_elapsed + last.elapsed[-1:]
     else:
-        times = last_trajectory.t[-1:], last_elapsed + last_trajectory.elapsed[-1:]
-    stored = run.stored_steps is not None or whole_steps % run.every == 0
+        times = (np.array([run.t_end], trajectory.t.dtype),
+                 np.array([last_elapsed + run.rest], trajectory.elapsed.dtype))
+    stored = run.stored_steps is not None or run.steps % run.every == 0
     row_count = len(trajectory) - (not stored)
-    work = trajectory.work[-1] + last_trajectory.work[-1:]
-    report = replace(
-        trajectory.report, q=tuple(map(float, last_trajectory.q[-1].tolist())),
-        p=tuple(map(float, last_trajectory.p[-1].tolist())), work=float(work[0]),
-        impacts=trajectory.report.impacts + last_trajectory.report.impacts,
-        constraint_max=max(trajectory.report.constraint_max, last_trajectory.report.constraint_max),
-        momentum_constraint_max=max(trajectory.report.momentum_constraint_max,
-                                    last_trajectory.report.momentum_constraint_max))
-    joined = with_row(stepper, trajectory, row_count, times, Rows(
-        last_trajectory.q[-1:], last_trajectory.p[-1:], flat_multipliers(last_trajectory)[-1:],
-        last_trajectory.iterations[-1:], work))
-    crossings = {name: _joined(run, before, last_trajectory.events[name], trajectory)
-                 for name, before in trajectory.events.items()}
-    impacts = {name: _joined(run, before, last_trajectory.impacts[name], trajectory)
-               for name, before in trajectory.impacts.items()}
-    return changed(joined, report=report, events=crossings, impacts=impacts, _grid=grid)
+    work = trajectory.work[-1] + last.work[-1:]
+    joined = with_row(stepper, trajectory, row_count, times, row_of(last, work))
+    crossings, impacts = ({name: _joined(run, before, part[name], trajectory)
+                           for name, before in whole.items()}
+                          for whole, part in ((trajectory.events, last.events),
+                                              (trajectory.impacts, last.impacts)))
+    return changed(joined, report=report_to_end(trajectory.report, last, float(work[0])),
+                   events=crossings, impacts=impacts, _grid=grid)
+
+
+def row_of(last: Trajectory, work: Array) -> Rows:
+    """Return the last row of the part of a step, with the work of the whole run."""
+    return Rows(last.q[-1:], last.p[-1:], flat_multipliers(last)[-1:], last.iterations[-1:], work)
+
+
+def report_to_end(report: Report, last: Trajectory, work: float) -> Report:
+    """Return the report of a run of whole steps and of its last part of a step."""
+    return replace(
+        report, q=tuple(map(float, last.q[-1].tolist())), p=tuple(map(float, last.p[-1].tolist())),
+        work=work, impacts=report.impacts + last.report.impacts,
+        constraint_max=max(report.constraint_max, last.report.constraint_max),
+        momentum_constraint_max=max(report.momentum_constraint_max,
+                                    last.report.momentum_constraint_max))
 
 
 def _joined(
     run: RunArguments, earlier: CrossingsType, last: CrossingsType, trajectory: Trajectory
 ) -> CrossingsType:
-    """Return the crossings of a run and of its last part of a step.
+    """Return the crossings of a run and of its last part of a step."""
+    latest = earlier.elapsed[-1] if len(earlier) else None
+    return earlier.joined(counted_from_start(last, run.steps, trajectory.elapsed[-1],
+                                             trajectory.work[-1], latest))
 
-    A crossing at the end of the last whole step is in both of them.
+
+def counted_from_start(
+    last: CrossingsType, steps: int, elapsed: Any, work: Any, latest: Any
+) -> CrossingsType:
+    """Return the crossings of the last part of a step, counted from the start of the run.
+
+    ``steps``, ``elapsed`` and ``work`` are those of the whole steps, ``latest`` is when the last
+    crossing before was: one at the end of the last whole step is that one.
     """
-    last_elapsed = trajectory.elapsed[-1]
-    only_in_last = np.array(last.elapsed != 0 * last_elapsed, bool) | (
-        not (len(earlier) and earlier.elapsed[-1] == last_elapsed))
-    last = replace(last._selected(only_in_last), steps=last.steps[only_in_last] + run.steps,
-                   elapsed=last.elapsed[only_in_last] + last_elapsed)
-    if isinstance(last, Impacts):
-        last = replace(last, work=last.work + trajectory.work[-1])
-    return earlier.joined(last)
+    new = np.array(last.elapsed != 0 * elapsed, bool) | (latest is None or latest != elapsed)
+    last = replace(last._selected(new), steps=last.steps[new] + steps,
+                   elapsed=last.elapsed[new] + elapsed)
+    return replace(last, work=last.work + work) if isinstance(last, Impacts) else last

@@ -142,7 +142,7 @@ def section(
     if not isinstance(event, Event):
         raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
     state = merged_starts(stepper, starts, p, parameters)
-    count = steps_of_all(steps, t_end, state.t, dt)
+    count, _ = steps_of_all(steps, t_end, state.t, dt)
     ensemble = stepper.integrate_ensemble(
         Start(state.q, state.p, t=state.t), dt=dt, steps=count, every=max(count, 1),
         parameters=state.parameters, solver=solver, workers=workers, events=event,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -19,16 +19,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
+from ...core.errors import GyrosparkError, InputError
 from ...core.manifest import Manifest
 from ...core.projection import project
+from ...core.start import Rule
+from ..bindings.array_checks import as_real
 from ..bindings.binding import Binding, CompiledConstraints
 from ..bindings.run_memory import ParameterStruct
+from ..rigid_body.gamma_rules import is_inertia_parameter
 
 if TYPE_CHECKING:
+    from ..steppers.evaluation import Evaluation
     from .run_arguments import RunArguments
 
-__all__ = ["Defects", "defects_of_starts", "refuse_inconsistent", "refuse_singular_mass"]
+__all__ = ["Defects", "defects_of_starts", "moved_onto_constraints", "refuse_inconsistent",
+           "refuse_singular_mass", "text_of_move"]
 
 Array = NDArray[Any]
 
@@ -36,6 +41,10 @@ Array = NDArray[Any]
 _MOST_COORDINATES = 2000
 #: Fractions by which a state is moved as a whole.
 _DRAWS = 2
+#: Round-off of a projected start, in ε of its size: of equations with a condition of thousands.
+_ROUNDING = 4096
+#: What typed digits are off by, in parts of the size: not worth a warning.
+_TYPED = 1e-12
 #: Numbers up to which floats are faster than arrays.
 _FEW = 32
 
@@ -72,6 +81,49 @@ def defects_of_starts(
         if within.all() or binding.n > _MOST_COORDINATES:
             break
     return defects
+
+
+def moved_onto_constraints(
+    stepper: Evaluation, q: Any, p: Any, parameters: Mapping[str, Any], t: Any
+) -> tuple[Any, Any, str]:
+    """Return the start of a model on the constraints of a run, and a text if it moved far.
+
+    A start on them keeps its bits. What cannot be moved is returned as it is: the check of the run
+    says why, after those of its other arguments.
+    """
+    binding = stepper.binding
+    if not binding.conditions:
+        return q, p, ""
+    values = dict.fromkeys(binding.input_names, 0.0) | {
+        name: value if not isinstance(value, Rule) else Rule("m", value.inertia)
+        for name, value in parameters.items()
+        if not isinstance(value, Rule) or is_inertia_parameter(name)}
+    try:
+        state = stepper._state(q, p)
+        t0 = as_real("t", t, binding.number)
+        compiled_parameters = binding.parameters(stepper.check_parameters(values), t0)
+        begun = binding.start_in_scaled_time(compiled_parameters, *state, t0)
+        with np.errstate(all="ignore"):
+            if _is_plainly_consistent(binding, compiled_parameters, *begun):
+                return q, p, ""
+            moved = stepper._projected(*begun, compiled_parameters)
+    except GyrosparkError:
+        return q, p, ""
+    system = stepper.manifest.system
+    q_moved, p_moved = (x[: binding.shown] for x in moved)
+    return q_moved, p_moved, (text_of_move(binding, state[0], q_moved, system.coordinates)
+                              or text_of_move(binding, state[1], p_moved, system.momenta))
+
+
+def text_of_move(binding: Binding, old: Array, new: Array, names: Sequence[str]) -> str:
+    """Return a sentence on how far a projection moved a start; empty if by round-off alone."""
+    old, new = (np.asarray(x, dtype=float) for x in (old, new))
+    change = np.abs(new - old)
+    k = int(np.argmax(change))
+    if change[k] <= max(_ROUNDING * binding.epsilon, _TYPED) * np.abs(old).max():
+        return ""
+    return (f"The start is off the constraints; {names[k]} = {old[k]:.9g} is moved furthest, to "
+            f"{new[k]:.9g}.")
 
 
 def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments) -> None:

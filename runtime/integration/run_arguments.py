@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from ..bindings.compiled_module import Compiled
     from ..steppers.stepper import Stepper
 
-__all__ = ["OPEN", "EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
-           "as_parameters", "checked_runs", "end_of_run", "in_scaled_time", "refuse_texts",
-           "span_of", "step_argument", "step_count", "steps_until", "warn_of_late_start",
-           "warn_of_negative", "with_rules"]
+__all__ = ["OPEN", "EnsembleArguments", "Integration", "Origin", "ParameterCheck", "RawArguments",
+           "RunArguments", "as_parameters", "checked_runs", "end_of_run", "in_scaled_time",
+           "refuse_texts", "span_of", "step_argument", "step_count", "steps_until",
+           "warn_of_late_start", "warn_of_negative", "with_rules"]
 
 Array = NDArray[Any]
 
@@ -86,6 +86,9 @@ class RunArguments:
     open_end: bool = False
     #: The impacts that its derivatives go through: by step, those within it, in their order.
     hits: Mapping[int, Sequence[Any]] | None = None
+    #: Time of the last state where it lies between two steps, and the part of a step to it.
+    t_end: Any = None
+    rest: Any = 0
 
     def constants(self, binding: Compiled) -> RunConstants:
         """Return the constant arguments of the compiled steps."""
@@ -102,6 +105,16 @@ class RunArguments:
     def impact_steps(self) -> list[int]:
         """The whole steps before each step with impacts."""
         return sorted(self.hits or ())
+
+    @property
+    def stored_states(self) -> int:
+        """States in a store, with the start, and with that at t_end in place of the last step's."""
+        return self.steps // self.every + 2 if self.rest else self.rows + 1
+
+    def part_of_step(self, q: Array, p: Array, t: Any) -> RunArguments:
+        """Return the last part of a step, from the state (q, p, t) of the last whole one."""
+        return replace(self.at_step(self.steps), q=q.copy(), p=p.copy(), t0=t, dt=self.rest,
+                       steps=1, every=1, inputs=None, stored_steps=None, rest=0, t_end=None)
 
     def pilot(self, steps: int) -> Self:
         """Return the arguments of a short run from the same start, with the default solver."""
@@ -212,6 +225,17 @@ def end_of_run(
 
 
 @dataclass(frozen=True)
+class Integration:
+    """A checked run, what is located along it, and the name of the event that is its t_end."""
+
+    run: RunArguments
+    #: The impacts, where there are some, which no other events go with.
+    events: tuple[Event | Impact, ...] = ()
+    impacts: tuple[Impact, ...] = ()
+    end_event: str = ""
+
+
+@dataclass(frozen=True)
 class Origin:
     """Origin of a trajectory: its run and events; ``between`` if its rows are at given times."""
 
@@ -235,6 +259,8 @@ class EnsembleArguments:
     t0: Array
     parameters: dict[str, Array]
     inputs: InputRows | None = None
+    #: The last part of a step of each, to t_end between two steps.
+    rests: Array | None = None
 
     @classmethod
     def of(cls, runs: list[RunArguments], number: Any) -> EnsembleArguments:
@@ -256,8 +282,35 @@ class EnsembleArguments:
         parameters = {name: column[i : i + 1].tolist()[0]
                       for name, column in self.parameters.items()}
         inputs = None if self.inputs is None else self.inputs.of(i)
-        run = replace(self.first, q=self.q[i], p=self.p[i], dt=dt, t0=t0, parameters=parameters)
+        run = replace(self.first, q=self.q[i], p=self.p[i], dt=dt, t0=t0, parameters=parameters,
+                      rest=0 if self.rests is None else self.rests[i : i + 1].tolist()[0])
         return run.with_inputs(inputs)
+
+    def to_end(self, binding: Binding, t_end: Any, rests: Sequence[Fraction]) -> EnsembleArguments:
+        """Return the runs up to t_end, parts of a step behind their last ones."""
+        column = np.array([binding.number(rest) for rest in rests], binding.number_type)
+        end = as_real("t_end", t_end, binding.number)
+        return replace(self, first=replace(self.first, t_end=end),
+                       rests=np.broadcast_to(column, len(self)))
+
+    def last_parts(
+        self, binding: Binding, q: Array, p: Array, status: Array
+    ) -> EnsembleArguments:
+        """Return the last parts of a step as runs, from the states after the whole steps.
+
+        Where a step has failed it is one from the start, which nothing is made of.
+        """
+        failed, steps = (status != 0)[:, None], self.first.steps
+        parameters = dict(self.parameters)
+        if self.inputs is not None:
+            rows = self.inputs.taken(np.arange(len(self)), np.full(len(self), steps)).values[:, 0]
+            columns = np.broadcast_to(rows, (len(self), len(self.inputs.names))).T
+            parameters |= dict(zip(self.inputs.names, columns, strict=True))
+        t0 = binding.times(self.t0[:, None], self.dt[:, None], np.array([steps]))[:, 0]
+        assert self.rests is not None
+        first = replace(self.first, steps=1, every=1, inputs=None, rest=0, t_end=None)
+        return EnsembleArguments(first, np.where(failed, self.q, q), np.where(failed, self.p, p),
+                                 self.rests.copy(), t0.astype(self.t0.dtype), parameters)
 
     def columns(self, runs: slice) -> dict[str, Array]:
         """Return the parameters of some of the runs."""

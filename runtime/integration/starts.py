@@ -4,22 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.arguments import as_mapping, few, shown
 from ...core.errors import ArgumentError, InputError
-from ...core.event import Impact
+from ...core.event import Event, Impact
 from ...core.start import Rule, Start, as_start, has_start
-from .run_arguments import step_argument, step_count
+from ...core.warnings import warn
+from .consistency import moved_onto_constraints
+from .run_arguments import span_of, step_argument, step_count
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding
     from ..steppers.evaluation import Evaluation
 
-__all__ = ["StartNumbers", "after_start", "merged_start", "merged_starts", "span_or_own",
-           "start_parameters", "steps_of_all"]
+__all__ = ["StartNumbers", "after_start", "events_or_own", "merged_start", "merged_starts",
+           "span_or_own", "start_parameters", "steps_of_all"]
+
+Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -38,11 +44,12 @@ class StartNumbers:
 
 def merged_start(
     stepper: Evaluation, start: Any, p: Any, parameters: Any, t: Any = None, *, frame: bool = True,
-    impacts: bool = False,
+    impacts: bool = False, as_it_is: bool = False,
 ) -> StartNumbers:
     """Return the numbers that a run starts from; ``parameters`` and t win over those of the start.
 
-    With ``frame`` the rates of a model with a co-moving frame are left to least squares.
+    With ``frame`` the rates of a model with a co-moving frame are left to least squares. The state
+    of a model is moved onto the constraints of the run, unless it is taken ``as_it_is``.
 
     Raises
     ------
@@ -68,8 +75,26 @@ def merged_start(
     rates = [symmetry.name for symmetry in stepper.symmetries]
     if frame and "frame" in state._rules and values.keys().isdisjoint(rates):
         values |= dict.fromkeys(rates, Rule(state._rules["frame"]))
-    return StartNumbers(state.q, state.p, values, state.t if t is None else t, state._excess,
-                        state._impacts)
+    t0 = state.t if t is None else t
+    q, p = state.q, state.p
+    if state._nominal and not as_it_is:
+        q, p, change = moved_onto_constraints(stepper, q, p, values, t0)
+        if change:
+            warn(change)
+    return StartNumbers(q, p, values, t0, state._excess, _impacts_of(state))
+
+
+def events_or_own(
+    start: Any, events: Event | Impact | Sequence[Event | Impact] | None
+) -> Event | Impact | Sequence[Event | Impact]:
+    """Return the events that are given, else those of a model."""
+    if events is not None:
+        return events
+    return start.start._events if has_start(start) else ()
+
+
+def _impacts_of(start: Start) -> tuple[Impact, ...]:
+    return tuple(event for event in start._events if isinstance(event, Impact))
 
 
 def span_or_own(
@@ -97,8 +122,8 @@ def _refuse_second_state(start: Any, p: Any) -> None:
 
 def _refuse_impacts(start: Start) -> None:
     """Refuse the start of a model with impacts, which its motion would miss."""
-    if start._impacts:
-        raise InputError(f"The start has impacts of {few(x.name for x in start._impacts)}, which "
+    if impacts := _impacts_of(start):
+        raise InputError(f"The start has impacts of {few(x.name for x in impacts)}, which "
                          "runs of step.integrate have, and others have not; integrate, or give "
                          "gs.Start(q, p, parameters), which has none.")
 
@@ -166,7 +191,9 @@ def merged_starts(
         q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
                 for x in (stepper.binding.numbers("q", start.q),
                           stepper.binding.numbers("p", start.p)))
-        return StartNumbers(q, p, rows_or_columns, start.t, start._excess, start._impacts)
+        if start._nominal:
+            q, p = _rows_on_constraints(stepper, q, p, rows_or_columns, start.t)
+        return StartNumbers(q, p, rows_or_columns, start.t, start._excess, _impacts_of(start))
     if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
                                           and isinstance(starts[0], (Sequence, np.ndarray))):
         raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
@@ -188,6 +215,27 @@ def merged_starts(
                         np.array([row.excess for row in rows]), rows[0].impacts)
 
 
+def _rows_on_constraints(
+    stepper: Evaluation, q: Array, p: Array, parameters: Any, t: Any
+) -> tuple[Array, Array]:
+    """Return the rows of a model's start, each on the constraints of its parameters and time."""
+    size, deciding = len(q), stepper.manifest.system.start_parameters
+    if isinstance(parameters, list):
+        varied = any(row.get(name) != parameters[0].get(name)
+                     for name in deciding for row in parameters)
+    else:
+        varied = any(np.ndim(parameters.get(name, 0.0)) for name in deciding)
+    varied = varied or bool(np.ndim(t) and stepper.binding.is_timed)
+    times = np.broadcast_to(np.asarray(t, dtype=object), size)
+    moved = [moved_onto_constraints(
+        stepper, q[i], p[i], parameters[i] if isinstance(parameters, list)
+        else _row(parameters, i, size), times[i]) for i in range(size if varied else 1)]
+    if change := next((change for *_, change in moved if change), ""):
+        warn(change)
+    q_rows, p_rows = (np.array([row[k] for row in moved]) for k in (0, 1))
+    return np.broadcast_to(q_rows, q.shape), np.broadcast_to(p_rows, p.shape)
+
+
 def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
     """Return the parameters of one trajectory, of numbers and columns."""
     for name, column in columns.items():
@@ -197,19 +245,25 @@ def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
     return {name: column[i] if np.ndim(column) else column for name, column in columns.items()}
 
 
-def steps_of_all(steps: Any, t_end: Any, t: Any, dt: Any) -> int:
+def steps_of_all(
+    steps: Any, t_end: Any, t: Any, dt: Any, *, whole: bool = True
+) -> tuple[int, list[Fraction]]:
     """Return the number of steps of an ensemble: as given, or that which leads all to t_end.
+
+    Of all, or of each, the last part of a step to t_end comes with it, 0 where ``whole`` steps are
+    asked for.
 
     Raises
     ------
     InputError
         As ``step_count``; where the trajectories would differ in it.
     """
-    if t_end is None:
-        return step_count(steps, None, 0.0, dt)
-    pairs = np.broadcast(np.asarray(t, dtype=object), np.asarray(dt, dtype=object))
-    counts = {step_count(steps, t_end, *pair) for pair in pairs}
-    if len(counts) > 1:
-        raise InputError(f"t_end = {shown(t_end)} is after {min(counts):,} steps of one trajectory "
-                         f"and {max(counts):,} of another; give steps, or runs of their own.")
-    return counts.pop()
+    pairs = [(0.0, dt)] if t_end is None else [
+        *np.broadcast(np.asarray(t, dtype=object), np.asarray(dt, dtype=object))]
+    spans = [(step_count(steps, t_end, *pair), Fraction(0)) if whole or t_end is None
+             else span_of(steps, t_end, *pair) for pair in pairs]
+    if len({(count, bool(rest)) for count, rest in spans}) > 1:
+        low, high = (limit(count + bool(rest) for count, rest in spans) for limit in (min, max))
+        raise InputError(f"t_end = {shown(t_end)} is after {low:,} steps of one trajectory and "
+                         f"{high:,} of another; give steps, or runs of their own.")
+    return spans[0][0], [rest for _, rest in spans]

@@ -198,6 +198,22 @@ class Rotations:
         self.warn(trajectory.parameters, trajectory.time_steps[sampled], trajectory.q[sampled],
                   trajectory.p[sampled])
 
+    def warn_of_many(self, parameters: Mapping[str, Any], dt: Array, q: Array, p: Array) -> None:
+        """Warn as ``warn_of`` does, of the runs of an ensemble; q and p are (runs, states, n).
+
+        ``dt`` is that of the steps to each state after the start, or one for each run.
+        """
+        count = q.shape[1] - 1
+        if count < 2 or not self.bodies:
+            return
+        sampled = slice(None, 0, -max(1, count // LOOKED_AT))
+        rows, momenta = q[:, sampled], p[:, sampled]
+        each = rows.shape[1]
+        steps = np.broadcast_to(dt, (len(q), count))[:, :: -1][:, :: max(1, count // LOOKED_AT)]
+        self.warn({name: np.repeat(column, each) for name, column in parameters.items()},
+                  steps.reshape(-1), rows.reshape(-1, rows.shape[2]),
+                  momenta.reshape(-1, rows.shape[2]))
+
 
 def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:
     """Return |Ω Δt| of the body that turns fastest in the stored states of a run, if one does."""

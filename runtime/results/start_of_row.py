@@ -29,5 +29,5 @@ def start_of_row(
             continue
         start_parameters[name] = value
     start = Start(q, p, start_parameters, t, inputs)
-    start._excess, start._impacts = excess, impacts
+    start._excess, start._events = excess, impacts
     return start

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -44,6 +46,7 @@ from ..devices.ensemble import (
 from ..devices.trajectories import Trajectories, gathered
 from ..events.detection import Levels
 from ..events.impacts import ImpactObserver, refuse_unusable
+from ..events.last_step import joined_with_part
 from ..events.location import crossings_of, detectors_for
 from ..events.observer import with_events
 from ..integration.failure import Diagnosis
@@ -225,9 +228,13 @@ def integrate_members(
     tangents: Tangents | None = None,
     device: DeviceName | None = None,
     progress: Progress = None,
+    end: tuple[Any, Sequence[Fraction]] | None = None,
     **options: Any,
 ) -> Ensemble:
-    """Integrate each row of starts; see ``Stepper.integrate_ensemble``."""
+    """Integrate each row of starts; see ``Stepper.integrate_ensemble``.
+
+    ``end`` is t_end between two steps, and the last part of a step to it, of all or of each.
+    """
     as_progress(progress)
     card = device_for(device, starts.q, starts.p)
     if card is not None:
@@ -235,7 +242,7 @@ def integrate_members(
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
         return cast(Ensemble, _integrate_on(card, stepper, starts, dt, options, progress))
-    runs = _checked(stepper, starts, dt, options, inputs)
+    runs, warned = _checked(stepper, starts, dt, options, inputs, end)
     impacts = as_impacts(events, stepper.manifest.system.event_quantities)
     if impacts:
         refuse_unusable(stepper, runs[int(np.argmin(runs.dt))], impacts,
@@ -248,16 +255,73 @@ def integrate_members(
             fill_ensemble(states, threads_of(workers), lambda: interrupts.requested, report)
 
         fill(computed, report)
-        crossings = [] if levels is None else crossings_of(
-            stepper, levels, runs, [detector.final_brackets() for detector in computed.detectors],
-            fill)
-        ensemble = _ensemble(stepper, computed, crossings, () if levels is None else levels.events)
+        crossings = _crossings(stepper, levels, computed, fill)
+        asked = () if levels is None else levels.events
+        ensemble = _ensemble(stepper, computed, crossings, asked)
+        if end is not None and not interrupts.requested:
+            last = runs.last_parts(stepper.binding, computed.q, computed.p, computed.status)
+            parts = EnsembleStates.of(stepper, last, detectors_for(stepper, levels, last))
+            fill(parts)
+            ensemble = _with_last_parts(stepper, ensemble, runs, _ensemble(
+                stepper, parts, _crossings(stepper, levels, parts, fill), asked), asked)
+        if not warned:
+            dt = runs.dt[:, None]
+            if stepper.binding.clocked:
+                dt = np.diff(ensemble.t, axis=1) / runs.first.every
+            stepper.rotations.warn_of_many(runs.parameters, dt, ensemble.q, ensemble.p)
         if tangents is not None:
             ensemble = _with_tangents(stepper, ensemble, tangents, threads_of(workers),
                                       lambda: interrupts.requested)
     if interrupts.requested:
         raise _stopped(interrupts, sum(computed.stored), ensemble, ensemble.t.size)
     return ensemble
+
+
+def _crossings(
+    stepper: Stepper, levels: Levels | None, computed: EnsembleStates,
+    fill: Callable[[EnsembleStates], None],
+) -> list[dict[str, Crossings]]:
+    """Return the crossings of each trajectory by the events' names; none without events."""
+    return [] if levels is None else crossings_of(
+        stepper, levels, computed.runs,
+        [detector.final_brackets() for detector in computed.detectors], fill)
+
+
+def _with_last_parts(
+    stepper: Stepper, ensemble: Ensemble, runs: EnsembleArguments, parts: Ensemble,
+    asked: tuple[Event, ...],
+) -> Ensemble:
+    """Return an ensemble of whole steps and, as its last row, the ends of the parts of a step."""
+    count = runs.first.steps // runs.first.every + 1
+    failures = dict(ensemble.failures)
+    end = parts.t[:, -1:].copy()
+    end[...] = runs.first.t_end
+    columns: dict[str, Any] = {name: np.concatenate([getattr(ensemble, name)[:, : count - of_steps],
+                                     getattr(parts, name)[:, -1:]], axis=1)
+               for name, of_steps in (("q", 0), ("p", 0), ("multipliers", 1), ("iterations", 1))}
+    columns["t"] = np.concatenate([ensemble.t[:, :count], end], axis=1)
+    for i in {*ensemble.failures, *parts.failures}:
+        no_number = stepper.binding.new(1)[0] + np.nan
+        for name in ("t", "q", "p", "multipliers"):
+            columns[name][i, -1] = no_number
+        columns["iterations"][i, -1] = 0
+        if i not in ensemble.failures:
+            failed, whole = parts.failures[i], ensemble._make(i)
+            failures[i] = StepFailed(step=runs.first.steps + 1, t=failed.t, reason=failed.reason,
+                                     trajectory=whole, detail=failed.detail, cure=failed.cure)
+
+    @cache
+    def member(i: int) -> Trajectory:
+        whole = ensemble._make(i)
+        if i in failures:
+            return whole
+        joined = joined_with_part(stepper, runs[i], asked, whole, parts._make(i))
+        return changed(joined, _origin=Origin(runs[i], asked, rest=runs[i].rest))
+
+    events = {name: CrossingsOfMany([
+        ensemble.events[name][i] if i in failures else member(i).events[name]
+        for i in range(len(ensemble))]) for name in ensemble.events}
+    return replace(ensemble, **columns, failures=failures, events=events, _make=member)
 
 
 def _progress_of(
@@ -275,9 +339,13 @@ def _stopped(
 
 
 def _checked(
-    stepper: Stepper, starts: StartNumbers, dt: Any, options: dict[str, Any], inputs: Any = None
-) -> EnsembleArguments:
-    """Return the runs of an ensemble, or raise InputError for unusable arguments."""
+    stepper: Stepper, starts: StartNumbers, dt: Any, options: dict[str, Any], inputs: Any = None,
+    end: tuple[Any, Sequence[Fraction]] | None = None,
+) -> tuple[EnsembleArguments, bool]:
+    """Return the runs of an ensemble, or raise InputError for unusable arguments.
+
+    With them comes whether a body turns too far in a step, which is warned of.
+    """
     q, p = _rows(stepper, "q", starts.q), _rows(stepper, "p", starts.p)
     if q.ndim != 2 or q.shape != p.shape or not len(q):
         raise InputError(f"q and p have shapes {q.shape} and {p.shape}; give "
@@ -288,19 +356,21 @@ def _checked(
         np.broadcast_to(_each("t", starts.t, size), size), np.broadcast_to(starts.excess, size),
         _each_parameters(stepper._parameters_with_inputs(starts.parameters, inputs), size,
                          stepper.parameter_domains), options)
-    fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]),
-                    runs=size)
+    count = as_positive_count("steps", options["steps"]) + (end is not None)
+    fed = as_inputs(inputs, stepper.binding, count, runs=size)
     runs = replace(checked_runs(stepper, arguments), inputs=fed)
+    if end is not None:
+        runs = runs.to_end(stepper.binding, *end)
     warn_of_negative(runs.parameters)
     warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
-    if runs.first.steps:
-        dt = runs.dt
-        if stepper.binding.clocked and stepper.rotations.bodies:
-            dt = dt * np.concatenate([stepper.binding.time_scales(
-                stepper.binding.parameters(run.parameters), run.q[None], run.p[None])
-                for run in map(runs.__getitem__, range(size))])
-        stepper.rotations.warn(runs.parameters, dt, runs.q, runs.p)
-    return runs
+    if not runs.first.steps:
+        return runs, True
+    dt = runs.dt
+    if stepper.binding.clocked and stepper.rotations.bodies:
+        dt = dt * np.concatenate([stepper.binding.time_scales(
+            stepper.binding.parameters(run.parameters), run.q[None], run.p[None])
+            for run in map(runs.__getitem__, range(size))])
+    return runs, stepper.rotations.warn(runs.parameters, dt, runs.q, runs.p)
 
 
 def _integrate_on(
@@ -317,7 +387,7 @@ def _integrate_on(
         state = gathered(device, name, text, *views_of(device, stepper, starts.q, starts.p))
         q, p = np.split(device.get(state).T, 2, axis=1)
         starts = replace(starts, q=q, p=p)
-    runs = _checked(stepper, starts, dt, options)
+    runs, _ = _checked(stepper, starts, dt, options)
     there = Trajectories(device, name, text, stepper.binding, runs, state)
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def stop() -> bool:

@@ -330,7 +330,7 @@ class Evaluation:
         self, start: Any, p: Any, parameters: Any, t: Any
     ) -> tuple[tuple[Array, Array], Any]:
         """Return the state of a start, or (q, p), and the parameters there as compiled code."""
-        numbers = merged_start(self, start, p, parameters, t, impacts=True)
+        numbers = merged_start(self, start, p, parameters, t, impacts=True, as_it_is=True)
         state, run = self._state(numbers.q, numbers.p), self._parameters(numbers.parameters,
                                                                          numbers.t)
         return self.binding.start_in_scaled_time(run, *state, numbers.t), run

@@ -95,9 +95,8 @@ class RunDefaults:
     @property
     def start(self) -> Start:
         """Where a run of it starts; γ and α without a value are found by its rules."""
-        return Start(*self.state, self.parameters).of_model(
-            self.bodies, self.rules,
-            impacts=tuple(event for event in self.events if isinstance(event, Impact)))
+        return Start(*self.state, self.parameters).of_model(self.bodies, self.rules,
+                                                            events=self.events)
 
     @property
     def state(self) -> tuple[Array, Array]:

@@ -40,16 +40,22 @@ from ..integration.dense_output import between, stored_steps_at
 from ..integration.linear_frequency import warn_of_frequency
 from ..integration.run_arguments import (
     OPEN,
+    Integration,
     Origin,
     RunArguments,
     end_of_run,
     in_scaled_time,
     span_of,
-    step_count,
     warn_of_late_start,
     warn_of_negative,
 )
-from ..integration.starts import merged_start, merged_starts, span_or_own, steps_of_all
+from ..integration.starts import (
+    events_or_own,
+    merged_start,
+    merged_starts,
+    span_or_own,
+    steps_of_all,
+)
 from ..integration.step_loop import integrate
 from ..results.missed_rates import warn_of_missed_rate
 from ..results.rotation_rate import Rotations
@@ -225,7 +231,8 @@ class Stepper(Dynamics):
         t_end: Number | None = None,
         steps: int | None = None, parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
-        t_eval: ArrayLike | None = None, events: Event | Impact | Sequence[Event | Impact] = (),
+        t_eval: ArrayLike | None = None,
+        events: Event | Impact | Sequence[Event | Impact] | None = None,
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None, progress: Progress = None,
     ) -> Trajectory: ...
@@ -236,7 +243,8 @@ class Stepper(Dynamics):
         dtau: Number | None = None, t_end: Number | None = None, steps: int | None = None,
         parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
-        t_eval: ArrayLike | None = None, events: Event | Impact | Sequence[Event | Impact] = (),
+        t_eval: ArrayLike | None = None,
+        events: Event | Impact | Sequence[Event | Impact] | None = None,
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None, progress: Progress = None,
     ) -> Trajectory: ...
@@ -255,7 +263,7 @@ class Stepper(Dynamics):
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         every: int = 1,
         t_eval: ArrayLike | None = None,
-        events: Event | Impact | Sequence[Event | Impact] = (),
+        events: Event | Impact | Sequence[Event | Impact] | None = None,
         tangents: Tangents | None = None,
         solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None,
@@ -268,7 +276,8 @@ class Stepper(Dynamics):
         start : Start, or array_like of shape (n,)
             A model, a problem, a ``Start``, a row of a trajectory, a simulation; or the
             coordinates q at t = 0, followed by p. It is consistent: g(q) = 0 and g_q H_p = 0 (for
-            a body |q| = 1 and qᵀp = 0).
+            a body |q| = 1 and qᵀp = 0). The start of a model or a problem is moved there, with a
+            warning where this is more than round-off.
         p : array_like, shape (n,), optional
             The momenta, where the first argument is q.
         dt : float, optional
@@ -303,12 +312,12 @@ class Stepper(Dynamics):
             Return the states at these times instead, each by a real step of a part of Δt: see
             ``Trajectory.at``. They lie between the start and the end of the run, in any order.
         events : Event, or a list of them, optional
-            Where a quantity crosses a level: in ``Trajectory.events`` by name. Every step is
-            looked at, stored or not; a crossing is solved for by short real steps, to some units
-            in the last place of its time. A terminal event ends the run: its state is the last
-            row, behind the stored ones. Or impacts, ``gs.Impact("gap", restitution=0.8)``: there
-            the momenta jump, and the run continues on its grid; see ``Trajectory.impacts``. Those
-            of a model are the default.
+            Where a quantity crosses a level: in ``Trajectory.events`` by name. By default those of
+            a model; ``()`` looks for none. Every step is looked at, stored or not; a crossing is
+            solved for by short real steps, to some units in the last place of its time. A terminal
+            event ends the run: its state is the last row, behind the stored ones. Or impacts,
+            ``gs.Impact("gap", restitution=0.8)``: there the momenta jump, and the run continues on
+            its grid; see ``Trajectory.impacts``. Those of a model stay unless others are given.
         tangents : Tangents, optional
             Directions whose derivatives are computed along the run: ``Trajectory.tangents``, at
             ``t_eval``, at events and in the last row of a terminal one too. A row at a given time
@@ -339,37 +348,22 @@ class Stepper(Dynamics):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        dt, steps = span_or_own(self.binding, start, dt, dtau, steps, t_end)
-        state = merged_start(self, start, p, parameters, impacts=True)
-        common_arguments: dict[str, Any] = {
-            "parameters": state.parameters, "t0": state.t, "solver": as_solver(solver),
-            "excess": state.excess}
-        names = self.manifest.system.event_quantities
-        impacts = as_impacts(events, names, state.impacts)
-        asked: Any = impacts or as_events(events, names)
-        clock, end_event = self.manifest.system.clock, ""
-        if clock is not None and steps is None and t_end is not None:
-            end = end_of_run(clock, asked, state.t, t_end, dt)
-            asked, end_event = (*asked, end), end.name
-            steps, t_end = OPEN, None
-        count, span = span_of(steps, t_end, state.t, dt)
-        fed: Any = as_inputs(inputs, self.binding, count + 1) if span else inputs
-        run = self._resolved(self._run_arguments(
-            state.q, state.p, dt=dt, steps=count, every=every, inputs=fed, **common_arguments))
-        run = changed(run, open_end=True) if end_event else run
-        rest: Any = self.binding.number(span) if span else 0
-        if impacts:
-            refuse_unusable(self, run, impacts)
+        plan = self._integration(
+            start, p, dt=dt, dtau=dtau, t_end=t_end, steps=steps, parameters=parameters,
+            inputs=inputs, every=every, events=events, solver=solver)
+        run = plan.run
+        asked: Any = plan.events
+        if plan.impacts:
+            refuse_unusable(self, run, plan.impacts)
         if out is not None:
-            step_count(steps, t_end, state.t, dt)
-            stored: Trajectory = function_of("storage.record", "record")(
-                self, _storable(run, t_eval, tangents), asked, out, progress=progress)
-            return stored
+            refuse_together(stored="a stored run (out)", t_eval=t_eval is not None and "t_eval",
+                            tangents=tangents is not None and "tangents")
+            return self._recorded(plan, out, progress)
         if t_eval is not None:
-            run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, rest))
+            run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
         warned = not run.steps or self._warned(run) or run.rows < 2
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
-            trajectory = observed(self, run, asked, report, end_event)
+            trajectory = observed(self, run, asked, report, plan.end_event)
         run = run.until(trajectory.report.steps) if run.open_end else run
         if not warned:
             self.rotations.warn_of(trajectory)
@@ -378,10 +372,10 @@ class Stepper(Dynamics):
             if (trajectory.report.newton_steps and run.solver == "auto"
                     and not self.rotations.bodies):
                 warn_of_frequency(self.binding, run, self.order)
-        if span:
-            trajectory = ended_between(self, run, asked, trajectory, span, t_end)
-        trajectory = trajectory.made_by(self, Origin(run, () if impacts else asked, rest=rest,
-                                                     impacts=impacts))
+        if run.rest:
+            trajectory = ended_between(self, run, asked, trajectory)
+        trajectory = trajectory.made_by(self, Origin(
+            run, () if plan.impacts else asked, rest=run.rest, impacts=plan.impacts))
         if t_eval is not None:
             trajectory = self._at(trajectory, t_eval)
         return trajectory if tangents is None else with_tangents(self, tangents, trajectory)
@@ -399,7 +393,7 @@ class Stepper(Dynamics):
         parameters: Mapping[str, Numbers] | Sequence[Mapping[str, Number]] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         every: int = 1,
-        events: Event | Impact | Sequence[Event | Impact] = (),
+        events: Event | Impact | Sequence[Event | Impact] | None = None,
         tangents: Tangents | None = None,
         solver: SolverName | Solver = "auto",
         workers: int | None = None,
@@ -425,8 +419,9 @@ class Stepper(Dynamics):
         trajectory gives does not depend on its neighbours; it may differ by round-off from
         ``integrate``, which puts the stages of one step into lanes.
 
-        ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused.
-        With impacts each trajectory is integrated by itself, with the bits of ``integrate``.
+        ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused,
+        also those of a model, which ``events=()`` leaves out. With impacts each trajectory is
+        integrated by itself, with the bits of ``integrate``.
 
         ``tangents`` are computed along each trajectory, on the same threads, with the bits of
         ``integrate``: ``Ensemble.tangents[i]``, and ``.tangents`` of each member.
@@ -447,12 +442,62 @@ class Stepper(Dynamics):
         refuse_together(ensemble="an ensemble", open_end=self.binding.clocked
                         and t_end is not None and "t_end in scaled time")
         state = merged_starts(self, starts, p, parameters, impacts=True)
+        events = events_or_own(starts, events)
         impacts = as_impacts(events, self.manifest.system.event_quantities, state.impacts)
+        count, rests = steps_of_all(steps, t_end, state.t, dt,
+                                    whole=device is not None or bool(impacts))
         return integrate_members(
             self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
-            steps=steps_of_all(steps, t_end, state.t, dt), every=every, solver=as_solver(solver))
+            end=(t_end, rests) if any(rests) else None, steps=count, every=every,
+            solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside
+
+    def _integration(
+        self, start: HasStart | ArrayLike, p: ArrayLike | None, *, dt: Number | None = None,
+        dtau: Number | None = None, t_end: Number | None = None, steps: int | None = None,
+        parameters: Mapping[str, Number] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
+        events: Event | Impact | Sequence[Event | Impact] | None = None,
+        solver: SolverName | Solver = "auto",
+    ) -> Integration:
+        """Return the arguments of ``integrate``, checked, with numbers for what is searched."""
+        dt, steps = span_or_own(self.binding, start, dt, dtau, steps, t_end)
+        state = merged_start(self, start, p, parameters, impacts=True)
+        events, names = events_or_own(start, events), self.manifest.system.event_quantities
+        impacts = as_impacts(events, names, state.impacts)
+        asked: Any = impacts or as_events(events, names)
+        clock, end_event = self.manifest.system.clock, ""
+        if clock is not None and steps is None and t_end is not None:
+            end = end_of_run(clock, asked, state.t, t_end, dt)
+            asked, end_event = (*asked, end), end.name
+            steps, t_end = OPEN, None
+        count, rest = span_of(steps, t_end, state.t, dt)
+        fed: Any = as_inputs(inputs, self.binding, count + 1) if rest else inputs
+        run = self._resolved(self._run_arguments(
+            state.q, state.p, dt=dt, steps=count, every=every, inputs=fed,
+            parameters=state.parameters, t0=state.t, solver=as_solver(solver),
+            excess=state.excess))
+        number = self.binding.number
+        end_time = {"t_end": as_real("t_end", t_end, number), "rest": number(rest)} if rest else {}
+        return Integration(changed(run, open_end=bool(end_event), **end_time), asked, impacts,
+                           end_event)
+
+    def _recorded(
+        self, plan: Integration, out: str | os.PathLike[str], progress: Progress, *,
+        resume: bool = False,
+    ) -> Trajectory:
+        """Return a run that is streamed to a store; with ``resume`` it goes on where there is one.
+        """
+        inputs = plan.run.inputs
+        changing = inputs is not None and any(x != x for x in inputs.throughout.values())
+        refuse_together(stored="a stored run (out)",
+                        changing_inputs=changing and "inputs that change along the run",
+                        open_end=plan.run.open_end and "t_end in scaled time")
+        stored: Trajectory = function_of("storage.record", "record")(
+            self, replace(plan.run, inputs=None), plan.events, out, resume=resume,
+            progress=progress)
+        return stored
 
     def _impact_binding(self) -> Binding:
         """Calls of runs with impacts, derived and compiled when first called."""
@@ -554,17 +599,6 @@ class Stepper(Dynamics):
             dt = dt * self.binding.time_scales(self.binding.parameters(run.parameters),
                                                run.q[None], run.p[None])[0]
         return self.rotations.warn(run.parameters, dt, run.q[None], run.p[None])
-
-
-def _storable(run: RunArguments, t_eval: Any, tangents: Any) -> RunArguments:
-    """Return a run as stores have it, or refuse what they do not have."""
-    inputs = run.inputs
-    changing = inputs is not None and any(x != x for x in inputs.throughout.values())
-    refuse_together(stored="a stored run (out)", t_eval=t_eval is not None and "t_eval",
-                    tangents=tangents is not None and "tangents",
-                    changing_inputs=changing and "inputs that change along the run",
-                    open_end=run.open_end and "t_end in scaled time")
-    return replace(run, inputs=None)
 
 
 @lru_cache(maxsize=64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 from pathlib import Path
@@ -106,11 +107,68 @@ def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, docu
     text = PENDULUM.read_text(encoding="utf-8").replace('q = ["l", 0]', "q = [0.3, 0.4001]")
     rough = tmp_path / "rough.toml"
     rough.write_text(text, encoding="utf-8")
-    found = document("run", rough, "--scheme", "IMS", "--steps", "5")
+    found = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5", "--json").document
     assert 1e-5 < found["start_moved"] < 1e-3
     assert "start_moved" not in document("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
-    said = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stdout
+    said = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stderr
     assert "constraints" in said
+    model, step = gs.load_model(rough), gs.stepper("IMS", system=rough)
+    with pytest.warns(gs.errors.InputWarning, match="off the constraints; y = 0.4001"):
+        run = step.integrate(model, steps=5)
+    assert run.q[-1].tolist() == found["q"]
+    with pytest.raises(gs.InputError, match="off the constraints"):
+        step.integrate(model.q0, model.p0, dt=1e-3, steps=1, parameters=model.parameters)
+
+
+@pytest.mark.parametrize("lengths", [[0.5, 0.6], [0.7, 0.7]])
+def test_a_model_starts_on_the_constraints_of_its_run(lengths):
+    """Whatever the parameters of a run, or of each of an ensemble's, are."""
+    model, step = gs.load_model(PENDULUM), gs.stepper("G-L", stages=2, system=PENDULUM)
+    with pytest.warns(gs.errors.InputWarning, match="off the constraints"):
+        many = step.integrate_ensemble(model, steps=3, parameters={"l": lengths})
+    for member, length in zip(many.members, lengths, strict=True):
+        assert np.hypot(*member.q[0]) == pytest.approx(length, rel=1e-15)
+        with contextlib.nullcontext() if length == 0.5 else pytest.warns(gs.errors.InputWarning):
+            alone = step.integrate(model, steps=3, parameters={"l": length})
+        assert member.q == pytest.approx(alone.q, rel=1e-14)
+
+
+@pytest.mark.parametrize("name", ["fast_top", "double_pendulum"])
+def test_models_in_doubles_start_in_float128(name):
+    start = gs.problems.fast_top() if name == "fast_top" else gs.models.double_pendulum()
+    step = gs.stepper("G-L", stages=2, system=getattr(start, "system", None)
+                      if name != "fast_top" else None, real="float128")
+    assert step.integrate(start, dt=1e-3, steps=2).report.constraint_max < 1e-32
+
+
+def test_events_of_a_file_are_those_of_its_runs(tmp_path, gyrospark, document):
+    path = tmp_path / "watched.toml"
+    path.write_text(PENDULUM.read_text(encoding="utf-8")
+                    + '\n[events]\nlow = "angle = 0"\nend = "x = -0.3 stop"\n', encoding="utf-8")
+    model, step = gs.load_model(path), gs.stepper("G-L", stages=3, system=path)
+    found = document("run", path, "--stages", "3", "--scheme", "G-L")
+    run = step.integrate(model)
+    assert run.events["low"].t.tolist() == found["events"]["low"]["t"]
+    assert run.t[-1] == run.events["end"].t[0] == found["ended"]["t"]
+    assert [*run.report.q] == found["q"]
+    stored = step.integrate(model, out=tmp_path / "run.zarr")
+    assert stored.ended_by == "end"
+    np.testing.assert_array_equal(stored[:].q, run.q)
+    assert not step.integrate(model, steps=200, events=()).events
+    assert {*step.integrate(model, steps=9, events=gs.Event("x")).events} == {"x"}
+    with pytest.raises(gs.InputError, match="terminal"):
+        step.integrate_ensemble([model, model], steps=3, dt=1e-3, events=model.events)
+    with pytest.raises(gs.InputError, match="terminal"):
+        step.integrate_ensemble(model, steps=3, parameters={"m": [1.0, 2.0]})
+
+
+def test_a_rule_for_gamma_is_that_of_a_stored_run(gyrospark, tmp_path):
+    """Of a run in memory, and in a store."""
+    words = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "3",
+             "--json", "--gamma", "h"]
+    plain, stored = (gyrospark(*words, *more).document for more in ((), ("--out", "x.zarr")))
+    assert stored["parameters"] == plain["parameters"]
+    assert stored["q"] == plain["q"]
 
 
 def test_generate_check_and_verify(tmp_path, gyrospark, document):

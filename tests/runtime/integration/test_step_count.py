@@ -79,7 +79,7 @@ def test_wrong_use_is_refused(gl3, gyrospark):
         gl3.integrate(TOP.q0, TOP.p0, t_end=-1, **RUN)
     with refused("t_end = nan"):
         gl3.integrate(TOP.q0, TOP.p0, t_end=float("nan"), **RUN)
-    refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "1", "--out", "x.zarr"),
+    refused_by_command(gyrospark("lyapunov", *COMMAND[1:-1], "--dt", "0.3", "--t-end", "1"),
                        "t_end = 0.9 and 1.2, or dt = 0.25 or 0.3333333333333333.")
     refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "1", "--steps", "3"),
                        "--steps 3 and --t-end 1")

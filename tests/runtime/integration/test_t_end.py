@@ -8,6 +8,8 @@ import pytest
 import gyrospark as gs
 import systems
 from command_line import refused as refused_by_command
+from gyrospark.storage.recorder import Recorder
+from stores import Interrupted, assert_same, assert_same_bytes, small_blocks
 
 DT, END = 0.01, 0.104
 
@@ -151,18 +153,142 @@ def test_other_numbers_end_there_too():
 
 def test_what_ends_with_a_whole_step_says_so(tmp_path, gyrospark):
     step, start, _, _ = run()
-    for call in (lambda: step.integrate(start, dt=DT, t_end=END, out=tmp_path / "x.zarr"),
-                 lambda: step.integrate_ensemble([start, start], dt=DT, t_end=END),
+    for call in (lambda: gs.section(step, start, event=gs.Event("x"), dt=DT,
+                                    t_end=END),
                  lambda: gs.lyapunov(step, start, dt=DT, t_end=END)):
         with pytest.raises(gs.InputError, match=r"t_end = 0\.1 and 0\.11"):
             call()
     command = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3",
                "--t-end", "0.0306"]
-    refused_by_command(gyrospark(*command, "--out", "x.zarr"), "0.03 and 0.031")
-    answer = gyrospark(*command, "--out", "x.npz", "--json").document
-    assert answer["t_end"] == 0.0306
-    assert answer["steps"] == 30
-    assert gs.load("x.npz").q[-1].tolist() == answer["q"]
+    refused_by_command(gyrospark("lyapunov", *command[1:]), "0.03 and 0.031")
+    for out in ("x.npz", "x.zarr"):
+        answer = gyrospark(*command, "--out", out, "--json").document
+        assert answer["t_end"] == 0.0306
+        assert answer["steps"] == 30
+        assert gs.load(out).q[-1].tolist() == answer["q"]
+    answer = gyrospark(*command, "--out", "x.zarr", "--resume", "--json").document
+    assert answer["done_before"]
+
+
+@pytest.mark.parametrize("every", [1, 3, 5])
+@pytest.mark.parametrize("name", ["pendulum", "driven_oscillator", "sleigh"])
+def test_stored_runs_end_there(name, every, tmp_path):
+    """With the bits of a run in memory; a longer run goes on from the last whole step."""
+    step, start, _, made = run(name, every=every)
+    stored = step.integrate(start, dt=DT, t_end=END, every=every, out=tmp_path / "run.zarr")
+    assert stored.status == "complete"
+    assert_same(stored, made)
+    assert stored.grid_end.t == made.grid_end.t
+    assert np.array_equal(stored.grid_end.q, made.grid_end.q)
+    for times in ({"t_end": 0.107}, {"steps": 13}, {"t_end": 0.1301}):
+        assert_same(gs.resume(tmp_path / "run.zarr", **times),
+                    step.integrate(start, dt=DT, every=every, **times))
+    with pytest.raises(gs.InputError, match="t_end was"):
+        gs.resume(tmp_path / "run.zarr", t_end=0.1201)
+
+
+@pytest.mark.parametrize("place", ["_advance", "_take_last_part"])
+@pytest.mark.parametrize("every", [1, 4])
+def test_a_killed_run_ends_there_with_the_same_bytes(every, place, tmp_path, monkeypatch):
+    small_blocks(monkeypatch, 4)
+    step, start, _, _ = run()
+    whole, killed = tmp_path / "whole.zarr", tmp_path / "killed.zarr"
+    plan = {"dt": DT, "t_end": END, "every": every, "events": gs.Event("x", level=0.6)}
+    step.integrate(start, **plan, out=whole)
+    own, calls = getattr(Recorder, place), []
+
+    def kill(self, *arguments):
+        calls.append(arguments)
+        if len(calls) == (1 if place == "_take_last_part" else 2):
+            raise Interrupted
+        return own(self, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK_WITH_EVENTS", 7)
+        patch.setattr(Recorder, place, kill)
+        with pytest.raises(Interrupted):
+            step.integrate(start, **plan, out=killed)
+    assert gs.load(killed).status == "running"
+    gs.resume(killed)
+    assert_same_bytes(whole, killed)
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+@pytest.mark.parametrize("time", [0.052, 0.1, 0.1013, 0.1065])
+def test_events_of_stored_runs_and_ensembles_in_the_last_part(time, terminal, tmp_path):
+    step, start, whole, _ = run()
+    event = gs.Event(step.manifest.system.coordinates[0], float(whole.at([time]).q[0, 0]),
+                     terminal=terminal, name="there")
+    plan = {"dt": DT, "t_end": END, "events": event, "solver": "newton"}
+    made = step.integrate(start, **plan)
+    stored = step.integrate(start, **plan, out=tmp_path / "run.zarr")
+    assert_same(stored, made)
+    assert stored.ended_by == ("there" if terminal and time < END else None)
+    found = [stored.events["there"]]
+    if not terminal:
+        many = step.integrate_ensemble([start, start], **plan)
+        assert np.array_equal(many.q[1], made.q)
+        found.append(many.events["there"][1])
+    for crossings in found:
+        for name in ("t", "q", "steps", "elapsed"):
+            assert np.array_equal(getattr(crossings, name), getattr(made.events["there"], name))
+
+
+@pytest.mark.parametrize("solver", ["auto", "newton"])
+@pytest.mark.parametrize("name", ["pendulum", "heavy_top", "driven_oscillator"])
+def test_ensembles_end_there(name, solver, tmp_path):
+    """By Newton's method with the bits of single runs; side by side in lanes to round-off."""
+    step, start, _, made = run(name, every=3, solver=solver)
+    later = start.replace(t=0.001)
+    alone = step.integrate(later, dt=DT, t_end=END, every=3, solver=solver)
+    many = step.integrate_ensemble([start, later], dt=DT, t_end=END, every=3, solver=solver)
+    for one, member, i in ((made, many.members[0], 0), (alone, many.members[1], 1)):
+        close = 0 if solver == "newton" else 2e-15
+        for states in (many.q[i], member.q):
+            assert np.abs(states - one.q).max() <= close
+        assert many.t[i].tolist() == member.t.tolist() == one.t.tolist()
+        assert member.report.q == tuple(many.q[i, -1])
+        assert member.report.work == pytest.approx(one.report.work, abs=1e-16)
+        assert np.array_equal(member.multipliers, many.multipliers[i], equal_nan=True)
+        assert member.grid_end.t == one.grid_end.t
+    assert len(gs.load(many.members[0].save(tmp_path / "x.npz"))) == len(made)
+    with pytest.raises(gs.InputError, match="10 steps of one trajectory and 11 of another"):
+        step.integrate_ensemble([start, start], dt=[DT, 0.0104], t_end=END)
+
+
+def test_ensembles_have_inputs_and_tangents_for_the_last_part():
+    step = systems.stepper("pushed_pendulum")
+    start = gs.Start([0.6, -0.8], [0.8, 0.6], {"k": 2.0})
+    rows = np.random.default_rng(3).normal(size=(2, 6, 2))
+    many = step.integrate_ensemble([start, start], dt=[0.02, 0.021], t_end=0.107, inputs=rows)
+    for i, dt in enumerate((0.02, 0.021)):
+        alone = step.integrate(start, dt=dt, t_end=0.107, inputs=rows[i])
+        assert np.abs(many.q[i] - alone.q).max() < 1e-14
+        assert dict(many.members[i][-1].inputs) == dict(alone[-1].inputs)
+    step = systems.differentiable("pendulum")
+    start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
+    plan = {"dt": DT, "t_end": END, "tangents": gs.Tangents(dt=True), "solver": "newton"}
+    many = step.integrate_ensemble([start, start], **plan)
+    assert np.array_equal(many.tangents[1].q, step.integrate(start, **plan).tangents.q)
+
+
+def test_a_last_part_that_fails_is_a_failed_step(tmp_path):
+    """Of stored runs and of one trajectory among others: the whole steps stay."""
+    step, start, _, _ = run("pendulum", solver="newton")
+    solver = gs.Solver("newton", max_iterations=1, tolerance=1e-300)
+    for call in (lambda: step.integrate(start, dt=DT, t_end=0.004, solver=solver),
+                 lambda: step.integrate(start, dt=DT, t_end=0.004, solver=solver,
+                                        out=tmp_path / "run.zarr")):
+        with pytest.raises(gs.StepFailed) as failure:
+            call()
+        assert failure.value.step == 1
+        assert len(failure.value.trajectory) == 1
+    assert gs.load(tmp_path / "run.zarr").status.startswith("failed: ")
+    many = step.integrate_ensemble([start, start], dt=DT, t_end=0.004, solver=solver)
+    assert {*many.failures} == {0, 1}
+    assert np.isnan(many.q[:, -1]).all()
+    assert many.failures[1].step == 1
+    assert len(many.members[1]) == 1
 
 
 def test_a_run_that_is_cut_in_two_goes_on(tmp_path):

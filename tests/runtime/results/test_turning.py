@@ -156,6 +156,9 @@ def test_a_body_that_gets_fast_on_the_way():
     step = systems.stepper("heavy_top")
     run = {"dt": 0.09, "parameters": parameters}
     assert len(said_of(lambda: step.integrate(q, p, steps=200, **run))) == 1
+    starts = [gs.Start(q, p), gs.Start(q * [1, -1, 1, 1], p)]
+    assert len(said_of(lambda: step.integrate_ensemble(starts, steps=200, **run))) == 1
+    assert said_of(lambda: step.integrate_ensemble(starts[:1], steps=2, **run)) == []
     assert said_of(lambda: step.start(q, p, **run)) == []
 
 
