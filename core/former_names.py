@@ -34,12 +34,19 @@ FORMER_NAMES = {
     **{f"read_{kind}": "gyrospark.Multibody.from_file" for kind in _ROBOTS},
     "FrameChoice": "what gyrospark.tune(..., frame='auto') returns",
     "GammaChoice": "what gyrospark.tune(..., gamma='auto') returns",
+    **{name: f"what gyrospark.{call} has; its class is gyrospark.runtime.results.{home}.{name}"
+       for name, call, home in (("BodyMotion", "Trajectory.body", "body_motion"),
+                                ("JointMotion", "Trajectory.joint", "joint_motion"),
+                                ("Report", "Trajectory.report", "diagnostics"),
+                                ("TangentRows", "Trajectory.tangents", "tangent_rows"))},
     "choose_frame": "gyrospark.tune(step, start, dt=..., frame='auto')",
     "choose_gamma": "gyrospark.tune(step, start, dt=..., gamma='auto')",
+    "gamma_fast": "gyrospark.gamma(inertia): the number of iterations hardly depends on γ",
     "gamma_h": "gyrospark.gamma(inertia, 'h')",
     "gamma_h_tilde": "gyrospark.gamma(inertia, 'ht')",
     "gamma_m": "gyrospark.gamma(inertia)",
     "gamma_m_tilde": "gyrospark.gamma(inertia, 'mt')",
+    "molecules": "gone: bodies and points with potentials of gyrospark.Multibody stay",
     "open_recording": 'gyrospark.load("night.zarr")',
     "open_sweep": "gyrospark.load_sweep(path)",
     "record": 'step.integrate(start, ..., out="night.zarr"), and gyrospark.resume("night.zarr")',
@@ -61,7 +68,12 @@ FORMER_MEMBERS: dict[str, dict[str, str]] = {
         "load": 'gyrospark.load("run.npz")',
     },
     "Ensemble": {"to_xarray": "many.dataset()"},
-    "Stepper": {"at": "run.at(times)"},
+    "Stepper": {
+        "at": "run.at(times)",
+        "remarks": "step.warnings",
+        **dict.fromkeys(("run", "run_arguments", "resolved", "provenance"),
+                        "private; step.integrate has its work"),
+    },
     "Recording": {"trajectory": "the run itself, run[first::thin]", "export": "run.save(path)"},
 }
 

@@ -96,7 +96,7 @@ def generate(
     framed = spec.frame or ("" if system is not None or model is None else model.frame)
     asked = {"profile": spec.profile != "full" and f"profile {spec.profile!r}",
              "frame": bool(framed) and "a co-moving frame",
-             "derivatives": derivatives and "derivatives of steps and runs",
+             "derivatives": (derivatives or second) and "derivatives of steps and runs",
              "energy": spec.energy and "exact energy (energy = True)",
              "structured": bool(structured) and "loops over element templates"}
     refuse_together(**asked)

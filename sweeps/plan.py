@@ -15,6 +15,7 @@ from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SC
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.integration.consistency import text_of_move
 from ..runtime.integration.run_arguments import step_argument
+from ..runtime.integration.starts import own_inertias
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
 from .study import Study, checked_study
 from .sweep_model import base_parameters, resolve, starts
@@ -70,15 +71,17 @@ def plan(
     study = checked_study(Study(
         name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
         common_parameters, np.array(start.q0), np.array(start.p0), dt, seed=seed, **options))
-    _refuse_impossible_inertias(study)
+    _refuse_impossible_inertias(study, start.bodies)
     _warn_of_moved_start(study, common_parameters | study.parameters)
     return study
 
 
-def _refuse_impossible_inertias(study: Study) -> None:
+def _refuse_impossible_inertias(study: Study, inertias: Mapping[str, Any]) -> None:
     """Refuse a study with a cell whose parameters are an inertia that no body has."""
-    bodies = {body: names for body, names in study.steppers[0]._inertias.items()
-              if any(map(study.varied, names))}
+    stepper = study.steppers[0]
+    bodies = {body: names for body, names in (
+        own_inertias(inertias, stepper.parameter_domains) | stepper._inertias).items()
+        if any(map(study.varied, names))}
     for tile in tiles_of(study) if bodies else ():
         refuse_impossible_inertias(bodies, cells_of(study, tile).parameters)
 

@@ -264,9 +264,10 @@ def _set(content: TomlTable, key: str, value: str) -> None:
     if not isinstance(table, dict) or ("." not in key and last not in names):
         parameters = (f"set its parameter {listed(names)}" if names else
                       "it has no [parameters] to set")
+        example = "body.inertia" if "body" in content.content else "start.euler"
         raise content.file_error(
             f"it has no {shown(key)}; {parameters}, or a table and a key, such as "
-            f"start.euler{proposal(key, names)}.")
+            f"{example}{proposal(key, names)}.")
     table[last] = _value(value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -13,8 +14,10 @@ from numpy.typing import NDArray
 from ...core.arguments import as_mapping, few, shown
 from ...core.errors import ArgumentError, InputError
 from ...core.event import Event, Impact
+from ...core.inertia import as_inertia, refuse_impossible_inertias
 from ...core.start import Rule, Start, as_start, has_start
 from ...core.warnings import warn
+from ..rigid_body.gamma_rules import inertia_names
 from .consistency import moved_onto_constraints
 from .run_arguments import span_of, step_argument, step_count
 
@@ -23,7 +26,7 @@ if TYPE_CHECKING:
     from ..steppers.evaluation import Evaluation
 
 __all__ = ["StartNumbers", "after_start", "events_or_own", "merged_start", "merged_starts",
-           "span_or_own", "start_parameters", "steps_of_all"]
+           "own_inertias", "span_or_own", "start_parameters", "steps_of_all"]
 
 Array = NDArray[Any]
 
@@ -134,6 +137,11 @@ def start_parameters(
     """Return the parameters of a start and those that win over them, γ and α by their rules.
 
     ``names`` are the parameters of the system.
+
+    Raises
+    ------
+    InputError
+        For parameters that are the inertia of no body, where the model's own are those of one.
     """
     start_values: dict[str, Any] = {name: value for name, value in start.parameters.items()
                                     if name in names or name not in start._spare}
@@ -142,7 +150,42 @@ def start_parameters(
     for name, inertia in start._inertias.items():
         if name in names and name not in values:
             values[name] = Rule(start._rules.get(name, "m"), inertia)
+    if parameters and start._inertias:
+        _refuse_impossible(own_inertias(start._inertias, names), values, parameters)
     return values
+
+
+def own_inertias(
+    inertias: Mapping[str, Any], names: Collection[str]
+) -> dict[str, Sequence[str]]:
+    """Return the parameters among ``names`` that are the inertia of each of a model's bodies.
+
+    ``inertias`` go by the names of γ or α. Moments that no body has are effective ones: they are
+    left out.
+    """
+    bodies: dict[str, Sequence[str]] = {}
+    for name, inertia in inertias.items():
+        entries = next((entries for entries in inertia_names(name) if {*entries} <= {*names}), ())
+        label = name.removesuffix("gamma").removesuffix("alpha").rstrip("_") or "body"
+        with contextlib.suppress(InputError):
+            as_inertia(inertia, label)
+            bodies |= {label: entries} if entries else {}
+    return bodies
+
+
+def _refuse_impossible(
+    bodies: Mapping[str, Sequence[str]], values: Mapping[str, Any], given: Mapping[str, Any]
+) -> None:
+    """Refuse an inertia of which some are given; what is no number is refused by other checks."""
+    for label, entries in bodies.items():
+        if given.keys().isdisjoint(entries) or not {*entries} <= values.keys():
+            continue
+        try:
+            columns = np.broadcast_arrays(*(np.asarray(values[name], float) for name in entries))
+        except (TypeError, ValueError):
+            continue
+        if min(column.min() for column in columns) > 0:
+            refuse_impossible_inertias({label: entries}, dict(zip(entries, columns, strict=True)))
 
 
 def after_start(names: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:

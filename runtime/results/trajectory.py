@@ -211,6 +211,8 @@ class Trajectory(Shown):
         except TypeError:
             raise InputError(f"run[{shown(row)}] is no row; give a whole number, or a slice such "
                              "as run[::10].") from None
+        except IndexError:
+            raise IndexError(f"run[{shown(row)}] is none of {len(self):,} stored states.") from None
         inputs: dict[str, Any] = {}
         if self._inputs is not None and len(self) > 1:
             # Rows at given times lie between steps; their inputs are not known.

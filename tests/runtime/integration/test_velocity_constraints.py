@@ -8,6 +8,8 @@ import pytest
 import gyrospark as gs
 import systems
 from gyrospark.core.errors import InputError
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
 from gyrospark.runtime.bindings.run_memory import Rows, RunConstants, RunState
 from processes import DATA
 from rolling_systems import (
@@ -200,3 +202,10 @@ def test_energy_drifts_where_a_motion_has_no_mirror(k):
     assert (error.max() < 0.05) == (k == 0.0)
     assert error[-1] > 100 * error[:200].max() or k == 0.0
     assert run.report.momentum_constraint_max < 1e-8
+
+
+@pytest.mark.parametrize("kind", ["derivatives", "second"])
+def test_no_derivatives_are_generated(kind):
+    system = systems.case("sleigh").system
+    with pytest.raises(gs.InputError, match=r"velocity constraints A0.*differences"):
+        generate(Spec.checked("G-L", 2), system=system, **{kind: True})

@@ -11,6 +11,7 @@ import pytest
 import gyrospark as gs
 import systems
 from calls import TOP
+from processes import ROOT
 from systems import case, start, stepper
 
 EPS = np.finfo(float).eps
@@ -193,3 +194,20 @@ def test_wide_starts_keep_their_digits():
     step = systems.stepper("oscillator", real="long-double")
     begin = gs.Start([np.longdouble(1) / 3], [0.0], {"k": np.longdouble(1) / 7})
     assert step.integrate(begin, dt=0.1, steps=1).q[0, 0] == np.longdouble(1) / 3
+
+
+def test_no_body_has_such_an_inertia():
+    """Of a single body, from a problem or a file: by the check of the builders, of sweeps too."""
+    step, file = systems.stepper("heavy_top"), ROOT / "examples" / "damped_top.toml"
+    model = gs.load_model(file)
+    for parameters in ({"I1": 1.0}, {"I1": [0.002, 1.0]}, [{"I1": 0.002}, {"I1": 1.0}]):
+        start = gs.problems.fast_top()
+        call = step.integrate_ensemble if parameters != {"I1": 1.0} else step.integrate
+        with pytest.raises(gs.InputError, match="no body has it"):
+            call(start, dt=1e-3, steps=1, parameters=parameters)
+    with pytest.raises(gs.InputError, match="no body has it"):
+        gs.sweep(model, {"I1": [0.002, 1.0]}, scheme="G-L", stages=2, steps=1)
+    with pytest.raises(gs.InputError, match=r"body\.inertia"):
+        gs.load_model(file, set={"I1": 1.0})
+    free = gs.Start(TOP.q0, TOP.p0, {**TOP.parameters, "I1": 1.0})  # effective moments, of no model
+    assert step.integrate(free, dt=1e-3, steps=1).report.steps == 1
