@@ -207,5 +207,5 @@ def test_energy_drifts_where_a_motion_has_no_mirror(k):
 @pytest.mark.parametrize("kind", ["derivatives", "second"])
 def test_no_derivatives_are_generated(kind):
     system = systems.case("sleigh").system
-    with pytest.raises(gs.InputError, match=r"velocity constraints A0.*differences"):
+    with pytest.raises(gs.InputError, match=r"A0.*differences"):
         generate(Spec.checked("G-L", 2), system=system, **{kind: True})
