@@ -1369,6 +1369,9 @@ class Multibody:
             as_text("a constraint to leave out", name)
             for name in as_items("without", without, "constraints' names")}
         latches = [closed] if isinstance(closed, str) else as_items("closed", closed, "latches")
+        if latches and not self._components.latches:
+            raise InputError(f"closed = {shown(closed)} names a latch, and Multibody "
+                             f"{self.name!r} has none; add one with latch(...).")
         for latch in latches:
             choose("latch", latch, self._components.latches)
         assembly = Assembly(self._components, left_out, latches)

@@ -33,8 +33,8 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
         For another shape, for complex, boolean or non-numeric entries, for NaN and infinity.
     """
     if (type(value) is np.ndarray and value.dtype.type is dtype and value.dtype.isnative
-            and value.shape == shape and value.ndim == 1 and math.isfinite(value.dot(value))):
-        return value.copy()  # what most calls give: a sum of squares is finite if all entries are
+            and value.shape == shape and np.count_nonzero(np.isfinite(value)) == value.size):
+        return value.copy()  # what most calls give
     array = as_numbers(name, value)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")

@@ -224,7 +224,7 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("Solver", gs.Solver, kind="newton", tolerance=1e-12, max_iterations=50),
         plain("Inputs", gs.Inputs, values=[0.1], hold=2),
         plain("Event", gs.Event, quantity="q1", level=0.0, direction=1, terminal=False, name="a"),
-        plain("Impact", gs.Impact, quantity="q1", restitution=0.5, name="a"),
+        plain("Impact", gs.Impact, quantity="q1", restitution=0.5, terminal=False, name="a"),
         plain("section", gs.section, stepper=step, starts=[q, q], p=[p, p], **run, steps=3,
               t_end=None, event=gs.Event("q1"), solver="auto", workers=1, tangents=None,
               progress=None),
@@ -420,7 +420,8 @@ def multibody_calls() -> Iterator[Call]:
     yield of("moving_point", name="j", path=(0.0, 0.0, 1.0))
     yield of("contact", name="j", a="body", b="ground", gap=None, on_a=(0.0, 0.0, 0.1),
              on_b=(0.0, 0.0, -9.0), normal=(0.0, 0.0, 1.0), radius=0.1, box=None, restitution=0.5)
-    yield of("latch", name="j", a="body", b="ground", close=["hinge"])
+    yield of("latch", name="j", a="body", b="ground", close=["hinge"], on_a=(0.0, 0.0, 0.1),
+             on_b=(0.0, 0.0, -9.0), normal=(0.0, 0.0, 1.0), radius=0.1)
     yield of("stop", name="j", joint="hinge", lower=-1.0, upper=1.0, restitution=0.5)
     yield of("angle", joint="hinge")
     yield of("rate", joint="hinge")
@@ -434,7 +435,7 @@ def multibody_calls() -> Iterator[Call]:
     yield of("time_scale", expression=2)
     yield of("quantity", name="k", expression=sp.Integer(1))
     yield of("visual", body="body", shape=gs.Shape("box", (1.0, 1.0, 1.0)))
-    yield of("model", without=(), redundant="refuse")
+    yield of("model", without=(), redundant="refuse", closed=(), start=None)
     build = gs.Multibody("b")
     body = build.body("u", mass=1, inertia=inertia)
     for method, argument in (("point", "r"), ("direction", "v"), ("point_velocity", "r")):

@@ -459,8 +459,12 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
         if (hit < 0 || MATH(fabs)(r->dt - *since) <= 4*epsilon*MATH(fabs)(r->dt))
             *since = r->dt;
         r->from = r->end;
-        if (hit >= 0)
+        if (hit >= 0) {
             update_margins(r, n, *since, &r->from);
+            /* What is left at a located zero is round-off of the gap, which may be a difference of
+             * numbers larger than its coordinates. */
+            r->margin[hit] = larger(r->margin[hit], MATH(fabs)(r->from.gap[hit]));
+        }
     }
     return OK;
 }

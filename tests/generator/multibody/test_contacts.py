@@ -416,3 +416,18 @@ steps = 120
     refused = gyrospark(*command, "--event", "ball_z=1")
     assert refused.code == 2
     assert "events" in refused.stderr
+
+
+def test_the_round_off_of_a_gap_may_be_larger_than_that_of_its_coordinates():
+    """The gap is a difference of metres, zero but for 1e-15 where it is located."""
+    build = gs.Multibody("struck_top", gravity=(0, 0, -9.81))
+    for name, x, turn in (("striker", 0.0, 0.3), ("struck", 0.2, 0.0)):
+        build.top(name, mass=1, inertia=(1.0, 1.0, 0.01), at=(x, 0, 0), centre=(0, 0, -1),
+                  quaternion=(np.cos(turn), 0, np.sin(turn), 0))
+    build.contact("click", "striker", "struck", radius=0.1, on_a=(0, 0, -1), on_b=(0, 0, -1))
+    model = build.model()
+    run = gs.stepper("G-L", stages=2, system=model).integrate(model, dt=0.01, steps=60)
+    assert len(run.impacts["click"]) == 1
+    assert np.abs(run.energy_error()).max() < 1e-8
+    speed = np.linalg.norm(run.body("striker").velocity()[-1])
+    assert speed < 1e-3 < np.linalg.norm(run.body("struck").velocity()[-1])
