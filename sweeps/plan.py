@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..core.arguments import as_mapping, shown, whole
+from ..core.arguments import as_mapping, few, shown, whole
 from ..core.errors import InputError
+from ..core.event import Impact
+from ..core.incompatibilities import refuse_together
 from ..core.inertia import refuse_impossible_inertias
 from ..core.warnings import warn
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
@@ -49,6 +51,8 @@ def plan(
             raise InputError(f"stages = {shown(stages)} is not a whole number.")
         labels = [str(scheme) if stages is None else f"{scheme} {count}"]
     steppers, start = resolve(model, labels, rep, real, settings, frame)
+    impacts = [event.name for event in getattr(start, "events", ()) if isinstance(event, Impact)]
+    refuse_together(impacts=bool(impacts) and f"impacts of {few(impacts)}", other_runs="a sweep")
     binding = steppers[0].binding
     step_name = "dtau" if binding.clocked else "dt"
     names = {*steppers[0].parameter_domains, step_name, SCHEME}

@@ -155,6 +155,8 @@ def test_a_row_keeps_the_impacts_and_other_runs_refuse_them():
         step.integrate(model, dt=0.01, steps=2, events=gs.Event("a_z"))
     assert pickle.loads(pickle.dumps(model)).events == model.events
     assert RunDefaults.from_json(RunDefaults.of(model).as_json()).events == model.events
+    with pytest.raises(InputError, match="sweep"):
+        gs.sweep(model, {"gravity_z": [0.0]}, dt=0.01, steps=2)
 
 
 def test_a_pendulum_between_two_stops():
