@@ -340,7 +340,7 @@ def fit(
     t : array_like, shape (N,)
         Times of the samples in seconds, increasing, each a whole number of steps from the start, to
         a thousandth of a step.
-    data : array_like, shape (N, columns)
+    data : array_like, shape (N, C)
         A row for each sample. Of attitudes unit quaternions from body to space axes, scalar first,
         of either sign; of angular velocities Ω in body axes, in rad/s.
     dt : float, optional
