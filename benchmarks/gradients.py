@@ -243,7 +243,7 @@ COUNTS = (1, 8, 16)
 
 
 def derivatives(choice: Choice) -> list[Row]:
-    """Return the cost of a gradient by the adjoint, and of tangents, divided by that of the run.
+    """Return the costs of a gradient by the adjoint and of tangents, in costs of the run.
 
     A gradient repeats the steps of a run and takes a cotangent of its end backwards. Tangents are
     computed during the run, along directions of its start. A quick choice measures one top.

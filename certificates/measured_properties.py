@@ -107,7 +107,7 @@ class Examination:
     """One run of a model, and the lines that come of it."""
 
     model: Model
-    #: That of the model; in scaled time with t among the coordinates.
+    #: The system of the model; in scaled time with t among the coordinates.
     system: System
     step: Stepper
     guarantees: Guarantees

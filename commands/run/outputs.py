@@ -72,7 +72,7 @@ def check_targets(
         if ending_of(path) in endings("film"):
             check_film(path)
     if resume and not _is_store(out):
-        raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr. "
+        raise InputError("--resume continues a stored run; give its store, --out NAME.zarr. "
                          "gyrospark export NAME.zarr NAME.csv then makes a table of it.")
     if out is not None:
         if _is_store(out):

@@ -143,7 +143,7 @@ def quantity_rates(system: System) -> Kernel | None:
 
 
 def impact_derivatives(system: System) -> Kernel | None:
-    """Return the kernel of the derivatives that those of the law of impacts are made of.
+    """Return the kernel from which the derivatives of the law of impacts are assembled.
 
     Of the gaps φ, quantities of q and the time, it has the derivatives of φ_qᵀ μ + g_qᵀ λ by q, the
     parameters and the time, and those of φ_q H_p + φ_t by q, p, the parameters and the time; None

@@ -107,7 +107,7 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
     names = constraints.names
     if not names:
         return Redundancy(owner, ())
-    # rank is judged on g = 0: dependent rows may be independent beside it
+    # The rank is taken where g = 0: rows dependent there may be independent elsewhere.
     point = nearest_point(constraints, q)
     slopes = constraints.rows(q if point is None else point)
     if not _is_finite(slopes):

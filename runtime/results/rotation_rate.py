@@ -201,7 +201,7 @@ class Rotations:
     def warn_of_many(self, parameters: Mapping[str, Any], dt: Array, q: Array, p: Array) -> None:
         """Warn as ``warn_of`` does, of the runs of an ensemble; q and p are (runs, states, n).
 
-        ``dt`` is that of the steps to each state after the start, or one for each run.
+        ``dt`` has the step to each state after the start, or one step for each run.
         """
         count = q.shape[1] - 1
         if count < 2 or not self.bodies:

@@ -116,6 +116,15 @@ class Differentiation(Evaluation):
                               further=self._derive.of_others)
         return files
 
+    def _more_files(self, subject: str, **kinds: bool) -> dict[str, str]:
+        """Return files that are derived apart; InputError for a stepper without a derivation."""
+        derive = self._derive.of_others if self._derive is not None else None
+        if derive is None:
+            raise InputError(
+                f"Stepper {self.name} was read from a file, or sent to this process before "
+                f"{subject} first used; make it with gyrospark.stepper(...).")
+        return derive.files(**kinds)
+
     def _second_binding(self) -> SecondBinding:
         """Calls of derivatives of adjoints, derived and compiled when first called."""
         first = self._derivative_binding()
@@ -123,13 +132,7 @@ class Differentiation(Evaluation):
             if not self._second_bindings:
                 refuse_together(second=f"second derivatives of {self.name}",
                                 frame=bool(self.symmetries) and "its co-moving frame")
-                derive = self._derive.of_others if self._derive is not None else None
-                if derive is None:
-                    raise InputError(
-                        f"Stepper {self.name} was read from a file, or sent to this process before "
-                        "its second derivatives were first used; make it with "
-                        "gyrospark.stepper(...).")
-                files = derive.files(second=True)
+                files = self._more_files("its second derivatives were", second=True)
                 binding = self._bound(load_module(self.name, files, "second"))
                 self._second_bindings.append(SecondBinding(binding, first))
         return self._second_bindings[0]
@@ -139,15 +142,9 @@ class Differentiation(Evaluation):
         """
         with self._deriving:
             if self._jumps is None:
-                derive = self._derive.of_others if self._derive is not None else None
-                if derive is None:
-                    raise InputError(
-                        f"Stepper {self.name} was read from a file, or sent to this process before "
-                        "derivatives of its impacts were first used; make it with "
-                        "gyrospark.stepper(...).")
-                binding = self._bound(load_module(self.name, derive.files(second=True), "jumps"))
-                if "impacts_by_state" not in dir(binding.lib) and not hasattr(
-                        binding.lib, f"{self.name}_impacts_by_state"):
+                files = self._more_files("derivatives of its impacts were", second=True)
+                binding = self._bound(load_module(self.name, files, "jumps"))
+                if not hasattr(binding.lib, f"{self.name}_impacts_by_state"):
                     raise InputError(
                         f"The gaps of {self.name} are too long for derivatives; use differences of "
                         "runs.")
@@ -168,13 +165,8 @@ class Differentiation(Evaluation):
         """Header, source and manifest of profile control, derived when first called."""
         with self._deriving:
             if not self._controls:
-                derive = self._derive.of_others if self._derive is not None else None
-                if derive is None:
-                    raise InputError(
-                        f"Stepper {self.name} was read from a file, or sent to this process before "
-                        "its code for a card was first used; make it with "
-                        "gyrospark.stepper(...).")
-                self._controls.update(derive.files(control=True))
+                self._controls.update(
+                    self._more_files("its code for a card was", control=True))
         return self._controls
 
     def _portable_derive(self) -> Derive | None:

@@ -498,7 +498,7 @@ def _with_impacts(
         iterations[i, : stored - 1] = member.iterations[: stored - 1]
     if closed:
         warn(f"{closed:,} of {count:,} trajectories end before the last step, where a gap stays "
-             "closed; their last rows are in members.")
+             "closed or a terminal impact ends them; their last rows are in members.")
     failures = {i: failure_of(binding, runs[i], members[i], Diagnosis.bare(statuses[i]), ends[i])
                 for i in range(count) if statuses[i]}
     events = {impact.name: CrossingsOfMany([member.events[impact.name] for member in members])

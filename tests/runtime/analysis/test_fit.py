@@ -218,7 +218,7 @@ def test_a_function_is_observed_with_its_derivatives():
 
 
 def test_angular_velocities_are_observed():
-    """Exact data give exact moments; ∂Ω/∂I is that of the run and that of Ω = J⁻¹ l at once."""
+    """Exact data give exact moments; ∂Ω/∂I has two terms, by the run and by Ω = J⁻¹ l."""
     step, problem = systems.stepper("heavy_top"), gs.problems.fast_top()
     run = step.integrate(problem, dt=1e-3, steps=120, every=3)
     omega = run.body().angular_velocity()

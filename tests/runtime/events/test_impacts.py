@@ -326,7 +326,7 @@ def test_states_between_steps_after_many_impacts_at_once(tmp_path):
 
 
 def test_work_at_impacts_and_between_steps():
-    """W at an impact is that of the parts of steps before; states between steps go on from it."""
+    """W at an impact is the work until there; states between steps continue it."""
     run = stepper("dragged").integrate(
         [0.5], [0.0], dt=0.05, steps=20, parameters={"m": 1, "g": 9.81, "c": 0.3},
         inputs={"push": np.repeat([-1.0, 2.0], 10)}, events=gs.Impact("floor", restitution=0.8))
