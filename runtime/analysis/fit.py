@@ -82,7 +82,7 @@ class Fit:
         parameter that is 0, the change itself) and of the "start" (the larger of |dq|/|q| and
         |dp|/|p|) that leave the predictions as they are: of a common factor all are 1. The values
         are then one choice of many.
-    residuals : array, shape (samples, columns)
+    residuals : array, shape (samples, C)
         Predictions less data; of an attitude three columns, the rotation vector in rad.
     rms : float
         Root mean square of the residuals.
@@ -359,13 +359,13 @@ def fit(
         columns each, as ``run.body().angular_velocity()`` has them, or "upper angular_velocity";
         all coordinates or momenta; a coordinate or a momentum by name. A function
         of q and p, rows of states of shape (N, n), returns (values, by_q, by_p) of the shapes
-        (N, columns), (N, columns, n) and (N, columns, n): what the data measure, and its
+        (N, C), (N, C, n) and (N, C, n): what the data measure, and its
         derivatives.
     free : sequence of str, optional
         Names of parameters, and "start". By default all but ``fixed``, inputs, γ and α.
     fixed : sequence of str
         What is not fitted.
-    sigma : float or array_like, shape (columns,), optional
+    sigma : float or array_like, shape (C,), optional
         One standard deviation of the noise, of attitudes three numbers in rad. By default that of
         the residuals.
     horizons : sequence of int, optional
