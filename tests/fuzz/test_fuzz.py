@@ -56,7 +56,7 @@ def test_seeded_inputs(name):
 
 
 @every_entrance
-@settings(max_examples=6, database=None,
+@settings(max_examples=3, database=None,
           suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(data=st.binary(max_size=120))
 def test_any_bytes(name, data):
