@@ -186,7 +186,7 @@ def certify(
                 raise InputError(f"Model {known_model.name!r} names no time step; give dt.")
         size = as_step(step_argument(step.binding, dt, dtau))
         count = as_positive_count("steps", (known_model.steps or STEPS) if steps is None else steps,
-                                  least=2)
+                                  minimum=2)
         changes = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
         for name in changes:
             if name not in step.parameter_domains:

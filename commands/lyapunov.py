@@ -69,7 +69,7 @@ def lyapunov(
     _, step, start, begin = started(problem, set, choice)
     state = start_of(step, start, begin)
     size, number = steps_for(start, begin, {"dt": dt, "steps": steps, "t_end": t_end})
-    with progress_bar(number, quiet=as_json, least=_BAR_FROM) as progress:
+    with progress_bar(number, quiet=as_json, minimum=_BAR_FROM) as progress:
         spectrum = exponents_of(step, state, dt=size, steps=number,
                                 every=between, count=exponent_count, progress=progress)
     result = _result(spectrum)

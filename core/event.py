@@ -142,7 +142,7 @@ def with_restitutions(
 
 
 def events_of_model(
-    argument: Any, quantities: Sequence[str], others: Sequence[str]
+    argument: Any, quantities: Sequence[str], velocities: Sequence[str]
 ) -> tuple[Event | Impact, ...]:
     """Return the impacts and the events of a model, of quantities and of other names.
 
@@ -155,15 +155,15 @@ def events_of_model(
     impacts = [entry for entry in entries if isinstance(entry, Impact)] if isinstance(
         entries, Sequence) else []
     events = [entry for entry in entries if entry not in impacts] if impacts else entries
-    return *as_impacts(impacts, quantities), *as_events(events, [*quantities, *others])
+    return *as_impacts(impacts, quantities), *as_events(events, [*quantities, *velocities])
 
 
 def as_impacts(
-    argument: Any, quantities: Sequence[str], own: Sequence[Impact] = ()
+    argument: Any, quantities: Sequence[str], model_impacts: Sequence[Impact] = ()
 ) -> tuple[Impact, ...]:
     """Return a caller's impacts, each of a quantity that the system has; () of events alone.
 
-    ``own`` are the impacts of the start, of which those given take the place.
+    ``model_impacts`` are the impacts of the start, of which those given take the place.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def as_impacts(
     if not isinstance(impacts, Sequence):
         return ()
     if not any(isinstance(entry, Impact) for entry in impacts):
-        impacts = (*own, *impacts) if own else ()
+        impacts = (*model_impacts, *impacts) if model_impacts else ()
     for impact in impacts:
         refuse_together(impacts="impacts", events=not isinstance(impact, Impact) and "events")
         choose("quantity of an impact", impact.quantity, quantities)

@@ -203,7 +203,7 @@ def _log_progress(
         with hide_tasks():
             yield progress or None
         return
-    with terminal_messages(asked=True) if progress else contextlib.nullcontext():
+    with terminal_messages(explicit=True) if progress else contextlib.nullcontext():
         _install()
         if not _LOGGER.isEnabledFor(logging.DEBUG):
             yield None
@@ -245,14 +245,14 @@ def log_stages(text: str, total: int, progress: Progress) -> Iterator[Callable[[
 
 
 @contextlib.contextmanager
-def terminal_messages(*, asked: bool = False) -> Iterator[None]:
+def terminal_messages(*, explicit: bool = False) -> Iterator[None]:
     """Show tasks and results within: for the command line.
 
-    ``asked`` is for ``progress=True``: no results, and lines where stderr is no terminal.
+    ``explicit`` is for ``progress=True``: no results, and lines where stderr is no terminal.
     """
     before = _LOGGER.level, TERMINAL.level, TERMINAL.results, TERMINAL.asked
     there = TERMINAL in _LOGGER.handlers
-    TERMINAL.results, TERMINAL.asked = TERMINAL.results or not asked, TERMINAL.asked or asked
+    TERMINAL.results, TERMINAL.asked = TERMINAL.results or not explicit, TERMINAL.asked or explicit
     TERMINAL.setLevel(logging.NOTSET)
     _LOGGER.addHandler(TERMINAL)
     _LOGGER.setLevel(logging.DEBUG)

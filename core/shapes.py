@@ -82,11 +82,11 @@ class Shape:
                              "one, and nothing else has.")
 
     def _array(self, name: str, entry: Any, shape: tuple[int, ...]) -> Array:
-        found = real_array(entry)
-        if found is None or found.shape != shape or not np.isfinite(found.astype(float)).all():
+        array = real_array(entry)
+        if array is None or array.shape != shape or not np.isfinite(array.astype(float)).all():
             raise InputError(f"The {name} of a {self.kind} is {shown(entry)}; give "
                              f"{'×'.join(map(str, shape))} finite numbers.")
-        return found.astype(float)
+        return array.astype(float)
 
     def as_json(self) -> dict[str, Any]:
         """Return the arguments that the shape was made of, as JSON can hold them."""

@@ -183,8 +183,8 @@ class Start:
         """
         present_values = {name: getattr(self, name)
                           for name in ("q", "p", "parameters", "t", "inputs")}
-        if other := changes.keys() - present_values.keys():
-            raise InputError(f"replace has no argument {min(other)!r}; it takes "
+        if unknown_names := changes.keys() - present_values.keys():
+            raise InputError(f"replace has no argument {min(unknown_names)!r}; it takes "
                              f"{', '.join(present_values)}.")
         start = Start(**present_values | changes)
         for name in ("_inertias", "_rules", "_span", "_events", "_spare", "_excess"):

@@ -48,20 +48,21 @@ def base_units(text: str) -> dict[str, Fraction]:
     InputError
         For text that is no product of SI units without prefixes.
     """
-    found: dict[str, Fraction] = {}
+    dimensions: dict[str, Fraction] = {}
     parts = re.split(r"([./])", text if isinstance(text, str) else "")
     for sign, factor in zip([".", *parts[1::2]], parts[::2], strict=False):
         match = _FACTOR.fullmatch(factor.strip())
         name = match[1] if match else ""
         if not match or (name != "1" and name not in _BASE and name not in _NAMED):
-            known = [*_BASE, *_NAMED]
-            raise InputError(f"The unit {shown(text)} is no product of {', '.join(known)}; write "
-                             f'one such as "kg.m2" or "N.m/rad"{proposal(factor, known)}.')
+            unit_names = [*_BASE, *_NAMED]
+            raise InputError(f"The unit {shown(text)} is no product of {', '.join(unit_names)}; "
+                             'write one such as "kg.m2" or "N.m/rad"'
+                             f"{proposal(factor, unit_names)}.")
         exponents_of_name = ({} if name == "1" else {name: Fraction(1)} if name in _BASE
                              else base_units(_NAMED[name]))
-        found = combined((found, 1), (
+        dimensions = combined((dimensions, 1), (
             exponents_of_name, int(match[2] or 1) * (1 if sign == "." else -1)))
-    return found
+    return dimensions
 
 
 def unit_name(dimensions: Dimensions) -> str | None:

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from ..core.errors import GyrosparkError
 
@@ -27,8 +28,8 @@ INCLUDE_CHECK = """\
 """
 _INCLUDE = re.compile(r'#include "(gyrospark/[\w./]+)"$')
 _DEFINE = re.compile(r"#define (GS_\w+)(?: (\d+))?(?: */\*.*\*/)?$")
-_OWN = re.compile(r"#(?:(ifdef|ifndef) (GS_\w+)|(if|elif) ((?:[!() ]*\bGS_\w+|[\d&|=!() ])+)"
-                  r"|(else|endif)\b)")
+_CONDITIONAL = re.compile(r"#(?:(ifdef|ifndef) (GS_\w+)|(if|elif) "
+                          r"((?:[!() ]*\bGS_\w+|[\d&|=!() ])+)|(else|endif)\b)")
 _TOKEN = re.compile(r"\s*(\w+|&&|\|\||==|!=|[!()])")
 
 
@@ -64,75 +65,86 @@ def _header(name: str) -> str:
             "again, or generate the file with this version.") from error
 
 
+class _Branch(NamedTuple):
+    """The branch of an open conditional that the current line stands in."""
+
+    is_active: bool
+    #: Was this branch, or one above it, active? Then ``#elif`` and ``#else`` are not.
+    has_been_active: bool
+    #: Is the condition one of GS_ names? All others are left to the compiler.
+    is_ours: bool
+
+
 def _process(text: str, names: dict[str, int], lines: list[str]) -> None:
     """Append the lines of a text; ``names`` are the GS_ names defined so far."""
-    # Of each conditional that is open: whether its lines are kept, whether a branch was taken
-    # already, and whether it is one of ours.
-    open_: list[tuple[bool, bool, bool]] = []
+    branches: list[_Branch] = []
     for line in text.rstrip("\n").split("\n"):
-        kept = all(state[0] for state in open_)
+        is_active = all(branch.is_active for branch in branches)
         if line.startswith("#"):
-            own = _OWN.match(line)
-            if own and (own[2] or own[4]) and (own[3] != "elif" or open_[-1][2]):
-                if own[3] == "elif":
-                    _, taken, _ = open_.pop()
-                    true = not taken and _value(own[4], names)
-                    open_.append((true, taken or true, True))
-                else:
-                    true = kept and (_value(own[4], names) if own[4]
-                                     else (own[2] in names) == (own[1] == "ifdef"))
-                    open_.append((true, true, True))
+            match = _CONDITIONAL.match(line)
+            name_test, name, keyword, condition, ending = match.groups() if match else [None] * 5
+            if condition and (keyword == "if" or branches[-1].is_ours):
+                before = keyword == "elif" and branches.pop().has_been_active
+                # #elif stands in the branch above it, which need not be active
+                chosen = (keyword == "elif" or is_active) and not before and _value(
+                    condition, names)
+                branches.append(_Branch(chosen, chosen or before, is_ours=True))
+                continue
+            if name:
+                chosen = is_active and (name in names) == (name_test == "ifdef")
+                branches.append(_Branch(chosen, chosen, is_ours=True))
                 continue
             if line.startswith("#if"):
-                open_.append((True, True, False))
-            elif own and own[5] and open_[-1][2]:
-                _, taken, _ = open_.pop()
-                if own[5] == "else":
-                    open_.append((not taken, True, True))
+                branches.append(_Branch(True, has_been_active=True, is_ours=False))
+            elif ending and branches[-1].is_ours:
+                before = branches.pop().has_been_active
+                if ending == "else":
+                    branches.append(_Branch(not before, has_been_active=True, is_ours=True))
                 continue
             elif line.startswith("#endif"):
-                open_.pop()
-            if not kept:
+                branches.pop()
+            if not is_active:
                 continue
-            if found := _INCLUDE.match(line):
-                _process(_header(found[1]), names, lines)
+            if match := _INCLUDE.match(line):
+                _process(_header(match[1]), names, lines)
                 continue
-            if found := _DEFINE.match(line):
-                names[found[1]] = int(found[2] or 1)
+            if match := _DEFINE.match(line):
+                names[match[1]] = int(match[2] or 1)
                 continue
             if line.startswith("#undef GS_"):
                 names.pop(line.split()[1], None)
                 continue
             if line.startswith("#error"):
                 raise GyrosparkError(line.partition('"')[2].rstrip('"'))
-        if kept:
+        if is_active:
             lines.append(line)
-    assert not open_
+    assert not branches
 
 
 def _value(expression: str, names: dict[str, int]) -> bool:
     """Return the value of a condition: GS_ names, whole numbers, ``! == != && || ( )``."""
     tokens = _TOKEN.findall(expression.partition("/*")[0])
 
-    def either() -> int:
-        value = both()
+    # One function for each level of precedence, the loosest first.
+    def disjunction() -> int:
+        value = conjunction()
         while tokens[:1] == ["||"]:
             tokens.pop(0)
-            value = both() or value
+            value = conjunction() or value
         return value
 
-    def both() -> int:
-        value = equal()
+    def conjunction() -> int:
+        value = comparison()
         while tokens[:1] == ["&&"]:
             tokens.pop(0)
-            value = equal() and value
+            value = comparison() and value
         return value
 
-    def equal() -> int:
+    def comparison() -> int:
         value = single()
         while tokens[:1] in (["=="], ["!="]):
-            same = tokens.pop(0) == "=="
-            value = (value == single()) == same
+            equality = tokens.pop(0) == "=="
+            value = (value == single()) == equality
         return value
 
     def single() -> int:
@@ -140,9 +152,9 @@ def _value(expression: str, names: dict[str, int]) -> bool:
         if token == "!":
             return not single()
         if token == "(":
-            value = either()
+            value = disjunction()
             tokens.pop(0)
             return value
         return int(token) if token.isdigit() else names.get(token, 0)
 
-    return bool(either())
+    return bool(disjunction())

@@ -94,16 +94,16 @@ def generate(
         refuse_together(splitting="scheme splitting", frame=(
             spec.frame or (model is not None and model.frame)) and "a co-moving frame")
     framed = spec.frame or ("" if system is not None or model is None else model.frame)
-    asked = {"profile": spec.profile != "full" and f"profile {spec.profile!r}",
+    options = {"profile": spec.profile != "full" and f"profile {spec.profile!r}",
              "frame": bool(framed) and "a co-moving frame",
              "derivatives": (derivatives or second) and "derivatives of steps and runs",
              "energy": spec.energy and "exact energy (energy = True)",
              "structured": bool(structured) and "loops over element templates"}
-    refuse_together(**asked)
+    refuse_together(**options)
     if system is None and spec.model is None and spec.system not in SYSTEMS:
         model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
     system, rep = _system(spec, system, model)
-    _refuse_features(spec, system, own_tableau=tableau is not None, asked=asked)
+    _refuse_features(spec, system, own_tableau=tableau is not None, options=options)
     if is_users_system and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
@@ -145,17 +145,17 @@ def _scheme(
 
 
 def _refuse_features(
-    spec: Spec, system: System, *, own_tableau: bool, asked: Mapping[str, str | bool]
+    spec: Spec, system: System, *, own_tableau: bool, options: Mapping[str, str | bool]
 ) -> None:
     """Refuse features that velocity constraints or a time scale of the system exclude."""
     if system.velocity_count:
         refuse_together(
             velocity_constraints=f"the velocity constraints "
                                  f"{few(system.velocity_constraint_names)} of {system.name!r}",
-            other_scheme=_without_velocity_constraints(spec, own_tableau=own_tableau), **asked)
+            other_scheme=_without_velocity_constraints(spec, own_tableau=own_tableau), **options)
     if system.time_scale is not None:
         refuse_together(scaled=f"the time_scale of {system.name!r}",
-                        splitting=spec.order is not None and "scheme splitting", **asked)
+                        splitting=spec.order is not None and "scheme splitting", **options)
 
 
 def _without_velocity_constraints(spec: Spec, *, own_tableau: bool) -> str:

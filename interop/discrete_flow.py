@@ -79,7 +79,7 @@ class DiscreteFlow:
         self.stepper = stepper
         #: Whether second derivatives are exact; else differences.
         self.exact = exact
-        self.steps = as_positive_count("steps", steps, least=1)
+        self.steps = as_positive_count("steps", steps, minimum=1)
         binding = stepper.binding
         self.n, self.input_names = stepper.n, binding.input_names
         self.names = [name for name in binding.parameter_names if name not in self.input_names]

@@ -140,9 +140,9 @@ def resume(
     count, rest = about["steps"], number(about.get("rest", 0.0))
     end = number(about["t_end"]) if "t_end" in about else None
     if t_end is not None or steps is not None:
-        count, part = span_of(steps, t_end, t0, dt)
-        rest = stepper.binding.number(part)
-        end = as_real("t_end", t_end, stepper.binding.number) if part else None
+        count, remainder = span_of(steps, t_end, t0, dt)
+        rest = stepper.binding.number(remainder)
+        end = as_real("t_end", t_end, stepper.binding.number) if remainder else None
     tolerance = about["tolerance"]
     n, (q0, p0) = stepper.n, ([number(x) for x in about[name]] for name in ("q0", "p0"))
     t0, = q0[n:] or [t0]  # in scaled time the coordinates that are stepped have the time
@@ -185,28 +185,28 @@ def _existing_group(
     identity: dict[str, Any]
 ) -> zarr.Group:
     """Return the group of an existing store of this run, or of its first steps."""
-    kept = Recording.read(path)
-    begun = kept.attributes["run"]
-    rest = float(from_text(begun.get("rest", 0.0), kept.manifest.real))
+    recording = Recording.read(path)
+    begun = recording.attributes["run"]
+    rest = float(from_text(begun.get("rest", 0.0), recording.manifest.real))
     longer = (run.steps, abs(float(run.rest))) > (begun["steps"], abs(rest)) and not (
-        kept.status.startswith(FAILED))
+        recording.status.startswith(FAILED))
     spans = ("steps", "t_end", "rest")
     refuse_if_different({name: x for name, x in begun.items() if name not in spans}
                         | {name: identity[name] for name in spans if name in identity}
                         if longer else begun, identity, f"The store {str(path)!r}")
-    if kept.status.startswith(ENDED):
+    if recording.status.startswith(ENDED):
         return group_of(path)
     fields = fields_of(stepper.manifest)
     checkpoint = checkpoint_size(stepper.binding, events)
-    rows, coming = kept.rows, kept.attributes.get(EXTENDS)
-    of_events = [one for fields_of_one in fields_of_events(
-        stepper.manifest, identity.get("events", {})).values() for one in fields_of_one]
+    rows, coming = recording.rows, recording.attributes.get(EXTENDS)
+    of_events = [field for fields_of_one in fields_of_events(
+        stepper.manifest, identity.get("events", {})).values() for field in fields_of_one]
     with storage_errors(path, CURE):
         refuse_other_arrays(path, group_of(path), fields, {rows, coming or rows}, checkpoint,
                             of_events)
         if longer or coming is not None:
-            extend(path, kept.attributes["arrays"], run.stored_states,
-                   _run_attributes(stepper, run, identity, kept) if longer else {})
+            extend(path, recording.attributes["arrays"], run.stored_states,
+                   _run_attributes(stepper, run, identity, recording) if longer else {})
         remove_parts(path)
         return group_of(path, write=True)
 

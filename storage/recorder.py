@@ -136,7 +136,7 @@ class Recorder:
                                              strict=True):
                 refuse_missing_blocks(self.path, self.group, 0, count, names_of(fields))
                 if count:
-                    elapsed = next(one for one in fields if one.name.endswith("_elapsed"))
+                    elapsed = next(field for field in fields if field.name.endswith("_elapsed"))
                     self._latest[name] = self._stored(elapsed.name, elapsed.wide, count - 1, 1)[0]
         names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
@@ -220,9 +220,10 @@ class Recorder:
                 self._take_last_part(writer)
         if interrupts.requested and self.state.status <= 0:
             ended = self.state.status < 0
-            left = self.run.steps - self.state.steps + bool(self.run.rest and not self.last_part)
-            end_text = ended_at(self.state.steps, self.state.steps + (0 if ended else left))
-            continuation = ("It is" if ended or not left else
+            remaining = self.run.steps - self.state.steps + bool(
+                self.run.rest and not self.last_part)
+            end_text = ended_at(self.state.steps, self.state.steps + (0 if ended else remaining))
+            continuation = ("It is" if ended or not remaining else
                             "The same command with --resume continues it: everything up to there "
                             "is")
             raise Stopped(f"{end_text} {continuation} in {str(self.path)!r}.", interrupts.signal)
@@ -280,16 +281,16 @@ class Recorder:
             self._commit(writer)
             return
         begun = self._report(self.state).work
-        crossings = {name: counted_from_start(one, run.steps, elapsed, begun,
+        crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, begun,
                                               self._latest.get(name))
-                     for name, one in (last.impacts or last.events).items()}
-        place = run.steps // run.every + 1 - self.first
-        most = int(self.rows.iterations[place]) if run.steps % run.every else 0
-        if place == self.block:
-            self.first, place = self.first + self.block, 0
+                     for name, crossings_of_event in (last.impacts or last.events).items()}
+        block_row = run.steps // run.every + 1 - self.first
+        iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
+        if block_row == self.block:
+            self.first, block_row = self.first + self.block, 0
             self.rows = self._next_block(writer)
-        self.rows.assign(np.s_[place : place + 1], row_of(last, begun + last.work[-1:]))
-        self.last_part, self.state = last, replace(self.state, most=most)
+        self.rows.assign(np.s_[block_row : block_row + 1], row_of(last, begun + last.work[-1:]))
+        self.last_part, self.state = last, replace(self.state, most=iterations)
         self.end = np.array([run.t_end], last.t.dtype)
         if ends_within(self.events, last, run.dt):
             self.end = last.t[-1:]
@@ -343,7 +344,7 @@ class Recorder:
         """
         if crossings is None:
             crossings = self._commit_events()
-        self._latest |= {name: one.elapsed[-1] for name, one in crossings.items() if len(one)}
+        self._latest |= {name: rows.elapsed[-1] for name, rows in crossings.items() if len(rows)}
         state, run = self.state, self.run
         count = self._states(state) - self.first
         row = state.steps // run.every + 1 - self.first  # of a row that is begun

@@ -370,11 +370,11 @@ def source_of(stepper: Stepper, impacts: bool = False) -> bytes:
 
 def events_in(run: Mapping[str, Any]) -> tuple[Event | Impact, ...]:
     """Return the events or impacts of a run from its attributes."""
-    return tuple(Impact(one["quantity"], Fraction(one["restitution"]), name, one["terminal"])
-                 if "restitution" in one else
-                 Event(one["quantity"], Fraction(one["level"]), one["direction"],
-                       terminal=one["terminal"], name=name)
-                 for name, one in run.get("events", {}).items())
+    return tuple(Impact(entry["quantity"], Fraction(entry["restitution"]), name, entry["terminal"])
+                 if "restitution" in entry else
+                 Event(entry["quantity"], Fraction(entry["level"]), entry["direction"],
+                       terminal=entry["terminal"], name=name)
+                 for name, entry in run.get("events", {}).items())
 
 
 def group_of(path: Path, *, write: bool = False) -> zarr.Group:

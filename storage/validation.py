@@ -168,7 +168,7 @@ def _check_events(
             requested.keys() != counts.keys()):
         yield f"events are {counts!r}, and {requested!r} were asked for"
         return
-    if not all(isinstance(one, Mapping) for one in requested.values()):
+    if not all(isinstance(entry, Mapping) for entry in requested.values()):
         yield f"run.events are {requested!r}"
         return
     fields_by_name = fields_of_events(Manifest.from_json(about["manifest"]), requested)

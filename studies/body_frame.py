@@ -92,13 +92,13 @@ def motion(top: BodyFrameTop, order: int) -> tuple[list[Vector], list[Vector]]:
     x = [[1 + zero], [zero], [zero], [zero]]
     for n in range(order):
         omega = [[j * c for c in terms] for j, terms in zip(top.inverse_inertia, l, strict=True)]
-        spin, momentum, vertical = (_at(n, part) for part in (omega, l, G))
+        spin, momentum, vertical = (_at(n, vector) for vector in (omega, l, G))
         l_rate, G_rate = cross(momentum, spin), cross(vertical, spin)
         l_rate[0] += top.mgl * G[1][n]
         l_rate[1] -= top.mgl * G[0][n]
         x_rate = multiply(_at(n, x), [_Taylor([zero] * (n + 1), n), *spin])
-        for part, rate, factor in ((l, l_rate, 1), (G, G_rate, 1), (x, x_rate, 2)):
-            for terms, value in zip(part, rate, strict=True):
+        for vector, rate, factor in ((l, l_rate, 1), (G, G_rate, 1), (x, x_rate, 2)):
+            for terms, value in zip(vector, rate, strict=True):
                 terms.append(over(value, factor * (n + 1)))
     nothing = [zero] * (order + 1)
     y = [multiply(_at(n, x), _at(n, [nothing, *l])) for n in range(order + 1)]

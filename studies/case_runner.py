@@ -168,8 +168,8 @@ class Engine:
         if quantity in ("x", "z"):
             column = "xyz".index(quantity)
             return np.asarray(run.axis()[:, column] - self.axis_reference(case)[:, column])
-        other, target = (run.q, 1) if quantity == "g" else (run.p, 0)
-        return np.asarray((run.q * other).sum(axis=1) - target)
+        factor, target = (run.q, 1) if quantity == "g" else (run.p, 0)
+        return np.asarray((run.q * factor).sum(axis=1) - target)
 
     def mean(self, case: Case, quantity: Quantity) -> float:
         """Return E[|·|] of (87)-(91)."""

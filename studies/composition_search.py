@@ -66,8 +66,8 @@ class FloatConditions:
     @cached_property
     def words(self) -> list[str]:
         """Words of the conditions, then those of the leading error where letters are A and B."""
-        made = self.conditions.composition
-        error = [] if made.base else product("AB", repeat=made.order + 1)
+        method = self.conditions.composition
+        error = [] if method.base else product("AB", repeat=method.order + 1)
         return [*self.conditions.words, *map("".join, error)]
 
     @cached_property
@@ -99,36 +99,36 @@ class FloatConditions:
         for kind in kinds:
             scale = np.prod(values[kind.numbers][:, None, :] ** kind.monomials, axis=2)
             flows[kind.places] = np.tensordot(scale, kind.matrices, 1)
-        left, right = np.zeros((count + 1, size)), np.empty((count + 1, size, len(self.words)))
-        left[0, 0] = 1
+        products, right = np.zeros((count + 1, size)), np.empty((count + 1, size, len(self.words)))
+        products[0, 0] = 1
         right[-1] = np.eye(size)[:, [parts.index(word) for word in self.words]]
         for i in range(count):
-            left[i + 1] = left[i] @ flows[i]
+            products[i + 1] = products[i] @ flows[i]
             right[-2 - i] = flows[-1 - i] @ right[-1 - i]
         by_number = np.empty((len(values), len(self.words)))
         for kind in kinds:
-            lefts = np.tensordot(left[kind.places], kind.matrices, (1, 1))
+            lefts = np.tensordot(products[kind.places], kind.matrices, (1, 1))
             after = right[np.array(kind.places) + 1]
-            for by, own in enumerate(zip(*kind.numbers, strict=True)):
+            for by, indices in enumerate(zip(*kind.numbers, strict=True)):
                 lower = kind.monomials.copy()
                 lower[:, by] = np.maximum(lower[:, by] - 1, 0)
                 scale = kind.monomials[:, by] * np.prod(
                     values[kind.numbers][:, None, :] ** lower, axis=2)
-                by_number[list(own)] = (scale[:, None] @ lefts @ after)[:, 0]
+                by_number[list(indices)] = (scale[:, None] @ lefts @ after)[:, 0]
         exact = np.array([float(target(word)) for word in self.words])
-        return left[-1] @ right[-1] - exact, by_number.T @ affine
+        return products[-1] @ right[-1] - exact, by_number.T @ affine
 
     def objective(self, x: Array) -> float:
         """Return the objective of the search at x: see the module's text."""
-        made, parts = self.conditions.composition, self.conditions.values(x.tolist(), float)
-        p = made.order
-        if made.base:
-            return float(len(made.weights) * np.linalg.norm(parts[0], p + 1))
-        if len(made.orders) > 1:
+        method, parts = self.conditions.composition, self.conditions.values(x.tolist(), float)
+        p = method.order
+        if method.base:
+            return float(len(method.weights) * np.linalg.norm(parts[0], p + 1))
+        if len(method.orders) > 1:
             drifts, kicks, *gradients = parts
             return float(np.abs(drifts).sum() + np.abs(kicks).sum() + np.linalg.norm(gradients))
         error = self.evaluate(x)[0][len(self.conditions.words):]
-        return float(made.stages * np.linalg.norm(error) ** (1 / p))
+        return float(method.stages * np.linalg.norm(error) ** (1 / p))
 
 
 def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Array]:
@@ -271,8 +271,8 @@ def store(name: str, x: Sequence[float], note: str) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Search for a composition, and store it where asked."""
     parser = argparse.ArgumentParser(description="Search for the numbers of a composition.")
-    parser.add_argument("name", choices=[name for name, one in COMPOSITIONS.items()
-                                         if OrderConditions(one).words])
+    parser.add_argument("name", choices=[name for name, entry in COMPOSITIONS.items()
+                                         if OrderConditions(entry).words])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--starts", type=int, default=100)
     parser.add_argument("--hops", type=int, default=0)

@@ -91,7 +91,7 @@ def _conserved_claim(engine: Engine, setting: Setting, method: str) -> Claim:
     """Return the same claim for both number types and all parameters."""
     conserved = {
         rep: [{c for c in _QUANTITIES if _keeps(engine, setting.case(method, rep, rule), c)}
-              for other, rule in VARIANTS if other == rep]
+              for variant, rule in VARIANTS if variant == rep]
         for rep in ("gamma", "alpha")
     }
     gamma, alpha = set.intersection(*conserved["gamma"]), set.intersection(*conserved["alpha"])

@@ -146,10 +146,10 @@ class _Counts:
         self, how: Rule, columns: Sequence[int], inexact: bool = False
     ) -> list[tuple[March, March]]:
         """Return γ- and α-type at the same value, γ_m or γ_h, where neither diverges."""
-        found = [(self.run(("gamma", rule), i, how, inexact),
+        run_pairs = [(self.run(("gamma", rule), i, how, inexact),
                   self.run(("alpha", rule), i, how, inexact))
                  for rule in ("m", "h") for i in columns]
-        return [(a, b) for a, b in found if not a.divergent and not b.divergent]
+        return [(a, b) for a, b in run_pairs if not a.divergent and not b.divergent]
 
 
 def _lobatto(engine: Engine, table: int) -> Table:

@@ -156,7 +156,7 @@ class _Run:
         origin = self._origin()
         y = self._start(origin)
         error = math.inf
-        for taken in range(1, rule.most + 1):
+        for iteration in range(1, rule.most + 1):
             np.subtract(y, origin, out=self.x)
             residual(self.parameters, self.dt, q, p, x, r, self.work)
             jacobian(self.parameters, self.dt, q, p, x, J, self.work)
@@ -165,20 +165,20 @@ class _Run:
             if rule.stops_on == "r":
                 error = self._size(self.r)
                 if error < rule.tolerance:
-                    return taken, error, ""
+                    return iteration, error, ""
             try:
                 dx = np.linalg.solve(self.J, self.r)
             except np.linalg.LinAlgError:
-                return taken, error, "singular matrix"
+                return iteration, error, "singular matrix"
             y -= dx
             if rule.stops_on != "r":
                 error = self._size(dx if rule.stops_on == "dx" else dx[:rows])
             if not math.isfinite(float(dx @ dx)):
-                return taken, error, "not finite"
+                return iteration, error, "not finite"
             if rule.stops_on != "r" and error < rule.tolerance:
                 break
         np.subtract(y, origin, out=self.x)
-        return taken, error, ""
+        return iteration, error, ""
 
     def advance(self) -> int:
         """Take the step; return the status of T2."""

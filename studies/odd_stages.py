@@ -93,8 +93,8 @@ class GammaSweep:
         g = np.array(self.gammas)
         columns = np.stack([np.ones_like(g), g, g**2, 1 / g], axis=1)
         scale = np.abs(columns).max(axis=0)
-        found = np.linalg.lstsq(columns / scale, np.array(self.errors), rcond=None)[0] / scale
-        return float(found[3]) / (-(self.dt ** (2 * self.stages - 2)) * float(self.law.C))
+        fit = np.linalg.lstsq(columns / scale, np.array(self.errors), rcond=None)[0] / scale
+        return float(fit[3]) / (-(self.dt ** (2 * self.stages - 2)) * float(self.law.C))
 
 
 @cache
@@ -123,8 +123,8 @@ def sweep(s: int, steps: int) -> tuple[GammaSweep, GammaSweep]:
     runs = [run("LIIIA-B", s, dt, steps, g, real=real) for g in gammas]
     errors = [energy_errors(r) for r in runs]
     at_rows = [tuple(float(e[row]) for e in errors) for row in (steps // 2, steps)]
-    middle, peak = (GammaSweep(s, dt, gammas, at, law)
-                    for at, law in zip(at_rows, law_growth(s), strict=True))
+    middle, peak = (GammaSweep(s, dt, gammas, indices, law)
+                    for indices, law in zip(at_rows, law_growth(s), strict=True))
     return middle, peak
 
 

@@ -96,8 +96,8 @@ class _Step:
 
     def relative(self, q: Vector, p: Vector) -> Vector:
         """Return ιw/4."""
-        radial, *rest = multiply(conjugate(q), p)
-        inner = [x * over(j, 4) for x, j in zip(rest, self.top.inverse_inertia, strict=True)]
+        radial, *vector = multiply(conjugate(q), p)
+        inner = [x * over(j, 4) for x, j in zip(vector, self.top.inverse_inertia, strict=True)]
         return [(radial * QQ(1, 4)).shifted(gamma=-1), *inner]
 
     def velocity(self, q: Vector, p: Vector) -> Vector:

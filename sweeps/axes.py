@@ -173,7 +173,7 @@ def _count(name: str, count: Any) -> int:
     ------
     InputError
     """
-    value_count = as_positive_count(f"{name}: count", count, least=1)
+    value_count = as_positive_count(f"{name}: count", count, minimum=1)
     if value_count > _MOST_VALUES:
         raise InputError(f"{name}: count = {value_count} is too large; an axis has at most "
                          f"{_MOST_VALUES} values.")

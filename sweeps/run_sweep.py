@@ -165,7 +165,7 @@ def run_study(
     as_flag("resume", resume)
     fields = fields_of(study, keep)
     count = os.cpu_count() or 1
-    threads = count if workers is None else as_positive_count("workers", workers, least=1)
+    threads = count if workers is None else as_positive_count("workers", workers, minimum=1)
     as_progress(progress)
     _warn_of_fast_rotation(study)
     client = None if dask is None else cluster.client_of(dask)

@@ -146,7 +146,7 @@ def checked_study(study: Study) -> Study:
                          "time of the end of every cell.")
     names_of_counts = [name for name in ("steps", "every", "max_iterations")
                        if getattr(study, name) is not None or name == "max_iterations"]
-    counts: dict[str, Any] = {name: as_positive_count(name, getattr(study, name), least=1)
+    counts: dict[str, Any] = {name: as_positive_count(name, getattr(study, name), minimum=1)
                               for name in names_of_counts}
     study = replace(study, **counts)
     if study.tolerance is not None and as_real("tolerance", study.tolerance) <= 0:

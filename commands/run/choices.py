@@ -27,11 +27,11 @@ def with_options(
     frames: tuple[str, ...],
 ) -> tuple[RunDefaults, dict[str, Any]]:
     """Return the numbers and rules of a run, and arguments of ``gs.tune`` where options search."""
-    given = {"gamma": gamma, "alpha": alpha}
+    texts = {"gamma": gamma, "alpha": alpha}
     kinds = {name: "alpha" if "alpha" in name else "gamma" for name in start.bodies
              if name in step.parameter_domains}
     for kind, partner in (("gamma", "alpha"), ("alpha", "gamma")):
-        if given[kind] is not None and kind not in kinds.values():
+        if texts[kind] is not None and kind not in kinds.values():
             raise InputError(
                 f"--{kind} does not go with --rep {partner}; give --{partner} instead."
                 if kinds else
@@ -40,7 +40,7 @@ def with_options(
     numbers: dict[str, Any] = dict(start.parameters)
     rules, search = dict(start.rules), dict[str, Any]()
     for name, kind in kinds.items():
-        option = given[kind]
+        option = texts[kind]
         if option in RULES:
             numbers.pop(name, None)
             rules[name] = option

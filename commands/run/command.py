@@ -207,10 +207,10 @@ run.help = (run.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
 
 @contextmanager
 def progress_bar(
-    steps: int, *, quiet: bool, least: int = _BAR_FROM
+    steps: int, *, quiet: bool, minimum: int = _BAR_FROM
 ) -> Iterator[Callable[[int], None] | None]:
     """Yield a callback that moves a progress bar; None without a terminal, or for few steps."""
-    if quiet or steps < least or sys.stderr is None or not sys.stderr.isatty():
+    if quiet or steps < minimum or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console

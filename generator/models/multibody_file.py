@@ -147,10 +147,10 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     for table in content.tables("forces"):
         telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
     time = {} if "t" in formulas.parameters else {"t": builder.time}
-    for kind, more in (("contacts", "restitution"), ("latches", "close")):
+    for kind, number_key in (("contacts", "restitution"), ("latches", "close")):
         for table in content.tables(kind):
             telling(table, partial(_contact, builder, bodies, formulas=formulas,
-                                   position=position | time, more=more), table)
+                                   position=position | time, number_key=number_key), table)
     for table in content.tables("stops"):
         telling(table, lambda table: _stop(builder, table, formulas), table)
     if "potential" in content:
@@ -254,11 +254,12 @@ def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) ->
 def _beam(builder: Multibody, table: TomlTable, rep: str | None) -> Beam:
     """Add a beam or cable."""
     table.allow(*BEAM)
-    table.require(*(key for key, one in BEAM.items() if one.default is one.empty))
+    table.require(*(key for key, parameter in BEAM.items() if parameter.default is parameter.empty))
     values: dict[str, Any] = {
         key: table.vector(key, 3, RATES if key == "angular_velocity" else {}) if (
-            "ArrayLike" in str(one.annotation)) else table.number(key, WITH_UNITS.get(key, {}))
-        for key, one in BEAM.items()
+            "ArrayLike" in str(parameter.annotation)) else table.number(
+                key, WITH_UNITS.get(key, {}))
+        for key, parameter in BEAM.items()
         if key in table and key not in ("name", "count", "bending", "points", "rep")}
     values["bending"] = table.vector("bending", 2) if isinstance(
         table.content["bending"], list) else table.number("bending")
@@ -362,12 +363,12 @@ def _force(
 
 def _contact(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
-    position: Mapping[str, sp.Expr], more: str,
+    position: Mapping[str, sp.Expr], number_key: str,
 ) -> None:
-    """Add a contact of bodies, or of a gap; with ``more`` = "close" a latch."""
-    table.allow("name", "bodies", "gap", "on_a", "on_b", "normal", "radius", "box", more)
+    """Add a contact of bodies, or of a gap; with ``number_key`` = "close" a latch."""
+    table.allow("name", "bodies", "gap", "on_a", "on_b", "normal", "radius", "box", number_key)
     table.require("name", *(() if "bodies" in table else ("gap",)),
-                  *(("close",) if more == "close" else ()))
+                  *(("close",) if number_key == "close" else ()))
     values: dict[str, Any] = {key: table.vector(key, 3) for key in ("on_a", "on_b", "normal", "box")
                               if key in table and not table.is_matrix(key)}
     if table.is_matrix("on_a"):
@@ -382,7 +383,7 @@ def _contact(
     if "bodies" in table:
         count = 2 if len(table.strings("bodies")) == 2 else 1
         values |= zip("ab", _frames(table, bodies, count), strict=False)
-    if more == "close":
+    if number_key == "close":
         builder.latch(table.text("name"), close=table.strings("close"), **values)
     else:
         builder.contact(table.text("name"), **values, **_restitution(table, formulas))

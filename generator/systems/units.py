@@ -58,10 +58,10 @@ class _Solver:
         elif e.is_Mul:
             parts = {a: self.of(a) for a in e.args}
             unknown = [a for a, term in parts.items() if term is None]
-            others = combined(*((term, 1) for term in parts.values() if term is not None))
+            known_product = combined(*((term, 1) for term in parts.values() if term is not None))
             for a in e.args:
                 single = dimensions is not None and unknown == [a]
-                self.assign(a, combined((dimensions or {}, 1), (others, -1))
+                self.assign(a, combined((dimensions or {}, 1), (known_product, -1))
                             if single else parts[a])
         elif e.is_Pow and e.exp.is_Rational:
             power = Fraction(int(e.exp.q), int(e.exp.p))

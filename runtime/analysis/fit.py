@@ -414,7 +414,7 @@ def fit(
                          "returned.")
     first_guess = merged_start(stepper, start, None, parameters)
     observation = observation_of(stepper, observe)
-    iteration_limit = as_positive_count("max_iterations", max_iterations, least=1)
+    iteration_limit = as_positive_count("max_iterations", max_iterations, minimum=1)
     as_progress(progress)
     times = as_numbers("t", t)
     if times.ndim != 1 or not len(times):
@@ -561,7 +561,7 @@ def _horizons(horizons: Sequence[int] | None, samples: int, fewest: int) -> list
     if horizons is None:
         counts = [fewest * 2**k for k in range(64) if fewest * 2**k < samples]
     else:
-        counts = [as_positive_count("horizon", x, least=1) for x in as_items(
+        counts = [as_positive_count("horizon", x, minimum=1) for x in as_items(
             "horizons", horizons, "numbers of samples")]
         if counts != sorted(counts) or (counts and counts[-1] > samples):
             raise InputError(f"horizons = {shown(horizons)} do not increase up to {samples}, the "

@@ -177,11 +177,11 @@ def lyapunov(
     if not hasattr(stepper, "integrate_ensemble"):
         raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
                          "returned.")
-    every = as_positive_count("every", every, least=1)
+    every = as_positive_count("every", every, minimum=1)
     state = merged_start(stepper, start, p, parameters)
-    step_total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), least=1)
+    step_total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), minimum=1)
     size = 2 * (stepper.n - stepper.m)
-    vector_count = size if count is None else as_positive_count("count", count, least=1)
+    vector_count = size if count is None else as_positive_count("count", count, minimum=1)
     if vector_count > size or not size:
         raise InputError(f"count = {vector_count} is more than the dimension 2 (n − m) = {size} of "
                          f"the tangent spaces of {stepper.name}"

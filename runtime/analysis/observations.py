@@ -125,13 +125,13 @@ class Observation:
         of_data = data[:, 4 * len(self.attitudes) :]
         for k, body in enumerate(self.turning):
             omega, by_q, by_p, by_inertia = _turning(body, q[:, body.q], p[:, body.q], parameters)
-            place = 3 * (len(self.attitudes) + k)
-            residuals[:, place : place + 3] = omega - of_data[:, 3 * k : 3 * k + 3]
-            by_state[:, place : place + 3, body.q] = by_q
-            by_state[:, place : place + 3, [self.n + i for i in body.q]] = by_p
+            first = 3 * (len(self.attitudes) + k)
+            residuals[:, first : first + 3] = omega - of_data[:, 3 * k : 3 * k + 3]
+            by_state[:, first : first + 3, body.q] = by_q
+            by_state[:, first : first + 3, [self.n + i for i in body.q]] = by_p
             for name, change in by_inertia.items():
-                whole = by_parameters.setdefault(name, np.zeros_like(residuals))
-                whole[:, place : place + 3] = change
+                derivative = by_parameters.setdefault(name, np.zeros_like(residuals))
+                derivative[:, first : first + 3] = change
         if self.columns:
             z = np.concatenate([q, p], axis=1)
             residuals[:, first_column:] = z[:, self.columns] - of_data[:, 3 * len(self.turning) :]

@@ -186,8 +186,8 @@ def periodic_orbit(
         raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
                          "returned.")
     search = OrbitSearch(stepper, merged_start(stepper, start, p, parameters), dt=dt,
-                         steps=as_positive_count("steps", steps, least=1), fix=fix, free=free)
-    limit = as_positive_count("max_iterations", max_iterations, least=1)
+                         steps=as_positive_count("steps", steps, minimum=1), fix=fix, free=free)
+    limit = as_positive_count("max_iterations", max_iterations, minimum=1)
     with log_progress(f"closing an orbit of {stepper.name}", limit, progress) as report:
         return search.orbit(limit, report)
 

@@ -107,12 +107,12 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
 def _unequal_rows(value: Any) -> str:
     """Return how the rows of a ragged sequence differ: the first whose length is another."""
     lengths = [len(row) if hasattr(row, "__len__") else None for row in value]
-    other = next((i for i, length in enumerate(lengths) if length != lengths[0]), None)
-    if other is None:
+    row = next((i for i, length in enumerate(lengths) if length != lengths[0]), None)
+    if row is None:
         return "has rows of unequal shapes"
     first, second = ("is one number" if length is None else f"has {length} entries"
-                     for length in (lengths[0], lengths[other]))
-    return f"has unequal rows: row 0 {first}, row {other} {second}"
+                     for length in (lengths[0], lengths[row]))
+    return f"has unequal rows: row 0 {first}, row {row} {second}"
 
 
 def as_real(name: str, value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:
@@ -154,13 +154,13 @@ def as_step(
     return dt
 
 
-def as_positive_count(name: str, value: Any, least: int = 0) -> int:
-    """Return a whole number of at least ``least``; 10.0 and 1e3 are such numbers."""
+def as_positive_count(name: str, value: Any, minimum: int = 0) -> int:
+    """Return a whole number of at least ``minimum``; 10.0 and 1e3 are such numbers."""
     count = whole(value)
     if count is None:
         raise InputError(f"{name} = {shown(value)} is not a whole number.")
-    if count < least:
-        raise InputError(f"{name} = {shown(value)} is too small; give at least {least}.")
+    if count < minimum:
+        raise InputError(f"{name} = {shown(value)} is too small; give at least {minimum}.")
     if count > _MOST:
         raise InputError(f"{name} = {shown(value)} is too large; give at most {_MOST}.")
     return count

@@ -46,7 +46,7 @@ class Inputs:
     hold: int = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "hold", as_positive_count("hold", self.hold, least=1))
+        object.__setattr__(self, "hold", as_positive_count("hold", self.hold, minimum=1))
 
 
 @dataclass(frozen=True)

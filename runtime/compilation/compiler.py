@@ -225,7 +225,7 @@ def compile_module(
     kernels = kernels_of(files[f"{name}.c"])
     checks: list[CheckFunction] = []
     apart = not (is_whole() or compiler.portable) and has_newton_apart(name, files)
-    for object_file in objects_of(name, files, module_kind, whole=is_whole(), apart=apart):
+    for object_file in objects_of(name, files, module_kind, as_one=is_whole(), apart=apart):
         inside = folder / object_file.name
         inside.mkdir(exist_ok=True)
         (inside / f"{name}.h").write_text(object_file.header, encoding="utf-8")

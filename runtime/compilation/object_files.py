@@ -93,24 +93,24 @@ class Object:
 
 
 def objects_of(
-    name: str, files: Mapping[str, str], module_kind: ModuleKind, *, whole: bool = False,
+    name: str, files: Mapping[str, str], module_kind: ModuleKind, *, as_one: bool = False,
     apart: bool = False,
 ) -> list[Object]:
     """Return the objects that a module is linked of, the slowest to compile first.
 
     ``apart`` leaves Newton's method to the module "newton".
 
-    ``whole`` asks for one object. At -O0 gcc keeps static functions that nothing calls, so that
+    ``as_one`` asks for one object. At -O0 gcc keeps static functions that nothing calls, so that
     each of several objects would take as long as the whole text.
     """
     header = files[f"{name}.h"]
     if module_kind in _LATER:
         only = _only(name, header, _LATER[module_kind])
-        return [Object(module_kind, with_inline_functions(only) if whole else only, _FLAGS,
-                       level="all" if module_kind == "derivatives" else "most", sparse=whole)]
+        return [Object(module_kind, with_inline_functions(only) if as_one else only, _FLAGS,
+                       level="all" if module_kind == "derivatives" else "most", sparse=as_one)]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
-    if whole:
+    if as_one:
         return [Object("whole", header, _FLAGS, checks=("numbers", "lanes"))]
     if "T1" not in _functions(name, header):  # nothing is solved: a module is one object
         lane_functions = (_LANES if module_kind == "lanes" else

@@ -262,8 +262,8 @@ class KeptRun:
         primal = self.binding.primal
         begun = RunState.at_start(primal, q, p)
         primal.integrate(self.run.constants(primal), 0, 1, begun, none)
-        for own, other in ((state.record, begun.record), (state.work, begun.work)):
-            self.binding.own.image(own)[:] = primal.image(other)
+        for destination, source in ((state.record, begun.record), (state.work, begun.work)):
+            self.binding.own.image(destination)[:] = primal.image(source)
         state.record.steps = steps
         return kept_run
 

@@ -526,11 +526,11 @@ def _back_through_impacts(
     if needed > memory:
         raise InputError(f"memory = {memory:,} bytes are too few: a run with impacts keeps all its "
                          f"steps, {needed:,} bytes; give these.")
-    kept = list(pieces(stepper, run, binding.begin(run)))
+    in_order = list(pieces(stepper, run, binding.begin(run)))
     if end is not None:
-        _refuse_mismatch((kept[-1].q[-1], kept[-1].p[-1]), end, "the run, done again, ends "
+        _refuse_mismatch((in_order[-1].q[-1], in_order[-1].p[-1]), end, "the run, done again, ends "
                          "elsewhere than it did; give the solver that it had")
-    yield from reversed(kept)
+    yield from reversed(in_order)
 
 
 def _check(

@@ -70,22 +70,22 @@ def hits_of(
     """
     names, times = list(stepper.manifest.system.quantities), stepper.binding.times
     hits: dict[int, list[Hit]] = {}
-    for impact, asked in zip(with_restitutions(impacts, run.parameters), impacts, strict=True):
+    for impact, event in zip(with_restitutions(impacts, run.parameters), impacts, strict=True):
         parameter = None
-        if isinstance(asked.restitution, str):
+        if isinstance(event.restitution, str):
             parameter = 2 * stepper.binding.n + stepper.binding.parameter_names.index(
-                asked.restitution)
-        one = trajectory.impacts[impact.name]
-        since = one.elapsed - times(0 * run.t0, run.dt, one.steps)
-        for i, step in enumerate(one.steps.tolist()):
+                event.restitution)
+        crossings = trajectory.impacts[impact.name]
+        since = crossings.elapsed - times(0 * run.t0, run.dt, crossings.steps)
+        for i, step in enumerate(crossings.steps.tolist()):
             if not since[i] or step >= run.steps:
                 raise InputError(
-                    f"The impact of {impact.name!r} at t = {float(one.t[i]):.9g} s is at the "
+                    f"The impact of {impact.name!r} at t = {float(crossings.t[i]):.9g} s is at the "
                     "start, at the end of a step, or in the last part of one, where it has no "
                     "derivatives; take another dt, or another t_end.")
             hits.setdefault(step, []).append(Hit(
-                since[i], names.index(impact.quantity), impact, parameter, one.q[i],
-                one.p_before[i], one.p[i], one.impulse[i]))
+                since[i], names.index(impact.quantity), impact, parameter, crossings.q[i],
+                crossings.p_before[i], crossings.p[i], crossings.impulse[i]))
     for step, of_step in hits.items():
         of_step.sort(key=lambda hit: abs(hit.since))
         for first, second in pairwise(of_step):
@@ -112,10 +112,10 @@ def impact_step(
     hits: list[Hit | None] = [*(run.hits or {})[step], None]
     for hit in hits:
         length = (run.dt if hit is None else hit.since) - since
-        part = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
+        piece = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
                                            t0=start + since))
         unit = np.eye(binding.rows, dtype=q.dtype)[:, -2:-1]
-        ends = part.tangent(np.concatenate([here, unit], axis=1))
+        ends = piece.tangent(np.concatenate([here, unit], axis=1))
         moved, v = ends[:, :-1], ends[:, -1]
         if hit is None:
             longer = of_step - later
@@ -129,7 +129,7 @@ def impact_step(
             longer = -(normal @ np.concatenate([moved, here[2 * n :]])) / rate
         here[: 2 * n] = moved + np.outer(v, longer)
         here[-1], later = here[-1] + longer, later + longer
-        state = part.end[:n], part.end[n:]
+        state = piece.end[:n], piece.end[n:]
         if hit is not None:
             here[: 2 * n] = _jump(stepper, arguments, start + hit.since, hit) @ here
             since, state = hit.since, (hit.q, hit.after)

@@ -133,15 +133,16 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
             events[event.name] = _of_event(stepper, run, event, crossings[event.name])
         except InputError as error:
             refused[event.name] = str(error)
-    asked = {name: points for name, points in events.items() if name in trajectory.events}
+    points_of_events = {name: points for name, points in events.items()
+                        if name in trajectory.events}
     if origin.between:
         times = trajectory.tau if stepper.binding.clocked else trajectory.t
         return RunRows(replace(run, every=max(done, 1)), _at_times(stepper, run, times), True,
-                       asked, refused)
+                       points_of_events, refused)
     run_rows = RunRows(run, [], False, events, refused)
     last = ending(origin.events, crossings, run.dt)
     if last is not None:
-        return replace(run_rows, points=run_rows.event(last)[-1:], events=asked)
+        return replace(run_rows, points=run_rows.event(last)[-1:], events=points_of_events)
     return replace(run_rows, points=[Point(done, origin.rest)]) if origin.rest else run_rows
 
 

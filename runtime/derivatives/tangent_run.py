@@ -216,16 +216,16 @@ class _TangentRun:
 
     def rows(self) -> TangentRows:
         """Return the tangents of the stored states, after a warning of growth and of jumps."""
-        own, n, dz, places = self.own, self.n, self.dz, self.space.places
+        binding, n, dz, places = self.own, self.n, self.dz, self.space.places
         warn_of_growth(self.stepper, "Directions of the start have",
                        _growth(self.names, dz[places], self.stored[-1][places]))
         # t = t0 + k Δt: its tangent is dt0 + k dΔt, with k = 0 in row 0
-        of_times = (self.stored[:, n - 1].copy() if own.clocked else
+        of_times = (self.stored[:, n - 1].copy() if binding.clocked else
                     dz[-1] + np.outer(self.run.steps_of_rows(self.run.steps), dz[-2]))
         warn_of_jumps(self.stepper, self.switched)
         multipliers = None if self.inner is None else self.stored[1:, 2 * n :].reshape(
             -1, *self.inner, dz.shape[1])
-        q, p = (self.stored[:, k : k + own.shown] for k in (0, n))
+        q, p = (self.stored[:, k : k + binding.shown] for k in (0, n))
         return TangentRows(q, p, self.names, dz[places], of_times, dz, multipliers=multipliers,
                            switched_steps=self.switched)
 

@@ -88,7 +88,7 @@ def open_card(number: int | None) -> Device:
     return CudaDevice(number)
 
 
-def device_for(asked: DeviceName | None, q: Any, p: Any) -> Device | None:
+def device_for(device: DeviceName | None, q: Any, p: Any) -> Device | None:
     """Return the card that trajectories run on; None for the CPU.
 
     Raises
@@ -99,8 +99,8 @@ def device_for(asked: DeviceName | None, q: Any, p: Any) -> Device | None:
         Without cuda-core.
     """
     there = is_on_card(q), is_on_card(p)
-    chosen = ("cuda" if any(there) else "cpu") if asked is None else choose(
-        "device", asked, DEVICES)
+    chosen = ("cuda" if any(there) else "cpu") if device is None else choose(
+        "device", device, DEVICES)
     if there[0] != there[1]:
         raise InputError("Of q and p one lies in memory of a card and one does not; give both as "
                          "arrays of one library on one device.")
@@ -121,11 +121,11 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
         In one sentence: what it is, and what to do instead.
     """
     manifest, n = stepper.manifest, stepper.n
-    asked = {name: value is not None and not (isinstance(value, tuple | list) and not value)
+    arguments = {name: value is not None and not (isinstance(value, tuple | list) and not value)
              and name for name, value in absent.items()}
     iterated = manifest.fast_path.available or not stepper.binding.solves
     refuse_together(
-        cuda="device = 'cuda'", **asked, newton=solver == "newton" and f"solver {solver!r}",
+        cuda="device = 'cuda'", **arguments, newton=solver == "newton" and f"solver {solver!r}",
         long_numbers=manifest.real not in ("float", "double")
         and f"numbers of type {manifest.real}",
         large=n > LARGEST and f"systems of {n} coordinates",

@@ -64,16 +64,16 @@ class ImpactObserver:
         self.events = events
         self.end: TerminalEvent | None = None
         self._stepper, self._run = stepper, run
-        own = self._own = stepper._impact_binding()
-        self._memory = aligned(int(own.function("impact_size")()))
-        self._constants = run.constants(own)
+        binding = self._own = stepper._impact_binding()
+        self._memory = aligned(int(binding.function("impact_size")()))
+        self._constants = run.constants(binding)
         names = list(stepper.manifest.system.quantities)
         self._gaps = np.array([names.index(impact.quantity) for impact in events], np.intc)
-        self._restitution = own.converted(np.array([
-            as_real("restitution", impact.restitution, own.number)
+        self._restitution = binding.converted(np.array([
+            as_real("restitution", impact.restitution, binding.number)
             for impact in with_restitutions(events, run.parameters)]))
         self._ends = np.array([impact.terminal for impact in events], np.intc)
-        self._margins, self._since = own.new(len(events)), own.new(1)
+        self._margins, self._since = binding.new(len(events)), binding.new(1)
         self._places, self._hits = list[Array](), list[Array]()
         start = RunState.at_start(stepper.binding, run.q, run.p)
         self._call(0, 1, start, Rows.allocate(stepper.binding, 0))
@@ -105,9 +105,9 @@ class ImpactObserver:
         status = self._call(steps, every, state, rows)
         while status == _FULL and self._since[0]:
             row = (state.steps - begun) // every
-            most = rows.iterations[row]
+            previous_iterations = rows.iterations[row]
             status = self._call(1, 1, state, rows[row:])
-            rows.iterations[row] = max(most, rows.iterations[row])
+            rows.iterations[row] = max(previous_iterations, rows.iterations[row])
         return 0 if status == _FULL else status
 
     def close(self, _state: RunState, _ahead: Any = None) -> None:
@@ -115,18 +115,18 @@ class ImpactObserver:
 
     def settle(self, _stop: Any = None) -> dict[str, Impacts]:
         """Return the impacts since the last call."""
-        own, run = self._own, self._run
+        binding, run = self._own, self._run
         places = np.concatenate([np.zeros((0, 2), np.dtype("l")), *self._places])
-        hits = np.concatenate([own.new(0, 4 + 3 * own.n), *self._hits])
+        hits = np.concatenate([binding.new(0, 4 + 3 * binding.n), *self._hits])
         self._places, self._hits = [], []
         impacts: dict[str, Impacts] = {}
         for i, event in enumerate(self.events):
             selected = places[:, 0] == i
             steps, rows = places[selected, 1], hits[selected]
-            since, impulse, lost, work = rows[:, :4].T.astype(own.number_type)
-            q, before, after = (rows[:, 4 + k * own.n : 4 + (k + 1) * own.n].copy()
+            since, impulse, lost, work = rows[:, :4].T.astype(binding.number_type)
+            q, before, after = (rows[:, 4 + k * binding.n : 4 + (k + 1) * binding.n].copy()
                                 for k in range(3))
-            elapsed = own.times(0 * run.t0, run.dt, steps) + since
+            elapsed = binding.times(0 * run.t0, run.dt, steps) + since
             impacts[event.name] = Impacts(
                 run.t0 + elapsed, q, after, steps, np.zeros(len(steps), bool), elapsed, before,
                 impulse, lost, work)
@@ -140,30 +140,33 @@ class ImpactObserver:
         """Return a trajectory with its impacts."""
         count = sum(map(len, impacts.values()))
         return changed(trajectory, report=self.reported(trajectory.report, count), impacts=impacts,
-                       events={name: one.crossings for name, one in impacts.items()})
+                       events={name: hits.crossings for name, hits in impacts.items()})
 
     def _call(self, steps: int, every: int, state: RunState, rows: Rows) -> int:
         """Take steps until all are done or something stops them; return the status."""
-        own, constants, primal = self._own, self._constants, self._stepper.binding
+        binding, constants, primal = self._own, self._constants, self._stepper.binding
 
         def shared(kind: str, struct: Any) -> Any:
             """Return a pointer to a struct of the stepper's own module."""
-            return own.ffi.cast(f"{own.name}_{kind} *", int(primal.ffi.cast("uintptr_t", struct)))
+            address = int(primal.ffi.cast("uintptr_t", struct))
+            return binding.ffi.cast(f"{binding.name}_{kind} *", address)
 
-        count = own.ffi.new("long *")
+        count = binding.ffi.new("long *")
         places = np.zeros((_CAPACITY + 1, 2), np.dtype("l"))
-        hits = own.new(_CAPACITY, 4 + 3 * own.n)
-        status = int(own.function("integrate_impacts")(
-            constants.parameters, constants.options, *own._fed(constants.inputs)[:2],
+        hits = binding.new(_CAPACITY, 4 + 3 * binding.n)
+        status = int(binding.function("integrate_impacts")(
+            constants.parameters, constants.options, *binding._fed(constants.inputs)[:2],
             self._run.t0, constants.dt, steps, every, len(self._gaps),
-            own.ffi.from_buffer("int[]", self._gaps),
-            own.pointer(self._restitution), own.ffi.from_buffer("int[]", self._ends),
-            *map(own.pointer, (self._margins, state.q, state.p, rows.q, rows.p, rows.multipliers)),
-            own.ffi.from_buffer("int[]", rows.iterations, require_writable=True),
-            *([own.pointer(rows.work)] if own.has_forces else []), own.pointer(self._since),
-            _CAPACITY, count, own.ffi.from_buffer("long[]", places, require_writable=True),
-            own.pointer(hits), shared("report", state.record), shared("work", state.work),
-            own.ffi.cast("void *", own.ffi.from_buffer(self._memory))))
+            binding.ffi.from_buffer("int[]", self._gaps),
+            binding.pointer(self._restitution), binding.ffi.from_buffer("int[]", self._ends),
+            *map(binding.pointer,
+                 (self._margins, state.q, state.p, rows.q, rows.p, rows.multipliers)),
+            binding.ffi.from_buffer("int[]", rows.iterations, require_writable=True),
+            *([binding.pointer(rows.work)] if binding.has_forces else []),
+            binding.pointer(self._since),
+            _CAPACITY, count, binding.ffi.from_buffer("long[]", places, require_writable=True),
+            binding.pointer(hits), shared("report", state.record), shared("work", state.work),
+            binding.ffi.cast("void *", binding.ffi.from_buffer(self._memory))))
         self._places.append(places[: count[0]].copy())
         self._hits.append(hits[: count[0]].copy())
         gap = int(places[count[0], 0])
@@ -190,11 +193,12 @@ class ImpactObserver:
 
     def _end(self, gap: int, state: RunState) -> TerminalEvent:
         """Return the end of the run in the state in which a gap is closed."""
-        own, run = self._own, self._run
+        binding, run = self._own, self._run
         steps = np.array([state.steps])
-        elapsed = own.times(0 * run.t0, run.dt, steps) + self._since.astype(own.number_type)
+        elapsed = binding.times(0 * run.t0, run.dt, steps) + self._since.astype(binding.number_type)
         t, q, p = run.t0 + elapsed, state.q[None].copy(), state.p[None].copy()
-        row = Rows(q, p, own.new(1, own.multipliers) + np.nan, np.zeros(1, np.intc), own.new(1))
+        row = Rows(q, p, binding.new(1, binding.multipliers) + np.nan, np.zeros(1, np.intc),
+                   binding.new(1))
         return TerminalEvent(gap, Crossings(t, q, p, steps, np.zeros(1, bool), elapsed), row)
 
 
@@ -210,12 +214,12 @@ def refuse_unusable(
         large=binding.n > LARGEST and f"{binding.n} coordinates",
         energy=stepper.manifest.scheme.exact_energy and "energy=True",
         float128=stepper.manifest.real == "float128" and "real='float128'", **asked)
-    others = {*system.momenta, *system.velocity_names, *binding.input_names}
+    moving_names = {*system.momenta, *system.velocity_names, *binding.input_names}
     for impact in with_restitutions(impacts, run.parameters):
         if impact.quantity not in system.quantities:
             raise InputError(f"{impact.quantity!r} is no quantity of {system.name}; declare the "
                              f"gap, quantities={{'gap': {impact.quantity}}}.")
-        moving = others & {*_WORD.findall(system.quantities[impact.quantity])}
+        moving = moving_names & {*_WORD.findall(system.quantities[impact.quantity])}
         if moving:
             raise InputError(f"The gap {impact.quantity!r} depends on {min(moving)}; a gap is a "
                              "function of coordinates, parameters and time.")

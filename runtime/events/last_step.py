@@ -48,9 +48,9 @@ def ended_between(
     if (trajectory.report.steps < run.steps
             or ending(events, trajectory.events, run.dt) is not None):
         return trajectory
-    part = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
+    last_run = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
     try:
-        last = observed(stepper, part, events, None)
+        last = observed(stepper, last_run, events, None)
     except StepFailed as error:
         raise StepFailed(step=run.steps + 1, t=error.t, reason=error.reason, trajectory=trajectory,
                          increment=error.increment, dt=error.dt, detail=error.detail,
@@ -81,9 +81,9 @@ def joined_with_part(
     row_count = len(trajectory) - (not stored)
     work = trajectory.work[-1] + last.work[-1:]
     joined = with_row(stepper, trajectory, row_count, times, row_of(last, work))
-    crossings, impacts = ({name: _joined(run, before, part[name], trajectory)
-                           for name, before in whole.items()}
-                          for whole, part in ((trajectory.events, last.events),
+    crossings, impacts = ({name: _joined(run, before, of_last[name], trajectory)
+                           for name, before in of_steps.items()}
+                          for of_steps, of_last in ((trajectory.events, last.events),
                                               (trajectory.impacts, last.impacts)))
     return changed(joined, report=report_to_end(trajectory.report, last, float(work[0])),
                    events=crossings, impacts=impacts, _grid=grid)

@@ -74,21 +74,22 @@ def _states_at(
     refuse_forgotten(stepper, trajectory)
     t = _times(stepper, times)
     clocked, dt = stepper.binding.clocked, trajectory.dt
-    known = _known_states(trajectory, clocked)
-    begin, elapsed = known.begin, known.elapsed
+    known_states = _known_states(trajectory, clocked)
+    begin, elapsed = known_states.begin, known_states.elapsed
     places = (_places_in_scaled_time(stepper, trajectory, t, fill) if clocked else
               places_of(stepper, trajectory.t[0], elapsed, dt, t))
-    q, p, work = (x[places.rows] for x in (known.q, known.p, known.work))  # copies
+    q, p, work = (column[places.rows] for column in (  # copies
+        known_states.q, known_states.p, known_states.work))
     of_steps = flat_multipliers(trajectory)
     multipliers = np.zeros((len(t), of_steps.shape[1]), trajectory.q.dtype)
     iterations = np.zeros(len(t), dtype=np.intc)
-    steps_ended = known.ends_of[places.rows]
+    steps_ended = known_states.ends_of[places.rows]
     ended = steps_ended > 0  # on a state that a step of the run ends at: what that step found
     multipliers[ended] = of_steps[steps_ended[ended] - 1]
     iterations[ended] = trajectory.iterations[steps_ended[ended] - 1]
     targets = _Made(q, p, work, multipliers, iterations)
-    begun, done = begin[places.rows], known.steps[places.rows]
-    after = np.flatnonzero(known.is_impact[places.rows])
+    begun, done = begin[places.rows], known_states.steps[places.rows]
+    after = np.flatnonzero(known_states.is_impact[places.rows])
     if len(after):  # from an impact, first to the end of its step
         since, of_t = elapsed[places.rows[after]], t[after] - trajectory.t[0]
         ends = stepper.binding.times(0 * since, dt, done[after] + 1)

@@ -175,7 +175,7 @@ def _batches_in_a_call(binding: Binding, first: RunArguments) -> int:
 
 def threads_of(workers: int | None) -> int:
     """Return on how many threads to run: all cores, where a caller does not say."""
-    return CORES if workers is None else as_positive_count("workers", workers, least=1)
+    return CORES if workers is None else as_positive_count("workers", workers, minimum=1)
 
 
 def fill_ensemble(

@@ -174,11 +174,11 @@ def own_inertias(
 
 
 def _refuse_impossible(
-    bodies: Mapping[str, Sequence[str]], values: Mapping[str, Any], given: Mapping[str, Any]
+    bodies: Mapping[str, Sequence[str]], values: Mapping[str, Any], changes: Mapping[str, Any]
 ) -> None:
     """Refuse an inertia of which some are given; what is no number is refused by other checks."""
     for label, entries in bodies.items():
-        if given.keys().isdisjoint(entries) or not {*entries} <= values.keys():
+        if changes.keys().isdisjoint(entries) or not {*entries} <= values.keys():
             continue
         try:
             columns = np.broadcast_arrays(*(np.asarray(values[name], float) for name in entries))
@@ -289,12 +289,12 @@ def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
 
 
 def steps_of_all(
-    steps: Any, t_end: Any, t: Any, dt: Any, *, whole: bool = True
+    steps: Any, t_end: Any, t: Any, dt: Any, *, whole_steps: bool = True
 ) -> tuple[int, list[Fraction]]:
     """Return the number of steps of an ensemble: as given, or that which leads all to t_end.
 
-    Of all, or of each, the last part of a step to t_end comes with it, 0 where ``whole`` steps are
-    asked for.
+    Of all, or of each, the last part of a step to t_end comes with it, 0 with
+    ``whole_steps``.
 
     Raises
     ------
@@ -303,10 +303,11 @@ def steps_of_all(
     """
     pairs = [(0.0, dt)] if t_end is None else [
         *np.broadcast(np.asarray(t, dtype=object), np.asarray(dt, dtype=object))]
-    spans = [(step_count(steps, t_end, *pair), Fraction(0)) if whole or t_end is None
+    spans = [(step_count(steps, t_end, *pair), Fraction(0)) if whole_steps or t_end is None
              else span_of(steps, t_end, *pair) for pair in pairs]
-    if len({(count, bool(rest)) for count, rest in spans}) > 1:
-        low, high = (limit(count + bool(rest) for count, rest in spans) for limit in (min, max))
+    if len({(count, bool(remainder)) for count, remainder in spans}) > 1:
+        totals = [count + bool(remainder) for count, remainder in spans]
+        low, high = min(totals), max(totals)
         raise InputError(f"t_end = {shown(t_end)} is after {low:,} steps of one trajectory and "
                          f"{high:,} of another; give steps, or runs of their own.")
-    return spans[0][0], [rest for _, rest in spans]
+    return spans[0][0], [remainder for _, remainder in spans]

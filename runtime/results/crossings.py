@@ -83,7 +83,7 @@ class Crossings:
 
     def joined(self, later: Self) -> Self:
         """Return these and later ones."""
-        return type(self)(*(np.concatenate([getattr(part, field.name) for part in (self, later)])
+        return type(self)(*(np.concatenate([getattr(rows, field.name) for rows in (self, later)])
                             for field in fields(self)))
 
     def _selected(self, selected: Array) -> Self:

@@ -259,7 +259,7 @@ def _table_of_event(
              "work": {"units": "J"}}
     columns = [run_crossings.columns for run_crossings in crossings]
     texts = {column: texts[column] for column in columns[0]}
-    arrays = {f"{along}_{column}": np.concatenate([one[column] for one in columns])
+    arrays = {f"{along}_{column}": np.concatenate([by_column[column] for by_column in columns])
               for column in texts}
     arrays[f"{along}_rising"] = arrays[f"{along}_rising"].astype(np.int8)
     descriptions = {f"{along}_{field}": {"long_name": text} | units.get(field, {})

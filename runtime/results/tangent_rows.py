@@ -98,11 +98,11 @@ class TangentRows:
             parts.append(forces)
         return np.concatenate(parts, axis=1)
 
-    def of_others(self, made: Array, t: Array) -> TangentRows:
-        """Return the same directions at other states and times; ``made`` as from ``together``.
+    def of_others(self, columns: Array, t: Array) -> TangentRows:
+        """Return the same directions at other states and times; ``columns`` as from ``together``.
         """
-        n, k = self.q.shape[1], made.shape[2]
+        n, k = self.q.shape[1], columns.shape[2]
         forces = None
-        if made.shape[1] > 2 * n:
-            forces = made[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
-        return replace(self, q=made[:, :n], p=made[:, n : 2 * n], t=t, multipliers=forces)
+        if columns.shape[1] > 2 * n:
+            forces = columns[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
+        return replace(self, q=columns[:, :n], p=columns[:, n : 2 * n], t=t, multipliers=forces)

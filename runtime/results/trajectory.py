@@ -254,7 +254,7 @@ class Trajectory(Shown):
         end = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]
         events = {name: crossings.within(begin, end, ahead)
                   for name, crossings in self.events.items()}
-        impacts = {name: one.within(begin, end, ahead) for name, one in self.impacts.items()}
+        impacts = {name: hits.within(begin, end, ahead) for name, hits in self.impacts.items()}
         return changed(self, **arrays, every=self.every * row_range.step, events=events,
                        impacts=impacts,
                        tangents=None, _inputs=None, _origin=None, _states=None,

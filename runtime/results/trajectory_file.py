@@ -61,8 +61,8 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "switched_steps": getattr(trajectory.tangents, "switched_steps", 0),
     }
     crossings = {f"event{i}_{name}": array
-                 for i, one in enumerate((trajectory.events | trajectory.impacts).values())
-                 for name, array in one.columns.items()}
+                 for i, event_rows in enumerate((trajectory.events | trajectory.impacts).values())
+                 for name, array in event_rows.columns.items()}
     if trajectory.tangents is not None:
         crossings |= {f"tangents_{name}": array for name in _TANGENTS
                       if (array := getattr(trajectory.tangents, name)) is not None}
@@ -222,9 +222,9 @@ def _events(about: Any, crossings: dict[str, dict[str, Array]]) -> dict[str, Any
         if not isinstance(name, str) or (arrays["steps"].dtype.kind, arrays["rising"].dtype.kind
                                          ) != ("i", "b"):
             raise ValueError("an event has parts of another type")
-        events[name] = one = of_columns(arrays)
-        if isinstance(one, Impacts):
-            events[name], impacts[name] = one.crossings, one
+        events[name] = event_rows = of_columns(arrays)
+        if isinstance(event_rows, Impacts):
+            events[name], impacts[name] = event_rows.crossings, event_rows
     return {"events": events, "impacts": impacts}
 
 

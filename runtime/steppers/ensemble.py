@@ -256,14 +256,14 @@ def integrate_members(
 
         fill(computed, report)
         crossings = _crossings(stepper, levels, computed, fill)
-        asked = () if levels is None else levels.events
-        ensemble = _ensemble(stepper, computed, crossings, asked)
+        event_tuple = () if levels is None else levels.events
+        ensemble = _ensemble(stepper, computed, crossings, event_tuple)
         if end is not None and not interrupts.requested:
             last = runs.last_parts(stepper.binding, computed.q, computed.p, computed.status)
             parts = EnsembleStates.of(stepper, last, detectors_for(stepper, levels, last))
             fill(parts)
             ensemble = _with_last_parts(stepper, ensemble, runs, _ensemble(
-                stepper, parts, _crossings(stepper, levels, parts, fill), asked), asked)
+                stepper, parts, _crossings(stepper, levels, parts, fill), event_tuple), event_tuple)
         if not warned:
             dt = runs.dt[:, None]
             if stepper.binding.clocked:
@@ -289,7 +289,7 @@ def _crossings(
 
 def _with_last_parts(
     stepper: Stepper, ensemble: Ensemble, runs: EnsembleArguments, parts: Ensemble,
-    asked: tuple[Event, ...],
+    event_tuple: tuple[Event, ...],
 ) -> Ensemble:
     """Return an ensemble of whole steps and, as its last row, the ends of the parts of a step."""
     count = runs.first.steps // runs.first.every + 1
@@ -306,17 +306,17 @@ def _with_last_parts(
             columns[name][i, -1] = no_number
         columns["iterations"][i, -1] = 0
         if i not in ensemble.failures:
-            failed, whole = parts.failures[i], ensemble._make(i)
+            failed, of_steps = parts.failures[i], ensemble._make(i)
             failures[i] = StepFailed(step=runs.first.steps + 1, t=failed.t, reason=failed.reason,
-                                     trajectory=whole, detail=failed.detail, cure=failed.cure)
+                                     trajectory=of_steps, detail=failed.detail, cure=failed.cure)
 
     @cache
     def member(i: int) -> Trajectory:
-        whole = ensemble._make(i)
+        of_steps = ensemble._make(i)
         if i in failures:
-            return whole
-        joined = joined_with_part(stepper, runs[i], asked, whole, parts._make(i))
-        return changed(joined, _origin=Origin(runs[i], asked, rest=runs[i].rest))
+            return of_steps
+        joined = joined_with_part(stepper, runs[i], event_tuple, of_steps, parts._make(i))
+        return changed(joined, _origin=Origin(runs[i], event_tuple, rest=runs[i].rest))
 
     events = {name: CrossingsOfMany([
         ensemble.events[name][i] if i in failures else member(i).events[name]
@@ -407,14 +407,14 @@ def _integrate_on(
 
 def _levels(stepper: Stepper, events: Any) -> Levels | None:
     """Return the levels of a caller's events, none of which ends a run; None without events."""
-    asked = as_events(events, stepper.manifest.system.event_quantities)
-    refuse_together(ensemble="an ensemble", terminal=terminal_of(asked))
-    return Levels.of(stepper.binding, stepper.manifest, asked) if asked else None
+    event_tuple = as_events(events, stepper.manifest.system.event_quantities)
+    refuse_together(ensemble="an ensemble", terminal=terminal_of(event_tuple))
+    return Levels.of(stepper.binding, stepper.manifest, event_tuple) if event_tuple else None
 
 
 def _ensemble(
     stepper: Stepper, computed: EnsembleStates, crossings: list[dict[str, Crossings]],
-    asked: tuple[Event, ...],
+    event_tuple: tuple[Event, ...],
 ) -> Ensemble:
     """Return the stored states as arrays, NaN behind a failed step, and the failures."""
     binding, runs, rows = stepper.binding, computed.runs, computed.rows
@@ -441,7 +441,7 @@ def _ensemble(
         trajectory = trajectory_of(binding, stepper.manifest, runs[i], rows[i],
                                    computed.final_report(i), computed.q[i], computed.p[i])
         return changed(trajectory, events=shown[i] if shown else {},
-                       _origin=Origin(runs[i], asked))
+                       _origin=Origin(runs[i], event_tuple))
 
     failures = {i: failure_of(binding, runs[i], member(i),
                                Diagnosis.bare(int(computed.status[i])), computed.q[i])

@@ -352,7 +352,7 @@ class Stepper(Dynamics):
             start, p, dt=dt, dtau=dtau, t_end=t_end, steps=steps, parameters=parameters,
             inputs=inputs, every=every, events=events, solver=solver)
         run = plan.run
-        asked: Any = plan.events
+        observed_events: Any = plan.events
         if plan.impacts:
             refuse_unusable(self, run, plan.impacts)
         if out is not None:
@@ -363,7 +363,7 @@ class Stepper(Dynamics):
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
         warned = not run.steps or self._warned(run) or run.rows < 2
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
-            trajectory = observed(self, run, asked, report, plan.end_event)
+            trajectory = observed(self, run, observed_events, report, plan.end_event)
         run = run.until(trajectory.report.steps) if run.open_end else run
         if not warned:
             self.rotations.warn_of(trajectory)
@@ -373,9 +373,9 @@ class Stepper(Dynamics):
                     and not self.rotations.bodies):
                 warn_of_frequency(self.binding, run, self.order)
         if run.rest:
-            trajectory = ended_between(self, run, asked, trajectory)
+            trajectory = ended_between(self, run, observed_events, trajectory)
         trajectory = trajectory.made_by(self, Origin(
-            run, () if plan.impacts else asked, rest=run.rest, impacts=plan.impacts))
+            run, () if plan.impacts else observed_events, rest=run.rest, impacts=plan.impacts))
         if t_eval is not None:
             trajectory = self._at(trajectory, t_eval)
         return trajectory if tangents is None else with_tangents(self, tangents, trajectory)
@@ -445,7 +445,7 @@ class Stepper(Dynamics):
         events = events_or_own(starts, events)
         impacts = as_impacts(events, self.manifest.system.event_quantities, state.impacts)
         count, rests = steps_of_all(steps, t_end, state.t, dt,
-                                    whole=device is not None or bool(impacts))
+                                    whole_steps=device is not None or bool(impacts))
         return integrate_members(
             self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
             end=(t_end, rests) if any(rests) else None, steps=count, every=every,
@@ -466,22 +466,23 @@ class Stepper(Dynamics):
         state = merged_start(self, start, p, parameters, impacts=True)
         events, names = events_or_own(start, events), self.manifest.system.event_quantities
         impacts = as_impacts(events, names, state.impacts)
-        asked: Any = impacts or as_events(events, names)
+        observed_events: Any = impacts or as_events(events, names)
         clock, end_event = self.manifest.system.clock, ""
         if clock is not None and steps is None and t_end is not None:
-            end = end_of_run(clock, asked, state.t, t_end, dt)
-            asked, end_event = (*asked, end), end.name
+            end = end_of_run(clock, observed_events, state.t, t_end, dt)
+            observed_events, end_event = (*observed_events, end), end.name
             steps, t_end = OPEN, None
-        count, rest = span_of(steps, t_end, state.t, dt)
-        fed: Any = as_inputs(inputs, self.binding, count + 1) if rest else inputs
+        count, remainder = span_of(steps, t_end, state.t, dt)
+        fed: Any = as_inputs(inputs, self.binding, count + 1) if remainder else inputs
         run = self._resolved(self._run_arguments(
             state.q, state.p, dt=dt, steps=count, every=every, inputs=fed,
             parameters=state.parameters, t0=state.t, solver=as_solver(solver),
             excess=state.excess))
         number = self.binding.number
-        end_time = {"t_end": as_real("t_end", t_end, number), "rest": number(rest)} if rest else {}
-        return Integration(changed(run, open_end=bool(end_event), **end_time), asked, impacts,
-                           end_event)
+        end_time = {"t_end": as_real("t_end", t_end, number),
+                    "rest": number(remainder)} if remainder else {}
+        return Integration(changed(run, open_end=bool(end_event), **end_time), observed_events,
+                           impacts, end_event)
 
     def _recorded(
         self, plan: Integration, out: str | os.PathLike[str], progress: Progress, *,
@@ -556,7 +557,7 @@ class Stepper(Dynamics):
         step = self._step(dt, scaled=excess is not None)
         return changed(  # the constructor of a frozen dataclass takes longer
             object.__new__(RunArguments), q=q_start, p=p_start, dt=step, steps=count,
-            every=as_positive_count("every", every, least=1),
+            every=as_positive_count("every", every, minimum=1),
             parameters=self._parameters_with_inputs(parameters, fed), solver=method.kind,
             tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t", t0, number),
             inputs=fed, excess=0.0 if excess is None else excess)

@@ -179,7 +179,7 @@ def tune(
         rules |= _gammas(step, state.parameters, fixed, rule, error)
     if frame is not None:
         rules |= _rates(step, fixed, choose("frame", frame, ("auto", "start")), error)
-    pilot_limit = as_positive_count("pilot_steps", pilot_steps, least=_LEAST)
+    pilot_limit = as_positive_count("pilot_steps", pilot_steps, minimum=_LEAST)
     common_arguments = {"t0": state.t, "parameters": {**state.parameters, **rules},
                         "inputs": inputs}
     clock = step.manifest.system.clock
