@@ -55,6 +55,9 @@
 #ifndef GS_ELEMENTS /* H and g are sums over element templates; else written out in full */
 #define GS_ELEMENTS 0
 #endif
+#ifndef GS_CONDENSED /* Newton's system without the rates of momenta: H_pp is invertible */
+#define GS_CONDENSED 0
+#endif
 #ifndef GS_FORCES /* forces F(q, p, t) act */
 #define GS_FORCES 0
 #endif

@@ -14,6 +14,7 @@ Open first: ``emit.emit``.
     lane_iteration   the fixed-point iteration of profile full, on lanes
     plain_iteration  the fixed-point iteration of profiles control and run, on plain numbers
     splitting_flows  compositions of exact flows: tables, weights, kernels
+    condensation     pattern of Newton's system without the rates of momenta
     constant_loops   constants of a run as loops over tables
     solver_costs     operation counts of an iteration of either solver
     state_functions  functions of one state: energy, quantities, momenta of velocities

@@ -26,6 +26,7 @@ from ..schemes.system_differences import (
 )
 from ..systems.jacobians import curvature, jacobian, transposed_product
 from ..systems.repeated_structure import ElementSystem, ElementTemplate, Structure
+from .condensation import condensation_of
 from .program import Derived, Elements
 
 __all__ = ["NUMBERS", "Emitter", "Placed", "elements_of", "local_inputs", "term_kernels"]
@@ -93,6 +94,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         second=_second_derivatives(structure, energies, forces),
         positions=positions,
         band=band,
+        condensed=condensation_of(structure, scheme, energies, constraints, forces),
     )
 
 

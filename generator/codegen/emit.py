@@ -327,6 +327,7 @@ def _features(
         velocity_constraints=system.velocity_count > 0,
         spark=derived.is_spark,
         elements=elements is not None,
+        condensed=elements is not None and elements.condensed is not None,
         forces=bool(system.forces) and not (profile == "control" and isinstance(
             scheme, SplittingScheme)),
         time_dependent=system.is_time_dependent,

@@ -75,6 +75,7 @@ class Features:
     velocity_constraints: bool
     spark: bool
     elements: bool
+    condensed: bool
     forces: bool
     time_dependent: bool
     forced_by_time: bool
@@ -131,6 +132,8 @@ class Elements:
     second: dict[str, Any]
     positions: list[int]
     band: int
+    #: Pattern of Newton's system without the rates of momenta (``condensation``), or None.
+    condensed: dict[str, Any] | None
 
     @property
     def all(self) -> list[dict[str, Any]]:

@@ -5,28 +5,25 @@
 #include "gyrospark/linear_algebra/band_lu.h"
 
 /* b <- J^-T b from the factors; b is in the scheme's order, `forward` is work space. */
-static void band_substitute_transposed(const real *restrict J, const int *restrict exponents,
-    const int *restrict pivots, real *restrict b, real *restrict forward)
+static void band_substitute_transposed(const real *restrict J, const int *restrict pivots,
+    real *restrict b, real *restrict forward)
 {
     for (int e = 0; e < U; ++e)
         forward[position[e]] = b[e];
     for (int k = 0; k < U; ++k) {
-        const int right = k + 2*BAND < U ? 2*BAND : U - 1 - k;
-        const real *upper = J + (size_t)k*WIDTH + BAND;
-        const real value = forward[k] /= upper[0];
-        for (int e = 1; e <= right; ++e)
-            forward[k + e] -= upper[e]*value;
+        const real *upper = band_row((real *)J, BAND, k);
+        const real value = forward[k] /= upper[k];
+        for (int j = k + 1; j <= pivots[U + k]; ++j)
+            forward[j] -= upper[j]*value;
     }
     for (int k = U - 1; k >= 0; --k) {
-        const int below = k + BAND < U ? k + BAND : U - 1;
-        real value = forward[k];
-        for (int i = k + 1; i <= below; ++i)
-            value -= J[(size_t)i*WIDTH + (size_t)(BAND + k - i)]*forward[i];
+        const real *lower = band_lower((real *)J, U, BAND, k) + k + 1;
+        const real value = forward[k] - sum_products(pivots[2*U + k] - k, lower, forward + k + 1);
         forward[k] = forward[pivots[k]];
         forward[pivots[k]] = value;
     }
     for (int e = 0; e < U; ++e)
-        b[e] = MATH(ldexp)(forward[position[e]], -exponents[position[e]]);
+        b[e] = forward[position[e]];
 }
 
 #if GS_CONSTRAINED

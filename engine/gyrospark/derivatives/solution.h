@@ -12,7 +12,7 @@ static int factorise_step(linearisation_t *l)
     w->constants = l->c;
     jacobian(w, l->h, l->q, l->p, l->x, w->J);
     l->is_factorised = 1;
-    return band_factorise(w->J, w->exponents, w->pivots, &w->products);
+    return band_factorise(U, BAND, w->J, w->pivots, w->forward, w->rows, &w->products);
 }
 #endif
 
@@ -28,9 +28,9 @@ static inline int TYPED(solve_step)(TYPED(linearisation_t) *l, int transposed, N
     if (status != OK)
         return status;
     if (transposed)
-        band_substitute_transposed(l->w->J, l->w->exponents, l->w->pivots, b, l->w->forward);
+        band_substitute_transposed(l->w->J, l->w->pivots, b, l->w->forward);
     else
-        (void)band_substitute(l->w->J, l->w->exponents, l->w->pivots, b, l->w->forward);
+        (void)band_solve(l->w->J, l->w->pivots, b, l->w->forward);
 #else
     if (transposed)
         TYPED(solve_transposed_with)(U, l->J, l->pivots, b);

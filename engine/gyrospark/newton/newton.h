@@ -22,22 +22,36 @@
 #include "gyrospark/midpoint/step_end.h"
 #endif
 
-/* Factorises the Jacobian of T1 in place: a band matrix, or a dense one. */
-static int factorise_jacobian(work_t *w)
+/* Factorises the Jacobian at the last residual: condensed, or all of it if H_pp is singular. */
+static int factorise_jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
+#if GS_CONDENSED
+    w->is_condensed = 1;
+    const int status = condensed_factorise(w, dt, q, x);
+    if (status != SINGULAR)
+        return status;
+    w->is_condensed = 0;
+#endif
+    jacobian(w, dt, q, p, x, w->J);
 #if GS_ELEMENTS
-    return band_factorise(w->J, w->exponents, w->pivots, &w->products);
+    return band_factorise(U, BAND, w->J, w->pivots, w->forward, w->rows, &w->products);
 #else
     return lu_factorise(U, w->J, w->exponents, w->pivots, &w->products);
 #endif
 }
 
 /* b <- J^-1 b from the factors of J */
-static int solve_jacobian(work_t *w, real b[U])
+static int solve_jacobian(work_t *w, real dt, real b[U])
 {
+#if GS_CONDENSED
+    if (w->is_condensed)
+        return condensed_solve(w, dt, b);
+#endif
 #if GS_ELEMENTS
-    return band_substitute(w->J, w->exponents, w->pivots, b, w->forward);
+    (void)dt;
+    return band_solve(w->J, w->pivots, b, w->forward);
 #else
+    (void)dt;
     return lu_substitute(U, w->J, w->exponents, w->pivots, b);
 #endif
 }
@@ -119,10 +133,9 @@ static int iterate(work_t *w, const options_t *options, real dt, const real q[N]
     real size = 0, ratio = 0;
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
-        jacobian(w, dt, q, p, x, w->J);
-        int status = factorise_jacobian(w);
+        int status = factorise_jacobian(w, dt, q, p, x);
         if (status == OK)
-            status = solve_jacobian(w, w->r);
+            status = solve_jacobian(w, dt, w->r);
         if (status != OK)
             return status;
         ++*iterations;

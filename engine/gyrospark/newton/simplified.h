@@ -24,12 +24,11 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         residual(w, dt, q, p, x, w->r);
         int status = OK;
         if (stale) {
-            jacobian(w, dt, q, p, x, w->J);
-            status = factorise_jacobian(w);
+            status = factorise_jacobian(w, dt, q, p, x);
             w->effort += JACOBIAN_COST + w->products/2;
         }
         if (status == OK)
-            status = solve_jacobian(w, w->r);
+            status = solve_jacobian(w, dt, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -49,7 +48,7 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
             return satisfies_constraints(w, dt, q, x);
         if (*iterations > 2 && ratio > 1)
             return NOT_CONVERGED;
-        stale = *iterations > 1 && ratio > slow;
+        stale = *iterations > 1 && ratio > slow && size > 64*epsilon; /* not for round-off */
         previous = size;
     }
     return NOT_CONVERGED;

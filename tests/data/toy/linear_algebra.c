@@ -85,7 +85,7 @@ int solve_dense(int n, double *A, double *b)
 int solve_band(const double *A, double *b)
 {
     real J[U*WIDTH] = { 0 }, forward[U], dense[U*U];
-    int exponents[U], pivots[U];
+    int rows[U], pivots[3*U];
     long products;
     for (int i = 0; i < U; ++i)
         for (int j = 0; j < U; ++j)
@@ -95,8 +95,8 @@ int solve_band(const double *A, double *b)
     for (int e = 0; e < U*U; ++e)
         if (dense[e] != A[e])
             return -1;
-    const int status = band_factorise(J, exponents, pivots, &products);
-    return status == OK ? band_substitute(J, exponents, pivots, b, forward) : status;
+    const int status = band_factorise(U, BAND, J, pivots, forward, rows, &products);
+    return status == OK ? band_solve(J, pivots, b, forward) : status;
 }
 
 void eliminate(double *W, double *b)

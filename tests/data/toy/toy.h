@@ -174,8 +174,8 @@ typedef struct {
     toy_constants constants;
     real x[U], r[U], x_near[U], r_near[U], increment;
     long products, effort;
-    real J[U*(3*U + 1)];
-    int exponents[U], pivots[U];
+    real J[U*(4*U + 1)];
+    int exponents[U], pivots[3*U], rows[U];
     real forward[U], t, step, node_time[P + 1], work_done, frame_q[N], frame_p[N];
     real stage_q[S][N], stage_p[S][N], D[P + 1][N], force[P + 1][N], Q_tilde[P + 1][N];
     real differences[8][U];

@@ -1,0 +1,261 @@
+/* Newton's system of T1 without the rates of momenta, which the rows of k give block by block. */
+#ifndef GS_NEWTON_CONDENSED_H
+#define GS_NEWTON_CONDENSED_H
+
+#include "gyrospark/engine.h"
+
+#if GS_CONDENSED
+#include "gyrospark/linear_algebra/band_lu.h"
+
+/*
+ * With y = dk - r, of the rows of k, these give dP = H_pp^-1 (y - H_pq dQ), and the rows of k^
+ *
+ *     H_pp^-1 (y - H_pq dQ) + dt A^ (D dQ + C y) + dt A~ (G^T dLambda + K dD) = dt A^ r^,
+ *     X = H_qp - F_p,  C = X H_pp^-1,  D = H_qq - F_q - C H_pq,
+ *
+ * with dQ = dt A dk, dD = dt A- dk, and G dD = r of the constraints. A chain keeps S times the
+ * coordinates of a body and its multipliers; a band holds them. dk^ = r^ - D dQ - C y follows. The
+ * generated file has the matrices row by row: `coupling_first` and `coupling_column`. IMS and EMS
+ * are the case of one stage with coefficients 1 and dq = dt k; their dp is dP.
+ */
+#if !GS_SPARK
+enum { K_HAT = DP };
+#define STAGE(i, j) 1
+#define HAT(i, j) 1
+#define TILDE(i, l) 1
+#define BAR(l, j) 1
+#elif GS_EXACT_ENERGY
+#define STAGE(i, j) stage_entry(w, i, j)
+#define HAT(i, j) stage_entry(w, i, j)
+#define TILDE(i, l) force_entry(w, i, l)
+#define BAR(l, j) node_entry(w, l, j)
+#else
+#define STAGE(i, j) tableau.A[i][j]
+#define HAT(i, j) tableau.A_hat[i][j]
+#define TILDE(i, l) tableau.A_tilde[i][l]
+#define BAR(l, j) tableau.A_bar[l][j]
+#endif
+
+/* a <- a^-1 by Gauss-Jordan elimination with partial pivoting */
+static int invert(int n, real *a)
+{
+    int pivots[LARGEST_BLOCK];
+    for (int k = 0; k < n; ++k) {
+        int pivot = k;
+        for (int i = k + 1; i < n; ++i)
+            if (MATH(fabs)(a[i*n + k]) > MATH(fabs)(a[pivot*n + k]))
+                pivot = i;
+        pivots[k] = pivot;
+        if (!(MATH(fabs)(a[pivot*n + k]) > 0))
+            return SINGULAR;
+        for (int j = 0; j < n && pivot != k; ++j) {
+            const real swap = a[k*n + j];
+            a[k*n + j] = a[pivot*n + j];
+            a[pivot*n + j] = swap;
+        }
+        const real inverse = 1/a[k*n + k];
+        a[k*n + k] = 1;
+        for (int j = 0; j < n; ++j)
+            a[k*n + j] *= inverse;
+        for (int i = 0; i < n; ++i) {
+            const real factor = a[i*n + k];
+            if (i == k || factor == 0)
+                continue;
+            a[i*n + k] = 0;
+            for (int j = 0; j < n; ++j)
+                a[i*n + j] -= factor*a[k*n + j];
+        }
+    }
+    for (int k = n - 1; k >= 0; --k)
+        for (int i = 0; i < n && pivots[k] != k; ++i) {
+            const real swap = a[i*n + k];
+            a[i*n + k] = a[i*n + pivots[k]];
+            a[i*n + pivots[k]] = swap;
+        }
+    return OK;
+}
+
+/*
+ * Adds the derivatives of an element of H to stage i: H_pp (which becomes its inverse), H_pq, H_qp,
+ * H_qq, whose entries are at slot[] in this order. Element (b, a) of H_qp is qp[b*row + a*column].
+ */
+static int add_energy(condensed_t *m, int i, int np, int nq, real *pp, const real *pq,
+    const real *qp, int row, int column, const real *qq, const int *slot)
+{
+    const int *at_pq = slot + np*np, *at_qp = at_pq + np*nq, *at_qq = at_qp + nq*np;
+    real change[LARGEST_BLOCK]; /* dP/dQ */
+    if (np > 0 && invert(np, pp) != OK)
+        return SINGULAR;
+    for (int e = 0; e < np*np; ++e)
+        m->momentum_by_rate[i][slot[e]] += pp[e];
+    for (int a = 0; a < np; ++a)
+        for (int b = 0; b < nq; ++b) {
+            real sum = 0, by_rate = 0;
+            for (int e = 0; e < np; ++e) {
+                sum -= pp[a*np + e]*pq[e*nq + b];
+                by_rate += qp[b*row + e*column]*pp[e*np + a];
+            }
+            change[a*nq + b] = sum;
+            m->momentum_by_q[i][at_pq[a*nq + b]] += sum;
+            m->force_by_rate[i][at_qp[b*np + a]] += by_rate;
+        }
+    for (int a = 0; a < nq; ++a)
+        for (int b = 0; b < nq; ++b) {
+            real sum = qq[a*nq + b];
+            for (int e = 0; e < np; ++e)
+                sum += qp[a*row + e*column]*change[e*nq + b];
+            m->force_by_q[i][at_qq[a*nq + b]] += sum;
+        }
+    return OK;
+}
+
+/* Adds the derivative -F_p of a force on `row` by momentum `a` to stage i: X dP. */
+static inline void add_damping(condensed_t *m, int i, int row, int a, real F_p)
+{
+    int at = coupling_first[row];
+    for (int e = coupling_first[a]; e < moved_end[a]; ++e) {
+        const real by_rate = m->momentum_by_rate[i][e], by_q = m->momentum_by_q[i][e];
+        if (by_rate == 0 && by_q == 0)
+            continue;
+        while (coupling_column[at] != coupling_column[e])
+            ++at;
+        m->force_by_rate[i][at] -= F_p*by_rate;
+        m->force_by_q[i][at] -= F_p*by_q;
+    }
+}
+
+static inline real *condensed_entry(real *J, int equation, int unknown)
+{
+    return band_row(J, CONDENSED_BAND, condensed_position[equation])
+        + condensed_position[unknown];
+}
+
+/* Assembles the condensed band from the matrices of stages and constraint nodes. */
+static void assemble_condensed(work_t *w, real dt)
+{
+    const condensed_t *m = &w->condensed;
+    real *J = w->J, by_q[S][S], by_force[S][S], by_stage[S][S][S];
+    for (size_t e = 0; e < (size_t)CONDENSED*(3*CONDENSED_BAND + 1); ++e)
+        J[e] = 0;
+#if GS_CONSTRAINED
+    real by_curvature[S][S][P];
+#endif
+    for (int i = 0; i < S; ++i)
+        for (int j = 0; j < S; ++j) {
+            by_q[i][j] = dt*STAGE(i, j);
+            by_force[i][j] = dt*HAT(i, j);
+            for (int k = 0; k < S; ++k)
+                by_stage[i][j][k] = dt*HAT(i, k)*(dt*STAGE(k, j));
+#if GS_CONSTRAINED
+            for (int l = 0; l < P; ++l)
+                by_curvature[i][j][l] = dt*TILDE(i, l)*(dt*BAR(l, j));
+#endif
+        }
+    for (int a = 0; a < N; ++a)
+        for (int e = coupling_first[a]; e < coupling_first[a + 1]; ++e)
+            for (int j = 0; j < S; ++j) {
+                const int column = condensed_position[j*N + coupling_column[e]];
+                for (int i = 0; i < S; ++i) {
+                    real sum = 0;
+                    if (e < moved_end[a]) {
+                        sum = by_q[i][j]*m->momentum_by_q[i][e]
+                            + by_force[i][j]*m->force_by_rate[j][e];
+                        sum += i == j ? m->momentum_by_rate[i][e] : 0;
+                    }
+                    for (int k = 0; k < S; ++k)
+                        sum += by_stage[i][j][k]*m->force_by_q[k][e];
+#if GS_CONSTRAINED
+                    for (int l = 0; l < P; ++l)
+                        sum += by_curvature[i][j][l]*m->curvature[l][e];
+#endif
+                    band_row(J, CONDENSED_BAND, condensed_position[i*N + a])[column] = sum;
+                }
+            }
+#if GS_CONSTRAINED
+    for (int e = 0; e < CONSTRAINT_COUPLINGS; ++e)
+        for (int l = 0; l < P; ++l) {
+            const int multiplier = S*N + l*M + constraint_coupling_row[e],
+                column = constraint_coupling_column[e];
+            for (int i = 0; i < S; ++i) {
+                *condensed_entry(J, multiplier, i*N + column) =
+                    dt*BAR(l + 1, i)*m->constraint_by_q[l + 1][e];
+                *condensed_entry(J, i*N + column, multiplier) =
+                    dt*TILDE(i, l)*m->constraint_by_q[l][e];
+            }
+        }
+#endif
+}
+
+/* Linearises and factorises T1 at the stage values of the last residual. */
+static int condensed_factorise(work_t *w, real dt, const real q[N], const real x[U])
+{
+    if (linearise_condensed(w, dt, q, x) != OK)
+        return SINGULAR;
+    assemble_condensed(w, dt);
+    return band_factorise(CONDENSED, CONDENSED_BAND, w->J, w->pivots, w->forward, w->rows,
+        &w->products);
+}
+
+/* b <- J^-1 b, with the rows of k, k^ and the constraints */
+static int condensed_solve(work_t *w, real dt, real b[U])
+{
+    condensed_t *m = &w->condensed;
+    real *z = w->forward, (*by_rate)[N] = m->by_rate, (*force)[N] = m->force, (*dQ)[N] = m->dQ;
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            real momentum = 0, reaction = b[K_HAT + i*N + a];
+            for (int e = coupling_first[a]; e < moved_end[a]; ++e) {
+                const real r = b[i*N + coupling_column[e]];
+                momentum += m->momentum_by_rate[i][e]*r;
+                reaction += m->force_by_rate[i][e]*r;
+            }
+            by_rate[i][a] = momentum;
+            force[i][a] = reaction;
+        }
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            real sum = by_rate[i][a];
+            for (int j = 0; j < S; ++j)
+                sum += dt*HAT(i, j)*force[j][a];
+            z[condensed_position[i*N + a]] = sum;
+        }
+    for (int e = S*N; e < CONDENSED; ++e)
+        z[condensed_position[e]] = b[LAMBDA - S*N + e];
+    const int status = band_substitute(CONDENSED, CONDENSED_BAND, w->J, w->pivots, z);
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a)
+            b[i*N + a] = z[condensed_position[i*N + a]];
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            dQ[i][a] = 0;
+            for (int j = 0; j < S; ++j)
+                dQ[i][a] += dt*STAGE(i, j)*b[j*N + a];
+        }
+#if GS_SPARK
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            real sum = force[i][a];
+            for (int e = coupling_first[a]; e < coupling_first[a + 1]; ++e)
+                sum -= m->force_by_q[i][e]*dQ[i][coupling_column[e]];
+            for (int e = coupling_first[a]; e < moved_end[a]; ++e)
+                sum -= m->force_by_rate[i][e]*b[i*N + coupling_column[e]];
+            b[K_HAT + i*N + a] = sum;
+        }
+#else
+    for (int a = 0; a < N; ++a) {
+        real sum = -by_rate[0][a];
+        for (int e = coupling_first[a]; e < moved_end[a]; ++e)
+            sum += m->momentum_by_rate[0][e]*b[coupling_column[e]]
+                + m->momentum_by_q[0][e]*dQ[0][coupling_column[e]];
+        b[DP + a] = sum;
+    }
+    for (int a = 0; a < N; ++a)
+        b[a] *= dt;
+#endif
+    for (int e = S*N; e < CONDENSED; ++e)
+        b[LAMBDA - S*N + e] = z[condensed_position[e]];
+    return status;
+}
+
+#endif
+#endif

@@ -1,0 +1,75 @@
+"""Newton's method of element templates against dense Newton steps with the whole Jacobian."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import budget
+import gyrospark as gs
+import systems
+from strategies import EPS
+from structured_systems import BEADS, made_beads, start_of_beads
+
+
+def dense_newton(step, start, dt, parameters):
+    """Return the unknowns of a step, and the iterations until the increment is round-off."""
+    q, p, t = start
+    at = {"dt": dt, "parameters": parameters} | ({"t": t} if step.binding.is_timed else {})
+    x = step.guess(q, p, **at)
+    for count in range(1, 30):
+        r, J = (f(x, q, p, **at) for f in (step.residual, step.jacobian))
+        scale = np.abs(J).max(axis=1)
+        increment = np.linalg.solve(J / scale[:, None], r / scale)
+        x = x - increment
+        size = np.abs(increment[: 2 * len(q)]).max() / np.abs(x[: 2 * len(q)]).max()
+        if size < 1e4 * EPS:
+            return x, count
+    raise AssertionError("dense Newton did not converge")
+
+
+@pytest.mark.parametrize(("name", "scheme", "stages"), [
+    ("double_top", "G-L", 2), ("double_top", "EMS", None), ("double_top", "LIIIA-B", 3),
+    ("andrews", "EMS", None), ("beads", "G-L", 2), ("beads", "EMS", None)])
+def test_condensed_steps_are_those_of_the_whole_jacobian(name, scheme, stages):
+    """As many iterations as dense Newton: an entry that is wrong makes them linear."""
+    if name == "beads":
+        step = made_beads(scheme, stages, True)
+        start, parameters, dt = gs.Start(*start_of_beads(step, 0.4), t=0.4), BEADS, 0.02
+    else:
+        step, case = systems.stepper(name, scheme, stages), systems.case(name)
+        start, parameters, dt = systems.timed_start(name, step), case.parameters, 4 * case.dt
+    run = step.integrate(start, dt=dt, steps=3, parameters=parameters, solver="newton")
+    q, p = run.q[-2], run.p[-2]
+    x, count = dense_newton(step, (q, p, run.t[-2]), dt, parameters)
+    n = len(q)
+    expected = x[:n]  # EMS
+    if stages:
+        b = np.array([float(w) for w in gs.tableau(scheme, stages).numeric(20).b])
+        expected = q + dt * b @ x[: stages * n].reshape(stages, n)
+    np.testing.assert_allclose(run.q[-1], expected, rtol=0, atol=1e4 * EPS)
+    assert run.iterations[-1] <= count + 1
+
+
+def springs(*kinetic):
+    """Return points between springs, with these energies of the first two momenta."""
+    q, p = sp.symbols("x1:9", real=True), sp.symbols("y1:9", real=True)
+    H = sum(f(*p[:2]) for f in kinetic) + sum(y**2 for y in p[2:]) / 2 + sum(
+        (a - b) ** 2 for a, b in pairwise(q)) + sum(a**4 for a in q)
+    return gs.System(q, p, (), H=H, name="springs_of_two_masses")
+
+
+@pytest.mark.parametrize("kinetic", [
+    lambda a, b: (a + b) ** 2 / 2,  # H_pp of rank one, which the pattern does not tell
+    lambda a, b: a**2 / 2 + b])     # a zero row
+def test_a_singular_mass_is_solved_with_the_whole_jacobian(kinetic):
+    with budget.shared():
+        step = gs.stepper("G-L", stages=2, system=springs(kinetic))
+    start = np.linspace(0.1, 0.8, 8), np.linspace(0.3, -0.4, 8)
+    ends = [step.integrate(*start, dt=0.05, steps=4, parameters={}, solver=solver)
+            for solver in ("newton", "fixed-point")]
+    np.testing.assert_allclose(ends[0].q[-1], ends[1].q[-1], rtol=0, atol=100 * EPS)
+    np.testing.assert_allclose(ends[0].p[-1], ends[1].p[-1], rtol=0, atol=100 * EPS)
