@@ -153,6 +153,7 @@ def _coordinates(axes: Any, trajectory: Trajectory) -> None:
     for name, coordinate in zip(trajectory.coordinates, trajectory.q[shown_states].astype(float).T,
                                 strict=True):
         axes.plot(t, coordinate, linewidth=1, label=name)
+    _mark_impacts(axes, trajectory)
     axes.set_xlabel("t [s]")
     axes.set_title("coordinates", fontsize=10)
     axes.grid(alpha=0.3)
@@ -175,6 +176,15 @@ def _positions(figure: Any, grid_cell: Any, trajectory: Trajectory) -> None:
     if len(positions) <= _NAMED:
         panels[0].legend(fontsize=8, loc="upper right", ncols=min(len(positions), 4))
     panels[2].set_xlabel("t [s]")
+    _mark_impacts(panels[2], trajectory)
+
+
+def _mark_impacts(axes: Any, trajectory: Trajectory) -> None:
+    """Draw a tick at the time of each impact."""
+    for impacts in trajectory.impacts.values():
+        t = impacts.t[:: max(1, len(impacts) // _POINTS)].astype(float)
+        axes.plot(t, np.full(len(t), 0.03), "|", color=_ACCENT, markersize=7,
+                  transform=axes.get_xaxis_transform())
 
 
 def _energy(axes: Any, trajectory: Trajectory) -> None:
@@ -182,6 +192,7 @@ def _energy(axes: Any, trajectory: Trajectory) -> None:
     t = trajectory.t[shown_states].astype(float)
     error = trajectory.energy_error()[shown_states].astype(float)
     axes.plot(t, error, color=_INK, linewidth=0.8)
+    _mark_impacts(axes, trajectory)
     axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
     work_term = " − W" if trajectory.manifest.system.forces else ""
     axes.set_title(f"energy error H − H₀{work_term}", fontsize=10)
@@ -289,6 +300,7 @@ def draw_values(
             series = run_values[name]()
             axes.plot(run.t[-len(series):][shown_states].astype(float),
                       series[shown_states].astype(float), color=colour, linewidth=0.7)
+            _mark_impacts(axes, run)
     work_term = " − W" if runs[0].manifest.system.forces else ""
     for axes, name in zip(panels, value_names, strict=True):
         axes.set_title(f"energy error H − H₀{work_term}" if name == "energy_error" else name,
