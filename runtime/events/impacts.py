@@ -69,6 +69,10 @@ class ImpactObserver:
         self._constants = run.constants(binding)
         names = list(stepper.manifest.system.quantities)
         self._gaps = np.array([names.index(impact.quantity) for impact in events], np.intc)
+        self._depends = np.array([np.isin(
+            stepper.manifest.system.coordinates,
+            _WORD.findall(stepper.manifest.system.quantities[impact.quantity]))
+            for impact in events], np.intc)
         self._restitution = binding.converted(np.array([
             as_real("restitution", impact.restitution, binding.number)
             for impact in with_restitutions(events, run.parameters)]))
@@ -157,7 +161,7 @@ class ImpactObserver:
         status = int(binding.function("integrate_impacts")(
             constants.parameters, constants.options, *binding._fed(constants.inputs)[:2],
             self._run.t0, constants.dt, steps, every, len(self._gaps),
-            binding.ffi.from_buffer("int[]", self._gaps),
+            *(binding.ffi.from_buffer("int[]", x) for x in (self._gaps, self._depends)),
             binding.pointer(self._restitution), binding.ffi.from_buffer("int[]", self._ends),
             *map(binding.pointer,
                  (self._margins, state.q, state.p, rows.q, rows.p, rows.multipliers)),

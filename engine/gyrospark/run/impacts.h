@@ -47,9 +47,11 @@ typedef struct {
     real origin, dt, direction; /* t of the start, of which gaps are functions */
     int gaps;
     const int *gap;
+    const int *depends; /* on the coordinates, a row for each gap */
     const real *restitution;
     const int *ends; /* whether the run ends where a gap closes, before the momenta jump */
     real margin[QUANTITIES]; /* round-off of each gap */
+    long jumps; /* impacts, and those of round-off, which are not kept */
     /* Memory of hits, and one more place: the gap for which the run returns early. */
     long capacity, *count, *places;
     real *hits;
@@ -268,9 +270,12 @@ static void update_margins(impact_run *r, long n, real since, const gap_state *s
     evaluate_gradients(r, n, since, s, rows, drifts);
     for (int j = 0; j < r->gaps; ++j) {
         const int g = r->gap[j];
-        real size = MATH(fabs)(drifts[g]*t) + MATH(fabs)(s->rate[g]*r->dt);
+        real size = MATH(fabs)(drifts[g]*t) + MATH(fabs)(s->rate[g]*r->dt), q = 0;
+        /* A small component of a quaternion has the round-off of a large one. */
         for (int a = 0; a < N; ++a)
-            size += MATH(fabs)(rows[a][g]*s->q[a]);
+            q = r->depends[j*N + a] ? larger(q, MATH(fabs)(s->q[a])) : q;
+        for (int a = 0; a < N; ++a)
+            size += MATH(fabs)(rows[a][g])*q;
         r->margin[g] = 16*epsilon*size;
     }
 }
@@ -288,7 +293,7 @@ static int falls(const impact_run *r, const gap_state *s)
 
 /*
  * Impacts of the gaps that are zero at a state, one after another, from the most negative rate,
- * until none falls.
+ * until none falls. Those of bodies that touch at rest, whose rates are round-off, are not kept.
  */
 static int resolve_impacts(impact_run *r, long n, real since, gap_state *s, report_t *report)
 {
@@ -338,7 +343,9 @@ static int resolve_impacts(impact_run *r, long n, real since, gap_state *s, repo
         out[0] = since == r->dt ? 0 : since;
         out[3] = 0 IF_FORCES(+ report->work);
         r->places[2*(*r->count) + 1] = n + (since == r->dt);
-        *r->count += status == OK;
+        r->jumps += status == OK;
+        *r->count += status == OK
+            && (r->ends[worst] || -16*most*MATH(fabs)(r->dt) > r->margin[r->gap[worst]]);
         report->energy_start -= status == OK ? out[2] : 0; /* a loss is no error of the energy */
         if (status == OK && r->ends[worst]) {
             r->places[2*(*r->count)] = worst;
@@ -389,7 +396,7 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
     work_t *w = r->work;
     const long first = report->steps;
     while (report->steps < last) {
-        const long n = report->steps, known = *r->count;
+        const long n = report->steps, jumps = r->jumps;
         const report_t before = *report;
         const int whole = *since == 0;
         real h = r->dt - *since;
@@ -398,7 +405,7 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
             status = resolve_impacts(r, n, *since, &r->from, report);
             if (status != OK)
                 return status;
-            if (whole && *r->count > known)
+            if (whole && r->jumps > jumps)
                 begin_on_grid(r, n, &r->from, report);
         }
         if (*since == r->dt) {

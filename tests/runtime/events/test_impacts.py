@@ -494,6 +494,15 @@ def test_multipliers_at_steps_with_impacts():
     assert np.abs(run.multipliers[step, 0] - run.multipliers[step + 1, 0]).max() < 4 * smooth
 
 
+def test_pictures_mark_impacts():
+    pytest.importorskip("matplotlib")
+    run = dropped(100)
+    for figure, panels in ((run.plot(), 2), (run.plot("z", "energy_error"), 2)):
+        marked = [axes for axes in figure.axes for line in axes.get_lines() if np.array_equal(
+            line.get_xdata(), run.impacts["floor"].t)]
+        assert len(marked) == panels
+
+
 @pytest.mark.parametrize("ending", [".npz", ".nc", ".zarr"])
 def test_files_have_the_impacts(tmp_path, ending):
     run = dropped(100)
