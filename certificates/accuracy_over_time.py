@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.errors import StepFailed
 from ..core.warnings import capture_warnings
 from ..runtime.plotting.trajectory_plots import figure_class, save
@@ -18,8 +18,6 @@ from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["Accuracy", "accuracy", "draw"]
-
-Array = NDArray[Any]
 
 #: Steps of the longest of runs that are compared, and how often the step is halved from there.
 _MOST_STEPS, _HALVINGS = 250, 6

@@ -13,19 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.errors import GyrosparkError
 from ..runtime.results.run_arrays import full_states
 from ..runtime.steppers.stepper import Stepper
 from .measurements import step_named
 
 __all__ = ["LoopDrift", "closed_loop", "loop_drift", "loop_integral"]
-
-Array = NDArray[Any]
 
 #: Radii that are tried, in units of the motion's own sizes, and numbers of points.
 _RADII = (0.1, 0.025, 0.006, 0.0015, 4e-4, 1e-4, 2.5e-5)

@@ -9,8 +9,8 @@ from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.errors import GyrosparkError, StepFailed
 from ..core.start import Start
 from ..runtime.results.run_arrays import full_states
@@ -19,8 +19,6 @@ from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["MeasuredOrder", "Reversal", "constraint_scales", "measure_order", "reversal",
            "step_named", "trend"]
-
-Array = NDArray[Any]
 
 #: Errors below this, relative to the state and in units of ε, are too near round-off to show an
 #: order.

@@ -26,8 +26,9 @@ from fractions import Fraction
 
 import numpy as np
 import sympy as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..core.arrays import Floats
 from ..generator.symbolic.finite_fields import identically_zero
 from ..generator.symbolic.shared_subexpressions import substitute
 from ..generator.symmetry.linear_fields import LinearField, known_fields, motions_of_space
@@ -37,8 +38,6 @@ from ..generator.systems.system import System
 from .near_symmetries import NEAR, RandomPoints
 
 __all__ = ["MAX_COORDINATES", "MomentumMap", "momentum_map_of", "momentum_maps"]
-
-Array = NDArray[np.float64]
 
 #: Up to so many coordinates every A and a is searched, beyond it those with a name.
 MAX_COORDINATES = 20
@@ -76,8 +75,8 @@ class MomentumMap:
 
     name: str
     J: sp.Expr
-    A: Array
-    a: Array
+    A: Floats
+    a: Floats
     any_parameters: bool
     everywhere: bool
     turns_constraints: bool
@@ -85,11 +84,11 @@ class MomentumMap:
     broken: float = 0.0
     on_constraints: bool = False
 
-    def values(self, q: Array, p: Array) -> Array:
+    def values(self, q: Floats, p: Floats) -> Floats:
         """Return J of each row of q and p, shapes (..., n)."""
         return np.asarray(np.einsum("...i,...i->...", p, q @ self.A.T + self.a))
 
-    def sizes(self, q: Array, p: Array) -> Array:
+    def sizes(self, q: Floats, p: Floats) -> Floats:
         """Return |p| (|A| |q| + |a|), the size of the terms of J, to which its round-off is
         relative.
 
@@ -215,7 +214,7 @@ class _IndependentMaps:
         return True
 
 
-def _echelon(space: Array, system: System) -> list[LinearField]:
+def _echelon(space: Floats, system: System) -> list[LinearField]:
     """Return a basis in reduced echelon form, with simple fractions where entries are close."""
     basis, n = space.T.copy(), system.n
     rank = 0

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ..core.arrays import Floats
 from ..generator.symbolic.derivatives import derivative
 from ..generator.symbolic.numeric_evaluation import Evaluator, evaluate, mp_context
 from ..generator.symmetry.linear_fields import LinearField
@@ -23,9 +23,8 @@ from ..generator.systems.system import System
 
 __all__ = ["NEAR", "RandomPoints"]
 
-Array = NDArray[np.float64]
 #: Conditions and their derivatives at many points.
-_Step = tuple[Array, Array]
+_Step = tuple[Floats, Floats]
 
 #: Singular values below this part of the largest are zero in the numeric search.
 _ZERO = 1e-10
@@ -46,7 +45,7 @@ class RandomPoints:
     """
 
     def __init__(
-        self, system: System, parameters: Mapping[sp.Symbol, float], q0: Array, p0: Array
+        self, system: System, parameters: Mapping[sp.Symbol, float], q0: Floats, p0: Floats
     ) -> None:
         self.system, self.q0, self.p0 = system, q0, p0
         self.parameters = dict(parameters)
@@ -57,7 +56,7 @@ class RandomPoints:
         # More points than fields to combine, or to compare.
         self.point_count = 200 if system.n <= 20 else 40
 
-    def _momentum_scale(self) -> Array:
+    def _momentum_scale(self) -> Floats:
         """Return √(2E/H_pp) for each momentum, E = Σ |q H_q| + |p H_p| at the start."""
         system = self.system
         symbol_values = self._symbol_values(self.q0[:, None], self.p0[:, None])
@@ -77,7 +76,7 @@ class RandomPoints:
         self._drawn_symbols = {s: self.rng.uniform(0, 1, count)
                                for s in (*system.parameters, *time) if s not in self.parameters}
 
-    def _symbol_values(self, q: Array, p: Array) -> dict[Any, Any]:
+    def _symbol_values(self, q: Floats, p: Floats) -> dict[Any, Any]:
         symbol_values: dict[Any, Any] = dict(self.parameters)
         symbol_values |= dict(zip(self.system.q, q, strict=True))
         symbol_values |= dict(zip(self.system.p, p, strict=True))
@@ -99,14 +98,14 @@ class RandomPoints:
             p = _newton(p, lambda y: self._velocity_constraint(q, y))
         return self._symbol_values(q, p)
 
-    def _constraint(self, q: Array, p: Array) -> _Step:
+    def _constraint(self, q: Floats, p: Floats) -> _Step:
         """Return g and g_q at each point, shapes (points, m) and (points, m, n)."""
         system, symbol_values = self.system, self._symbol_values(q, p)
         slopes = _at_points([e for row in system.G for e in row], symbol_values).T
         g = _at_points(system.constraints, symbol_values).T
         return g, slopes.reshape(-1, system.m, system.n)
 
-    def _velocity_constraint(self, q: Array, p: Array) -> _Step:
+    def _velocity_constraint(self, q: Floats, p: Floats) -> _Step:
         """Return g_q H_p and its derivative g_q H_pp by p."""
         system, symbol_values = self.system, self._symbol_values(q, p)
         G = self._constraint(q, p)[1]
@@ -114,7 +113,7 @@ class RandomPoints:
         speed = _at_points(system.H_p, symbol_values).T
         return np.einsum("kln,kn->kl", G, speed), G @ masses.reshape(-1, system.n, system.n)
 
-    def moving_states(self) -> tuple[Array, Array]:
+    def moving_states(self) -> tuple[Floats, Floats]:
         """Return states on the constraints with p ≠ 0, a row each."""
         symbol_values = self.points(self.point_count, manifold=True)
         q, p = (_at_points(s, symbol_values).T for s in (self.system.q, self.system.p))
@@ -179,7 +178,7 @@ class RandomPoints:
         return states
 
     @cached_property
-    def _on_constraints(self) -> tuple[Array, Array, Array, Array, Array]:
+    def _on_constraints(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """q, p, H_q − F, H_p and g_q at many states of the constraint manifold."""
         system, symbol_values = self.system, self.points(self.point_count, manifold=True)
         q, p = (_at_points(s, symbol_values) for s in (system.q, system.p))
@@ -191,7 +190,7 @@ class RandomPoints:
 
     # ------------------------------------------------------------ combinations
 
-    def null_space(self, fields: Sequence[LinearField]) -> Array:
+    def null_space(self, fields: Sequence[LinearField]) -> Floats:
         """Return an orthonormal basis of the combinations of fields that satisfy dJ/dt = 0.
 
         On the constraints, to 1e-10 at random points; shape (n (n + 1), dimension), A and a as one
@@ -212,7 +211,7 @@ def _numbers(field: LinearField, context: Any) -> list[tuple[tuple[int, int], An
             for entry, x in field.weights.items()]
 
 
-def _relative(terms: Array) -> float:
+def _relative(terms: Floats) -> float:
     """Return the largest |Σ| relative to its largest term; further axes are points."""
     sizes = abs(terms).max(axis=0, initial=0)
     with np.errstate(all="ignore"):
@@ -220,7 +219,7 @@ def _relative(terms: Array) -> float:
     return float(np.max(rates, initial=0))
 
 
-def _scaled(conditions: Array) -> Array:
+def _scaled(conditions: Floats) -> Floats:
     """Return the rows with all numbers finite, each of length 1; matrices are rows."""
     conditions = conditions.reshape(len(conditions), -1)
     lengths = np.linalg.norm(conditions, axis=1)
@@ -228,13 +227,13 @@ def _scaled(conditions: Array) -> Array:
     return np.asarray(conditions[usable] / lengths[usable, None])
 
 
-def _orthonormal(columns: Array) -> Array:
+def _orthonormal(columns: Floats) -> Floats:
     """Return an orthonormal basis of the span."""
     U, sizes, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(U[:, sizes > _ZERO * sizes[0]])
 
 
-def _null_space(conditions: Array) -> Array:
+def _null_space(conditions: Floats) -> Floats:
     """Return an orthonormal basis, as columns, of the null space."""
     size = conditions.shape[1]
     if len(conditions) < size:  # too few points where everything is finite: nothing is claimed
@@ -244,7 +243,7 @@ def _null_space(conditions: Array) -> Array:
     return np.asarray(V[rank:].T)
 
 
-def _newton(x: Array, conditions: Callable[[Array], _Step]) -> Array:
+def _newton(x: Floats, conditions: Callable[[Floats], _Step]) -> Floats:
     """Return points, shape (n, points), moved to where the conditions vanish.
 
     By the shortest increments that make the linearised conditions vanish; NaN where 12 of them
@@ -263,7 +262,7 @@ def _newton(x: Array, conditions: Callable[[Array], _Step]) -> Array:
     return np.where(converged, x, np.nan)
 
 
-def _at_points(expressions: Sequence[sp.Expr], symbol_values: Mapping[Any, Any]) -> Array:
+def _at_points(expressions: Sequence[sp.Expr], symbol_values: Mapping[Any, Any]) -> Floats:
     """Return the expressions at many points, shape (expressions, points); NaN where undefined."""
     with np.errstate(all="ignore"):
         return np.asarray(evaluate(expressions, symbol_values), dtype=float)

@@ -16,6 +16,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from ..core.arrays import Floats
 from ..generator.symbolic.numeric_evaluation import evaluate
 from ..generator.symbolic.rounding_errors import rounding
 from ..generator.symbolic.shared_subexpressions import parts_of
@@ -27,8 +28,6 @@ from ..runtime.steppers.stepper import Stepper
 from .measurements import constraint_scales
 
 __all__ = ["RoundOff"]
-
-Array = NDArray[np.float64]
 
 #: Most numbers in memory at a time, of all subexpressions.
 _MOST_NUMBERS = 2**22
@@ -59,27 +58,27 @@ class RoundOff:
         return self.epsilon * max(32.0, 4 * math.sqrt(self.run.report.steps))
 
     @cached_property
-    def states_of_run(self) -> tuple[Array, Array]:
+    def states_of_run(self) -> tuple[Floats, Floats]:
         """q and p of each state; in scaled time with t and its momentum."""
         return full_states(self.run)
 
     @cached_property
-    def q_sizes(self) -> Array:
+    def q_sizes(self) -> Floats:
         """Round-off of each coordinate in units of ε."""
         return _largest_of(self.states_of_run[0]) + self._q_step
 
     @cached_property
-    def p_sizes(self) -> Array:
+    def p_sizes(self) -> Floats:
         """Round-off of each momentum in units of ε."""
         return _largest_of(self.states_of_run[1]) + self._p_step
 
     @cached_property
-    def _q_step(self) -> Array:
+    def _q_step(self) -> Floats:
         errors = self._errors(self.system.p, self.p_sizes)
         return abs(float(self.run.dt)) * self._largest(self.system.H_p, errors)
 
     @cached_property
-    def _p_step(self) -> Array:
+    def _p_step(self) -> Floats:
         return abs(float(self.run.dt)) * self._largest(self.system.minus_p_rate, {})
 
     def sizes_of_steps(self, dt: float) -> tuple[float, float]:
@@ -89,7 +88,7 @@ class RoundOff:
         p = _largest_of(self.states_of_run[1]) + longer * self._p_step
         return float(q.max()) or 1.0, float(p.max()) or 1.0
 
-    def _errors(self, symbols: Sequence[sp.Symbol], sizes: Array) -> dict[sp.Symbol, float]:
+    def _errors(self, symbols: Sequence[sp.Symbol], sizes: Floats) -> dict[sp.Symbol, float]:
         return dict(zip(symbols, sizes.tolist(), strict=True))
 
     @cached_property
@@ -101,13 +100,13 @@ class RoundOff:
         return float(self._largest([H], errors)[0])
 
     @cached_property
-    def constraints(self) -> tuple[Array, Array]:
+    def constraints(self) -> tuple[Floats, Floats]:
         """Round-off of each constraint, and of each on the momenta, in units of ε."""
         return constraint_scales(self.step, self.run, self.parameters,
                                  (self.q_sizes, self.p_sizes))
 
     @cached_property
-    def impulse(self) -> Array:
+    def impulse(self) -> Floats:
         """Effect of ε of g on each p, in units of ε and divided by Δt.
 
         Multipliers that follow from g alone change p by
@@ -128,7 +127,7 @@ class RoundOff:
 
     # ------------------------------------------------------------ over the run
 
-    def _largest(self, expressions: Sequence[sp.Expr], errors: Mapping[sp.Symbol, Any]) -> Array:
+    def _largest(self, expressions: Sequence[sp.Expr], errors: Mapping[sp.Symbol, Any]) -> Floats:
         """Return the largest error bound of each expression over the run, where it is finite."""
         largest = np.zeros(len(expressions))
         for symbol_values, _ in self.states(expressions):
@@ -156,5 +155,5 @@ class RoundOff:
         return symbol_values
 
 
-def _largest_of(states: Any) -> Array:
+def _largest_of(states: Any) -> Floats:
     return np.asarray(np.abs(states.astype(float)).max(axis=0))

@@ -6,6 +6,7 @@ Open first: ``errors``, then ``manifest``.
 
     errors         every error that is raised on purpose
     arguments      checks of names, paths, flags and lists, with the closest match for a wrong name
+    arrays         types of arrays in annotations
     calls          arguments that do not fit a function, told by a sentence
     former_names   names of earlier versions, and the present ones
     exact_numbers  real numbers of any kind, exactly, and their one rounding

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arguments import shown
+from .arrays import Floats
 from .errors import InputError
 from .exact_numbers import Rounded, exact, knowing
 from .warnings import warn
@@ -30,8 +31,6 @@ __all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as
 #: entries, for editors and type checkers.
 RepName = Literal["alpha", "gamma"]
 REPS: tuple[RepName, ...] = ("alpha", "gamma")
-
-Array = NDArray[np.float64]
 Moments: TypeAlias = tuple[float, float, float]
 Tensor: TypeAlias = tuple[Moments, Moments, Moments]
 #: Three principal moments, or the tensor in body axes.
@@ -48,7 +47,7 @@ _EPS = float(np.finfo(float).eps)
 # ---------------------------------------------------------------- moments of inertia
 
 
-def real_array(value: Any) -> Array | None:
+def real_array(value: Any) -> Floats | None:
     """Return real numbers of whatever type and shape as floats; None for anything else."""
     if isinstance(value, (str, bytes, set, frozenset, Mapping)):
         return None
@@ -159,7 +158,7 @@ def moments_of(inertia: Inertia) -> Moments:
     return I1, I2, I3
 
 
-def inertia_matrix(inertia: Inertia) -> Array:
+def inertia_matrix(inertia: Inertia) -> Floats:
     """Return J, 3 × 3, in body axes, as doubles."""
     return np.array(inertia_rows(inertia), dtype=float)
 
@@ -240,7 +239,7 @@ def refuse_impossible_inertias(
                        f"inertia of {list(names)[body]!r}")
 
 
-def _moments_of_inverses(values: Array) -> Array:
+def _moments_of_inverses(values: Floats) -> Floats:
     """Return principal moments, shape (bodies, 3, ...), NaN unless J⁻¹ is positive definite.
 
     ``values`` are K11, K12, K13, K22, K23, K33, shape (bodies, 6, ...).
@@ -256,7 +255,7 @@ def _moments_of_inverses(values: Array) -> Array:
 # ---------------------------------------------------------------- attitude
 
 
-def unit_quaternions(values: Any, label: str = "quaternion") -> Array:
+def unit_quaternions(values: Any, label: str = "quaternion") -> Floats:
     """Return unit quaternions, scalar first, of one or of rows of any length but 0.
 
     Raises
@@ -273,13 +272,13 @@ def unit_quaternions(values: Any, label: str = "quaternion") -> Array:
     scaled = q / sizes  # so that no square leaves the range of doubles
     norms = np.linalg.norm(scaled, axis=-1, keepdims=True)
     lengths = norms * sizes
-    unit: Array = np.where(abs(lengths - 1) <= 4 * _EPS, q, scaled / norms)  # or as it is
+    unit: Floats = np.where(abs(lengths - 1) <= 4 * _EPS, q, scaled / norms)  # or as it is
     _warn_of_length(label, values, lengths.ravel())
     _warn_of_order(label, values, unit)
     return unit
 
 
-def _warn_of_length(label: str, values: Any, norms: Array) -> None:
+def _warn_of_length(label: str, values: Any, norms: Floats) -> None:
     """Warn of quaternions whose length differs from 1 by more than rounding.
 
     Entries rounded to d decimals have errors of 10⁻ᵈ/2 each, and |q| one of 10⁻ᵈ at most; d = 2
@@ -296,7 +295,7 @@ def _warn_of_length(label: str, values: Any, norms: Array) -> None:
              "write a unit quaternion if another was meant.")
 
 
-def _warn_of_order(label: str, values: Any, unit: Array) -> None:
+def _warn_of_order(label: str, values: Any, unit: Floats) -> None:
     """Warn of quaternions that seem to have the scalar last.
 
     Nothing proves it. But all of them, read so, are turns by less than 60°, and by more than 120°
@@ -313,7 +312,7 @@ def _warn_of_order(label: str, values: Any, unit: Array) -> None:
          "which has this unsaid.")
 
 
-def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Array:
+def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Floats:
     """Return the unit quaternion, scalar first and not negative, of a 3 × 3 rotation matrix.
 
     Raises
@@ -338,7 +337,7 @@ def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Array:
     K[0, 0] = 1 + t
     K[0, 1:] = K[1:, 0] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     K[1:, 1:] = R + R.T + (1 - t) * np.eye(3)
-    q: Array = K[int(np.argmax(np.diag(K)))]
+    q: Floats = K[int(np.argmax(np.diag(K)))]
     q = q / np.linalg.norm(q)
     return q if q[0] >= 0 else -q
 

@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .arguments import shown
+from .arrays import Floats
 from .errors import InputError
 
 if TYPE_CHECKING:
     from .shapes import Shape
 
 __all__ = ["READABLE", "located", "read_triangles"]
-
-Array = NDArray[np.float64]
 
 #: Endings of files that can be read.
 READABLE = (".stl", ".obj")
@@ -27,7 +25,7 @@ MAX_TRIANGLES = 2_000_000
 _HEADER, _FACET = 84, 50  # bytes of a binary STL file
 
 
-def read_triangles(path: Path) -> Array:
+def read_triangles(path: Path) -> Floats:
     """Return the corners of the triangles of an STL or OBJ file, shape (triangles, 3, 3).
 
     Raises
@@ -59,7 +57,7 @@ def _check_number(count: int) -> None:
                          "simplify it.")
 
 
-def _stl(content: bytes) -> Array:
+def _stl(content: bytes) -> Floats:
     """Return the triangles of an STL file, binary or text, shape (count, 3, 3)."""
     count = int.from_bytes(content[80:_HEADER], "little")
     # some binary files begin with "solid", as text does: only the length decides
@@ -75,7 +73,7 @@ def _stl(content: bytes) -> Array:
         raise InputError("it is no STL; correct it.") from None
 
 
-def _obj(content: bytes) -> Array:
+def _obj(content: bytes) -> Floats:
     """Return the triangles of an OBJ file; faces with more corners become fans of triangles."""
     _check_number(content.count(b"\nf "))
     vertices: list[list[float]] = []
@@ -93,7 +91,7 @@ def _obj(content: bytes) -> Array:
                     raise IndexError
                 faces += [(index[0], index[k], index[k + 1]) for k in range(1, len(index) - 1)]
         points = np.array(vertices, dtype=float).reshape(-1, 3)
-        corners: Array = points[np.array(faces, dtype=int).reshape(-1, 3)]
+        corners: Floats = points[np.array(faces, dtype=int).reshape(-1, 3)]
         return corners
     except (ValueError, IndexError):
         raise InputError("it is no OBJ; correct it.") from None

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Array
 from .calls import explain_arguments
 from .errors import InputError
 from .html import card, table
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Constrained", "Projection", "as_dense", "dependent_rows", "project", "solve_sparse"]
 
-Array = NDArray[Any]
 EPS = float(np.finfo(float).eps)
 
 #: Singular values of G (rows of length one) below this, relative to the largest, count as zero.

@@ -7,26 +7,25 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .arguments import choose, shown
+from .arrays import Floats
 from .errors import InputError
 from .inertia import real_array
 
 __all__ = ["KINDS", "Shape", "ShapeKind"]
 
-Array = NDArray[np.float64]
 ShapeKind = Literal["box", "sphere", "disc", "bar", "mesh"]
 KINDS: tuple[ShapeKind, ...] = get_args(ShapeKind)
 
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 
 
-def _zeros() -> Array:
+def _zeros() -> Floats:
     return np.zeros(3)
 
 
-def _identity() -> Array:
+def _identity() -> Floats:
     return np.eye(3)
 
 
@@ -58,9 +57,9 @@ class Shape:
     """
 
     kind: ShapeKind
-    size: Array
-    centre: Array = field(default_factory=_zeros)
-    axes: Array = field(default_factory=_identity)
+    size: Floats
+    centre: Floats = field(default_factory=_zeros)
+    axes: Floats = field(default_factory=_identity)
     colour: str = ""
     file: str = ""
 
@@ -81,7 +80,7 @@ class Shape:
             raise InputError(f"A {self.kind} has file = {shown(self.file)}; a mesh has the name of "
                              "one, and nothing else has.")
 
-    def _array(self, name: str, entry: Any, shape: tuple[int, ...]) -> Array:
+    def _array(self, name: str, entry: Any, shape: tuple[int, ...]) -> Floats:
         array = real_array(entry)
         if array is None or array.shape != shape or not np.isfinite(array.astype(float)).all():
             raise InputError(f"The {name} of a {self.kind} is {shown(entry)}; give "
@@ -103,7 +102,7 @@ class Shape:
                      axes_about(along), colour)
 
 
-def axes_about(third: Array) -> Array:
+def axes_about(third: Floats) -> Floats:
     """Return orthonormal columns, the third of which is the given unit vector."""
     first = np.cross(np.eye(3)[int(np.argmin(np.abs(third)))], third)
     first /= np.linalg.norm(first)

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.errors import MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
@@ -29,8 +29,6 @@ except ImportError as error:
         f"gyrospark.interop.casadi needs CasADi; {install('casadi')} brings it.") from error
 
 __all__ = ["Flow", "run", "step"]
-
-Array = NDArray[Any]
 
 
 def step(stepper: Stepper, *, dt: Any = None, second_order: str = "exact") -> Flow:

@@ -16,9 +16,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.arguments import shown, unknown
+from ..core.arrays import Array
 from ..core.errors import GyrosparkError, InputError
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.binding import REASONS
@@ -35,8 +35,6 @@ from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["DiscreteFlow"]
-
-Array = NDArray[Any]
 
 #: A start this near its projection, in ε of its size, is consistent and taken as it is.
 _CONSISTENT = 64

@@ -16,11 +16,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.event import Event, Impact
 from ..runtime.bindings.binding import REASONS, Binding
 from ..runtime.bindings.real_numbers import as_bytes, from_bytes
@@ -29,7 +28,6 @@ from ..runtime.events.detection import TAIL, Memory
 
 __all__ = ["CheckpointState", "EventProgress", "checkpoint_size", "pack", "unpack"]
 
-Array = NDArray[Any]
 Events = Sequence[Event | Impact]
 _DIGEST = 32
 _UNSOUND = "the checkpoint holds numbers that no run leaves"

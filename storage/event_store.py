@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import zarr
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import as_bytes
@@ -23,8 +23,6 @@ from .chunks import Chunk
 from .validation import refuse_missing_blocks, stored_values
 
 __all__ = ["EventStore", "crossings_in"]
-
-Array = NDArray[Any]
 
 
 class EventStore:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
-from numpy.typing import NDArray
 
 from ..core.arguments import listed
+from ..core.arrays import Array
 from ..core.calls import explain_arguments
 from ..core.errors import InputError, StepFailed
 from ..core.event import Event, Impact
@@ -61,8 +61,6 @@ if TYPE_CHECKING:
     from ..core.start import Start
 
 __all__ = ["Recording", "events_in", "group_of", "open_recording", "source_of"]
-
-Array = NDArray[Any]
 
 #: States in the error of a failed run; the others are in the store.
 _LAST = 4096

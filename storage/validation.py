@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 import zarr
-from numpy.typing import NDArray
 
 from .._version import __version__
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.json_records import UnfitError
 from ..core.manifest import Manifest
@@ -38,8 +38,6 @@ from .identity import FORMAT, written_by
 
 __all__ = ["COMPLETE", "ENDED", "FAILED", "RUNNING", "UNREADABLE", "checked_attributes",
            "refuse_missing_blocks", "refuse_other_arrays", "rows_of", "stored_values"]
-
-Array = NDArray[Any]
 
 RUNNING = "running"
 COMPLETE = "complete"

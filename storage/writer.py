@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.manifest import Manifest
 from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.bindings.run_memory import ParameterStruct, Rows
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from ..runtime.bindings.binding import Binding
 
 __all__ = ["CURE", "Batch", "Writer", "stored_arrays"]
-
-Array = NDArray[Any]
 
 CURE = ("What is stored up to the last commit is whole: free some space or mend the disk, and "
         "repeat the command with --resume.")

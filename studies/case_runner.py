@@ -15,13 +15,13 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..api import stepper
 from ..certificates.reference_motion import reference_axis
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.inertia import RepName
 from ..core.real_types import RealName
@@ -35,7 +35,6 @@ from ..runtime.tuning.tune import tune
 
 __all__ = ["Case", "Engine", "Frame", "Quantity", "parameter_value", "scheme_of"]
 
-Array = NDArray[Any]
 Frame = Literal["", "start", "auto"]
 Quantity = Literal["H", "E", "l3", "x", "z", "g", "qp"]
 _Value = TypeVar("_Value")

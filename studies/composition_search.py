@@ -31,11 +31,10 @@ from numpy.typing import NDArray
 
 from ..certificates.composition_proofs import DIGITS, STORED, Affine, OrderConditions
 from ..certificates.lyndon_words import Flow, factors_of, target
+from ..core.arrays import Floats
 from ..generator.tableaux.compositions import COMPOSITIONS, PATH, composition_named
 
 __all__ = ["FloatConditions", "main", "search", "store"]
-
-Array = NDArray[np.float64]
 
 #: Where an iteration has arrived: its step, which rounding of the conditions keeps from zero, and
 #: the conditions. Where it is given up: least damping, iterations; and relative singular values
@@ -52,7 +51,7 @@ class _Kind(NamedTuple):
     """Flows of one kind: exponents and matrices of their monomials, places, indices of numbers."""
 
     monomials: NDArray[np.int_]
-    matrices: Array
+    matrices: Floats
     places: list[int]
     numbers: list[list[int]]
 
@@ -71,7 +70,7 @@ class FloatConditions:
         return [*self.conditions.words, *map("".join, error)]
 
     @cached_property
-    def _tables(self) -> tuple[list[str], list[_Kind], Array, Array]:
+    def _tables(self) -> tuple[list[str], list[_Kind], Floats, Floats]:
         """Words of products, kinds of flows, and their numbers as constants and slopes."""
         parts = factors_of(self.words)
         flows = list(self.conditions.flows(self.words))
@@ -90,7 +89,7 @@ class FloatConditions:
                 row[i] = k
         return parts, list(kinds.values()), np.array([float(c) for c, _ in numbers]), slopes
 
-    def evaluate(self, x: Array) -> tuple[Array, Array]:
+    def evaluate(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the coefficients at the words less those of the exact flow, and their slopes."""
         parts, kinds, constants, affine = self._tables
         size, values = len(parts), constants + affine @ x
@@ -118,7 +117,7 @@ class FloatConditions:
         exact = np.array([float(target(word)) for word in self.words])
         return products[-1] @ right[-1] - exact, by_number.T @ affine
 
-    def objective(self, x: Array) -> float:
+    def objective(self, x: Floats) -> float:
         """Return the objective of the search at x: see the module's text."""
         method, parts = self.conditions.composition, self.conditions.values(x.tolist(), float)
         p = method.order
@@ -131,7 +130,7 @@ class FloatConditions:
         return float(method.stages * np.linalg.norm(error) ** (1 / p))
 
 
-def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Array]:
+def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Floats]:
     """Return the exponents of a flow's monomials, and the matrix of each: it multiplies rows."""
     monomials = sorted({e for terms in flow.values() for e in terms})
     word_index = {word: i for i, word in enumerate(parts)}
@@ -146,7 +145,7 @@ def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Array
 def search(
     name: str, seed: int = 1, starts: int = 100, hops: int = 0, width: float = 0.5,
     middle: float = 1.0, largest_weight: float = 1.5,
-) -> tuple[Array, float, int]:
+) -> tuple[Floats, float, int]:
     """Return the best solution found, its objective, and how many starts led to a solution.
 
     Parameters
@@ -174,7 +173,7 @@ def search(
     conditions = OrderConditions(composition_named(name))
     floats, draw = FloatConditions(conditions), np.random.default_rng(seed)
     centre = middle * np.array(conditions.equal)
-    solutions: list[tuple[float, Array]] = []
+    solutions: list[tuple[float, Floats]] = []
     for _ in range(starts):
         x = _solve(floats, centre + draw.uniform(-width, width, len(centre)), largest_weight)
         if x is not None:
@@ -195,7 +194,7 @@ def search(
     return x, value, solved
 
 
-def _solve(floats: FloatConditions, x: Array, largest_weight: float) -> Array | None:
+def _solve(floats: FloatConditions, x: Floats, largest_weight: float) -> Floats | None:
     """Return a solution of the conditions near a start; None if none is found.
 
     Gauss-Newton steps Δ of least length, shortened until ‖F′(x)⁺F(x + λΔ)‖ falls: this test does
@@ -226,8 +225,8 @@ def _solve(floats: FloatConditions, x: Array, largest_weight: float) -> Array | 
 
 
 def _slide(
-    floats: FloatConditions, x: Array, value: float, largest_weight: float
-) -> tuple[float, Array]:
+    floats: FloatConditions, x: Floats, value: float, largest_weight: float
+) -> tuple[float, Floats]:
     """Return the least objective along the family of a solution, and where it is."""
     if not floats.conditions.composition.free:
         return value, x

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from ..api import stepper
+from ..core.arrays import Array
 from ..generator.multibody.rigid_body import heavy_top
 from ..generator.tableaux.families import lobatto_iiiab
 from ..generator.tableaux.tableau import Tableau
@@ -20,8 +20,6 @@ from .sampled_energy import run
 from .study_result import Claim, Finding
 
 __all__ = ["gradients_claim", "nodes_claim", "stages_claim", "study"]
-
-Array = NDArray[Any]
 
 STAGES = (2, 3, 4, 5)
 DT, STEPS = 0.005, 64

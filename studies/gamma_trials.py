@@ -15,9 +15,9 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..api import stepper
+from ..core.arrays import Array
 from ..core.registry import MEANS, Aim
 from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.results.trajectory import Trajectory
@@ -28,8 +28,6 @@ from ..runtime.tuning.motion_distance import MotionError, root_mean_squares
 from ..runtime.tuning.tune import Tuned, tune
 
 __all__ = ["BODIES", "METHODS", "TIMES", "Trial", "TrialBody", "asymmetric_top"]
-
-Array = NDArray[Any]
 
 METHODS = (("IMS", None), ("EMS", None), ("G-L", 1), ("G-L", 2), ("G-L", 3), ("LIIIA-B", 2),
            ("LIIIA-B", 3), ("LIIIA-B", 4))

@@ -22,16 +22,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["March", "Rule", "march"]
-
-Array = NDArray[Any]
 
 #: Above it, the last error of a step that used up iter_max is no round-off.
 STRAYED = 1e-6

@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.real_types import RealName
 from ..runtime.rigid_body.gamma_rules import mean_inertia
@@ -33,8 +31,6 @@ from .sampled_energy import energy_errors, run, top_along
 from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["GammaSweep", "law_growth", "limit", "study", "sweep", "turning_time"]
-
-Array = NDArray[Any]
 
 #: 1/γ in 1/(kg m²); 1/γ_m = 625.
 INVERSE_GAMMA = (100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 900.0, 1500.0)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.rigid_body.gamma_rules import mean_inertia
@@ -16,8 +13,6 @@ from .sampled_energy import energy_errors, run
 from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["study"]
-
-Array = NDArray[Any]
 
 DURATION = 0.16  # s
 STEPS = (160, 320, 640, 1280)

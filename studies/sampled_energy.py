@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..api import stepper
+from ..core.arrays import Array
 from ..core.inertia import RepName
 from ..core.real_types import RealName
 from ..generator.schemes.named_schemes import SchemeName
@@ -18,8 +17,6 @@ from ..runtime.rigid_body.quaternion import rotation_matrix
 from .body_frame import BodyFrameTop
 
 __all__ = ["energy_errors", "peak", "run", "top_along"]
-
-Array = NDArray[Any]
 
 
 def run(

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..runtime.bindings.array_checks import as_positive_count
 
 __all__ = ["SCHEME", "START", "Axis", "as_rows", "list_axis", "random_axis", "start_axis",
            "value_axis"]
-
-Array = NDArray[Any]
 
 #: Columns that are no numbers of a cell but its scheme, or its state at the start.
 SCHEME, START = "scheme", "start"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..runtime.events.detection import Levels
 from ..runtime.events.location import crossings_of, detectors_for
 from ..runtime.integration.lanes import EnsembleStates
@@ -17,8 +17,6 @@ from .study import Study
 from .tiles import Cells
 
 __all__ = ["CellEnds", "count_of", "first_of", "run_with_events"]
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

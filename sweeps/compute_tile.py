@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.errors import GyrosparkError
 from ..core.interrupts import Interrupts
 from ..core.real_types import REALS
@@ -22,8 +23,6 @@ from .study import Study
 from .tiles import Cells, Tile, cells_of
 
 __all__ = ["compute", "first_steps", "run_tiles"]
-
-Array = NDArray[Any]
 
 _ERRORS = {"energy_error": "energy_error", "constraint": "constraint",
            "momentum_constraint": "hidden"}

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import zarr
-from numpy.typing import NDArray
 
 from ..core.arguments import as_items, as_path, proposal, shown
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.manifest import Manifest
 from ..runtime.bindings.binding import REASONS
@@ -61,8 +61,6 @@ __all__ = [
     "meanings",
     "summary",
 ]
-
-Array = NDArray[Any]
 
 #: Of the layout of stores; another one is refused.
 FORMAT = 1

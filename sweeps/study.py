@@ -8,9 +8,9 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.arguments import choose, listed, proposal
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.event import Event, as_events, refuse_unusable_names, terminal_of
 from ..core.incompatibilities import refuse_together
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["Study", "checked_study"]
-
-Array = NDArray[Any]
 
 #: Quantities of a cell besides the stepper's parameters.
 _OWN = (SCHEME, "q", "p")

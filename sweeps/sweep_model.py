@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.arguments import choose, proposal
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.inertia import REPS, unit_quaternions
 from ..core.registry import MEANS, entry_named
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["base_parameters", "resolve", "starts"]
-
-Array = NDArray[Any]
 
 
 def resolve(

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..runtime.plotting.trajectory_plots import check_picture_path, figure_class, save
 
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     import xarray
 
 __all__ = ["draw"]
-
-Array = NDArray[Any]
 
 _LABELS = {"gamma": "γ (kg m²)", "alpha": "α (kg m²)", "dt": "Δt (s)", "dtau": "Δτ"}
 #: Most cells along an axis of a picture, for a readable picture.

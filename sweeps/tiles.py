@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Array
 from .axes import SCHEME
 from .study import Study
 
 __all__ = ["Cells", "Tile", "cells_of", "tile_counts", "tile_shape", "tiles_of"]
-
-Array = NDArray[Any]
 
 #: Steps times unknowns of a tile: some tenths of a second to some seconds of one core, so that
 #: neither writing it nor losing it matters; what stays in memory costs nothing to write.

@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Floats
 from ...core.errors import InputError
 
 __all__ = ["Volume", "convex_hull", "mesh_volume"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +24,11 @@ class Volume:
     """Volume in m³, its centre, and ∫ (|r|² − r rᵀ) dV / V about it."""
 
     volume: float
-    centre: Array
-    moments: Array
+    centre: Floats
+    moments: Floats
 
 
-def convex_hull(triangles: Array) -> Array:
+def convex_hull(triangles: Floats) -> Floats:
     """Return the triangles of the convex hull of all corners, their normals outwards.
 
     Raises
@@ -45,14 +43,14 @@ def convex_hull(triangles: Array) -> Array:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
         raise InputError("its corners are in a plane, so that it has no volume.") from None
-    corners: Array = points[hull.simplices]
+    corners: Floats = points[hull.simplices]
     middle = points[hull.vertices].mean(axis=0)
     inwards = np.linalg.det(corners - middle) < 0
     corners[inwards] = corners[inwards][:, ::-1]
     return corners
 
 
-def mesh_volume(triangles: Array, *, overlaps: bool = False) -> Volume:
+def mesh_volume(triangles: Floats, *, overlaps: bool = False) -> Volume:
     """Return volume, centre and inertia of what triangles enclose, seen counterclockwise.
 
     With ``overlaps`` each tetrahedron from the centre of the surface counts as positive, as in
@@ -85,7 +83,7 @@ def mesh_volume(triangles: Array, *, overlaps: bool = False) -> Volume:
     return Volume(volume, start + centre, np.trace(squares) * np.eye(3) - squares)
 
 
-def _refuse_open(triangles: Array) -> None:
+def _refuse_open(triangles: Floats) -> None:
     """Refuse a surface with an edge that is not in two triangles, once in each direction."""
     points, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     corners = index.reshape(-1, 3)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import listed, proposal, shown
 from ...core.errors import InputError
@@ -44,8 +43,6 @@ from .robot_tree import IDENTITY, Mount, Placement, place_bodies
 from .robot_visuals import Look, draw
 
 __all__ = ["parse_mjcf"]
-
-Array = NDArray[np.float64]
 
 
 def parse_mjcf(

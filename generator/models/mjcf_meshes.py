@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import shown
+from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import quaternion_of_matrix
 from ...core.mesh_files import read_triangles
@@ -28,8 +28,6 @@ from .mjcf_document import is_within
 from .robot_tree import IDENTITY, Placement
 
 __all__ = ["MeshGeom", "remove_files"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +126,7 @@ def _reference(mesh: Any) -> Placement:
     return Placement(np.array(mesh.refpos), rotation(unit(np.array(mesh.refquat))))
 
 
-def _stretch(mesh: Any) -> tuple[Placement, Array | None]:
+def _stretch(mesh: Any) -> tuple[Placement, Floats | None]:
     """Return where a mesh's file is in its axes, and its scale there; None where it is sheared.
 
     The mesh is S Rᵀ (v − x) of the file's v.
@@ -148,7 +146,7 @@ def _file(mesh: Any, strip: bool) -> Path:
     return Path(mesh.compiler.meshdir) / name
 
 
-def _shape(scale: Array, file: str, colour: str) -> Shape:
+def _shape(scale: Floats, file: str, colour: str) -> Shape:
     return Shape("mesh", scale, colour=colour, file=file)
 
 

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import shown
+from ...core.arrays import Floats
 from ...core.errors import InputError, MissingDependencyError
 from ...core.extras import install
 from ...core.shapes import Shape, ShapeKind
@@ -34,8 +34,6 @@ from .robot_visuals import Look, colour_of
 
 __all__ = ["EXTRAS", "MjcfActuator", "MjcfEquality", "MjcfKey",
            "MjcfRobot", "MjcfTendon", "compile_mjcf", "read_mjcf_robot"]
-
-Array = NDArray[np.float64]
 
 #: Ignorable part of a file → its meaning.
 EXTRAS = {
@@ -95,7 +93,7 @@ class MjcfEquality:
     kind: str
     ends: tuple[Any, ...]
     sites: bool
-    data: Array
+    data: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +101,9 @@ class MjcfKey:
     """A keyframe; ``moved`` names a body that it places otherwise than the file."""
 
     name: str
-    qpos: Array
-    qvel: Array
-    ctrl: Array
+    qpos: Floats
+    qvel: Floats
+    ctrl: Floats
     moved: str
 
 
@@ -226,7 +224,7 @@ class _Reader:
             self._contacts()
         return robot
 
-    def _end(self, body: int, x: Array, q: Array) -> tuple[int, Placement]:
+    def _end(self, body: int, x: Floats, q: Floats) -> tuple[int, Placement]:
         return int(body) - 1, Placement(np.array(x), rotation(q))
 
     def _kind(self, enumeration: str, number: int) -> str:

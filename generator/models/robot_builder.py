@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from ...core.arguments import as_items, as_mapping, as_text, choose, listed, proposal, shown
+from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import real_array, warn_of_degrees
 from ...core.registry import SYSTEMS
@@ -59,7 +59,6 @@ __all__ = ["Close", "Names", "RobotBuilder", "Start", "as_names", "base_pose", "
            "plain_name", "reference_of", "refuse_extras", "start_of", "take_values",
            "with_unit_quaternion"]
 
-Array = NDArray[np.float64]
 #: Adds to a robot's bodies and joints, by the names of its links.
 Close = Callable[[Multibody, Mapping[str, Mount]], None]
 #: Units of coordinates and rates of hinges.
@@ -110,11 +109,11 @@ def refuse_extras(
 class Start:
     """Coordinates and rates of joints by name."""
 
-    coordinates: dict[str, Array]
-    rates: dict[str, Array]
+    coordinates: dict[str, Floats]
+    rates: dict[str, Floats]
 
 
-def reference_of(robot: Robot) -> tuple[dict[str, Array], dict[str, Array]]:
+def reference_of(robot: Robot) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Return coordinates and rates of joints where the file places the robot, at rest."""
     return ({name: robot.reference(joint) for name, joint in robot.joints.items()},
             {name: np.zeros(joint.freedoms) for name, joint in robot.joints.items()})
@@ -160,18 +159,18 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
 
 
 def _followed(
-    leaders: Mapping[str, Follower], name: str, values: Mapping[str, Array], is_angle: bool
-) -> Array:
+    leaders: Mapping[str, Follower], name: str, values: Mapping[str, Floats], is_angle: bool
+) -> Floats:
     """Return the value of a joint that may follow another one."""
     if name not in leaders:
         return values[name]
     follower = leaders[name]
     leader = _followed(leaders, follower.leader, values, is_angle)
-    value: Array = follower.ratio * leader + (follower.offset if is_angle else 0.0)
+    value: Floats = follower.ratio * leader + (follower.offset if is_angle else 0.0)
     return value
 
 
-def _joint_values(key: str, joint: RobotJoint, entry: Any) -> Array:
+def _joint_values(key: str, joint: RobotJoint, entry: Any) -> Floats:
     """Return values of a joint: one, or as many numbers as qpos or qvel has."""
     if joint.kind in ("hinge", "slide"):
         return np.array([_coordinate_value(key, joint.name, joint.kind == "hinge", entry)])
@@ -184,7 +183,7 @@ def _joint_values(key: str, joint: RobotJoint, entry: Any) -> Array:
     return with_unit_quaternion(joint, values) if key == "angles" else values
 
 
-def with_unit_quaternion(joint: RobotJoint, values: Array) -> Array:
+def with_unit_quaternion(joint: RobotJoint, values: Floats) -> Floats:
     """Return coordinates of a ball or free joint with a quaternion of length one."""
     if not values[-4:].any():
         raise InputError(f"The quaternion of {joint.name!r} is zero; give its direction.")
@@ -255,7 +254,7 @@ class RobotBuilder:
         self.names, self.joint_names, self.parameter_names = Names(), Names(), Names()
         self.joint_name = {name: self.joint_names.free(name) for name in robot.joints if name}
         self.frames: dict[int, Frame] = {-1: self.builder.ground}
-        self.centres: dict[int, Array] = {-1: np.zeros(3)}
+        self.centres: dict[int, Floats] = {-1: np.zeros(3)}
         self.coordinates: dict[str, Connection] = {}
 
     def build(self) -> Multibody:
@@ -306,7 +305,7 @@ class RobotBuilder:
 
     # ------------------------------------------------------------ bodies
 
-    def _body(self, limb: int, motion: tuple[Array, Array]) -> None:
+    def _body(self, limb: int, motion: tuple[Floats, Floats]) -> None:
         mass, centre, inertia = self.robot.mass_of(limb)
         here, (v, w) = self.poses.bodies[limb], motion
         self.centres[limb] = centre
@@ -323,12 +322,12 @@ class RobotBuilder:
                      for joint in body.joints if joint.name}
         return self.names.free(f"{name}_body" if name in on_ground else name)
 
-    def _on(self, limb: int, poses: Poses, point: Array) -> Array:
+    def _on(self, limb: int, poses: Poses, point: Floats) -> Floats:
         """Return a point of space at some poses in the axes of a body, from its centre."""
         if limb < 0:
             return point
         here = poses.bodies[limb]
-        inner: Array = here.R.T @ (point - here.x) - self.centres[limb]
+        inner: Floats = here.R.T @ (point - here.x) - self.centres[limb]
         return inner
 
     # ------------------------------------------------------------ joints
@@ -386,7 +385,7 @@ class RobotBuilder:
         self.coordinates[joint.name] = link
 
     def _chain(
-        self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array], points: Sequence[Array]
+        self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats], points: Sequence[Floats]
     ) -> None:
         """Add the joints of a limb as a chain of coordinates, with a flywheel for each armature."""
         joints, build = self.robot.bodies[limb].joints, self.builder
@@ -404,7 +403,7 @@ class RobotBuilder:
             self.coordinates[joint.name] = link.coordinate
 
     def _special(
-        self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array], points: Sequence[Array]
+        self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats], points: Sequence[Floats]
     ) -> bool:
         """Add joints in a row as one that is known; return whether there is one."""
         joints, build = self.robot.bodies[limb].joints, self.builder
@@ -431,8 +430,8 @@ class RobotBuilder:
         return False
 
     def _slides(
-        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array],
-        points: Sequence[Array]
+        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats],
+        points: Sequence[Floats]
     ) -> bool:
         """Add two or three slides of the ground; the last may be a hinge normal to them."""
         joints, build = self.robot.bodies[limb].joints, self.builder
@@ -460,8 +459,8 @@ class RobotBuilder:
         return True
 
     def _cross(
-        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array],
-        points: Sequence[Array]
+        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats],
+        points: Sequence[Floats]
     ) -> bool:
         """Add two hinges at right angles whose axes meet as a universal joint, and its angles."""
         joints, build = self.robot.bodies[limb].joints, self.builder
@@ -549,7 +548,7 @@ class RobotBuilder:
                 if joint.kind == "free":
                     self._lift(f"{joint.name}_weightless", k, np.zeros(3), joint.armature)
 
-    def _lift(self, name: str, body: int, point: Array, mass: float) -> None:
+    def _lift(self, name: str, body: int, point: Floats, mass: float) -> None:
         """Add the potential that cancels the weight of a mass at a point of a body."""
         limb = self.robot.limb(body)
         frame = self.frames[limb]

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
+from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import quaternion_of_matrix
 from ..multibody.body import Frame
@@ -30,7 +30,6 @@ __all__ = ["IDENTITY", "Edge", "Follower", "Limits", "LoopJoint", "Mount", "Plac
            "Robot", "RobotBody", "RobotJoint", "RobotLink", "body_velocities", "check_followers",
            "combine", "free_base", "grow_tree", "place_bodies", "root_of", "turn"]
 
-Array = NDArray[np.float64]
 #: What ends of ranges are: springs of a stiffness, stops, or refused.
 Limits: TypeAlias = float | Literal["stops"] | None
 
@@ -39,8 +38,8 @@ Limits: TypeAlias = float | Literal["stops"] | None
 class Placement:
     """Where a frame is in another one: R maps its axes to those of the other."""
 
-    x: Array
-    R: Array
+    x: Floats
+    R: Floats
 
     def then(self, inner: Placement) -> Placement:
         """Return where a frame is that is ``inner`` in this one."""
@@ -61,8 +60,8 @@ class RobotLink:
 
     name: str
     mass: float
-    centre: Array
-    inertia: Array
+    centre: Floats
+    inertia: Floats
 
 
 @dataclass(eq=False)
@@ -75,8 +74,8 @@ class RobotJoint:
     name: str
     kind: str
     body: int
-    axis: Array
-    point: Array
+    axis: Floats
+    point: Floats
     ref: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
@@ -140,8 +139,8 @@ class LoopJoint:
     kind: str
     bodies: tuple[str, str]
     places: tuple[Placement, Placement]
-    axis: Array
-    across: Array | None = None
+    axis: Floats
+    across: Floats | None = None
     stiffness: float = 0.0
     rest: float = 0.0
     damping: float = 0.0
@@ -190,7 +189,7 @@ class Robot:
     joints: dict[str, RobotJoint] = field(default_factory=dict)
     followers: list[Follower] = field(default_factory=list)
     loops: list[LoopJoint] = field(default_factory=list)
-    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    gravity: Floats = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
     dt: float | None = None
     limits: Limits = None
 
@@ -208,7 +207,7 @@ class Robot:
             body = self.bodies[body].above
         return placement
 
-    def mass_of(self, limb: int) -> tuple[float, Array, Array]:
+    def mass_of(self, limb: int) -> tuple[float, Floats, Floats]:
         """Return mass, centre and inertia about it of all that moves with a body, in its frame.
 
         Raises
@@ -229,7 +228,7 @@ class Robot:
         mass, centre, inertia = combine(parts)
         return mass, centre, clean(inertia)  # moments cost less than a tensor
 
-    def reference(self, joint: RobotJoint) -> Array:
+    def reference(self, joint: RobotJoint) -> Floats:
         """Return the coordinates of a joint where the file places its body."""
         if joint.kind == "ball":
             return np.array([1.0, 0, 0, 0])
@@ -240,19 +239,19 @@ class Robot:
         return np.array([joint.ref])
 
 
-def turn(axis: Array, angle: float) -> Array:
+def turn(axis: Floats, angle: float) -> Floats:
     """Return the rotation about a unit axis, by Rodrigues' formula."""
     x, y, z = axis
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    R: Array = np.eye(3) + math.sin(angle) * K + 2 * math.sin(angle / 2) ** 2 * K @ K
+    R: Floats = np.eye(3) + math.sin(angle) * K + 2 * math.sin(angle / 2) ** 2 * K @ K
     return R
 
 
-def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Array, Array]:
+def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Floats, Floats]:
     """Return mass, centre of mass, and inertia about it, of links that move as one."""
     mass = sum(link.mass for _, link in parts)
     centres = [placement.x + placement.R @ link.centre for placement, link in parts]
-    centre: Array = sum((link.mass * c for (_, link), c in zip(parts, centres, strict=True)),
+    centre: Floats = sum((link.mass * c for (_, link), c in zip(parts, centres, strict=True)),
                         np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
     for (placement, link), c in zip(parts, centres, strict=True):
@@ -270,11 +269,11 @@ class Poses:
     """Where bodies are in space, and axes and points of joints."""
 
     bodies: list[Placement] = field(default_factory=list)
-    axes: dict[str, Array] = field(default_factory=dict)
-    points: dict[str, Array] = field(default_factory=dict)
+    axes: dict[str, Floats] = field(default_factory=dict)
+    points: dict[str, Floats] = field(default_factory=dict)
 
 
-def place_bodies(robot: Robot, coordinates: Mapping[str, Array]) -> Poses:
+def place_bodies(robot: Robot, coordinates: Mapping[str, Floats]) -> Poses:
     """Return where bodies are at the coordinates of their joints."""
     poses = Poses()
     for body in robot.bodies:
@@ -299,10 +298,10 @@ def place_bodies(robot: Robot, coordinates: Mapping[str, Array]) -> Poses:
 
 
 def body_velocities(
-    robot: Robot, poses: Poses, rates: Mapping[str, Array]
-) -> list[tuple[Array, Array]]:
+    robot: Robot, poses: Poses, rates: Mapping[str, Floats]
+) -> list[tuple[Floats, Floats]]:
     """Return the velocity of the origin of each body and its angular velocity, in space."""
-    velocities: list[tuple[Array, Array]] = []
+    velocities: list[tuple[Floats, Floats]] = []
     for body, here in zip(robot.bodies, poses.bodies, strict=True):
         v, w = np.zeros(3), np.zeros(3)
         if body.above >= 0:

@@ -15,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.mesh_files import READABLE, located
@@ -29,7 +28,6 @@ from .xml_numbers import numbers_of, place_of
 __all__ = ["LinkLooks", "Look", "add_visuals", "colour_of", "draw", "looks_of", "shape_of",
            "urdf_looks"]
 
-Array = NDArray[np.float64]
 #: A shape, and where it is in its link or body.
 Look = tuple[Placement, Shape]
 #: Name of a link, its visual shapes and its collision shapes.

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import choose, few, listed, proposal, shown
+from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.shapes import Shape
 from ...core.warnings import warn
@@ -58,8 +58,6 @@ from .xml_schema import count_extras
 
 __all__ = ["parse_sdf"]
 
-Array = NDArray[np.float64]
-
 #: Type of a joint → its kind in the tree, which fixed links need not.
 KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "ball": "ball",
          "fixed": ""}
@@ -78,7 +76,7 @@ class PlacedJoint:
     parent: str
     child: str
     place: Placement
-    axis: Array
+    axis: Floats
     damping: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0

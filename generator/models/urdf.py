@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import choose, listed, proposal, shown
+from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.warnings import warn
 from ..multibody.initial_poses import unit, vector
@@ -58,7 +58,6 @@ from .xml_schema import count_extras
 
 __all__ = ["BASES", "MAX_LINKS", "parse_urdf"]
 
-Array = NDArray[np.float64]
 Read = TypeVar("Read")
 
 BASES = ("fixed", "floating")
@@ -237,7 +236,7 @@ def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> LoopJo
     return LoopJoint(name, kind, (ends[0], ends[1]), (places[0], places[1]), axes[0], axes[1])
 
 
-def _axis(element: Element, kind: str, key: str = "axis") -> Array:
+def _axis(element: Element, kind: str, key: str = "axis") -> Floats:
     """Return the axis in the axes of the child, of length one."""
     if kind not in (*MOVING, "universal"):
         return np.array([1.0, 0, 0])

@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import shown
+from ...core.arrays import Floats
 from ...core.errors import InputError
 from ..multibody.initial_poses import rotation, unit
 from .bounded_xml import Element
@@ -17,7 +17,6 @@ from .robot_tree import IDENTITY, Placement, turn
 __all__ = ["NUMBER", "UNLIMITED", "attribute_of", "numbers_of", "parse_numbers", "place_of",
            "roll_pitch_yaw", "rotation_xyzw"]
 
-Array = NDArray[np.float64]
 NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
 #: Ends of ranges beyond this, in rad or m, do not exist.
 UNLIMITED = 1e9
@@ -34,14 +33,14 @@ def parse_numbers(text: str, count: int, endless: bool = False) -> list[float] |
     return numbers if len(numbers) == len(words) == count and np.isfinite(numbers).all() else None
 
 
-def roll_pitch_yaw(angles: Sequence[float]) -> Array:
+def roll_pitch_yaw(angles: Sequence[float]) -> Floats:
     """Return R_z(yaw) R_y(pitch) R_x(roll)."""
     roll, pitch, yaw = (turn(axis, angle) for axis, angle in zip(np.eye(3), angles, strict=True))
-    R: Array = yaw @ pitch @ roll
+    R: Floats = yaw @ pitch @ roll
     return R
 
 
-def rotation_xyzw(numbers: Sequence[float], owner: str) -> Array:
+def rotation_xyzw(numbers: Sequence[float], owner: str) -> Floats:
     """Return the rotation of a quaternion of any length, its real part last."""
     if not any(numbers):
         raise InputError(f"{owner} has the quaternion 0 0 0 0; write 0 0 0 1 for no rotation.")

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import inverse_entries, moments_of
 from ...core.projection import Projection, project_coordinates, project_momenta, report
@@ -72,8 +72,6 @@ from .joints import (
 from .rolling import Rolling
 
 __all__ = ["Assembly"]
-
-Array = NDArray[Any]
 
 #: By which factor a radius of gyration exceeds the model, or falls below the body's own arms, that
 #: makes units in g or mm more likely than such a body.

@@ -22,9 +22,10 @@ from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import shown, whole
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import real_array
 from ..systems.body_layout import SectionLayout
@@ -47,7 +48,6 @@ from .rigid_body import rotation_matrix
 __all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along", "section_of",
            "strain_between"]
 
-Array = NDArray[Any]
 #: Of the tube that a beam is drawn as: one for all segments.
 COLOUR = "#7d8794"
 _STILL = (1.0, 0.0, 0.0, 0.0)

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import shown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import real_array
 from .body import Frame, dot
@@ -25,8 +26,6 @@ from .initial_poses import finite, unit, vector
 from .joints import Store, named_number, named_vector, unit_vector
 
 __all__ = ["gaps_of_plane", "gaps_of_spheres", "points_of"]
-
-Array = NDArray[Any]
 
 
 def points_of(name: str, on_a: Any, box: ArrayLike | None) -> Array:

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from .body import Body, Frame, GeneralisedForce, Particle, Vector, dot
 from .initial_poses import Pose, RigidMotion, conjugate, direction, product
 from .joints import (
@@ -51,8 +51,6 @@ from .joints import (
 
 __all__ = ["Arm", "BallFlywheel", "Chain", "Coordinate", "Flywheel", "FlywheelBody", "Law", "Link",
            "Slide", "Translation"]
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

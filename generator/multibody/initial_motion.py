@@ -17,12 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import Inertia, inertia_matrix
 from ...core.projection import as_dense, project_momenta
@@ -46,7 +45,6 @@ from .joints import (
 __all__ = ["Velocities", "close_loops", "move_bodies", "warn_of_moved_bodies",
            "warn_of_moved_joints"]
 
-Array = NDArray[Any]
 EPS = float(np.finfo(float).eps)
 
 #: Round-off of a solution, relative to its size: of equations with a condition of some thousands.

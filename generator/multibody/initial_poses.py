@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import shown, unknown, whole
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import (
     REPS,
@@ -28,8 +28,6 @@ __all__ = ["Attitude", "InitialState", "Pose", "RigidMotion", "attitude", "check
            "count", "direction", "finite", "in_range", "initial_state", "nonzero", "normals",
            "onto", "optional_vector", "positive", "product", "propagate_all", "rotation", "unit",
            "vector"]
-
-Array = NDArray[Any]
 
 #: Components smaller than this relative to the vector, or to its parts, are round-off: zero.
 _ROUNDING = 2.0**-49

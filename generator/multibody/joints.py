@@ -40,12 +40,12 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ..symbolic.switching_functions import Max
 from ..systems.body_layout import ConstraintForce
@@ -94,7 +94,6 @@ __all__ = [
     "unit_vector",
 ]
 
-Array = NDArray[Any]
 #: Frame → its pose at the start.
 Poses = Mapping[Frame, Pose]
 #: The values of a model's parameters by name.
@@ -608,9 +607,6 @@ def perpendicular(
     """Return the constraint that a direction of a stays perpendicular to one of b."""
     return Equation(name, dot(a.direction(n), b.direction(e)),
                     ConstraintForce("torque", tuple(n), tuple(e)))
-
-
-
 
 
 @dataclass(eq=False, repr=False)

@@ -8,9 +8,10 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_items, as_mapping, as_text, choose, few, shown, whole
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event, Impact, events_of_model
@@ -25,8 +26,6 @@ from ...core.units import base_units
 from ..systems.system import System
 
 __all__ = ["Model", "whole_array"]
-
-Array = NDArray[Any]
 
 
 @explain_arguments

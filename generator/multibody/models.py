@@ -17,13 +17,12 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from ...core.arguments import shown, whole
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import REPS, RepName, warn_of_degrees
 from ...core.registry import function_of
@@ -36,8 +35,6 @@ __all__ = [
     "chain", "delta_robot", "double_pendulum", "double_top", "four_bar", "gimbal", "lagrange_top",
     "satellite", "stewart_platform",
 ]
-
-Array = NDArray[Any]
 
 #: Of a chain: deriving it takes minutes.
 MOST_RODS = 1000

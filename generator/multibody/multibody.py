@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import sympy as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import (
     as_flag,
@@ -26,6 +26,7 @@ from ...core.arguments import (
     shown,
     whole,
 )
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Impact
 from ...core.html import card, table
@@ -107,7 +108,6 @@ from .rolling import Rolling
 
 __all__ = ["AXES", "JOINTS", "Multibody"]
 
-Array = NDArray[Any]
 Joined = TypeVar("Joined", bound=Connection)
 #: One of axis, axis_on_body and axis_in_space.
 AXES = ("axis", "axis_on_body", "axis_in_space")

@@ -19,12 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ..symbolic.numeric_evaluation import evaluate
 from .body import Body, Vector, cross, dot
@@ -42,7 +41,6 @@ from .rigid_body import left_matrix
 
 __all__ = ["Rolling"]
 
-Array = NDArray[Any]
 #: Of its size, how far a shape may be from the plane at the start.
 _OFF_GROUND = 1e-3
 

@@ -15,8 +15,8 @@ from typing import Any
 import mpmath
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
 from .phases import Phase
@@ -24,8 +24,6 @@ from .shared_subexpressions import Shared
 from .switching_functions import Switch
 
 __all__ = ["Evaluator", "as_rational"]
-
-Array = NDArray[Any]
 
 #: SymPy function of one argument → its name in NumPy and in mpmath, one word if they are equal.
 _FUNCTIONS = {

@@ -17,15 +17,13 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from .numeric_evaluation import Evaluator
 from .shared_subexpressions import parts_of
 from .switching_functions import Switch
 
 __all__ = ["rounding"]
-
-Array = NDArray[Any]
 
 
 def rounding(

@@ -15,14 +15,12 @@ from itertools import pairwise
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Floats
 from ..multibody.rigid_body import left_matrix
 from ..systems.system import System
 
 __all__ = ["LinearField", "known_fields", "motions_of_space"]
-
-Array = NDArray[np.float64]
 
 _AXES = ("e1", "e2", "e3")
 
@@ -51,7 +49,7 @@ class LinearField:
         return cls(name, n, {entry: x for entry, x in weights.items() if x})
 
     @cached_property
-    def matrix(self) -> Array:
+    def matrix(self) -> Floats:
         """(A, a), shape (n, n + 1)."""
         entries = np.zeros((self.n, self.n + 1))
         for index, x in self.weights.items():
@@ -59,12 +57,12 @@ class LinearField:
         return entries
 
     @property
-    def A(self) -> Array:
+    def A(self) -> Floats:
         """A, shape (n, n)."""
         return self.matrix[:, : self.n]
 
     @property
-    def a(self) -> Array:
+    def a(self) -> Floats:
         """a, shape (n,)."""
         return self.matrix[:, self.n]
 

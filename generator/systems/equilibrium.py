@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ..symbolic.numeric_evaluation import evaluate
 from .jacobians import jacobian
@@ -27,7 +27,6 @@ from .system import System
 
 __all__ = ["equilibrium"]
 
-Array = NDArray[Any]
 #: Iterations, and the largest relative change of one.
 _ITERATIONS, _LARGEST_CHANGE = 500, 0.3
 #: Changes below may stagnate at round-off.

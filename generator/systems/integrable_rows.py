@@ -12,12 +12,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.warnings import warn
 from ..parsing.tokens import shorten
 from ..symbolic.bounded_algebra import is_small
@@ -30,7 +29,6 @@ from .system import System
 __all__ = ["RowIntegral", "curls_of", "row_integrals", "warn_of_row_integrals",
            "with_row_integrals"]
 
-Array = NDArray[Any]
 _TINY = 1e-100
 _SMALL = 1e-9
 _POINTS = 3

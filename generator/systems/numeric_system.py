@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from ...core.arguments import as_mapping, shown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import real_array
 from ...core.projection import as_dense
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["NumericConstraints", "NumericSystem", "numeric"]
 
-Array = NDArray[Any]
 TINY = 1e-100  # ε of the complex step: its square vanishes beside 1
 #: Entries of g_q from which on it is sparse.
 _SPARSE = 200_000

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.projection import as_dense, dependent_rows, solve_sparse
 from ..symbolic.numeric_evaluation import evaluate
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere",
            "somewhere"]
 
-Array = NDArray[Any]
 EPS = float(np.finfo(float).eps)
 
 #: Systems with a larger g_q are not searched for points at random: it would take seconds.

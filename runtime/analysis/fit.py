@@ -16,9 +16,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_items, shown, unknown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, as_double
@@ -45,8 +46,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Fit", "fit"]
-
-Array = NDArray[Any]
 
 #: Fewest samples of the first horizon; each other has twice as many.
 _FIRST = 4

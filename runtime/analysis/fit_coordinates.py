@@ -13,19 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ..compilation.body_columns import bodies_of
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Coordinates"]
-
-Array = NDArray[Any]
 
 #: Largest step, in units.
 _LARGEST = 0.7

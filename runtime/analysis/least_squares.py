@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import GyrosparkError
 
 __all__ = ["Identifiability", "Linear", "Minimum", "identify", "minimise", "reduced_basis"]
 
-Array = NDArray[Any]
 Point = TypeVar("Point")
 
 #: Singular values below this share of the largest are round-off of the derivatives.

@@ -19,9 +19,10 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_flag, few, shown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Lyapunov", "lyapunov"]
-
-Array = NDArray[Any]
 
 #: Most blocks, and least, whose means give statistical errors.
 _BLOCKS = 32, 4

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_items, shown, unknown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ..bindings.array_checks import as_numbers
 from ..compilation.body_columns import BodyAt, bodies_of
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Observation", "Observe", "observation_of"]
-
-Array = NDArray[Any]
 
 #: A function of rows of q and p: values (rows, c), and derivatives by q and by p, (rows, c, n).
 Observe = Callable[[Array, Array], tuple[ArrayLike, ArrayLike, ArrayLike]]

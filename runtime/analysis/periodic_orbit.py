@@ -29,9 +29,10 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_items, few, shown, unknown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
@@ -49,8 +50,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["PeriodicOrbit", "periodic_orbit"]
-
-Array = NDArray[Any]
 
 #: Singular values below this multiple of the relative residual, within bounds, are none.
 _RESIDUAL_SHARE, _LEAST, _MOST = 10.0, 1e-12, 1e-3

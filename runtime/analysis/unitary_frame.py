@@ -17,14 +17,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ...core.arrays import Array
 
 if TYPE_CHECKING:
     from ..derivatives.binding import DerivativeBinding
 
 __all__ = ["UnitaryFrame", "canonical_form", "isotropic_flag", "tangent_projection"]
-
-Array = NDArray[Any]
 
 #: Least eigenvalue of H_pp in parts of the largest: coordinates without inertia have finite length.
 _LEAST = 1e-12

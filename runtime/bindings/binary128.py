@@ -15,8 +15,8 @@ from typing import Any
 
 import mpmath
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, nearest
 from ...core.exact_numbers import exact as exact_number
@@ -24,8 +24,6 @@ from .array_checks import as_numbers
 
 __all__ = ["BITS", "BYTES", "EPSILON", "as_quads", "exact", "from_bytes", "full", "mpf", "pack",
            "quad", "rounded", "to_bytes", "unpack"]
-
-Array = NDArray[Any]
 
 BITS = 113
 BYTES = 16

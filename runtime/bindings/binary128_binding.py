@@ -14,6 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ..compilation.quad_wrapper import PREFIX
 from . import binary128
 from .binding import SOLVERS, Binding, SolverName
@@ -31,8 +32,6 @@ from .run_memory import (
 )
 
 __all__ = ["QuadBinding"]
-
-Array = NDArray[Any]
 
 #: The numbers at the end of a report, in the header's order.
 _COUNTS = 32  # bytes of the whole numbers before them

@@ -12,15 +12,13 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.manifest import Manifest
 from .compiled_module import SOLVERS, Compiled, SolverName
 from .run_memory import OptionStruct, ParameterStruct, WorkMemory
 
 __all__ = ["REASONS", "SOLVERS", "Binding", "CompiledConstraints", "SolverName"]
-
-Array = NDArray[Any]
 
 #: Why a call failed, by its status.
 REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite", 4: "stagnated",

@@ -14,6 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.manifest import Manifest
 from ...core.real_types import REALS
 from ...core.solver import SolverName
@@ -35,8 +36,6 @@ from .run_memory import (
 )
 
 __all__ = ["CORES", "SOLVERS", "Compiled", "Pool", "SolverName"]
-
-Array = NDArray[Any]
 
 #: Of this machine: a call that asks for them costs as much as some steps.
 CORES = os.cpu_count() or 1

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import proposal
+from ...core.arrays import Array
 from ...core.errors import InputError
 from .array_checks import as_numbers, as_positive_count
 
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from .compiled_module import Compiled
 
 __all__ = ["InputRows", "Inputs", "as_inputs"]
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.exact_numbers import as_double, decimal, exact, nearest
 from ...core.real_types import REALS, RealName
 
 __all__ = ["ALIGNMENT", "WIDE_BYTES", "aligned", "as_bytes", "as_float", "from_bytes", "from_text",
            "rounding", "without_padding"]
-
-Array = NDArray[Any]
 
 def rounding(real: RealName) -> Callable[[Fraction], Any]:
     """Return the rounding function of a type: to NumPy's long double, to mpf, else to double."""

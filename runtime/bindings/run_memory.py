@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, NewType, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from .inputs import InputRows
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["BatchMemory", "BatchState", "OptionStruct", "ParameterStruct", "Rows", "RunConstants",
            "RunRecord", "RunState", "WorkMemory"]
-
-Array = NDArray[Any]
 
 #: The parameters of a run, with its start time where something has t; or an array of them.
 ParameterStruct = NewType("ParameterStruct", object)

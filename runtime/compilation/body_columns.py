@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import choose
+from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import Inertia, as_moments, tensor_of_inverse
 from ...core.json_records import UnfitError
@@ -28,7 +28,6 @@ from ...core.manifest import (
 __all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "beam_named", "bodies_of", "body_named",
            "built_inertias", "joint_named", "joints_of", "numbers", "placed_of"]
 
-Array = NDArray[np.float64]
 #: Vectors of a joint, where it has them, and how many entries they have.
 _VECTORS = {"on_a": 3, "on_b": 3, "axis_a": 6, "axis_b": 3, "zero": 5}
 #: How a multiplier acts → how many entries its vectors on a and on b have.
@@ -132,7 +131,7 @@ class JointAt:
     section: SectionManifest | None = None
 
 
-def numbers(entries: list[Entry], parameters: Mapping[str, Any]) -> Array:
+def numbers(entries: list[Entry], parameters: Mapping[str, Any]) -> Floats:
     """Return a vector from the values of a run's parameters."""
     return np.array([float(parameters[e]) if isinstance(e, str) else e for e in entries])
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
@@ -16,8 +16,6 @@ from ..compilation.quad_wrapper import PREFIX
 from ..integration.run_arguments import RunArguments
 
 __all__ = ["DerivativeBinding", "KeptRun", "KeptSteps"]
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ exponential of [[X, dX], [0, X]] (Van Loan, IEEE Trans. Automat. Control 23, 197
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.incompatibilities import refuse_together
 
 if TYPE_CHECKING:
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from .binding import DerivativeBinding
 
 __all__ = ["FrameMotion"]
-
-Array = NDArray[Any]
 
 #: Terms of the Taylor series of an exponential whose argument is at most 1/4 in norm.
 _TERMS = 26

@@ -15,9 +15,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import as_items, as_mapping, choose, few, shown, unknown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Cotangents", "Gradient", "as_bytes", "cotangents_of", "gradient_of", "names_of"]
-
-Array = NDArray[Any]
 
 #: Bytes that the steps of a run may take.
 DEFAULT_MEMORY = "256 MB"

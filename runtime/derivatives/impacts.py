@@ -20,8 +20,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Impact, with_restitutions
 from ..bindings.array_checks import as_real
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["hits_of", "impact_step"]
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import GyrosparkError, InputError
 from ...core.incompatibilities import refuse_together
 from ...core.registry import function_of
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SingleStep", "multiplier_shape", "pieces", "refuse_run", "singular", "split",
            "warn_of_growth", "warn_of_jumps"]
-
-Array = NDArray[Any]
 
 #: Steps that are kept at a time.
 _PIECE = 512

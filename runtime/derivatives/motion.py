@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import shown, unknown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.manifest import Manifest
@@ -33,8 +33,6 @@ from ..rigid_body.quaternion import rotation_matrix
 
 __all__ = ["Accelerations", "Kinematics", "Layout", "MotionBinding", "StateMotion",
            "joint_inertia"]
-
-Array = NDArray[Any]
 
 #: Condition of a scaled inverse mass matrix beyond which its rates depend on each other.
 _DEPENDENT = 1e12

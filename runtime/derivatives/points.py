@@ -19,8 +19,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Event
 from ...core.registry import function_of
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Point", "RunRows", "cotangent_at", "rate_of", "rows_of", "tangent_at"]
-
-Array = NDArray[Any]
 
 #: A value that changes more slowly than this share of |c_z| |v| only touches its level.
 _GRAZING = 1e-6

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import few, shown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.html import card, table
 from ..bindings.binding import Binding
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Hessian", "SecondBinding", "Slopes", "hessian_of", "pulled_back_slope", "step_slope"]
-
-Array = NDArray[Any]
 
 #: Steps whose tangents are kept at a time.
 _BLOCK = 512

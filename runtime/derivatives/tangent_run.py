@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import shown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.records import changed
 from ..integration.run_arguments import RunArguments
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["tangents_of", "with_tangents"]
-
-Array = NDArray[Any]
 
 
 def tangents_of(

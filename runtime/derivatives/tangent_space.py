@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_flag, as_items, as_text, shown, unknown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ..bindings.array_checks import as_numbers
 from ..bindings.run_memory import ParameterStruct
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from .binding import DerivativeBinding
 
 __all__ = ["Start", "TangentSpace", "Tangents", "null_space"]
-
-Array = NDArray[Any]
 
 #: |G dq| beyond this share of |G| |dq| is no round-off.
 _OFF = 1e-10

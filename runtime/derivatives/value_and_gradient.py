@@ -6,8 +6,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.solver import as_solver
 from ...core.start import Start
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["objective"]
-
-Array = NDArray[Any]
 
 
 def objective(

@@ -7,16 +7,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import GyrosparkError, InputError, MissingDependencyError
 from ...core.extras import install
 from .cuda_text import THREADS
 from .device import Memory, View
 
 __all__ = ["CudaDevice", "compile_cubin"]
-
-Array = NDArray[Any]
 
 
 def _cuda() -> Any:

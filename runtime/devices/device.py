@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ...core.arrays import Array
 
 __all__ = ["Device", "Memory", "View", "is_on_card"]
-
-Array = NDArray[Any]
 
 #: Numbers of DLPack for memory of a CPU, and for such memory that a card can read.
 _OF_CPU = (1, 3)

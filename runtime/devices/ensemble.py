@@ -9,9 +9,9 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import choose
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, table
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["DEVICES", "DeviceEnsemble", "DeviceName", "device_for", "ensemble_card",
            "refuse_on_device", "shared_ensemble", "views_of"]
-
-Array = NDArray[Any]
 
 #: Where ``integrate_ensemble`` runs.
 DeviceName = Literal["cpu", "cuda"]

@@ -11,8 +11,8 @@ import subprocess
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import CompilerError
 from ..compilation.build_cache import build_folder
 from ..compilation.compiler import find_compiler
@@ -20,8 +20,6 @@ from .cuda_text import THREADS
 from .device import Memory, View
 
 __all__ = ["SHIMS", "HostDevice"]
-
-Array = NDArray[Any]
 
 #: What CUDA adds to C.
 SHIMS = f"""\

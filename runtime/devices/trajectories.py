@@ -9,8 +9,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ..bindings.binding import Binding
 from ..bindings.run_memory import Rows, RunRecord
 from ..integration.lanes import EnsembleStates
@@ -20,8 +20,6 @@ from ..results.run_arrays import defect_sizes
 from .device import Device, Memory, View
 
 __all__ = ["DeviceStates", "Trajectories", "gathered"]
-
-Array = NDArray[Any]
 
 #: Bytes of stored states that lie on the device before they are copied to the host.
 _WINDOW = 2**28

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.event import Event
 from ...core.manifest import Manifest
 from ..bindings.array_checks import as_real
@@ -27,8 +27,6 @@ from ..bindings.binding import Binding
 from ..bindings.run_memory import ParameterStruct, Rows
 
 __all__ = ["TAIL", "Brackets", "EventDetector", "Levels", "Memory"]
-
-Array = NDArray[Any]
 
 #: States stored from piece to piece: a step is examined with a neighbour on either side.
 TAIL = 3

@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Impact, with_restitutions
 from ...core.incompatibilities import LARGEST, refuse_together
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["ImpactObserver", "refuse_unusable"]
-
-Array = NDArray[Any]
 
 #: Why compiled code returns before the end, beside the failures of a step.
 _FULL, _REST, _INSIDE, _UNMOVABLE, _NOT_QUADRATIC, _LATCHED = range(16, 22)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event, Impact
 from ...core.records import changed
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["counted_from_start", "ended_between", "ends_within", "joined_with_part",
            "report_to_end", "row_of"]
 
-Array = NDArray[Any]
 CrossingsType = TypeVar("CrossingsType", bound=Crossings)
 
 

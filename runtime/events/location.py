@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.event import Event, Impact
 from ..bindings.run_memory import Rows
 from ..integration.dense_output import epsilon_of_times, partial_steps
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["TerminalEvent", "crossings_of", "detectors_for", "ending"]
-
-Array = NDArray[Any]
 
 #: Steps that are solved for side by side.
 _AT_ONCE = 2**15

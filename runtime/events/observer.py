@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event, Impact
 from ...core.interrupts import catch_ctrl_c
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Observer", "observed", "observer_of", "with_events", "with_row"]
-
-Array = NDArray[Any]
 
 #: Largest number of bracketed steps that wait for their location.
 _MOST = 2**14

@@ -9,14 +9,12 @@ six for a smooth function.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ...core.arrays import Array
 
 __all__ = ["cubic_zero", "zeros"]
-
-Array = NDArray[Any]
 
 #: Evaluations of a function that jumps or is noise: as many bisections separate any two numbers.
 _MOST = 240

@@ -17,8 +17,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import GyrosparkError, InputError
 from ...core.manifest import Manifest
 from ...core.projection import project
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Defects", "defects_of_starts", "moved_onto_constraints", "refuse_inconsistent",
            "refuse_singular_mass", "text_of_move"]
-
-Array = NDArray[Any]
 
 #: Coordinates, of more of which moves of each by itself would take gigabytes.
 _MOST_COORDINATES = 2000

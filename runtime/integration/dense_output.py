@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import shown
+from ...core.arrays import Array
 from ...core.errors import InputError, Stopped
 from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_real
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["between", "epsilon_of_times", "partial_steps", "places_of", "refuse_forgotten",
            "refuse_impacts", "refuse_of_another", "run_together", "stored_steps_at"]
-
-Array = NDArray[Any]
 
 #: Newton's steps to a time in scaled time, at most: three or four are usual.
 _NEWTON = 12

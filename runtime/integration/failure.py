@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.manifest import Manifest
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
 
 __all__ = ["Diagnosis", "diagnose"]
-
-Array = NDArray[Any]
 
 _NOT_CONVERGED, _SINGULAR, _NOT_FINITE, _STAGNATED, _DIVERGED, _TIME_STOPPED = 1, 2, 3, 4, 5, 7
 #: Of a parameter beyond it the square, as of momenta, leaves the range of doubles.

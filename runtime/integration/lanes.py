@@ -15,8 +15,8 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import Binding
 from ..bindings.compiled_module import CORES
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from ..steppers.evaluation import Evaluation
 
 __all__ = ["EnsembleStates", "fill_ensemble", "threads_of"]
-
-Array = NDArray[Any]
 
 #: Coordinates in all steps up to which a run takes less time than the start of threads.
 _FEW_NUMBERS = 2**14

@@ -9,11 +9,11 @@ short steps.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.warnings import warn
 from ..bindings.binding import Binding
 from ..results.rotation_rate import LOST, phase_error
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from .run_arguments import RunArguments
 
 __all__ = ["fastest_frequency", "warn_of_frequency"]
-
-Array = NDArray[Any]
 
 #: Coordinates up to which the derivative of a step is computed.
 _MOST_COORDINATES = 64

@@ -14,15 +14,13 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
 from ...core.manifest import Manifest, SymmetryManifest
 
 __all__ = ["Symmetry", "refuse_broken", "symmetries_of"]
-
-Array = NDArray[Any]
 
 #: A polynomial: coefficient and powers of each term.
 Polynomial = Sequence[tuple[Fraction, Mapping[str, int]]]

@@ -20,9 +20,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
+from ...core.arrays import Array
 from ...core.errors import ArgumentError, InputError
 from ...core.event import Event, Impact
 from ...core.exact_numbers import Rounded, as_double, exact
@@ -47,8 +47,6 @@ __all__ = ["OPEN", "EnsembleArguments", "Integration", "Origin", "ParameterCheck
            "RunArguments", "as_parameters", "checked_runs", "end_of_run", "in_scaled_time",
            "refuse_texts", "span_of", "step_argument", "step_count", "steps_until",
            "warn_of_late_start", "warn_of_negative", "with_rules"]
-
-Array = NDArray[Any]
 
 #: Steps of a run whose end is that of an event, at most: more than any run takes.
 OPEN = 2**62

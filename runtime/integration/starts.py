@@ -9,9 +9,9 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import as_mapping, few, shown
+from ...core.arrays import Array
 from ...core.errors import ArgumentError, InputError
 from ...core.event import Event, Impact
 from ...core.inertia import as_inertia, refuse_impossible_inertias
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["StartNumbers", "after_start", "events_or_own", "merged_start", "merged_starts",
            "own_inertias", "span_or_own", "start_parameters", "steps_of_all"]
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import StepFailed, Stopped
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.manifest import Manifest
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["FIRST_STEPS", "ChunkSize", "advance_and_detect", "course", "ended_at", "failure_of",
            "fill", "finished", "integrate", "next_chunk", "thin", "trajectory_of"]
 
-Array = NDArray[Any]
 #: Takes steps as ``Binding.integrate`` does.
 StepOn = Callable[[RunConstants, int, int, RunState, Rows], int]
 

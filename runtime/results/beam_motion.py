@@ -16,9 +16,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import choose
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
 from ...core.manifest import SectionManifest
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["BeamMotion"]
 
-Array = NDArray[Any]
 AxesName = Literal["space", "section"]
 
 

@@ -6,9 +6,10 @@ import os
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_flag, choose, few, shown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, table
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["BodyMotion", "FrameName", "PlacedMotion", "total_momenta", "turned"]
-
-Array = NDArray[Any]
 
 
 #: The axes in which components are given.

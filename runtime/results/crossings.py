@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Crossings", "CrossingsOfMany", "Impacts", "of_columns"]
 
-Array = NDArray[Any]
 #: Crossings that notebooks show.
 _SHOWN = 10
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from numpy.typing import NDArray
-
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
 from ...core.records import changed
@@ -16,8 +15,6 @@ if TYPE_CHECKING:
     from ..bindings.binding import Binding
 
 __all__ = ["Report", "known_fields"]
-
-Array = NDArray[Any]
 
 
 @explain_arguments

@@ -6,9 +6,9 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import as_flag, choose
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, table
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states",
            "quaternion_product", "shortest_rotation"]
 
-Array = NDArray[Any]
 _STILL = np.array([1.0, 0.0, 0.0, 0.0])
 #: By how many rad a turn between two states may be off that at a constant rate.
 _STEADY = 0.5

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.warnings import warn
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["warn_of_missed_rate"]
-
-Array = NDArray[Any]
 
 #: Rows that are looked at, the last ones, so many at a time; fewest, for few do not span a motion.
 _LOOKED_AT, _AT_ONCE, _FEWEST = 1 << 20, 1 << 14, 32

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import as_flag, choose
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.inertia import inertia_matrix
@@ -26,7 +26,6 @@ from .trajectory import Trajectory
 
 __all__ = ["PresentBody", "PresentJoint", "PresentPlaced", "body_at_present"]
 
-Array = NDArray[Any]
 Floats = Sequence[float]
 
 

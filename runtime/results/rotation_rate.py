@@ -9,8 +9,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.manifest import Manifest
 from ...core.warnings import warn
 from ..compilation.body_columns import BodyAt, bodies_of
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["LOOKED_AT", "LOST", "FastestRotation", "Rotations", "fastest_rotation", "phase_error"]
-
-Array = NDArray[Any]
 
 #: A method of order r bears turns of r/2 + 1/2 rad a step, up to this. Measured on the fast top and
 #: on free bodies with three moments, one of them beside the separatrix, over 20 turns: the error of

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.manifest import Manifest, SystemManifest
 from ..bindings.binding import Binding
@@ -23,7 +23,6 @@ __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect
            "flat_multipliers", "full_states", "labels_of", "parts", "pieces", "place_of_quantity",
            "together", "value_of"]
 
-Array = NDArray[Any]
 #: Dimensions of one state's entry: (name, length) of each.
 Inner = tuple[tuple[str, int], ...]
 

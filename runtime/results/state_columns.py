@@ -16,9 +16,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import as_items, as_text, listed, proposal, shown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
 from ...core.manifest import SystemManifest
@@ -37,8 +37,6 @@ __all__ = [
     "write_csv",
     "written",
 ]
-
-Array = NDArray[Any]
 
 #: Rows that are in memory as Python's numbers.
 _ROWS = 2**13

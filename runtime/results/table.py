@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..._version import __version__
 from ...core.arguments import as_flag
+from ...core.arrays import Array
 from ...core.errors import InputError, MissingDependencyError
 from ...core.extras import install
 from ...core.file_formats import format_of, result_file
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 __all__ = ["Table", "as_dataset", "as_frame", "save_table", "table_of_ensemble",
            "table_of_run"]
 
-Array = NDArray[Any]
 #: Index of a block along the leading dimensions, and its arrays by name.
 Block = tuple[tuple[Any, ...], dict[str, Array]]
 

@@ -6,16 +6,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import choose, few
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, table
 
 __all__ = ["EventTangents", "TangentRows"]
-
-Array = NDArray[Any]
 
 
 class EventTangents(dict[str, "TangentRows"]):

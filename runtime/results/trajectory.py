@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_path, shown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
@@ -42,8 +43,6 @@ from .table import save_table, table_of_run
 from .trajectory_display import Shown
 
 __all__ = ["Trajectory"]
-
-Array = NDArray[Any]
 
 _OUTPUTS = {one.attribute: one for one in OUTPUTS}
 

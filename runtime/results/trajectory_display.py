@@ -6,8 +6,7 @@ import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
-from numpy.typing import NDArray
-
+from ...core.arrays import Array
 from ...core.html import card, curve, table
 from .body_motion import FrameName
 from .run_arrays import OUTPUTS, parts
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["Shown"]
-
-Array = NDArray[Any]
 
 
 class Shown:

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..._version import __version__
 from ...core.arguments import listed
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import result_file
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["load_netcdf", "load_npz", "save_ensemble", "save_npz"]
 
-Array = NDArray[Any]
 _FORMAT = 2
 #: The arrays of an event.
 _CROSSING = ("t", "q", "p", "steps", "rising", "elapsed")

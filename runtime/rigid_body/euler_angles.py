@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import shown
+from ...core.arrays import Array
 from ...core.errors import InputError
-from .quaternion import Array
 
 __all__ = ["check_sequence", "euler_angles"]
 

@@ -18,10 +18,11 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import InertiaLike
 from ..bindings.array_checks import as_real
-from .quaternion import Array, axis, euler_quaternion
+from .quaternion import axis, euler_quaternion
 
 __all__ = ["free_body", "regular_precession"]
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.arguments import as_mapping, as_text, choose, few, shown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.html import card, table
 from ...core.inertia import (
@@ -33,7 +34,7 @@ from ...core.start import Start
 from ..bindings.array_checks import as_real
 from .exact import ExactMotion, RegularPrecession, free_motion
 from .gamma_rules import principal_moments
-from .quaternion import Array, euler_quaternion, momentum
+from .quaternion import euler_quaternion, momentum
 
 __all__ = [
     "Problem",

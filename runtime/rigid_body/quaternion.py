@@ -6,12 +6,13 @@ moments of inertia in kg m², momenta p in kg m²/s.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import shown
+from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import (
     InertiaLike,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 __all__ = [
-    "Array",
+    "Floats",
     "angular_velocity",
     "attitude_quaternion",
     "axis",
@@ -39,10 +40,8 @@ __all__ = [
     "to_rotation",
 ]
 
-Array: TypeAlias = NDArray[np.float64]
 
-
-def left_matrix(q: ArrayLike) -> Array:
+def left_matrix(q: ArrayLike) -> Floats:
     """Return L(q) of (8), shape (..., 3, 4): L(q)q = 0, and Ω = 2 L(q) q̇ in body axes.
 
     Raises
@@ -54,7 +53,7 @@ def left_matrix(q: ArrayLike) -> Array:
     return _matrix([[-q1, q0, q3, -q2], [-q2, -q3, q0, q1], [-q3, q2, -q1, q0]])
 
 
-def rotation_matrix(q: ArrayLike) -> Array:
+def rotation_matrix(q: ArrayLike) -> Floats:
     """Return R(q) of (3), shape (..., 3, 3); maps body to space axes (erratum 1).
 
     Orthogonal for |q| = 1; in general R Rᵀ = |q|⁴ I₃.
@@ -74,7 +73,7 @@ def rotation_matrix(q: ArrayLike) -> Array:
     )
 
 
-def axis(q: ArrayLike) -> Array:
+def axis(q: ArrayLike) -> Floats:
     """Return (R13, R23, R33), the body's third axis in space, shape (..., 3).
 
     The centre of mass of the paper's top is l times this (erratum 1).
@@ -84,11 +83,11 @@ def axis(q: ArrayLike) -> Array:
     InputError
         Unless the last axis of q, shape (..., 4), has length 4.
     """
-    third_column: Array = rotation_matrix(q)[..., 2]
+    third_column: Floats = rotation_matrix(q)[..., 2]
     return third_column
 
 
-def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: InertiaLike) -> Array:
+def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: InertiaLike) -> Floats:
     """Return Ω = J⁻¹ l with l = ½ L(q) p (19), in body axes, shape (..., 3), in rad/s.
 
     Raises
@@ -100,14 +99,14 @@ def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: InertiaLike) -> Array:
     moments = as_moments_or_tensor(inertia)
     twice_l = np.einsum("...ij,...j->...i", left_matrix(q), _vectors(p, 4, "momentum p"))
     if is_tensor(moments):
-        omega_of_tensor: Array = np.linalg.solve(inertia_matrix(moments),
+        omega_of_tensor: Floats = np.linalg.solve(inertia_matrix(moments),
                                                  twice_l[..., None] / 2)[..., 0]
         return omega_of_tensor
-    omega: Array = twice_l / (2 * np.array(moments))
+    omega: Floats = twice_l / (2 * np.array(moments))
     return omega
 
 
-def momentum(q: ArrayLike, omega: ArrayLike, inertia: InertiaLike) -> Array:
+def momentum(q: ArrayLike, omega: ArrayLike, inertia: InertiaLike) -> Floats:
     """Return p = 2 L(q)ᵀ J Ω (82), shape (..., 4), in kg m²/s; qᵀp = 0 holds by (9).
 
     Raises
@@ -120,11 +119,11 @@ def momentum(q: ArrayLike, omega: ArrayLike, inertia: InertiaLike) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):  # states that are not finite are refused
         l = vectors @ inertia_matrix(moments) if is_tensor(moments) else (  # noqa: E741
             np.array(moments) * vectors)
-        p: Array = 2 * np.einsum("...ij,...i->...j", left_matrix(q), l)
+        p: Floats = 2 * np.einsum("...ij,...i->...j", left_matrix(q), l)
     return p
 
 
-def euler_quaternion(phi: ArrayLike, theta: ArrayLike, psi: ArrayLike) -> Array:
+def euler_quaternion(phi: ArrayLike, theta: ArrayLike, psi: ArrayLike) -> Floats:
     """Return q of (81), corrected (erratum 9), shape (..., 4), from angles in rad.
 
     R(q) = R_z(φ) R_x(θ) R_z(ψ): precession φ, nutation θ, spin ψ.
@@ -159,7 +158,7 @@ def to_rotation(q: ArrayLike) -> Rotation:
     return Rotation.from_quat(np.stack([q1, q2, q3, q0], axis=-1))
 
 
-def attitude_quaternion(attitude: Rotation | ArrayLike) -> Array:
+def attitude_quaternion(attitude: Rotation | ArrayLike) -> Floats:
     """Return q, scalar first, shape (4,) or (N, 4), of attitudes.
 
     Of q and −q, which are the same attitude, it returns for a quaternion itself, for SciPy's
@@ -172,7 +171,7 @@ def attitude_quaternion(attitude: Rotation | ArrayLike) -> Array:
         axes: SciPy's, or a matrix of shape (3, 3) or (N, 3, 3).
     """
     if hasattr(attitude, "as_quat"):  # SciPy is not needed to know its Rotation
-        scalar_last: Array = np.asarray(attitude.as_quat(), dtype=np.float64)
+        scalar_last: Floats = np.asarray(attitude.as_quat(), dtype=np.float64)
         return scalar_last[..., [3, 0, 1, 2]]
     array = real_array(attitude)
     if array is not None and array.shape[-1:] == (4,) and array.ndim <= 2:
@@ -190,14 +189,14 @@ def attitude_quaternion(attitude: Rotation | ArrayLike) -> Array:
 
 def state_of_body(
     attitude: Rotation | ArrayLike, omega: ArrayLike, inertia: InertiaLike
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Return the state (q, p) of a body, each (4,) or (N, 4); arguments of ``Start.of_body``."""
     q = attitude_quaternion(attitude)
     p = momentum(q, omega, inertia)
     return np.broadcast_to(q, p.shape).copy(), p
 
 
-def _vectors(components: ArrayLike, length: int, name: str) -> Array:
+def _vectors(components: ArrayLike, length: int, name: str) -> Floats:
     """Return an array whose last axis has the given length."""
     vectors = real_array(components)
     if vectors is None:
@@ -209,5 +208,5 @@ def _vectors(components: ArrayLike, length: int, name: str) -> Array:
     return vectors
 
 
-def _matrix(row_lists: list[list[Array]]) -> Array:
+def _matrix(row_lists: list[list[Floats]]) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in row_lists], axis=-2)

@@ -9,9 +9,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_flag, as_mapping, choose, shown, unknown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Number
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
 
 __all__ = ["Derive", "Differentiation"]
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_items, as_mapping, as_text, few, shown, unknown
+from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ...core.start import HasStart
@@ -21,8 +22,6 @@ from ..integration.starts import StartNumbers, after_start, merged_start
 from .differentiation import Differentiation
 
 __all__ = ["Dynamics"]
-
-Array = NDArray[Any]
 
 #: |G δq̈| beyond this share of |G| |δq̈| leaves the constraints; ÿ off its target by this share was
 #: not reached.

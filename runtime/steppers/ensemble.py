@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_path, shown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError, InputWarning, StepFailed, Stopped
 from ...core.event import Event, Impact, as_events, as_impacts, terminal_of
@@ -75,8 +76,6 @@ if TYPE_CHECKING:
     from .stepper import Stepper
 
 __all__ = ["Ensemble", "integrate_members"]
-
-Array = NDArray[Any]
 
 
 @explain_arguments

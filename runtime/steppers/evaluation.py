@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_flag
+from ...core.arrays import Array
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ...core.frozen_dict import NO_PARAMETERS
@@ -30,8 +31,6 @@ from ..integration.run_arguments import ParameterCheck, step_argument, warn_of_n
 from ..integration.starts import merged_start
 
 __all__ = ["Evaluation"]
-
-Array = NDArray[Any]
 
 
 class Evaluation:

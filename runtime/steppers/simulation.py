@@ -16,9 +16,9 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import few, proposal, shown
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import AbsentError, InputError, StepFailed, Stopped
 from ...core.exact_numbers import Number
@@ -54,8 +54,6 @@ if TYPE_CHECKING:
     from .stepper import Stepper
 
 __all__ = ["AdvancingRun", "Simulation"]
-
-Array = NDArray[Any]
 
 
 class AdvancingRun:

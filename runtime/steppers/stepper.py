@@ -11,9 +11,10 @@ from functools import lru_cache
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...core.arguments import as_flag, as_mapping, few
+from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.event import Event, Impact, as_events, as_impacts
 from ...core.exact_numbers import Number, Numbers
@@ -67,8 +68,6 @@ from .ensemble import Ensemble, integrate_members
 from .simulation import ContinuedStep, Simulation
 
 __all__ = ["SOLVERS", "Stepper", "stepper_of"]
-
-Array = NDArray[Any]
 
 #: Characters of H that notebooks show.
 _LONGEST = 300

@@ -24,8 +24,9 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ...core.arrays import Array
 from ...core.errors import InputError, StepFailed
 from ...core.start import Start
 from ..integration.manifest_symmetries import Symmetry
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Direction", "Velocities", "directions_of", "least_squares", "start_rates"]
-
-Array = NDArray[Any]
 
 #: A direction that makes the acceleration so many times larger is left out.
 _FASTER = 2.0

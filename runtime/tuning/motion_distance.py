@@ -11,16 +11,13 @@ path of a point.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ..rigid_body.quaternion import left_matrix
 
 __all__ = ["MotionError", "distances", "root_mean_squares"]
-
-Array = NDArray[Any]
 
 
 class MotionError:

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import StepFailed
 from ...core.registry import Aim
 from .frame_start import Direction
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["DIFFERENCE", "Pilot", "Pilots"]
-
-Array = NDArray[Any]
 
 #: Label of runs for derivatives.
 DIFFERENCE = "difference"

@@ -20,8 +20,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.registry import MEANS
 from ..rigid_body.gamma_rules import mean_inertia
 from .frame_start import Velocities, least_squares, start_rates
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
 __all__ = ["Search"]
-
-Array = NDArray[Any]
 
 #: γ stays within this factor of the moments: beyond it the law is an extrapolation.
 _REACH = 10.0

@@ -10,14 +10,11 @@ a convex polynomial of ω, which Newton's method minimises.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
+
+from ...core.arrays import Array
 
 __all__ = ["SpectralLines"]
-
-Array = NDArray[Any]
 
 #: Of the window: what leaks from a line is below round-off.
 _KAISER = 38.0

@@ -18,8 +18,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Array
 from ...core.errors import InputError, StepFailed
 from ...core.exact_numbers import as_double
 from ...core.start import Start
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["FEWEST", "StepSearch"]
-
-Array = NDArray[Any]
 
 #: Steps of the first pilot run, and rows at which errors are evaluated: the number of steps is a
 #: multiple.
