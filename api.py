@@ -656,12 +656,8 @@ def files_of(spec: Spec) -> dict[str, str]:
 def text_of(spec: Spec, system: Any = None) -> tuple[dict[str, str], RunDefaults | None]:
     """Return the files of a stepper of any profile, and the numbers of its model if it has some.
 
-    Nothing is compiled. ``system``, a System or a Model, takes the place of the spec's.
-
-    Raises
-    ------
-    InputError
-        For what the profile does not take, and whatever is no model.
+    Nothing is compiled. ``system``, a System or a Model, takes the place of the spec's. Raises
+    InputError for what the profile does not take, and whatever is no model.
     """
     record = derivation(spec, system, with_numbers=True).record()
     return record.files, record.start

@@ -63,12 +63,8 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
     """Integrate a motion with the step 4 dt, halved six times, and compare its ends.
 
     The reference is the same stepper's, with a step four times shorter than the shortest: of a
-    method of order r its own error is 4^−r of that one's.
-
-    Raises
-    ------
-    StepFailed
-        If the reference does not get to its end.
+    method of order r its own error is 4^−r of that one's. Raises StepFailed if the reference does
+    not get to its end.
     """
     longest, count = 4 * dt, max(1, min(steps, _MOST_STEPS) // 4)
 

@@ -36,12 +36,8 @@ _DIGITS, _FEW = 60, 6
 class RandomPoints:
     """Random states around a start, at which fields are tested as symmetries.
 
-    Parameters without a value, such as the weights of sides, are drawn from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If H, g or F contains a function that cannot be evaluated.
+    Parameters without a value, such as the weights of sides, are drawn from 0 to 1. Raises
+    InputError if H, g or F contains a function that cannot be evaluated.
     """
 
     def __init__(

@@ -42,12 +42,8 @@ class HiddenOrderError(ArithmeticError):
 def observed_order(tableau: Tableau) -> float:
     """Return the measured order; within 0.1 of a whole number for a method of that order.
 
-    Raises
-    ------
-    HiddenOrderError
-        If a tableau is given in too few decimals for its order to show.
-    ArithmeticError
-        If a step's equations are singular or their iteration does not converge.
+    Raises HiddenOrderError if a tableau is given in too few decimals for its order to show;
+    ArithmeticError if a step's equations are singular or their iteration does not converge.
     """
     h = mp.mpf(1) / (128 * max(4, tableau.s))  # the next term then shows by at most 0.05
     order = mp.nan

@@ -123,12 +123,7 @@ def write_stepper(
 
 
 def refuse_without_compiler(files: dict[str, str], module_kind: ModuleKind) -> None:
-    """Refuse to compile, before anything is written, where nothing on this machine can.
-
-    Raises
-    ------
-    CompilerError
-    """
+    """Refuse to compile, before anything is written, where nothing on this machine can."""
     from ..runtime.compilation.compiler import find_compiler
     from ..runtime.compilation.prebuilt import prebuilt_module
 

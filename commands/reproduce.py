@@ -72,10 +72,7 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
 def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path | None, str]:
     """Return the folder of the report, and the notice where there is none: before all work.
 
-    Raises
-    ------
-    InputError, MissingDependencyError
-        If it cannot be written.
+    Raises InputError or MissingDependencyError if it cannot be written.
     """
     from ..runtime.plotting.trajectory_plots import figure_class
 

@@ -117,10 +117,7 @@ def whole(value: Any) -> int | None:
 def as_path(name: str, value: Any, example: str) -> Path:
     """Return the path of a file or folder.
 
-    Raises
-    ------
-    InputError
-        For what is neither text nor a path, and for names that no file can have.
+    Raises InputError for what is neither text nor a path, and for names that no file can have.
     """
     usable = isinstance(value, (str, os.PathLike))
     try:
@@ -142,24 +139,14 @@ def why_unwritable(path: Path, error: BaseException) -> str:
 
 
 def as_flag(name: str, value: Any) -> bool:
-    """Return True or False.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return True or False, or raise InputError."""
     if not isinstance(value, (bool, np.bool_)):
         raise InputError(f"{name} = {shown(value)} is neither True nor False.")
     return bool(value)
 
 
 def as_mapping(name: str, value: Any, example: str) -> dict[str, Any]:
-    """Return a dict whose keys are names.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return a dict whose keys are names, or raise InputError."""
     if not isinstance(value, Mapping):
         raise InputError(f"{name} = {shown(value)} is no dict; give one such as {example}.")
     for key in value:
@@ -169,24 +156,14 @@ def as_mapping(name: str, value: Any, example: str) -> dict[str, Any]:
 
 
 def as_text(name: str, value: Any) -> str:
-    """Return a text.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return a text, or raise InputError."""
     if not isinstance(value, str):
         raise InputError(f"{name} = {shown(value)} is no text; write it in quotes.")
     return value
 
 
 def as_items(name: str, value: Any, content: str) -> list[Any]:
-    """Return the items of a list, a tuple or another row; text is none.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return the items of a list, a tuple or another row; text is none, or raise InputError."""
     items = None
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
         items = list(value)

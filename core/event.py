@@ -126,10 +126,7 @@ def with_restitutions(
 ) -> tuple[Impact, ...]:
     """Return impacts with the numbers of restitutions that are parameters.
 
-    Raises
-    ------
-    InputError
-        For an unknown parameter, and one outside of [0, 1].
+    Raises InputError for an unknown parameter, and one outside of [0, 1].
     """
     def value(e: Any) -> Any:
         if not isinstance(e, str):
@@ -146,10 +143,7 @@ def events_of_model(
 ) -> tuple[Event | Impact, ...]:
     """Return the impacts and the events of a model, of quantities and of other names.
 
-    Raises
-    ------
-    InputError
-        As ``as_impacts`` and ``as_events``.
+    Raises InputError as ``as_impacts`` and ``as_events``.
     """
     entries = [argument] if isinstance(argument, Event | Impact) else argument
     impacts = [entry for entry in entries if isinstance(entry, Impact)] if isinstance(
@@ -163,12 +157,9 @@ def as_impacts(
 ) -> tuple[Impact, ...]:
     """Return a caller's impacts, each of a quantity that the system has; () of events alone.
 
-    ``model_impacts`` are the impacts of the start, of which those given take the place.
-
-    Raises
-    ------
-    InputError
-        For impacts and events together, an unknown quantity, two impacts of one gap or one name.
+    ``model_impacts`` are the impacts of the start, of which those given take the place. Raises
+    InputError for impacts and events together, an unknown quantity, two impacts of one gap or one
+    name.
     """
     impacts = (argument,) if isinstance(argument, Event | Impact) else argument
     if not isinstance(impacts, Sequence):
@@ -190,11 +181,7 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     """Return a caller's events, each of a quantity that the system has.
 
     ``quantities`` are names of quantities, coordinates and momenta, and of the time in scaled time.
-
-    Raises
-    ------
-    InputError
-        For what is no event, an unknown quantity, two events of one name.
+    Raises InputError for what is no event, an unknown quantity, two events of one name.
     """
     if type(argument) is tuple and not argument:
         return ()
@@ -221,12 +208,7 @@ def terminal_of(events: Sequence[Event]) -> str:
 
 
 def refuse_unusable_names(events: Sequence[Event | Impact], named: str) -> None:
-    """Refuse events whose names arrays cannot have; ``named`` is what goes by them.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse events whose names arrays cannot have; ``named`` is what goes by them."""
     for event in events:
         if not _NAME.fullmatch(event.name):
             raise InputError(f"The event {event.name!r} names {named}; give it a name of letters, "
@@ -238,12 +220,8 @@ def event_of_text(
 ) -> Event:
     """Return the event that ``"height=0 down stop"`` says.
 
-    ``number`` returns the level that a text says, None for what is none.
-
-    Raises
-    ------
-    InputError
-        For other text.
+    ``number`` returns the level that a text says, None for what is none. Raises InputError for
+    other text.
     """
     match = _TEXT.fullmatch(text)
     level = None if match is None else number(match["level"])

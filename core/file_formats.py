@@ -103,10 +103,7 @@ def endings(*kinds: Kind) -> list[str]:
 def format_of(path: Path, label: str, *kinds: Kind) -> FileFormat:
     """Return the format that a name asks for.
 
-    Raises
-    ------
-    InputError
-        Where none of these kinds has its ending, naming ``label`` is to be written.
+    Raises InputError where none of these kinds has its ending, naming ``label`` is to be written.
     """
     for file_format in FORMATS:
         if file_format.kind in kinds and file_format.ending == ending_of(path):
@@ -134,10 +131,7 @@ def staged_file(path: Path) -> Iterator[Path]:
 def result_file(path: Path, label: str) -> Iterator[Path]:
     """Yield a name as ``staged_file`` does.
 
-    Raises
-    ------
-    GyrosparkError
-        Saying why ``label`` cannot be written, where the system refuses it.
+    Raises GyrosparkError saying why ``label`` cannot be written, where the system refuses it.
     """
     try:
         with staged_file(path) as temporary:

@@ -70,13 +70,9 @@ def is_tensor(inertia: Any) -> bool:
 def as_inertia(inertia: Any, label: str = "inertia") -> Inertia:
     """Return the inertia of a body in kg m²: three principal moments, or a tensor in body axes.
 
-    A tensor that is diagonal comes back as its three moments.
-
-    Raises
-    ------
-    InputError
-        Unless it is three numbers above 0, or a symmetric positive definite 3 × 3 matrix, and
-        such as a body can have: no moment exceeds the sum of the other two.
+    A tensor that is diagonal comes back as its three moments. Raises InputError unless it is three
+    numbers above 0, or a symmetric positive definite 3 × 3 matrix, and such as a body can have: no
+    moment exceeds the sum of the other two.
     """
     checked = as_moments_or_tensor(inertia, label)
     I1, I2, I3 = sorted(moments_of(checked))
@@ -119,10 +115,8 @@ def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
 def as_moments(inertia: Any, label: str = "inertia", *, zeros: int = 0) -> Moments:
     """Return three principal moments as floats, or as given where those lose digits, in kg m².
 
-    Raises
-    ------
-    InputError
-        Unless there are three finite moments above 0; up to ``zeros`` of them may be 0.
+    Raises InputError unless there are three finite moments above 0; up to ``zeros`` of them may be
+    0.
     """
     array = real_array(inertia)
     if array is None or array.ndim != 1:
@@ -187,10 +181,7 @@ def inverse_entries(inertia: Inertia) -> list[float]:
 def tensor_of_inverse(entries: Sequence[float]) -> Tensor:
     """Return J of K11, K12, K13, K22, K23, K33 of J⁻¹.
 
-    Raises
-    ------
-    InputError
-        If they are those of no inertia.
+    Raises InputError if they are those of no inertia.
     """
     K = np.zeros((3, 3))
     K[np.triu_indices(3)] = np.array(entries, dtype=float)
@@ -258,10 +249,7 @@ def _moments_of_inverses(values: Floats) -> Floats:
 def unit_quaternions(values: Any, label: str = "quaternion") -> Floats:
     """Return unit quaternions, scalar first, of one or of rows of any length but 0.
 
-    Raises
-    ------
-    InputError
-        Unless the last axis holds four finite numbers, not all 0.
+    Raises InputError unless the last axis holds four finite numbers, not all 0.
     """
     q = real_array(values)
     if q is None or q.ndim not in (1, 2) or q.shape[-1] != 4 or not np.isfinite(q).all():
@@ -315,10 +303,7 @@ def _warn_of_order(label: str, values: Any, unit: Floats) -> None:
 def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Floats:
     """Return the unit quaternion, scalar first and not negative, of a 3 × 3 rotation matrix.
 
-    Raises
-    ------
-    InputError
-        If it is no rotation.
+    Raises InputError if it is no rotation.
     """
     R = real_array(matrix)
     if R is None or R.shape != (3, 3) or not np.isfinite(R).all():

@@ -47,10 +47,7 @@ def as_json(record: Any) -> dict[str, Any]:
 def from_json(cls: type[Record], content: Any) -> Record:
     """Return the record of JSON content; values of other types and unknown keys are refused.
 
-    Raises
-    ------
-    UnfitError
-        With the place and the type that belongs there.
+    Raises UnfitError with the place and the type that belongs there.
     """
     decode: Callable[[Any], Record] = _decoder(cls)  # type: ignore[arg-type]  # a class is hashable
     return decode(content)

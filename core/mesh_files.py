@@ -28,10 +28,7 @@ _HEADER, _FACET = 84, 50  # bytes of a binary STL file
 def read_triangles(path: Path) -> Floats:
     """Return the corners of the triangles of an STL or OBJ file, shape (triangles, 3, 3).
 
-    Raises
-    ------
-    InputError
-        "reason; cure.", for files that are neither, or too large.
+    Raises InputError, "reason; cure.", for files that are neither, or too large.
     """
     ending = path.suffix.lower()
     if ending not in READABLE:

@@ -153,12 +153,7 @@ def log_task(text: str, done: str = "") -> Iterator[None]:
 
 
 def as_progress(progress: Any) -> Progress:
-    """Return the argument ``progress``: a function, a bool or None.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return the argument ``progress``: a function, a bool or None, or raise InputError."""
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
         raise InputError(f"progress = {shown(progress)} cannot be called; give True, False, or a "
                          "function that takes the number of steps (or cells) done, such as print.")

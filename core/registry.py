@@ -102,10 +102,7 @@ RULES = (*MEANS, *AIMS)
 def entry_named(name: Any, label: str = "problem") -> Entry:
     """Return the problem or model of a name.
 
-    Raises
-    ------
-    InputError
-        Naming them all.
+    Raises InputError naming them all.
     """
     for entry in (*PROBLEMS.values(), *MODELS.values()):
         if isinstance(name, str) and name.replace("_", "-") == entry.name.replace("_", "-"):

@@ -60,10 +60,7 @@ _SOLVERS: dict[SolverName, Solver] = {name: Solver(name) for name in get_args(So
 def as_solver(value: Any) -> Solver:
     """Return a solver by its name, or as it is.
 
-    Raises
-    ------
-    InputError
-        For anything else, with the names.
+    Raises InputError for anything else, with the names.
     """
     if isinstance(value, Solver):
         return value

@@ -211,10 +211,7 @@ def has_start(value: Any) -> TypeGuard[HasStart]:
 def as_start(value: Any) -> Start:
     """Return the start of what has one.
 
-    Raises
-    ------
-    InputError
-        For anything else.
+    Raises InputError for anything else.
     """
     start = getattr(value, "start", None)
     if not isinstance(start, Start):

@@ -41,12 +41,8 @@ def base_units(text: str) -> dict[str, Fraction]:
     """Return the exponents of kg, m, s, A, K, mol, cd and rad of a unit.
 
     A dot multiplies, a slash divides by the next factor, a number behind a name is its exponent;
-    "1" is the unit of a pure number.
-
-    Raises
-    ------
-    InputError
-        For text that is no product of SI units without prefixes.
+    "1" is the unit of a pure number. Raises InputError for text that is no product of SI units
+    without prefixes.
     """
     dimensions: dict[str, Fraction] = {}
     parts = re.split(r"([./])", text if isinstance(text, str) else "")

@@ -36,10 +36,8 @@ _TOKEN = re.compile(r"\s*(\w+|&&|\|\||==|!=|[!()])")
 def amalgamate(source: str) -> str:
     """Return C without includes of the engine, which compiles to what the source compiles to.
 
-    Raises
-    ------
-    GyrosparkError
-        If a header of the engine is missing, or is of another version than the source.
+    Raises GyrosparkError if a header of the engine is missing, or is of another version than the
+    source.
     """
     if '#include "gyrospark/' not in source:
         return source

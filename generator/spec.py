@@ -55,20 +55,15 @@ class Spec:
     def with_frame(self, frame: Any) -> Spec:
         """Return the spec with a co-moving frame, along the system's symmetries, or none.
 
-        Raises
-        ------
-        InputError
-            Naming the value and the allowed ones.
+        Raises InputError naming the value and the allowed ones.
         """
         return self if frame is None else replace(self, frame=choose("frame", frame, FRAMES))
 
     def with_energy(self, energy: Any) -> Spec:
         """Return the spec with exact energy: A + θZ, one free number θ a step.
 
-        Raises
-        ------
-        InputError
-            For schemes without such a number, and for what else exact energy does not take.
+        Raises InputError for schemes without such a number, and for what else exact energy does not
+        take.
         """
         if not as_flag("energy", energy):
             return self
@@ -81,10 +76,7 @@ class Spec:
     def with_profile(self, profile: Any) -> Spec:
         """Return the spec with a profile: the extent of the generated stepper.
 
-        Raises
-        ------
-        InputError
-            Naming the value and the allowed ones.
+        Raises InputError naming the value and the allowed ones.
         """
         chosen = "full" if profile is None else choose("profile", profile, PROFILES)
         return replace(self, profile=chosen)
@@ -103,10 +95,7 @@ class Spec:
     ) -> Spec:
         """Return a spec whose every field is usable.
 
-        Raises
-        ------
-        InputError
-            Naming the value, the allowed ones and the cure.
+        Raises InputError naming the value, the allowed ones and the cure.
         """
         if tableau is not None:
             if scheme is not None or stages is not None or order is not None:
@@ -131,10 +120,7 @@ class Spec:
     ) -> Spec:
         """Return the spec of a tableau: one in a file, or one that the caller has in hand.
 
-        Raises
-        ------
-        InputError
-            Naming the value, the allowed ones and the cure.
+        Raises InputError naming the value, the allowed ones and the cure.
         """
         named, model, chosen = _system(system, rep)
         return cls(OWN, None, chosen, named, _real(real), tableau, model)

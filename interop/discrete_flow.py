@@ -164,10 +164,7 @@ class DiscreteFlow:
     def parameters(self, parameters: Mapping[str, Any]) -> list[Any]:
         """Return the values of a dict in the order of ``names``; rates left out are 0.
 
-        Raises
-        ------
-        InputError
-            For missing and unknown names, and for text in place of a number.
+        Raises InputError for missing and unknown names, and for text in place of a number.
         """
         rates = {symmetry.name for symmetry in self.stepper.symmetries}
         for name, value in parameters.items():

@@ -28,11 +28,7 @@ def _exact_model(build: Multibody, *without: str) -> Model:
     """Return the model with exact fractions in place of doubles: 1/12, not 0.08333….
 
     ``without`` names constraints to leave out; other redundant ones are left out automatically.
-
-    Raises
-    ------
-    ArithmeticError
-        For a number that is no fraction with a denominator up to 10^5.
+    Raises ArithmeticError for a number that is no fraction with a denominator up to 10^5.
     """
     model = build.model(without=without, redundant="leave out")
 

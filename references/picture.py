@@ -22,12 +22,8 @@ _ROUNDED = 1e-16
 def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], path: Path) -> None:
     """Draw error against CPU time, a panel for each problem and a line for each scheme.
 
-    All lines of a peer look alike; the tolerances of one of its schemes form one line.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without matplotlib.
+    All lines of a peer look alike; the tolerances of one of its schemes form one line. Raises
+    MissingDependencyError without matplotlib.
     """
     column_count = min(4, len(measured))
     row_count = -(-len(measured) // column_count)

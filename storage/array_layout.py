@@ -271,10 +271,7 @@ def attributes_of(group: zarr.Group) -> dict[str, Any]:
 def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
     """Return an array of a store, which a group opens once.
 
-    Raises
-    ------
-    KeyError
-        If it is not there.
+    Raises KeyError if it is not there.
     """
     opened: dict[str, zarr.Array[Any]] = vars(group).setdefault("opened_arrays", {})
     if name not in opened:

@@ -119,10 +119,7 @@ def _packed(binding: Binding, event_progress: EventProgress | None) -> list[Arra
 def unpack(binding: Binding, data: Array, events: Events = ()) -> CheckpointState | None:
     """Return the state of packed bytes, None if nothing was packed yet.
 
-    Raises
-    ------
-    ValueError
-        If the bytes are damaged, or an integer is outside of its range.
+    Raises ValueError if the bytes are damaged, or an integer is outside of its range.
     """
     digest, body = data[:_DIGEST], data[_DIGEST:]
     if not data.any():

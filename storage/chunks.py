@@ -30,12 +30,8 @@ class Chunk(NamedTuple):
 def write_chunks(chunks: Sequence[Chunk]) -> None:
     """Write chunks of a store; they are on the disk when this returns.
 
-    They are written concurrently: each waits for the disk, which takes them together.
-
-    Raises
-    ------
-    OSError
-        If one cannot be written; the others are.
+    They are written concurrently: each waits for the disk, which takes them together. Raises
+    OSError if one cannot be written; the others are.
     """
     with ThreadPoolExecutor(_AT_ONCE, "gyrospark-files") as pool:
         writes = [pool.submit(_write, chunk) for chunk in chunks]

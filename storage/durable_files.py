@@ -124,10 +124,7 @@ def remove_parts(root: Path) -> None:
 def store_path(path: Any) -> Path:
     """Return a caller's path of a store.
 
-    Raises
-    ------
-    InputError
-        If it is none.
+    Raises InputError if it is none.
     """
     return as_path("The store", path, "run.zarr")
 
@@ -135,10 +132,7 @@ def store_path(path: Any) -> Path:
 def new_store_path(path: Any, cure: str) -> Path:
     """Return a caller's path of a store to write, which is a folder and no file.
 
-    Raises
-    ------
-    InputError
-        If its name says that it is a file of states, with the cure.
+    Raises InputError if its name says that it is a file of states, with the cure.
     """
     store = store_path(path)
     if ending_of(store) in endings("states"):

@@ -80,10 +80,7 @@ def versions() -> dict[str, str]:
 def refuse_if_different(stored: Mapping[str, Any], current: Mapping[str, Any], where: str) -> None:
     """Refuse to resume another run.
 
-    Raises
-    ------
-    InputError
-        With all differences, both values each.
+    Raises InputError with all differences, both values each.
     """
     differences = list(_differences(stored, current))
     writer = stored.get("gyrospark")

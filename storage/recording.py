@@ -74,10 +74,7 @@ _ATTRIBUTES = {one.attribute for one in OUTPUTS}
 def open_recording(path: str | os.PathLike[str]) -> Recording:
     """Return the run that ``integrate(..., out=...)`` or ``gyrospark run --out X.zarr`` stored.
 
-    Raises
-    ------
-    InputError
-        If there is none, or it is damaged.
+    Raises InputError if there is none, or it is damaged.
     """
     return Recording.read(store_path(path))
 
@@ -378,10 +375,7 @@ def events_in(run: Mapping[str, Any]) -> tuple[Event | Impact, ...]:
 def group_of(path: Path, *, write: bool = False) -> zarr.Group:
     """Return the Zarr group of a store.
 
-    Raises
-    ------
-    InputError
-        If there is none that can be read.
+    Raises InputError if there is none that can be read.
     """
     try:
         return open_group(path, write=write)

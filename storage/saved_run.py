@@ -37,12 +37,8 @@ __all__ = ["save_store"]
 def save_store(run: Trajectory, path: Path) -> Path:
     """Write a run as a store, which appears complete or not at all; return its path.
 
-    Raises
-    ------
-    InputError
-        Where there is a file or a folder already.
-    StorageError
-        If it cannot be written.
+    Raises InputError where there is a file or a folder already; StorageError if it cannot be
+    written.
     """
     if path.exists():
         raise InputError(f"{str(path)!r} is there already; remove it, or choose another store.")

@@ -22,10 +22,8 @@ __all__ = ["created_atomically", "is_new", "lock_file", "writer_lock"]
 def is_new(path: Path, resume: bool, holds: str) -> bool:
     """Return whether the store is new; an existing store is resumed.
 
-    Raises
-    ------
-    InputError
-        If a store exists and ``resume`` is false; ``holds`` names its content in the message.
+    Raises InputError if a store exists and ``resume`` is false; ``holds`` names its content in the
+    message.
     """
     if path.exists() and not resume:
         raise InputError(f"The store {str(path)!r} exists already; --resume (resume=True) goes "
@@ -65,10 +63,8 @@ def lock_file(store: Path) -> Path:
 def writer_lock(store: Path) -> Iterator[None]:
     """Hold the lock of a store.
 
-    Raises
-    ------
-    StorageError
-        If another process, or another run of this one, has it; if no lock can be made there.
+    Raises StorageError if another process, or another run of this one, has it; if no lock can be
+    made there.
     """
     lock = FileLock(lock_file(store), thread_local=False)
     try:

@@ -55,10 +55,7 @@ _CURE = "restore it from a copy, or compute the run anew in another store."
 def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     """Return the attributes of a store, checked.
 
-    Raises
-    ------
-    InputError
-        If they are incomplete or inconsistent, or of an unknown format.
+    Raises InputError if they are incomplete or inconsistent, or of an unknown format.
     """
     about = {"events": {}} | attributes_of(group)
     run = about.get("run")
@@ -236,10 +233,7 @@ def refuse_other_arrays(
     """Refuse to resume a store whose arrays do not have the shapes and types of a run.
 
     ``row_counts`` are the allowed numbers of states; arrays of ``events`` may have any length.
-
-    Raises
-    ------
-    InputError
+    Raises InputError.
     """
     block, about = array_of(group, "time").chunks[0], attributes_of(group)
     expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
@@ -278,11 +272,8 @@ def refuse_missing_blocks(
 ) -> None:
     """Refuse to read rows whose files are missing: Zarr would silently return NaN for them.
 
-    ``names`` are the names of arrays, by default of all arrays with one row per state.
-
-    Raises
-    ------
-    InputError
+    ``names`` are the names of arrays, by default of all arrays with one row per state. Raises
+    InputError.
     """
     for name in attributes_of(group)["arrays"] if names is None else names:
         array = array_of(group, name)
@@ -299,10 +290,7 @@ def stored_values(
 ) -> Array:
     """Return rows of an array, wide ones in their own type.
 
-    Raises
-    ------
-    InputError
-        If what is stored is damaged.
+    Raises InputError if what is stored is damaged.
     """
     try:
         array_rows = np.asarray(array[first : first + count])

@@ -50,11 +50,7 @@ def value_axis(name: str, values: Any) -> Axis:
     """Return the axis of one parameter, of ``dt`` or of ``scheme``.
 
     ``values`` is a list, or a table with ``from``, ``to``, ``count`` and ``spacing`` ("linear" or
-    "log").
-
-    Raises
-    ------
-    InputError
+    "log"). Raises InputError.
     """
     if name == SCHEME:
         return _scheme_axis(values)
@@ -66,10 +62,7 @@ def value_axis(name: str, values: Any) -> Axis:
 def list_axis(name: str, columns: Mapping[str, Any]) -> Axis:
     """Return the axis of several quantities that vary together: a list of points.
 
-    Raises
-    ------
-    InputError
-        If they are not equally many.
+    Raises InputError if they are not equally many.
     """
     if not columns:
         raise InputError(f"The list {name!r} is empty; give it a column for each quantity.")
@@ -86,10 +79,7 @@ def random_axis(name: str, ranges: Mapping[str, Any], count: Any, seed: int) -> 
     """Return points drawn at random, each column evenly in its range, or in that of its logarithm.
 
     A range is a table with ``from``, ``to`` and ``spacing``. The same seed gives the same points.
-
-    Raises
-    ------
-    InputError
+    Raises InputError.
     """
     if not ranges:
         raise InputError("A random list has no column; give each quantity a range, for example "
@@ -108,9 +98,7 @@ def random_axis(name: str, ranges: Mapping[str, Any], count: Any, seed: int) -> 
 def start_axis(q: Any, p: Any) -> Axis:
     """Return the axis of several states to start from, one row of q and p each.
 
-    Raises
-    ------
-    InputError
+    Raises InputError.
     """
     states = [as_rows(letter, x) for letter, x in (("q", q), ("p", p))]
     if states[0].shape != states[1].shape:
@@ -145,12 +133,7 @@ def _numbers(name: str, values: Any) -> Array:
 
 
 def as_rows(name: str, values: Any, width: int | None = None) -> Array:
-    """Return a table of numbers, of any width or of this one.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return a table of numbers, of any width or of this one, or raise InputError."""
     try:
         table = np.array(values, dtype=float)
     except (ValueError, TypeError, OverflowError) as error:
@@ -165,12 +148,7 @@ def as_rows(name: str, values: Any, width: int | None = None) -> Array:
 
 
 def _count(name: str, count: Any) -> int:
-    """Return a number of values along an axis.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return a number of values along an axis, or raise InputError."""
     value_count = as_positive_count(f"{name}: count", count, minimum=1)
     if value_count > _MOST_VALUES:
         raise InputError(f"{name}: count = {value_count} is too large; an axis has at most "

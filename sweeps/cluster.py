@@ -34,12 +34,8 @@ _CHECK_SECONDS, _PATIENCE = 1.0, 600
 def client_of(where: Any) -> Client:
     """Return a Dask client: the one given, or one for a scheduler's address.
 
-    Raises
-    ------
-    MissingDependencyError
-        Without dask.distributed.
-    InputError
-        If no scheduler answers at the address.
+    Raises MissingDependencyError without dask.distributed; InputError if no scheduler answers at
+    the address.
     """
     try:
         from distributed import Client
@@ -66,12 +62,8 @@ def run_tiles(
     Workers write the tiles of a store. If a worker dies, another one computes its tiles again and
     writes the same bytes. If workers keep dying, the scheduler blames all tiles that they had;
     these are computed last, one at a time, and a tile that kills its workers then too is abandoned.
-
-    Raises
-    ------
-    GyrosparkError
-        If tiles are abandoned because workers died at them repeatedly, or the cluster has lost its
-        workers for good.
+    Raises GyrosparkError if tiles are abandoned because workers died at them repeatedly, or the
+    cluster has lost its workers for good.
     """
     _ClusterRun(study, fields, tiles, sink, client, interrupts, advance).run()
 
@@ -182,10 +174,7 @@ class _ClusterCapacity:
     def measure(self, submitted_count: int) -> None:
         """Count workers; fail if the cluster has had none for a long time.
 
-        Raises
-        ------
-        GyrosparkError
-            If the workers have gone and none has come for a long time.
+        Raises GyrosparkError if the workers have gone and none has come for a long time.
         """
         self._count()
         last = self._last_worker_time

@@ -79,10 +79,7 @@ def meanings() -> dict[int, str]:
 def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredField]:
     """Return the arrays of a sweep's result, all or the ones in ``keep``; the status last.
 
-    Raises
-    ------
-    InputError
-        If a name in ``keep`` is no result.
+    Raises InputError if a name in ``keep`` is no result.
     """
     stepper = study.steppers[0]
     body = stepper.manifest.system.rigid_body

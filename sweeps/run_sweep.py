@@ -242,10 +242,7 @@ def _compute(
 ) -> None:
     """Compute the remaining tiles.
 
-    Raises
-    ------
-    Stopped
-        After a signal.
+    Raises Stopped after a signal.
     """
     stored = path is not None
     cells = sum(_size(tile) for tile in tiles_of(study, stored) if tile.place in done)

@@ -122,10 +122,8 @@ class Study:
 def checked_study(study: Study) -> Study:
     """Return a checked study, its numbers as doubles.
 
-    Raises
-    ------
-    InputError
-        Naming what is missing, unknown, given twice or outside its domain, and the cure.
+    Raises InputError naming what is missing, unknown, given twice or outside its domain, and the
+    cure.
     """
     _refuse_repetition(study)
     stepper = study.steppers[0]

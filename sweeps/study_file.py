@@ -64,10 +64,7 @@ class StudyFile:
 def load_study(path: Path) -> StudyFile:
     """Return the study of a TOML file.
 
-    Raises
-    ------
-    InputError
-        Naming file, key and cure.
+    Raises InputError naming file, key and cure.
     """
     try:
         text = read_text(path, _MOST_BYTES)
@@ -79,9 +76,7 @@ def load_study(path: Path) -> StudyFile:
 def parse_study(text: str, path: Path) -> StudyFile:
     """Return the study that a file's text describes; ``path`` is where it lies.
 
-    Raises
-    ------
-    InputError
+    Raises InputError.
     """
     where = f"The study file {str(path)!r}"
     content = dict(load_toml(text, path, "study file").content)

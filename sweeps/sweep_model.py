@@ -34,12 +34,8 @@ def resolve(
 ) -> tuple[list[Stepper], RunDefaults]:
     """Return a stepper for each scheme ("EMS", "G-L 3") and the model's own numbers.
 
-    ``model`` is the name of a built-in problem, with ``settings`` as its arguments, a model file,
-    a ``Problem`` or a ``gyrospark.Model``.
-
-    Raises
-    ------
-    InputError
+    ``model`` is the name of a built-in problem, with ``settings`` as its arguments, a model file, a
+    ``Problem`` or a ``gyrospark.Model``. Raises InputError.
     """
     if isinstance(model, (str, Path)) and not is_model_file(str(model)):
         model, rep = _named(str(model), settings or {}, rep)

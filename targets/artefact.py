@@ -224,12 +224,7 @@ def work_size(name: str, header: str) -> int:
 def refuse_names(
     manifest: Manifest, reserved: Collection[str], language: str
 ) -> None:
-    """Refuse members of the parameters' struct that are reserved words of a language.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse members of the parameters' struct that are reserved words of a language."""
     for field_ in parameter_fields(manifest):
         if field_ in reserved:
             raise InputError(f"{language} keeps the name {field_!r} for itself, which is a "
@@ -243,10 +238,7 @@ def refuse_names(
 def check_out(out: Path) -> None:
     """Refuse an output path that exists and is no unchanged artefact, before anything is derived.
 
-    Raises
-    ------
-    InputError
-        For files that gyrospark did not write, or that were changed since.
+    Raises InputError for files that gyrospark did not write, or that were changed since.
     """
     if not out.parent.is_dir() or not os.access(out.parent, os.W_OK):
         raise InputError(f"--out {str(out)!r}: the folder {str(out.parent)!r} is not there or "

@@ -151,10 +151,7 @@ def build(
 def target_named(name: Any) -> Target:
     """Return the target of a name.
 
-    Raises
-    ------
-    InputError
-        Naming them all.
+    Raises InputError naming them all.
     """
     return TARGETS[choose("target", name, TARGETS)]
 

@@ -24,12 +24,8 @@ class DifferentBitsError(GyrosparkError):
 def native_bits(stepper: Written, options: Options, steps: int) -> str:
     """Return q and p after some steps from the start: the bytes of each number, in hexadecimal.
 
-    Raises
-    ------
-    InputError
-        Where there is no C compiler.
-    GyrosparkError
-        Where the C does not compile, or a step fails.
+    Raises InputError where there is no C compiler; GyrosparkError where the C does not compile, or
+    a step fails.
     """
     name = stepper.name
     command = require("cc", "Checking an artefact")
@@ -75,12 +71,8 @@ def refuse_difference(
 ) -> str:
     """Compare bits of an artefact with those of native C; return the sentence of a check.
 
-    ``stepper`` is one of the artefact's steppers, by default the first.
-
-    Raises
-    ------
-    DifferentBitsError
-        If the bits differ.
+    ``stepper`` is one of the artefact's steppers, by default the first. Raises DifferentBitsError
+    if the bits differ.
     """
     stepper = built.stepper if stepper is None else stepper
     native = native_bits(stepper, built.options, steps)

@@ -82,10 +82,7 @@ TOOLS = {tool.name: tool for tool in (
 def require(name: str, purpose: str) -> list[str]:
     """Return the command of a tool.
 
-    Raises
-    ------
-    InputError
-        If it is missing, with the purpose and the cure.
+    Raises InputError if it is missing, with the purpose and the cure.
     """
     tool = TOOLS[name]
     command = tool.find()
@@ -97,10 +94,7 @@ def require(name: str, purpose: str) -> list[str]:
 def run_tool(command: Sequence[str], folder: Path, purpose: str) -> str:
     """Run a command in a folder; return its standard output.
 
-    Raises
-    ------
-    GyrosparkError
-        If it fails, with its messages.
+    Raises GyrosparkError if it fails, with its messages.
     """
     try:
         process = subprocess.run(command, cwd=folder, capture_output=True, check=False,

@@ -31,10 +31,7 @@ class Volume:
 def convex_hull(triangles: Floats) -> Floats:
     """Return the triangles of the convex hull of all corners, their normals outwards.
 
-    Raises
-    ------
-    InputError
-        Where all corners are in a plane.
+    Raises InputError where all corners are in a plane.
     """
     from scipy.spatial import ConvexHull, QhullError  # takes 0.1 s
 
@@ -54,12 +51,8 @@ def mesh_volume(triangles: Floats, *, overlaps: bool = False) -> Volume:
     """Return volume, centre and inertia of what triangles enclose, seen counterclockwise.
 
     With ``overlaps`` each tetrahedron from the centre of the surface counts as positive, as in
-    MuJoCo's "legacy": the same for convex surfaces, too much for others.
-
-    Raises
-    ------
-    InputError
-        "reason; cure.", for surfaces that are open, or inside out.
+    MuJoCo's "legacy": the same for convex surfaces, too much for others. Raises InputError,
+    "reason; cure.", for surfaces that are open, or inside out.
     """
     start = triangles.reshape(-1, 3).mean(axis=0)  # near it: fewer digits are lost
     if overlaps:

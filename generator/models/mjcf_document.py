@@ -36,10 +36,7 @@ _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)(\(.*\))?", re.IGNORECASE)
 def check_document(text: str, path: Path) -> tuple[Element, dict[str, bytes]]:
     """Return <mujoco> of a text, read from a file, and name → content of the files it includes.
 
-    Raises
-    ------
-    InputError
-        "line 3: …; cure."
+    Raises InputError, "line 3: …; cure."
     """
     guard = _Guard(path.parent)
     guard.names.append(path.name)

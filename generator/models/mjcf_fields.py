@@ -177,10 +177,7 @@ def check_fields(fields: Collection[str], version: str) -> None:
 def count_refused(model: Any, off: Collection[str]) -> Counter[str]:
     """Return how many fields of each ignorable part are not at their default.
 
-    Raises
-    ------
-    InputError
-        For those that cannot be ignored, and for numbers that are not finite.
+    Raises InputError for those that cannot be ignored, and for numbers that are not finite.
     """
     counts: Counter[str] = Counter()
     for name, refusal in REFUSED.items():

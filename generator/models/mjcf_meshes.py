@@ -45,10 +45,7 @@ class MeshGeom:
 def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
     """Remove meshes, textures and height fields from a specification; return its mesh geoms.
 
-    Raises
-    ------
-    InputError
-        For meshes that give mass and cannot be measured.
+    Raises InputError for meshes that give mass and cannot be measured.
     """
     kinds = mujoco.mjtGeom
     names = {geom.name for geom in spec.geoms}

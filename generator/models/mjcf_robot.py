@@ -127,12 +127,8 @@ class MjcfRobot(Robot):
 def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom]]:
     """Return MuJoCo's model of a text that was read from a file, and its geoms of meshes.
 
-    Raises
-    ------
-    InputError
-        With the reason and the cure, MuJoCo's own words among them.
-    MissingDependencyError
-        Without MuJoCo.
+    Raises InputError with the reason and the cure, MuJoCo's own words among them;
+    MissingDependencyError without MuJoCo.
     """
     _, files = check_document(text, path)
     try:
@@ -163,12 +159,8 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom]]:
 def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
     """Return the bodies, joints and actuators of the text of an MJCF file.
 
-    Raises
-    ------
-    InputError
-        With what is wrong with it, and the cure.
-    MissingDependencyError
-        Without MuJoCo.
+    Raises InputError with what is wrong with it, and the cure; MissingDependencyError without
+    MuJoCo.
     """
     model, meshes = compile_mjcf(text, path)
     return _Reader(model, {mesh.name: mesh for mesh in meshes}, path.stem).read()

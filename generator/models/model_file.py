@@ -140,12 +140,8 @@ def read_model(
     """Return the contents of a text, with other values for some of its keys.
 
     A key of ``settings`` is a parameter, or a table and a key: ``"start.euler"``; a value is text
-    as it would stand in the file, quotes left out.
-
-    Raises
-    ------
-    InputError
-        With file, key and cure, for whatever in the file is no model.
+    as it would stand in the file, quotes left out. Raises InputError with file, key and cure, for
+    whatever in the file is no model.
     """
     with capture_warnings() as messages:
         content = _read(text, path, rep, settings)

@@ -113,10 +113,8 @@ WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "turning": RATES,
 def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
     """Return the model of a file with [[bodies]]; ``rep`` takes the place of every body's.
 
-    Raises
-    ------
-    InputError
-        With file, key and cure; for redundant constraints with a smallest set to leave out.
+    Raises InputError with file, key and cure; for redundant constraints with a smallest set to
+    leave out.
     """
     content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "beams",
                   "joints", "forces", "gravity", "potential", "without", "redundant", "parameters",

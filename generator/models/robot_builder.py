@@ -136,10 +136,7 @@ def start_of(robot: Robot, options: SdfOptions) -> Start:
 def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
     """Set given coordinates and rates of joints, and those of joints that follow others.
 
-    Raises
-    ------
-    InputError
-        For names of no joint, and values that it cannot have.
+    Raises InputError for names of no joint, and values that it cannot have.
     """
     leaders = {follower.name: follower for follower in robot.followers}
     joint_names = [name for name in robot.joints if name]
@@ -208,10 +205,7 @@ def _coordinate_value(key: str, name: str, is_angle: bool, entry: Any) -> float:
 def set_base_motion(robot: Robot, start: Start, velocity: Any, angular_velocity: Any) -> None:
     """Set velocity in space of the centre of mass, and angular velocity, of the floating body.
 
-    Raises
-    ------
-    InputError
-        Unless one body floats.
+    Raises InputError unless one body floats.
     """
     if velocity is None and angular_velocity is None:
         return
@@ -260,10 +254,8 @@ class RobotBuilder:
     def build(self) -> Multibody:
         """Return bodies and joints.
 
-        Raises
-        ------
-        InputError
-            If nothing moves, or what moves has no mass, or joints are none of those known here.
+        Raises InputError if nothing moves, or what moves has no mass, or joints are none of those
+        known here.
         """
         robot = self.robot
         moved = [k for k, body in enumerate(robot.bodies) if body.joints]

@@ -210,10 +210,7 @@ class Robot:
     def mass_of(self, limb: int) -> tuple[float, Floats, Floats]:
         """Return mass, centre and inertia about it of all that moves with a body, in its frame.
 
-        Raises
-        ------
-        InputError
-            Unless there is mass.
+        Raises InputError unless there is mass.
         """
         parts = [(self.inner(k), body.link) for k, body in enumerate(self.bodies)
                  if self.limb(k) == limb]

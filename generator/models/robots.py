@@ -84,10 +84,7 @@ def robot_format(text: str, path: str | Path) -> RobotFormat:
 def refuse_other_options(kind: str, allowed: Sequence[str], options: Iterable[str]) -> None:
     """Refuse options of other formats than ``kind``, and name the formats that take them.
 
-    Raises
-    ------
-    InputError
-        With the options of the format.
+    Raises InputError with the options of the format.
     """
     for name in options:
         if name not in allowed:
@@ -116,10 +113,7 @@ def robot_model(
 ) -> Model:
     """Return the model of a robot's file; its meshes have the names of the file.
 
-    Raises
-    ------
-    InputError
-        With file and cure.
+    Raises InputError with file and cure.
     """
     builder, loops = _read_robot(text, path, rep, options)
     if loops is not None:
@@ -238,10 +232,7 @@ class Loops:
 def read_loops(path: str | Path) -> Loops:
     """Return the loops of a TOML file.
 
-    Raises
-    ------
-    InputError
-        With file, key and cure.
+    Raises InputError with file, key and cure.
     """
     content = load_toml(model_text(path), Path(path))
     content.allow("joints", "without", "redundant")

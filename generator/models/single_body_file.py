@@ -46,10 +46,7 @@ ATTITUDES = ("quaternion", "euler", "rotation")
 def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
     """Return the model of a file with [body]; ``rep`` takes the place of the file's.
 
-    Raises
-    ------
-    InputError
-        With file, key and cure.
+    Raises InputError with file, key and cure.
     """
     content.allow("name", "description", "frame", "potential", "body", "parameters", "inputs",
                   "start", "run", "quantities", "forces", "events", "units", "time_scale")

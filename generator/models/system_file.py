@@ -20,10 +20,7 @@ MAX_COORDINATES = 64
 def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
     """Return the model of a file with [system]; ``formulas`` knows its parameters.
 
-    Raises
-    ------
-    InputError
-        With file, key and cure.
+    Raises InputError with file, key and cure.
     """
     content.allow("name", "description", "frame", "system", "parameters", "inputs", "start",
                   "run", "quantities", "events", "units")

@@ -77,10 +77,8 @@ class Schema(NamedTuple):
 def count_extras(top: Element, schema: Schema) -> Counter[str]:
     """Return the number of parts that each name would ignore.
 
-    Raises
-    ------
-    InputError
-        "line 3: …; cure.", for the first part that is in no class, twice, or refused.
+    Raises InputError, "line 3: …; cure.", for the first part that is in no class, twice, or
+    refused.
     """
     return Counter(_extras(top, "", "", schema))
 

@@ -359,10 +359,7 @@ class Assembly:
     def closed_state(self, numbers: NumericSystem) -> Projection:
         """Return the state with latches closed: p is projected, a plastic impact.
 
-        Raises
-        ------
-        InputError
-            For coordinates at which a joint of a latch is open.
+        Raises InputError for coordinates at which a joint of a latch is open.
         """
         with np.errstate(all="ignore"):  # what is not finite ends in a refusal
             g = numbers.g(self.q0)
@@ -378,10 +375,8 @@ class Assembly:
     def consistent_state(self, numbers: NumericSystem) -> Projection:
         """Return the start on the constraints, with what is given kept.
 
-        Raises
-        ------
-        InputError
-            For velocities that the constraints do not allow, with the nearest possible ones.
+        Raises InputError for velocities that the constraints do not allow, with the nearest
+        possible ones.
         """
         with np.errstate(all="ignore"):  # what is not finite ends in a refusal
             q = project_coordinates(numbers, self.q0)

@@ -301,10 +301,7 @@ def curve_of(
 ) -> tuple[Array, Array, float]:
     """Return count + 1 points along a polygon, its first and last directions, and its length.
 
-    Raises
-    ------
-    InputError
-        For another description than two ends or points, and for points that coincide.
+    Raises InputError for another description than two ends or points, and for points that coincide.
     """
     if (points is None) == (start is None) or (start is None) != (end is None):
         raise InputError(f"Beam {name!r} has {'points and' if points is not None else 'neither'} "
@@ -385,11 +382,8 @@ def section_of(
 ) -> tuple[int, tuple[float, float], float, tuple[float, ...], float]:
     """Return the checked number of segments and stiffnesses of a beam.
 
-    Raises
-    ------
-    InputError
-        For less than two segments, stiffnesses that are not above 0, only one of stretching and
-        shearing, and a damping below 0.
+    Raises InputError for less than two segments, stiffnesses that are not above 0, only one of
+    stretching and shearing, and a damping below 0.
     """
     number = whole(count)
     if number is None or number < 2:

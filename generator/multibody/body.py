@@ -361,12 +361,7 @@ def _vector(entries: Sequence[sp.Expr]) -> Vector:
 
 
 def three_expressions(label: str, values: Any) -> Vector:
-    """Return three expressions given by a caller.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return three expressions given by a caller, or raise InputError."""
     if callable(values):
         raise InputError(f"The {label} is the function {shown(values)}; write three expressions of "
                          "the body's symbols, such as body.angular_velocity, time and parameters.")

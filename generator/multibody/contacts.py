@@ -31,10 +31,7 @@ __all__ = ["gaps_of_plane", "gaps_of_spheres", "points_of"]
 def points_of(name: str, on_a: Any, box: ArrayLike | None) -> Array:
     """Return the points of a contact in the axes of a: rows, eight of a box.
 
-    Raises
-    ------
-    InputError
-        For what are no points, and a box without extent.
+    Raises InputError for what are no points, and a box without extent.
     """
     points = real_array(on_a)
     if points is None or points.ndim not in (1, 2) or points.shape[-1] != 3 or not (
@@ -58,10 +55,7 @@ def gaps_of_plane(
 ) -> list[sp.Expr]:
     """Return the gap of each point of a, or sphere about it, to a plane of b.
 
-    Raises
-    ------
-    InputError
-        For a normal without direction and a radius that is none.
+    Raises InputError for a normal without direction and a radius that is none.
     """
     direction = vector(f"normal of {name!r}", normal)
     if not direction.any():
@@ -76,10 +70,7 @@ def gaps_of_spheres(
 ) -> list[sp.Expr]:
     """Return the gap of each sphere of a to one of b; ``radius`` is of both, or one of each.
 
-    Raises
-    ------
-    InputError
-        For radii that are none, or both 0.
+    Raises InputError for radii that are none, or both 0.
     """
     radii = _radii(name, radius, 2, store)
     if not any(radii):

@@ -228,12 +228,7 @@ def unit(v: Array) -> Array:
 
 @contextmanager
 def in_range(label: str) -> Iterator[None]:
-    """Refuse values outside the range of doubles.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse values outside the range of doubles."""
     try:
         with np.errstate(over="raise", invalid="raise"):
             yield

@@ -91,10 +91,7 @@ class Rolling(Connection):
     def refuse_off_ground(self, store: Store, poses: Poses) -> None:
         """Refuse a start where the shape is above or below the plane.
 
-        Raises
-        ------
-        InputError
-            With the height.
+        Raises InputError with the height.
         """
         height = float(self._at_start([self._height(store)], store, poses[self.b])[0])
         if not abs(height) <= _OFF_GROUND * max(self.sizes):

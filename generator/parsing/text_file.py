@@ -101,10 +101,7 @@ def states_of_files(path: Path, text: str) -> list[str]:
 def model_text(path: str | Path) -> str:
     """Return the text of a model file, TOML, URDF, MJCF or SDF.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be used; names the file, the reason and the cure.
+    Raises InputError if the file cannot be used; names the file, the reason and the cure.
     """
     try:
         return read_text(Path(path), MODEL_FILES.get(Path(path).suffix, MODEL_FILES[".toml"]))

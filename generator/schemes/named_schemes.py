@@ -117,10 +117,7 @@ DEFAULT_STAGES = 3
 def scheme_named(name: Any) -> Scheme:
     """Return the scheme of a name.
 
-    Raises
-    ------
-    InputError
-        For an unknown name; names the allowed ones.
+    Raises InputError for an unknown name; names the allowed ones.
     """
     return SCHEMES[choose("scheme", name, SCHEMES, "; the Butcher tableau of another method is "
                           "given as tableau=gyrospark.tableau(A=..., b=..., c=...)")]

@@ -228,10 +228,7 @@ class _Search:
     ) -> _Coefficients:
         """Return the coefficients of H − V, by the symbols of the slots.
 
-        Raises
-        ------
-        InputError
-            If a monomial remains that has no exact flow; ``symbol_of`` translates it.
+        Raises InputError if a monomial remains that has no exact flow; ``symbol_of`` translates it.
         """
         remainder = self._monomial_coefficients(slots, slots.e - V)
         for monomial in remainder:
@@ -438,10 +435,8 @@ class _Search:
 def _quaternions(system: System) -> list[tuple[int, ...]]:
     """Return the indices of the unit quaternions, scalar first.
 
-    Raises
-    ------
-    InputError
-        If a constraint is not a multiple of |q|² − 1 of four coordinates, or shares them.
+    Raises InputError if a constraint is not a multiple of |q|² − 1 of four coordinates, or shares
+    them.
     """
     index_of = {x: i for i, x in enumerate(system.q)}
     layouts = {frozenset(body.q): body.q for body in system.bodies}
@@ -482,10 +477,7 @@ def _axes(
 ) -> tuple[sp.Expr, tuple[AxisRotation, ...], tuple[AxisRotation, ...]]:
     """Return a, the axis rotation that commutes with ½ a |m|² (or none), and the further ones.
 
-    Raises
-    ------
-    InputError
-        If S is neither diagonal nor a I + b e eᵀ.
+    Raises InputError if S is neither diagonal nor a I + b e eᵀ.
     """
     a, axes = _eigenaxes(system, body, S)
     rates = [AxisRotation(e, d, _inner(e, c)) for e, d in axes]

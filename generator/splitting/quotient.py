@@ -43,10 +43,7 @@ class Quotient:
     def terms(self, e: sp.Expr) -> Terms:
         """Return the normal form as terms.
 
-        Raises
-        ------
-        TooLongError
-            If it takes too many products.
+        Raises TooLongError if it takes too many products.
         """
         with self._form.allowed(_MAX_PRODUCTS):
             return self._reduced(self._form(e))

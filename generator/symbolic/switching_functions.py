@@ -307,11 +307,8 @@ _DEFINITIONS: dict[type[sp.Basic], Callable[..., sp.Expr]] = {
 def as_switches(e: sp.Expr) -> sp.Expr:
     """Return e with switching functions for Piecewise, Max, Min, Heaviside, Mod, ceiling and frac.
 
-    Raises
-    ------
-    InputError
-        For conditions other than comparisons, And, Or and Not, and for a Piecewise without a value
-        where none of its conditions holds.
+    Raises InputError for conditions other than comparisons, And, Or and Not, and for a Piecewise
+    without a value where none of its conditions holds.
     """
     if not any(isinstance(node, (sp.Piecewise, *_DEFINITIONS)) for node in parts_of([e])):
         return e

@@ -122,10 +122,7 @@ class CoMovingFrame:
 def frame_of(system: System) -> CoMovingFrame:
     """Return the frame that a system has.
 
-    Raises
-    ------
-    InputError
-        If the system has no symmetry for a co-moving frame.
+    Raises InputError if the system has no symmetry for a co-moving frame.
     """
     refuse_together(
         frame="a co-moving frame",

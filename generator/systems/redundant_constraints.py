@@ -76,10 +76,7 @@ class Redundancy:
     def refuse(self, cure: str = "") -> None:
         """Refuse redundant constraints; ``cure`` tells a caller how to drop them.
 
-        Raises
-        ------
-        InputError
-            With the names of all that take part, and of a smallest set to leave out.
+        Raises InputError with the names of all that take part, and of a smallest set to leave out.
         """
         if self.left_out:
             raise InputError(f"{self} Leave out {_quoted(self.left_out)}; the motion stays the "
@@ -139,12 +136,8 @@ def refuse_redundant_anywhere(system: System) -> None:
     """Refuse constraints of a system that depend on each other wherever g = 0 is found.
 
     Parameters and coordinates are drawn at random; a system for which no point on g = 0 is found,
-    which is large, or which has functions without a known value, is let pass.
-
-    Raises
-    ------
-    InputError
-        With the names of all that take part; also for constraints without q.
+    which is large, or which has functions without a known value, is let pass. Raises InputError
+    with the names of all that take part; also for constraints without q.
     """
     names = [*system.constraint_names, *system.velocity_constraint_names]
     refuse_constant(system.name, system.constraints, system.constraint_names)

@@ -88,11 +88,7 @@ def slopes_over_states(
     """Return how the cotangents of ``sum_over_states`` change along directions of the states.
 
     The function that is returned takes directions {"q", "p", "t", "parameters"} of the same shapes.
-
-    Raises
-    ------
-    InputError
-        For symbols of other numbers; multipliers have no second derivatives.
+    Raises InputError for symbols of other numbers; multipliers have no second derivatives.
     """
     e = as_expression(expression)
     system = run.manifest.system

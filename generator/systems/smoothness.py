@@ -43,10 +43,7 @@ class Meeting(IntEnum):
 def refuse_kinks(system: System) -> None:
     """Refuse constraints with a kink or a jump, and velocity constraints with a jump.
 
-    Raises
-    ------
-    InputError
-        With the constraint and the place.
+    Raises InputError with the constraint and the place.
     """
     for name, row in zip(system.velocity_constraint_names, system.velocity_constraints,
                          strict=True):
@@ -200,12 +197,8 @@ class Switching:
 def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
     """Return a system whose H and forces are sums of all their sides, and the weights in them.
 
-    What holds of it for any weights holds of the system on each of its sides.
-
-    Raises
-    ------
-    InputError
-        If a constraint switches sides: there is no manifold for any weights.
+    What holds of it for any weights holds of the system on each of its sides. Raises InputError if
+    a constraint switches sides: there is no manifold for any weights.
     """
     if places := switches_of(system.constraints):
         raise InputError(f"A constraint of {system.name!r} switches at {_listed(places)}; what "

@@ -373,12 +373,8 @@ def _independent(
     """Return the constraints on velocities that neither g nor those before imply.
 
     Seen at a random point of g = 0, where the row (a, a₀) of a(q, t) v + a₀(q, t) is a combination
-    of others, such as (g_q, g_t).
-
-    Raises
-    ------
-    InputError
-        For one whose a is a combination of others, and whose a₀ is another.
+    of others, such as (g_q, g_t). Raises InputError for one whose a is a combination of others, and
+    whose a₀ is another.
     """
     A, a = coefficients_of(bound, system.velocities)
     rows = [[*row, rate] for row, rate in zip((*system.G, *A), (*system.g_t, *a), strict=True)]

@@ -31,10 +31,7 @@ def coefficients_of(
 def refuse_unless_linear(system: System) -> None:
     """Refuse rows whose slope along a velocity depends on velocities, and rows without velocities.
 
-    Raises
-    ------
-    InputError
-        With the row, the velocity and the slope.
+    Raises InputError with the row, the velocity and the slope.
     """
     slopes = jacobian(system.velocity_constraints, system.velocities)
     for name, row, constant in zip(system.velocity_constraint_names, slopes, system.A, strict=True):

@@ -45,10 +45,7 @@ def complete_tableau(
 ) -> Tableau:
     """Return the SPARK tableau of given A, b, c and, optionally, Â and b̂; vectors are columns.
 
-    Raises
-    ------
-    TableauError
-        If b has a zero and Â is not given, or if a required condition fails.
+    Raises TableauError if b has a zero and Â is not given, or if a required condition fails.
     """
     A, b, c = parts["A"], _flat(parts["b"]), _flat(parts["c"])
     b_hat = _flat(parts.get("b_hat", parts["b"]))

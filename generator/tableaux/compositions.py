@@ -181,9 +181,6 @@ def composition(order: int, gradients: bool = False) -> Composition:
 def composition_named(name: str) -> Composition:
     """Return a composition by its name.
 
-    Raises
-    ------
-    InputError
-        For an unknown name; names the allowed ones.
+    Raises InputError for an unknown name; names the allowed ones.
     """
     return COMPOSITIONS[choose("composition", name, COMPOSITIONS)]

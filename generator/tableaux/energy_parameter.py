@@ -45,10 +45,7 @@ def legendre(nodes: Nodes, k: int) -> Matrix:
 def energy_columns(tableau: Tableau) -> dict[str, tuple[Matrix, Nodes]]:
     """Return u, v and w as functions on their nodes.
 
-    Raises
-    ------
-    TableauError
-        For fewer than two stages: there is no P_{s−2}.
+    Raises TableauError for fewer than two stages: there is no P_{s−2}.
     """
     s, stages, nodes = tableau.s, tableau.stages, tableau.constraints
     if s < 2:

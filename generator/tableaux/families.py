@@ -34,12 +34,8 @@ def solve_rows(rows: Nodes, columns: Nodes, count: int, ends: Matrix | None = No
     """Solve Σ_j a_ij c_j^{k−1} = c_i^k/k, k = 1..count, for the matrix a_ij.
 
     With ``ends``, the weight b_1 as a number, also the conditions (A.13)/(A.15): the first column
-    is the constant b_1, the last is 0.
-
-    Raises
-    ------
-    TableauError
-        If the number of conditions is not the number of columns.
+    is the constant b_1, the last is 0. Raises TableauError if the number of conditions is not the
+    number of columns.
     """
     conditions, targets = [], []
     for k in range(1, count + 1):

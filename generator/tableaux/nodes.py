@@ -69,12 +69,8 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
     """Return enclosures of radius 2^−bits of all roots, ascending, each proved by a sign change.
 
     The polynomial must have only real simple roots: as many disjoint enclosures as its degree
-    contain all of them.
-
-    Raises
-    ------
-    TableauError
-        If roots are not real, not simple, or too close for 2^−bits.
+    contain all of them. Raises TableauError if roots are not real, not simple, or too close for
+    2^−bits.
     """
     integer = [int(c) for c in polynomial.clear_denoms()[1].all_coeffs()]
     try:

@@ -93,10 +93,8 @@ def read_tableau(path: Path) -> Tableau:
 def butcher_tableau(name: str, parts: Mapping[str, Any]) -> Tableau:
     """Return the tableau of arrays of numbers and texts; values None are omitted.
 
-    Raises
-    ------
-    TableauError
-        For the same reasons as ``read_tableau``, and if A, b and c cannot be completed.
+    Raises TableauError for the same reasons as ``read_tableau``, and if A, b and c cannot be
+    completed.
     """
     reader = _Reader("The tableau")
     content = {key: reader.as_json(key, entries)

@@ -42,10 +42,7 @@ def refusal_of_velocity_rows(tableau: Tableau) -> str:
 def velocity_matrix(tableau: Tableau) -> Matrix:
     """Return V over the constraint nodes, (p + 1) × (p + 1).
 
-    Raises
-    ------
-    TableauError
-        If the tableau has no velocity rows.
+    Raises TableauError if the tableau has no velocity rows.
     """
     refusal = refusal_of_velocity_rows(tableau)
     if refusal:

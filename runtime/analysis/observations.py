@@ -184,10 +184,7 @@ def _turning(
 def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Observation:
     """Return the observation that the argument ``observe`` of ``fit`` names.
 
-    Raises
-    ------
-    InputError
-        For an unknown name, with the nearest.
+    Raises InputError for an unknown name, with the nearest.
     """
     n = step.n
     if callable(observe):

@@ -439,10 +439,8 @@ def _fixed(
 ) -> tuple[str, ...]:
     """Return the names of the fixed quantities.
 
-    Raises
-    ------
-    InputError
-        For an unknown name, and for a time-dependent system whose period is not fixed.
+    Raises InputError for an unknown name, and for a time-dependent system whose period is not
+    fixed.
     """
     names = () if fix is None else (fix,) if isinstance(fix, str) else tuple(
         as_items("fix", fix, "names"))

@@ -25,12 +25,8 @@ _MOST = 2**62
 def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
     """Return a contiguous copy of the value in the stepper's own type.
 
-    Lists, integers, other types of numbers and strided views are converted by value.
-
-    Raises
-    ------
-    InputError
-        For another shape, for complex, boolean or non-numeric entries, for NaN and infinity.
+    Lists, integers, other types of numbers and strided views are converted by value. Raises
+    InputError for another shape, for complex, boolean or non-numeric entries, for NaN and infinity.
     """
     if (type(value) is np.ndarray and value.dtype.type is dtype and value.dtype.isnative
             and value.shape == shape and np.count_nonzero(np.isfinite(value)) == value.size):
@@ -84,11 +80,7 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
     """Return an array of real numbers of whatever type and shape they are; not a copy.
 
     Where they are no numbers of NumPy's the array is one of objects that ``exact_numbers`` takes.
-
-    Raises
-    ------
-    InputError
-        For complex, boolean or non-numeric entries.
+    Raises InputError for complex, boolean or non-numeric entries.
     """
     try:
         array = np.asarray(value)

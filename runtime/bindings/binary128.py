@@ -149,10 +149,7 @@ def from_bytes(data: Array) -> Array:
 def as_quads(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Return an array of mpf by value, from numbers of any real type.
 
-    Raises
-    ------
-    InputError
-        For another shape, for entries that are no finite real numbers of binary128.
+    Raises InputError for another shape, for entries that are no finite real numbers of binary128.
     """
     array = as_numbers(name, value)
     if array.shape != shape:

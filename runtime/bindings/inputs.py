@@ -125,12 +125,8 @@ def as_inputs(
 ) -> InputRows | None:
     """Return the inputs of a run of so many steps, or of ``runs`` of them; None for None.
 
-    Inputs that are checked already are returned as they are.
-
-    Raises
-    ------
-    InputError
-        For unknown or missing names, other shapes, what is no finite number.
+    Inputs that are checked already are returned as they are. Raises InputError for unknown or
+    missing names, other shapes, what is no finite number.
     """
     if inputs is None or isinstance(inputs, InputRows):
         return inputs

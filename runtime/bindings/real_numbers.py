@@ -45,10 +45,7 @@ def _as_long_double(value: Fraction) -> Any:
 def from_text(value: Any, real: RealName) -> Any:
     """Return the number that ``exact_numbers.digits_of`` wrote, in that type.
 
-    Raises
-    ------
-    ValueError
-        For anything else.
+    Raises ValueError for anything else.
     """
     if type(value) not in (int, float) and not (REALS[real].wide and type(value) is str):
         raise ValueError(f"{value!r} is no number")

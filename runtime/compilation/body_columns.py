@@ -139,10 +139,7 @@ def numbers(entries: list[Entry], parameters: Mapping[str, Any]) -> Floats:
 def bodies_of(manifest: Manifest) -> dict[str, BodyAt]:
     """Return the rigid bodies of a stepper by name.
 
-    Raises
-    ------
-    UnfitError
-        For a body with other names than the system has.
+    Raises UnfitError for a body with other names than the system has.
     """
     system = manifest.system
     columns = {x: column for column, x in enumerate(system.coordinates)}
@@ -197,10 +194,7 @@ def joints_of(manifest: Manifest) -> dict[str, JointAt]:
 def beam_named(manifest: Manifest, name: Any) -> tuple[str, list[JointAt]]:
     """Return a beam and its sections from its start on; None is the name of a single one.
 
-    Raises
-    ------
-    InputError
-        Where there is no beam, or several and none is named.
+    Raises InputError where there is no beam, or several and none is named.
     """
     beams = dict[str, list[JointAt]]()
     for joint in joints_of(manifest).values():
@@ -237,10 +231,7 @@ def built_inertias(system: SystemManifest) -> dict[str, tuple[str, ...]]:
 def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:
     """Return a body and its name; None is the name of a single one.
 
-    Raises
-    ------
-    InputError
-        Where there is no body, or several and none is named.
+    Raises InputError where there is no body, or several and none is named.
     """
     system = manifest.system.name
     bodies: dict[str, BodyAt | PlacedAt] = {**bodies_of(manifest), **placed_of(manifest)}
@@ -256,10 +247,7 @@ def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:
 def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
     """Return a joint and its name; None is the name of a single one.
 
-    Raises
-    ------
-    InputError
-        Where there is no joint, or several and none is named.
+    Raises InputError where there is no joint, or several and none is named.
     """
     joints = {key: layout for key, layout in joints_of(manifest).items() if layout.constraints}
     joint_name = _choose(manifest, "joint", name, joints)

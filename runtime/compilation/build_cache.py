@@ -168,10 +168,7 @@ def is_trusted(path: Path) -> bool:
 def build_folder() -> Iterator[Path]:
     """Yield a private folder inside the cache, removed afterwards.
 
-    Raises
-    ------
-    CacheError
-        If the cache folder is full, or can no longer be written.
+    Raises CacheError if the cache folder is full, or can no longer be written.
     """
     folder = cache_folder()
     try:

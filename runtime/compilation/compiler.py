@@ -130,10 +130,7 @@ class Compiler:
 def find_compiler() -> Compiler:
     """Return the compiler to use: ``CC``, else cc, gcc or clang, else ziglang from PyPI.
 
-    Raises
-    ------
-    CompilerError
-        If there is none, or CC does not start.
+    Raises CompilerError if there is none, or CC does not start.
     """
     chosen = os.environ.get("CC")
     if chosen and chosen.strip():
@@ -205,14 +202,9 @@ def compile_module(
     """Compile a stepper in ``folder``; return the path of the extension module and its checks.
 
     The objects of the kernel are compiled side by side under strict warnings; meanwhile cffi's
-    wrapper is written, and compiled beside them without, for it is not ours.
-
-    Raises
-    ------
-    CompilerError
-        With the command and its stderr; also if a step succeeds and leaves no file.
-    OSError
-        If the folder cannot be written.
+    wrapper is written, and compiled beside them without, for it is not ours. Raises CompilerError
+    with the command and its stderr; also if a step succeeds and leaves no file; OSError if the
+    folder cannot be written.
     """
     for file, text in files.items():
         (folder / file).write_text(text, encoding="utf-8")

@@ -23,10 +23,7 @@ __all__ = ["parse_manifest", "read_manifest", "sizes_of"]
 def read_manifest(name: str, files: Mapping[str, str]) -> Manifest:
     """Return the manifest of the files of a stepper: ``name.json`` beside ``name.h``.
 
-    Raises
-    ------
-    InputError
-        If it is no manifest, or has other sizes than the header.
+    Raises InputError if it is no manifest, or has other sizes than the header.
     """
     try:
         manifest = parse_manifest(json.loads(files[f"{name}.json"]))
@@ -52,10 +49,7 @@ def read_manifest(name: str, files: Mapping[str, str]) -> Manifest:
 def parse_manifest(content: Any) -> Manifest:
     """Return the manifest of JSON content, with bodies and joints that its names have.
 
-    Raises
-    ------
-    UnfitError
-        With the place of a value that does not belong there.
+    Raises UnfitError with the place of a value that does not belong there.
     """
     manifest = Manifest.from_json(content)
     bodies_of(manifest), joints_of(manifest), placed_of(manifest)

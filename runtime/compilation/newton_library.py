@@ -84,10 +84,7 @@ def table_text(name: str, header: str, check: str) -> str:
 def open_library(name: str, path: Path, check: str) -> Any:
     """Return the library with the address of its table, and ``ffi`` and ``lib`` for its check.
 
-    Raises
-    ------
-    ImportError
-        If it cannot be loaded, or is another one.
+    Raises ImportError if it cannot be loaded, or is another one.
     """
     try:
         library = ctypes.CDLL(str(path))

@@ -33,10 +33,7 @@ _SUFFIX = ".abi3.so"
 def prebuild(steppers: Mapping[str, dict[str, str]], folder: Path) -> None:
     """Compile the modules of some steppers, name → its files, for a wheel.
 
-    Raises
-    ------
-    CompilerError
-        See ``compile_verified``.
+    Raises CompilerError: see ``compile_verified``.
     """
     compiler = replace(find_compiler(), portable=True)
     folder.mkdir(parents=True)

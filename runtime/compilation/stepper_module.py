@@ -36,12 +36,8 @@ def load_module(name: str, files: dict[str, str], module_kind: ModuleKind = "run
     A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
     could end the process, so its checksum, recorded beside it, is compared first. So is one that
     another user could have written. What was compiled is cached when its kernels agree with their
-    statements (``kernel_check``).
-
-    Raises
-    ------
-    CompilerError, CacheError
-        See ``compile_module`` and ``build_folder``.
+    statements (``kernel_check``). Raises CompilerError or CacheError: see ``compile_module`` and
+    ``build_folder``.
     """
     try:
         compiler = find_compiler()

@@ -54,10 +54,7 @@ class FrameMotion:
     def refuse_rotating_multipliers(self, run: RunArguments) -> None:
         """Refuse a frame in which constraints turn, G(S q) S ≠ G(q), and multipliers with them.
 
-        Raises
-        ------
-        InputError
-            For such a frame.
+        Raises InputError for such a frame.
         """
         n = self.n
         parameters = self._binding.own.parameters(run.parameters, run.t0)

@@ -147,10 +147,7 @@ class Gradient:
 def names_of(stepper: Stepper, wrt: str | Sequence[str] | None) -> tuple[str, ...]:
     """Return the checked variables of a gradient; by default the start and all parameters.
 
-    Raises
-    ------
-    InputError
-        For an unknown name, with the nearest.
+    Raises InputError for an unknown name, with the nearest.
     """
     parameters = [*stepper.parameter_domains, *(s.name for s in stepper.symmetries)]
     if wrt is None:
@@ -169,10 +166,7 @@ def names_of(stepper: Stepper, wrt: str | Sequence[str] | None) -> tuple[str, ..
 def as_bytes(memory: Any) -> int | None:
     """Return a bound of memory in bytes; None for "none".
 
-    Raises
-    ------
-    InputError
-        Unless it is a number with a unit, such as "256 MB", or "none".
+    Raises InputError unless it is a number with a unit, such as "256 MB", or "none".
     """
     if isinstance(memory, str) and memory == "none":
         return None
@@ -215,10 +209,8 @@ class Cotangents:
 def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any]) -> Cotangents:
     """Return the cotangents of a trajectory whose rows are of these kinds.
 
-    Raises
-    ------
-    InputError
-        For other names and shapes, for what is not finite, for events without derivatives.
+    Raises InputError for other names and shapes, for what is not finite, for events without
+    derivatives.
     """
     n, of_steps = stepper.binding.n, len(kinds.of_steps)
     cotangents = as_mapping("cotangents", cotangents, "{'q': ...}")
@@ -304,14 +296,9 @@ def gradient_of(
 ) -> Gradient:
     """Return the gradient of a function of a checked run by its cotangents.
 
-    ``end``, if given, is the last state of the run, which the steps must lead to.
-
-    Raises
-    ------
-    InputError
-        For memory that is too little, with how much is needed; for events without derivatives.
-    StepFailed
-        As the run itself does: there is no partial gradient.
+    ``end``, if given, is the last state of the run, which the steps must lead to. Raises InputError
+    for memory that is too little, with how much is needed; for events without derivatives;
+    StepFailed as the run itself does: there is no partial gradient.
     """
     adjoint = _AdjointRun(stepper, run, cotangents)
     w = adjoint.advance(as_bytes(memory), end)
@@ -584,10 +571,7 @@ def _reversed(
 def value_of(loss: Callable[..., Any], run: Trajectory) -> tuple[Any, Mapping[str, Any]]:
     """Return the value of a loss and its cotangents.
 
-    Raises
-    ------
-    InputError
-        Where it returns anything but a number and cotangents.
+    Raises InputError where it returns anything but a number and cotangents.
     """
     outcome = loss(run)
     if not isinstance(outcome, tuple) or len(outcome) != 2:

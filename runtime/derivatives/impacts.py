@@ -60,11 +60,8 @@ def hits_of(
 ) -> dict[int, list[Hit]]:
     """Return the impacts of a trajectory by their steps.
 
-    Raises
-    ------
-    InputError
-        For impacts at the start, at the end of a step, in the last part of one, and several at
-        once, which have no derivatives.
+    Raises InputError for impacts at the start, at the end of a step, in the last part of one, and
+    several at once, which have no derivatives.
     """
     names, times = list(stepper.manifest.system.quantities), stepper.binding.times
     hits: dict[int, list[Hit]] = {}

@@ -65,10 +65,7 @@ def refuse_run(run: RunArguments) -> None:
 def multiplier_shape(stepper: Stepper) -> tuple[int, ...]:
     """Return the shape of a step's multipliers.
 
-    Raises
-    ------
-    InputError
-        Where the system has no constraints.
+    Raises InputError where the system has no constraints.
     """
     if not stepper.m:
         raise InputError("Derivatives of multipliers are asked for, and this system has no "

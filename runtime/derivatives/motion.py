@@ -128,10 +128,7 @@ class Layout:
     def is_joint(self, name: str) -> bool:
         """Return whether it is the name of a joint, or else of a body.
 
-        Raises
-        ------
-        InputError
-            For an unknown name, with the known ones.
+        Raises InputError for an unknown name, with the known ones.
         """
         joints = dict.fromkeys([*self.measures, *self.joints])
         if name not in joints and name not in self.bodies:
@@ -188,10 +185,7 @@ class Kinematics:
     def joint(self, name: str, v: Array) -> tuple[Array, Array]:
         """Return the row of a joint's rate about its axis, or of the speed along it, and its drift.
 
-        Raises
-        ------
-        InputError
-            For a joint without an axis that its bodies keep in common.
+        Raises InputError for a joint without an axis that its bodies keep in common.
         """
         layout = self.joints[name]
         if not layout.axis_b:
@@ -241,12 +235,8 @@ class StateMotion:
         """Return rows of the rates of a joint or a body, their accelerations, and what rows are.
 
         They are C, or C H_pp of joints in a row, which have no axis that their bodies keep, but a
-        quantity of the system: then the last is True.
-
-        Raises
-        ------
-        InputError
-            For an unknown name, with the known ones, and a joint without an axis.
+        quantity of the system: then the last is True. Raises InputError for an unknown name, with
+        the known ones, and a joint without an axis.
         """
         binding, layout = self._binding.own, self._binding.layout
         is_joint, v = layout.is_joint(name), self.v.astype(float)
@@ -268,10 +258,7 @@ class StateMotion:
 def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, list[Array]]:
     """Return the mass matrix of the rates of joints and bodies, and the accelerations of each.
 
-    Raises
-    ------
-    InputError
-        For unknown names, and for rates that depend on each other.
+    Raises InputError for unknown names, and for rates that depend on each other.
     """
     H_pp, G = motion.inverse_mass(), motion.constraint_jacobian()
     parts = [motion.rate(name) for name in names]

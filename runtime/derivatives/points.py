@@ -106,11 +106,8 @@ class RunRows:
 def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunRows:
     """Classify the rows of a trajectory of ``run``: ends of steps, points between, events.
 
-    Raises
-    ------
-    InputError
-        For rows at other times than ends of steps, where it is not known what made them, and for a
-        terminal event that has no derivatives.
+    Raises InputError for rows at other times than ends of steps, where it is not known what made
+    them, and for a terminal event that has no derivatives.
     """
     origin: Origin | None = trajectory._origin
     if origin is None:

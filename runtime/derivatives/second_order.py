@@ -191,12 +191,8 @@ def hessian_of(
 ) -> Hessian:
     """Return the Hessian of a function of a checked run.
 
-    Raises
-    ------
-    InputError
-        For what a Hessian is not taken by, for states within steps, for too little memory.
-    StepFailed
-        As the run itself does.
+    Raises InputError for what a Hessian is not taken by, for states within steps, for too little
+    memory; StepFailed as the run itself does.
     """
     refuse_run(run)
     if cotangents.multipliers.size:

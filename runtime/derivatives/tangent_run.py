@@ -40,12 +40,7 @@ def tangents_of(
 ) -> TangentRows:
     """Return the tangents of a checked run at the states that it stores.
 
-    Raises
-    ------
-    InputError
-        For directions that are none.
-    StepFailed
-        As the run itself does.
+    Raises InputError for directions that are none; StepFailed as the run itself does.
     """
     return _followed(stepper, run, tangents, ())[0]
 

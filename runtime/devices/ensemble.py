@@ -89,12 +89,8 @@ def open_card(number: int | None) -> Device:
 def device_for(device: DeviceName | None, q: Any, p: Any) -> Device | None:
     """Return the card that trajectories run on; None for the CPU.
 
-    Raises
-    ------
-    InputError
-        For another name, for arrays in two places, and without a card.
-    MissingDependencyError
-        Without cuda-core.
+    Raises InputError for another name, for arrays in two places, and without a card;
+    MissingDependencyError without cuda-core.
     """
     there = is_on_card(q), is_on_card(p)
     chosen = ("cuda" if any(there) else "cpu") if device is None else choose(
@@ -113,10 +109,7 @@ def device_for(device: DeviceName | None, q: Any, p: Any) -> Device | None:
 def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
     """Refuse features without an implementation on a card.
 
-    Raises
-    ------
-    InputError
-        In one sentence: what it is, and what to do instead.
+    Raises InputError in one sentence: what it is, and what to do instead.
     """
     manifest, n = stepper.manifest, stepper.n
     arguments = {name: value is not None and not (isinstance(value, tuple | list) and not value)
@@ -137,10 +130,7 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
 def views_of(device: Device, stepper: Stepper, q: Any, p: Any) -> tuple[View, View]:
     """Return arrays on a card as they lie there.
 
-    Raises
-    ------
-    InputError
-        For other shapes, and for numbers of another type than the stepper's.
+    Raises InputError for other shapes, and for numbers of another type than the stepper's.
     """
     views = device.view(q), device.view(p)
     for name, view in zip(("q", "p"), views, strict=True):

@@ -37,12 +37,8 @@ def ended_between(
 
     The row of its last whole step is left out, unless ``every`` or ``t_eval`` stores it. A run that
     a terminal event, or a gap that stays closed, has ended is returned as it is; one in the last
-    part of a step ends it there.
-
-    Raises
-    ------
-    StepFailed, Stopped
-        In that part of a step, with the run of whole steps.
+    part of a step ends it there. Raises StepFailed or Stopped in that part of a step, with the run
+    of whole steps.
     """
     if (trajectory.report.steps < run.steps
             or ending(events, trajectory.events, run.dt) is not None):

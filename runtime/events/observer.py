@@ -47,12 +47,9 @@ def observed(
 ) -> Trajectory:
     """Return the trajectory of a run with its events, up to the first terminal one.
 
-    ``end_event`` names the event of t_end in scaled time, which users did not ask for.
-
-    Raises
-    ------
-    StepFailed, Stopped
-        As ``integrate`` does. Stopped while events are solved for, with the states alone.
+    ``end_event`` names the event of t_end in scaled time, which users did not ask for. Raises
+    StepFailed or Stopped as ``integrate`` does. Stopped while events are solved for, with the
+    states alone.
     """
     if not events:
         return integrate(stepper.binding, stepper.manifest, run, progress)

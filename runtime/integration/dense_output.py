@@ -164,12 +164,8 @@ def stored_steps_at(
 ) -> Array | None:
     """Return the steps of a run after which times are, with its last one; None where all may be.
 
-    The run ends ``remainder`` seconds after its last step.
-
-    Raises
-    ------
-    InputError
-        For times outside of the run; where it shall store each so many steps as well.
+    The run ends ``remainder`` seconds after its last step. Raises InputError for times outside of
+    the run; where it shall store each so many steps as well.
     """
     if run.every != 1:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
@@ -220,10 +216,8 @@ def run_together(
 ) -> EnsembleStates:
     """Return runs of so many steps, each stored, from states that are on their constraints.
 
-    Raises
-    ------
-    InputError
-        If one of them finds no step, though the run that they belong to has found its own.
+    Raises InputError if one of them finds no step, though the run that they belong to has found its
+    own.
     """
     number = stepper.binding.number_type
     parameters_of_first = {name: column[0] for name, column in parameters.items()}

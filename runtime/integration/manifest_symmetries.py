@@ -106,10 +106,7 @@ def symmetries_of(manifest: Manifest) -> tuple[Symmetry, ...]:
 def refuse_broken(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any]) -> None:
     """Refuse a frame along a generator that is no symmetry for these parameters.
 
-    Raises
-    ------
-    InputError
-        With the condition and the numbers that do not satisfy it.
+    Raises InputError with the condition and the numbers that do not satisfy it.
     """
     for symmetry in symmetries:
         if parameters[symmetry.name] != 0 and not symmetry.holds(parameters):

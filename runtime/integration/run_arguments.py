@@ -165,12 +165,8 @@ class RunArguments:
 def in_scaled_time(binding: Binding, run: RunArguments) -> RunArguments:
     """Return a run with t and its momentum e = ``excess`` − H in its state, if time is scaled.
 
-    Its own time is then τ, from 0. The parameters are numbers.
-
-    Raises
-    ------
-    InputError
-        Where σ is not positive at the start.
+    Its own time is then τ, from 0. The parameters are numbers. Raises InputError where σ is not
+    positive at the start.
     """
     if not binding.clocked or len(run.q) == binding.n:
         return run
@@ -188,10 +184,7 @@ def in_scaled_time(binding: Binding, run: RunArguments) -> RunArguments:
 def step_argument(binding: Binding, dt: Any, dtau: Any) -> Any:
     """Return the step that a caller gives: dt, or dtau of a system in scaled time.
 
-    Raises
-    ------
-    InputError
-        For the other one, both or neither.
+    Raises InputError for the other one, both or neither.
     """
     if binding.clocked and dt is not None:
         raise InputError(f"dt = {shown(dt)} is a step of t, and {binding.name} takes steps of the "
@@ -479,12 +472,8 @@ def as_parameters(
     """Return the parameters a stepper needs, each checked against its domain.
 
     The rates of a co-moving frame, those of ``symmetries``, are 0 where they are not given.
-    ``bodies`` have the names of inertias, which are checked as builders check them.
-
-    Raises
-    ------
-    InputError
-        Naming a missing, unknown or unusable parameter.
+    ``bodies`` have the names of inertias, which are checked as builders check them. Raises
+    InputError naming a missing, unknown or unusable parameter.
     """
     if not isinstance(parameters, Mapping):
         raise InputError(f"parameters = {shown(parameters)} is not a dict; give "
@@ -571,10 +560,7 @@ def _constrained(domains: tuple[str, ...]) -> tuple[list[bool], list[bool]]:
 def refuse_texts(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> None:
     """Refuse text among parameters: searches and means are other calls.
 
-    Raises
-    ------
-    InputError
-        For "frame", and for text in place of γ or α.
+    Raises InputError for "frame", and for text in place of γ or α.
     """
     for name, value in parameters.items():
         if name == "frame" and name not in domains:
@@ -650,10 +636,7 @@ _ROUNDING = Fraction(1, 2**52)
 def step_count(steps: Any, t_end: Any, t0: Any, dt: Any) -> int:
     """Return the number of steps, as ``span_of``, of a run that ends with a whole step.
 
-    Raises
-    ------
-    InputError
-        As ``span_of``, and for a time that no whole number of steps leads to.
+    Raises InputError as ``span_of``, and for a time that no whole number of steps leads to.
     """
     count, remainder = span_of(steps, t_end, t0, dt)
     if not remainder:
@@ -670,12 +653,8 @@ def span_of(steps: Any, t_end: Any, t0: Any, dt: Any) -> tuple[int, Fraction]:
     """Return the number of whole steps, as given or up to t_end, and the time from there to t_end.
 
     (t_end − t0)/dt is a whole number n if |t_end − t0 − n dt| ≤ 2⁻⁵² (|t_end| + |t0| + n |dt|):
-    decimals such as 0.1 are rounded before they come here.
-
-    Raises
-    ------
-    InputError
-        For both or neither of them, and for an end that dt leads away from.
+    decimals such as 0.1 are rounded before they come here. Raises InputError for both or neither of
+    them, and for an end that dt leads away from.
     """
     if (steps is None) == (t_end is None):
         raise InputError("Give either steps, their number, or t_end, the time of the last state.")

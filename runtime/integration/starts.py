@@ -50,13 +50,9 @@ def merged_start(
     """Return the numbers that a run starts from; ``parameters`` and t win over those of the start.
 
     With ``frame`` the rates of a model with a co-moving frame are left to least squares. The state
-    of a model is moved onto the constraints of the run, unless it is taken ``as_it_is``.
-
-    Raises
-    ------
-    InputError
-        For what is no start, one of another number of coordinates, and, unless the caller has
-        ``impacts``, one of a model with impacts.
+    of a model is moved onto the constraints of the run, unless it is taken ``as_it_is``. Raises
+    InputError for what is no start, one of another number of coordinates, and, unless the caller
+    has ``impacts``, one of a model with impacts.
     """
     if p is not None:
         _refuse_second_state(start, p)
@@ -103,10 +99,7 @@ def span_or_own(
 ) -> tuple[Any, Any]:
     """Return the step and the number of steps that are given, else those of a model.
 
-    Raises
-    ------
-    InputError
-        As ``step_argument``.
+    Raises InputError as ``step_argument``.
     """
     own_dt, own_steps = start.start._span if has_start(start) else (None, None)
     if dt is None and not binding.clocked:
@@ -134,12 +127,8 @@ def start_parameters(
 ) -> dict[str, Any]:
     """Return the parameters of a start and those that win over them, γ and α by their rules.
 
-    ``names`` are the parameters of the system.
-
-    Raises
-    ------
-    InputError
-        For parameters that are the inertia of no body, where the model's own are those of one.
+    ``names`` are the parameters of the system. Raises InputError for parameters that are the
+    inertia of no body, where the model's own are those of one.
     """
     start_values: dict[str, Any] = {name: value for name, value in start.parameters.items()
                                     if name in names or name not in start._spare}
@@ -189,10 +178,7 @@ def _refuse_impossible(
 def after_start(names: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return p, or None after a start, and the arguments of these names.
 
-    Raises
-    ------
-    InputError
-        For another number of arguments.
+    Raises InputError for another number of arguments.
     """
     count = len(names.split(", "))
     if len(arguments) == count:
@@ -208,10 +194,7 @@ def merged_starts(
 ) -> StartNumbers:
     """Return the numbers of many runs: rows of q and p, parameters as an ensemble takes them.
 
-    Raises
-    ------
-    InputError
-        As ``merged_start``; for starts of models with different impacts.
+    Raises InputError as ``merged_start``; for starts of models with different impacts.
     """
     entries = {} if parameters is None else parameters
     if p is not None:
@@ -291,13 +274,8 @@ def steps_of_all(
 ) -> tuple[int, list[Fraction]]:
     """Return the number of steps of an ensemble: as given, or that which leads all to t_end.
 
-    Of all, or of each, the last part of a step to t_end comes with it, 0 with
-    ``whole_steps``.
-
-    Raises
-    ------
-    InputError
-        As ``step_count``; where the trajectories would differ in it.
+    Of all, or of each, the last part of a step to t_end comes with it, 0 with ``whole_steps``.
+    Raises InputError as ``step_count``; where the trajectories would differ in it.
     """
     pairs = [(0.0, dt)] if t_end is None else [
         *np.broadcast(np.asarray(t, dtype=object), np.asarray(dt, dtype=object))]

@@ -265,10 +265,7 @@ def turned(q: Array, vectors: Array) -> Array:
 def total_momenta(run: Trajectory) -> tuple[Array, Array]:
     """Return Σ p and Σ (l + x × p) of the bodies of a run, shape (N+1, 3) each.
 
-    Raises
-    ------
-    InputError
-        Where not all coordinates are those of bodies with quaternion and position.
+    Raises InputError where not all coordinates are those of bodies with quaternion and position.
     """
     bodies = bodies_of(run.manifest).values()
     if sum(bool(body_columns.x) for body_columns in bodies) * 7 != run.q.shape[1]:

@@ -295,10 +295,7 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
 def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     """Return the transpose of ``multipliers_at_states`` applied to w, shape (N+1, m).
 
-    Raises
-    ------
-    InputError
-        If a state after a step is missing: the first state then has no multipliers.
+    Raises InputError if a state after a step is missing: the first state then has no multipliers.
     """
     refuse_together(joint_gradients="gradients of forces in joints",
                     scaled=trajectory.manifest.system.clock is not None and "a time_scale")

@@ -318,10 +318,7 @@ def defect_sizes(
 def place_of_quantity(manifest: Manifest, name: Any) -> int:
     """Return the column of a quantity of the system.
 
-    Raises
-    ------
-    InputError
-        If the system has no quantity of that name.
+    Raises InputError if the system has no quantity of that name.
     """
     system = manifest.system
     names = tuple(system.quantities)

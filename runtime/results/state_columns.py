@@ -108,12 +108,8 @@ def places_of(
 
     A column is selected by its heading, by a pattern such as ``"*_angle"``, or by the name of its
     array: ``"q"``, ``"multipliers"``, ``"quantities"``. ``sizes`` has the number of columns of each
-    array, in the order of the headings.
-
-    Raises
-    ------
-    InputError
-        For a name or pattern that selects no column.
+    array, in the order of the headings. Raises InputError for a name or pattern that selects no
+    column.
     """
     if columns is None:
         return [*range(len(titles))]

@@ -134,11 +134,8 @@ def table_of_run(
 ) -> Table:
     """Return the table of a run; ``attitudes`` adds the quaternion of each body.
 
-    Raises
-    ------
-    InputError
-        For another sequence of axes or another frame, and where these are asked for and there is
-        no body.
+    Raises InputError for another sequence of axes or another frame, and where these are asked for
+    and there is no body.
     """
     if as_flag("degrees", degrees) and euler is None:
         raise InputError("degrees is for Euler angles; give their axes too, such as euler='ZYX'.")
@@ -321,14 +318,8 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
     """Write a table to a file, which appears complete or not at all; return its path.
 
     The ending says how: .csv, .parquet, .nc. Events beside columns are in a second file,
-    ``run.events.csv``.
-
-    Raises
-    ------
-    InputError
-        For columns that the table does not have.
-    GyrosparkError
-        If the file cannot be written.
+    ``run.events.csv``. Raises InputError for columns that the table does not have; GyrosparkError
+    if the file cannot be written.
     """
     form = format_of(path, description, "states")
     with result_file(path, description) as partial_file:

@@ -646,10 +646,7 @@ class Trajectory(Shown):
 def _row_range(row_slice: slice, count: int) -> range:
     """Return the rows that a slice of a run takes, in their order.
 
-    Raises
-    ------
-    InputError
-        For a step below 1 and a slice without rows.
+    Raises InputError for a step below 1 and a slice without rows.
     """
     try:
         row_range = range(count)[row_slice]

@@ -106,10 +106,8 @@ def _readable(path: Path) -> Iterator[None]:
 def load_npz(path: Path) -> Trajectory:
     """Return the run in a file; nothing in it is executed.
 
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged, of another kind, or of a version with other outputs.
+    Raises InputError if the file is missing, damaged, of another kind, or of a version with other
+    outputs.
     """
     with _readable(path):
         # Opened here because np.load leaves a damaged file open.

@@ -21,10 +21,7 @@ _LOCK = 1e-7
 def check_sequence(sequence: Any) -> tuple[list[int], bool]:
     """Return the axes' numbers of a sequence, and whether they turn with the body.
 
-    Raises
-    ------
-    InputError
-        Unless it is three letters x, y, z, or X, Y, Z, neighbours different.
+    Raises InputError unless it is three letters x, y, z, or X, Y, Z, neighbours different.
     """
     letters = sequence if isinstance(sequence, str) else ""
     valid_letters = len(letters) == 3 and ({*letters} <= {*"xyz"} or {*letters} <= {*"XYZ"})
@@ -48,12 +45,8 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     are not determined, and the last is 0.
 
     Source: Bernardes and Viollet, Quaternion to Euler angles conversion: a direct, general and
-    computationally efficient method, PLOS ONE 17 (2022) e0276302.
-
-    Raises
-    ------
-    InputError
-        For another sequence.
+    computationally efficient method, PLOS ONE 17 (2022) e0276302. Raises InputError for another
+    sequence.
     """
     axes, turning = check_sequence(sequence)
     i, j, k = reversed(axes) if turning else axes

@@ -66,12 +66,8 @@ def mean_inertia(inertia: InertiaLike, rule: str = "m") -> float:
 def principal_moments(inertia: InertiaLike) -> Moments:
     """Return the three principal moments I₁, I₂, I₃ as floats, in kg m².
 
-    Those of a tensor come in rising order.
-
-    Raises
-    ------
-    InputError
-        Unless there are three finite moments above 0, or a tensor that has such.
+    Those of a tensor come in rising order. Raises InputError unless there are three finite moments
+    above 0, or a tensor that has such.
     """
     return moments_of(as_moments_or_tensor(inertia))
 
@@ -99,10 +95,7 @@ def inertia_names(name: str) -> tuple[list[str], list[str]]:
 def gamma_by_rule(name: str, rule: Rule, parameters: Mapping[str, Any]) -> float:
     """Return γ or α as a mean of the inertia among the parameters, else of the inertia of the rule.
 
-    Raises
-    ------
-    InputError
-        For a search, and where there is no inertia.
+    Raises InputError for a search, and where there is no inertia.
     """
     if rule.name not in MEANS:
         raise InputError(f"Parameter {name} is left to a search ({rule.name}), which looks at a "
@@ -135,10 +128,7 @@ def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
     """Return the principal moments of an inertia parameter's body: I1.. for gamma, a_I1.. for
     a_gamma, or those of the tensor a_K11...
 
-    Raises
-    ------
-    InputError
-        If the parameters lack one of them.
+    Raises InputError if the parameters lack one of them.
     """
     moment_names, inverse = inertia_names(name)
     if {*inverse} <= parameters.keys():

@@ -44,10 +44,7 @@ __all__ = [
 def left_matrix(q: ArrayLike) -> Floats:
     """Return L(q) of (8), shape (..., 3, 4): L(q)q = 0, and Ω = 2 L(q) q̇ in body axes.
 
-    Raises
-    ------
-    InputError
-        Unless the last axis of q, shape (..., 4), has length 4.
+    Raises InputError unless the last axis of q, shape (..., 4), has length 4.
     """
     q0, q1, q2, q3 = np.moveaxis(_vectors(q, 4, "quaternion"), -1, 0)
     return _matrix([[-q1, q0, q3, -q2], [-q2, -q3, q0, q1], [-q3, q2, -q1, q0]])
@@ -142,12 +139,8 @@ def euler_quaternion(phi: ArrayLike, theta: ArrayLike, psi: ArrayLike) -> Floats
 def to_rotation(q: ArrayLike) -> Rotation:
     """Return the SciPy Rotation that maps body to space axes, one or a stack as q is.
 
-    SciPy stores the scalar last and normalises.
-
-    Raises
-    ------
-    InputError
-        Unless q has shape (4,) or (N, 4), is finite and not zero.
+    SciPy stores the scalar last and normalises. Raises InputError unless q has shape (4,) or (N,
+    4), is finite and not zero.
     """
     from scipy.spatial.transform import Rotation  # takes 0.1 s
 
@@ -162,13 +155,9 @@ def attitude_quaternion(attitude: Rotation | ArrayLike) -> Floats:
     """Return q, scalar first, shape (4,) or (N, 4), of attitudes.
 
     Of q and −q, which are the same attitude, it returns for a quaternion itself, for SciPy's
-    Rotation the one that SciPy stores, for a matrix the one whose scalar is not negative.
-
-    Raises
-    ------
-    InputError
-        If it is neither a quaternion, shape (4,) or (N, 4), nor a rotation from body to space
-        axes: SciPy's, or a matrix of shape (3, 3) or (N, 3, 3).
+    Rotation the one that SciPy stores, for a matrix the one whose scalar is not negative. Raises
+    InputError if it is neither a quaternion, shape (4,) or (N, 4), nor a rotation from body to
+    space axes: SciPy's, or a matrix of shape (3, 3) or (N, 3, 3).
     """
     if hasattr(attitude, "as_quat"):  # SciPy is not needed to know its Rotation
         scalar_last: Floats = np.asarray(attitude.as_quat(), dtype=np.float64)

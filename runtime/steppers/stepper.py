@@ -538,12 +538,8 @@ class Stepper(Dynamics):
     ) -> RunArguments:
         """Return the arguments of ``integrate`` as a record; its parameters are as given.
 
-        Callers without ``excess``, H + e at the start in scaled time, are refused that.
-
-        Raises
-        ------
-        InputError
-            For any that is unusable, but for the parameters.
+        Callers without ``excess``, H + e at the start in scaled time, are refused that. Raises
+        InputError for any that is unusable, but for the parameters.
         """
         method = as_solver(solver)
         if method.kind != "auto":

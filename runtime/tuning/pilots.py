@@ -139,10 +139,7 @@ class Pilots:
     def set_reference(self, base: Array, start: Array) -> Trajectory:
         """Extrapolate the motion from the base and in the start's frame; return the finest run.
 
-        Raises
-        ------
-        StepFailed
-            If the refined runs of neither converge.
+        Raises StepFailed if the refined runs of neither converge.
         """
         plain = self._reference(base)
         in_frame = None if np.array_equal(start, base) else self._reference(start)

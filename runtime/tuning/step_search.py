@@ -66,12 +66,8 @@ class StepSearch:
         """Return the smallest measured number of steps that suffices, as all larger ones, and its
         pilot run.
 
-        Raises
-        ------
-        InputError
-            If round-off, or the length of a pilot run, is in the way of the error.
-        StepFailed
-            If no step converges.
+        Raises InputError if round-off, or the length of a pilot run, is in the way of the error;
+        StepFailed if no step converges.
         """
         finest = self._halve()
         best = len(self.pilots) - 1

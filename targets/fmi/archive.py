@@ -64,10 +64,7 @@ PLATFORMS: dict[str, tuple[Platform, ...]] = {
 def own_platform(version: int) -> Platform:
     """Return the platform of this machine.
 
-    Raises
-    ------
-    InputError
-        Where that version of FMI has no name for it.
+    Raises InputError where that version of FMI has no name for it.
     """
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(),
                                                           platform.machine())
@@ -84,14 +81,8 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
     """Compile ``folder/sources`` for platforms into ``folder/binaries``; return the FMU.
 
     The file is the same to the byte for the same sources and compilers: its members are sorted and
-    have no time.
-
-    Raises
-    ------
-    InputError
-        Where a compiler is missing, or the version has no name for a platform.
-    GyrosparkError
-        Where a compiler fails.
+    have no time. Raises InputError where a compiler is missing, or the version has no name for a
+    platform; GyrosparkError where a compiler fails.
     """
     purpose = f"Target fmu{version}"
     compilers: dict[Platform, list[str]] = {}
@@ -137,10 +128,7 @@ def _library(name: str, version: int, target: Platform) -> str:
 def library_of(fmu: Path, name: str, version: int, folder: Path) -> Path:
     """Extract the library of this machine into ``folder`` and return its path.
 
-    Raises
-    ------
-    InputError
-        Where the FMU has none.
+    Raises InputError where the FMU has none.
     """
     target = own_platform(version)
     member = _library(name, version, target)

@@ -45,10 +45,7 @@ class Fmu:
     ) -> dict[str, str | bytes]:
         """Return descriptions, sources and a mark by their paths in the FMU.
 
-        Raises
-        ------
-        InputError
-            For another type than double, and for numbers that an FMU cannot hold.
+        Raises InputError for another type than double, and for numbers that an FMU cannot hold.
         """
         refuse_together(fmu=f"an FMU of {manifest.name}", not_double=manifest.real != "double"
                         and f"numbers of type {manifest.real}")
@@ -76,12 +73,8 @@ class Fmu:
     def check(self, built: Built) -> str:
         """Compare its attitude and momenta with those of native C, and a repeated run.
 
-        Raises
-        ------
-        InputError
-            Where it holds no library for this machine.
-        GyrosparkError
-            Where the library does not load, or bits differ.
+        Raises InputError where it holds no library for this machine; GyrosparkError where the
+        library does not load, or bits differ.
         """
         manifest, options = built.stepper.manifest, built.options
         variables = variables_of(manifest, options)

@@ -66,12 +66,8 @@ def variables_of(manifest: Manifest, options: Options) -> list[Variable]:
 
     Parameters are fixed, inputs are constant over a communication step, coordinates and velocities
     (momenta, where no velocities are known) are outputs that can be set before the start, and
-    quantities and the energy are outputs that follow.
-
-    Raises
-    ------
-    InputError
-        For two numbers of one name, a number without a start, an unknown unit.
+    quantities and the energy are outputs that follow. Raises InputError for two numbers of one
+    name, a number without a start, an unknown unit.
     """
     variables = [*_variables(manifest, options)]
     names: set[str] = set()

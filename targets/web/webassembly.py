@@ -56,12 +56,7 @@ def c_files(options: Options) -> dict[str, str | bytes]:
 
 
 def refuse_different_inputs(first: Written, stepper: Written) -> None:
-    """Refuse a stepper whose coordinates or parameters differ: all steppers share one start.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a stepper whose coordinates or parameters differ: all steppers share one start."""
     for key in ("coordinates", "parameters"):
         if getattr(stepper.manifest.system, key) != getattr(first.manifest.system, key):
             raise InputError(f"{stepper.manifest.scheme.method} has other {key} than "
@@ -141,12 +136,7 @@ def check(built: Built) -> str:
 def compare(built: Built, module: bytes) -> str:
     """Compare all steppers of a module with native C, in each engine that is here.
 
-    Raises
-    ------
-    InputError
-        Where there is neither wasmtime nor Node.
-    GyrosparkError
-        Where a bit differs.
+    Raises InputError where there is neither wasmtime nor Node; GyrosparkError where a bit differs.
     """
     engines = {name: run for name, run in (("wasmtime", _in_wasmtime), ("node", _in_node))
                if TOOLS[name].find() is not None}
