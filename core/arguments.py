@@ -163,7 +163,7 @@ def as_text(name: str, value: Any) -> str:
 
 
 def as_items(name: str, value: Any, content: str) -> list[Any]:
-    """Return the items of a list, a tuple or another row; text is none, or raise InputError."""
+    """Return the items of a list, tuple or other row, or raise InputError, also for text."""
     items = None
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
         items = list(value)
