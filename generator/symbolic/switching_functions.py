@@ -94,8 +94,6 @@ def _condition_text(e: Where, printer: Any, *, holds: bool = True) -> str:
 
 
 class _Extreme(Switch):
-    nargs = 2
-
     @classmethod
     def eval(cls, a: sp.Expr, b: sp.Expr) -> sp.Expr | None:
         """Return a or b if the order is decided; arguments are sorted by SymPy's order."""

@@ -31,6 +31,7 @@ def test_saved_is_loaded_bit_for_bit(saved):
     assert [p.name for p in path.parent.iterdir()] == ["top.npz"]
 
 
+@pytest.mark.slow  # a stepper; results of other types are saved in test_faces.py
 def test_other_types_are_saved_too(tmp_path):
     step = systems.stepper("heavy_top", real="long-double")
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)

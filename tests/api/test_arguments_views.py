@@ -60,11 +60,10 @@ def test_pictures_of_special_trajectories(tmp_path, gl3):
     """One state, a resting body, more states than a picture has points, no body: no warning."""
     pytest.importorskip("matplotlib")
     gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN).plot(tmp_path / "one.png")
-    gl3.integrate([1, 0, 0, 0], [0, 0, 0, 0], steps=3, **RUN).plot(tmp_path / "rest.png")
-    gl3.integrate(TOP.q0, TOP.p0, steps=5000, **RUN).plot(tmp_path / "many.svg")
+    gl3.integrate([1, 0, 0, 0], [0, 0, 0, 0], steps=5000, **RUN).plot(tmp_path / "rest.svg")
     with pytest.raises(gs.GyrosparkError, match="written"):
         gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN).plot(tmp_path / "none" / "top.png")
-    assert len(list(tmp_path.iterdir())) == 3
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_missing_extra_is_refused_with_the_cure():

@@ -206,17 +206,18 @@ def test_parts_of_a_run_have_cards(gl3, run):
     assert cells[2] == ("up" if crossings.rising[0] else "down")
 
 
-def test_a_gradient_and_a_projection_have_cards(gl3):
+def test_a_gradient_and_a_projection_have_cards():
+    step = systems.differentiable("heavy_top")
     names = ("mgl", "I1")
-    found = gl3.integrate(TOP, dt=1e-3, steps=3).gradient({"q": [1.0, 0.0, 0.0, 0.0]}, wrt=names)
+    found = step.integrate(TOP, dt=1e-3, steps=3).gradient({"q": [1.0, 0.0, 0.0, 0.0]}, wrt=names)
     assert shown(found).cells == [c for name in names for c in (name, f"{found[name]:.6g}")]
-    moved = gl3.consistent(2 * TOP.q0, TOP.p0, parameters=TOP.parameters)
+    moved = step.consistent(2 * TOP.q0, TOP.p0, parameters=TOP.parameters)
     (name,) = moved.before
-    second = gl3.hessian(gl3.integrate(TOP, dt=1e-3, steps=3), {"q": [1.0, 0.0, 0.0, 0.0]},
+    second = step.hessian(step.integrate(TOP, dt=1e-3, steps=3), {"q": [1.0, 0.0, 0.0, 0.0]},
                          wrt=["mgl"])
     assert shown(second).cells == ["mgl", f"{second.gradient[0]:.6g}",
                                    f"{second.matrix[0, 0]:.6g}"]
-    along = gl3.integrate(TOP, dt=1e-3, steps=3, tangents=gs.Tangents(parameters=["mgl"])).tangents
+    along = step.integrate(TOP, dt=1e-3, steps=3, tangents=gs.Tangents(parameters=["mgl"])).tangents
     assert shown(along).cells[-3:] == ["mgl", "0", f"{np.linalg.norm(along['mgl'][-1]):.6g}"]
     assert shown(moved).cells[2:5] == [name, f"{moved.before[name]:.1e}",
                                        f"{moved.after[name]:.1e}"]

@@ -42,19 +42,7 @@ def small_system():
 
 def fallen():
     """Return a run with an impact of a ball on a floor."""
-    x, u = sp.symbols("x u", real=True)
-    ball = gs.System([x], [u], [], u**2 / 2 + x, name="ball", quantities={"floor": x})
-    return gs.stepper("EMS", system=ball).integrate(
-        [0.1], [0.0], dt=0.1, steps=6, parameters={}, events=gs.Impact("floor"))
-
-
-def clamped_beam():
-    build = gs.Multibody("clamped")
-    beam = build.beam("rod", count=2, start=(0, 0, 0), end=(1, 0, 0), mass=1, bending=1,
-                      twisting=1)
-    build.fixed("clamp", build.ground, beam.first)
-    model = build.model()
-    return gs.stepper("EMS", system=model).integrate(model, dt=1e-3, steps=2).beam("rod")
+    return systems.run("ball", systems.stepper("ball"), 6, dt=0.1, events=gs.Impact("floor"))
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +75,8 @@ def shown(gl3, tmp_path_factory):
                           parameters={"k": 4.0}, fix="x"),
         TOP.start, run[-1], tops.body("a"), tops.joint(),
         gs.Solver("newton", tolerance=1e-9), gs.Inputs([0.1, 0.2], hold=3),
-        gs.Impact("floor"), fallen().impacts["floor"], clamped_beam(),
+        gs.Impact("floor"), fallen().impacts["floor"],
+        systems.run("beam", systems.stepper("beam", "IMS"), 2).beam("rod"),
         gs.Shape("disc", (0.1, 0.1, 0.02)), dip, section, swung.events["q1"], gs.cite(gl3),
         record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
         gs.build("cpp", "fast-top", scheme="EMS", dt=1e-3, out=out.parent / "cpp"),

@@ -274,6 +274,7 @@ def test_solvers_of_a_step_agree():
         assert 1 <= made.errors["iterations"] < 20
 
 
+@pytest.mark.slow  # a stepper
 def test_ensembles_report_the_worst():
     one = next(e for e in fast_top._ensembles(8) if e.setting == "G-L s=4 1 workers Δt=0.01")
     made = fast_top._prepared(one, 1.0, 60.0, 8)

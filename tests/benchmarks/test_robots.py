@@ -54,6 +54,7 @@ def test_mechanisms_start_at_rest_on_their_constraints(name):
     assert np.abs(ours - others).max() <= 1e-11 * np.abs(others).max()
 
 
+@pytest.mark.slow  # a long derivation
 def test_andrews_starts_with_the_work_of_the_torque_until_then():
     """H is that of rest with 0.033 N m on the crank, −mom β in it, and no torque is left."""
     model, problem = MECHANISMS["andrews"].scene.model, REFERENCES["andrews"]

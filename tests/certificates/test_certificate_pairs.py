@@ -311,8 +311,9 @@ def test_claims(read: Callable[..., Any], size: float) -> None:
     assert wrong.order == 1
 
 
-@pytest.mark.parametrize(("place", "order"), [(("A_hat", 0, 0), 1), (("c", 0, -1), 1),
-                                              (("b", 0, -1), 0)])
+@pytest.mark.parametrize(("place", "order"), [
+    (("A_hat", 0, 0), 1), *(pytest.param(*given, marks=pytest.mark.slow)
+                            for given in ((("c", 0, -1), 1), (("b", 0, -1), 0)))])
 def test_order_is_measured_in_steps_short_enough(
     read: Callable[..., Any], place: Any, order: int
 ) -> None:

@@ -514,6 +514,10 @@ def test_verify_json_is_one_document(gyrospark):
     assert compiled["residual"] == "0"
 
 
+#: Of a tableau that misses one condition.
+BENT = [["1/4 + 1/10000", "1/4 - sqrt(3)/6"], ["1/4 + sqrt(3)/6", "1/4"]]
+
+
 def perturbed(**changes):
     content = json.loads(EXAMPLE.read_text(encoding="utf-8"))
     content.update(changes)
@@ -522,7 +526,7 @@ def perturbed(**changes):
 
 
 def test_violated_condition_is_named_and_refused_unless_allowed(gyrospark, generate, tmp_path):
-    name = perturbed(b=["1/2 + 1/1000000", "1/2 - 1/1000000"], name="bent")
+    name = perturbed(A_hat=BENT, name="bent")
     answer = gyrospark("verify", name)
     assert answer.code == 1
     assert answer.stderr == ""
@@ -602,7 +606,7 @@ def test_verify_model(gyrospark):
 
 def test_verify_model_fails_for_a_broken_tableau(gyrospark, tmp_path):
     content = json.loads(EXAMPLE.read_text(encoding="utf-8")) | {"name": "bent"}
-    content["A_hat"] = [["1/4 + 1/10000", "1/4 - sqrt(3)/6"], ["1/4 + sqrt(3)/6", "1/4"]]
+    content["A_hat"] = BENT
     path = tmp_path / "bent.json"
     path.write_text(json.dumps(content), encoding="utf-8")
     answer = gyrospark("verify", "--model", "fast-top", "--tableau", path, "--steps", "100")

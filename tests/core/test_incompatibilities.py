@@ -63,7 +63,7 @@ def many(name, **options):
 
 def swept(real="double", **options):
     """Return a sweep of tops."""
-    return lambda: gs.sweep("fast-top", {"gamma": [1e-3, 2e-3]}, scheme="G-L", stages=2, real=real,
+    return lambda: gs.sweep("fast-top", {"gamma": [1e-3, 2e-3]}, scheme="IMS", real=real,
                             dt=1e-3, steps=2, **options)
 
 
@@ -151,10 +151,7 @@ def hit(name, *pair, **options):
 
 def with_impact():
     """Return the run of a ball that falls on a floor."""
-    z, pz = sp.symbols("z pz", real=True)
-    ball = gs.System((z,), (pz,), (), pz**2 / 2 + z, name="fallen", quantities={"floor": z})
-    return gs.stepper("G-L", 2, system=ball).integrate(
-        [0.1], [0.0], dt=0.1, steps=6, parameters={}, events=gs.Impact("floor"))
+    return systems.run("ball", systems.stepper("ball"), 6, dt=0.1, events=gs.Impact("floor"))
 
 
 def unhit(n=2, real="double", energy=False):

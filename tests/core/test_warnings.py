@@ -13,7 +13,6 @@ import gyrospark as gs
 from calls import TOP
 from gyrospark.core.warnings import capture_warnings, warn
 from gyrospark.generator.models.model_file import parse_model
-from processes import ROOT
 
 BODY = """
 name = "said"
@@ -77,13 +76,6 @@ def test_what_is_meant_so_is_not_remarked_on(old, new):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         parse_model(changed(old, new), "said.toml")
-
-
-def test_the_examples_are_silent():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for path in (ROOT / "examples").glob("*.toml"):
-            gs.load_model(path)
 
 
 def test_unused_parameters_of_every_kind_of_file():

@@ -169,7 +169,8 @@ def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau)
 
 @pytest.mark.parametrize("dt", [1e-3, 1e-2])
 @pytest.mark.parametrize(("scheme", "stages", "rep"), [
-    ("G-L", 2, "alpha"), ("LIIIA-B", 3, "gamma"), ("G-L", 8, "gamma")])
+    ("G-L", 2, "alpha"), ("LIIIA-B", 3, "gamma"),
+    pytest.param("G-L", 8, "gamma", marks=pytest.mark.slow)])
 def test_sweeps_and_newton_give_the_same_trajectory(scheme, stages, rep, dt):
     step = gs.stepper(scheme, stages, rep)
     parameters = TOP.parameters | {rep: gs.gamma(TOP.inertia)}

@@ -55,7 +55,9 @@ def test_seeded_inputs(name):
     assert len(outcomes) > 1
 
 
-@every_entrance
+@pytest.mark.parametrize("name", [  # those compile or start what bytes ask for
+    pytest.param(name, marks=[pytest.mark.slow] * (name in ("command", "checkpoint")))
+    for name in ENTRANCES])
 @settings(max_examples=3, database=None,
           suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(data=st.binary(max_size=120))

@@ -88,7 +88,8 @@ def parts(scheme, stages):
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [
-    ("LIIIA-B", (2, 4)), ("G-L", (8, 9)), pytest.param("G-L", (1, 2, 6), marks=pytest.mark.slow)])
+    ("LIIIA-B", (2, 4)), *(pytest.param("G-L", stages, marks=pytest.mark.slow)
+                          for stages in ((8, 9), (1, 2, 6)))])
 def test_only_the_tables_grow_with_the_stages(scheme, stages):
     """
     C size grows like s²: all but the tableau is the same text for every s whose tables lanes

@@ -2,6 +2,7 @@
 
     python mutation.py run                 300 mutants of Python at random, 40 of the engine
     python mutation.py run --again         the survivors of the log, after a test was added
+    python mutation.py run --near          the same without a map, for an hour or less
     python mutation.py table               share caught by package, and the survivors
 
 ``mutants.py`` has the changes and the places without any. ``run`` measures once which tests execute
@@ -11,7 +12,8 @@ of them, at last whole files. It is caught when a test fails that passes without
 too long. One of C that does not compile without a warning is not counted. Everything happens in
 copies of the project under ``--work``, with the lowest priority; ``run`` goes on where it was
 stopped. Before the first mutant comes one that must be caught, so that tests of an unchanged
-package are noticed. The seed is the week's by default.
+package are noticed. The seed is the week's by default. ``--near`` measures nothing: a mutant meets
+the tests that are named after its module or import it, then those of its folder.
 """
 
 from __future__ import annotations
@@ -270,6 +272,25 @@ class Map:
         return [part for part in (sorted(first), then, [(20.0, name) for name in whole]) if part]
 
 
+def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
+    """Return the test files named after a mutant's module, those that import it, its folder's.
+
+    Of files that import the module the ``most`` shortest are returned.
+    """
+    path = Path(mutant.file)
+    module = ".".join(path.with_suffix("").parts)
+    texts = {file: file.read_text(encoding="utf-8") for file in (ROOT / "tests").rglob("test_*.py")
+             if not UNRELATED.search(str(file.relative_to(ROOT)))}
+    named = [file for file in texts if file.stem == f"test_{path.stem}"]
+    importing = sorted((file for file, text in texts.items()
+                        if re.search(rf"gyrospark\.{re.escape(module)}\b", text)),
+                       key=lambda file: len(texts[file]))[:most]
+    folder = sorted((file for file in texts if file.parent == ROOT / "tests" / path.parent),
+                    key=lambda file: len(texts[file]))[:most]
+    files = dict.fromkeys([*named, *importing, *folder])
+    return [[(20.0, str(file.relative_to(ROOT)))] for file in files]
+
+
 def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) -> str | None:
     """Return the first test that fails, "" if none does, None after too long a time."""
     code, said = copy.run(tests, cost, skipped=failed)
@@ -362,7 +383,7 @@ def pick(places: dict[str, list[list[Mutant]]], count: int, seed: int,
 
 
 def run(work: Path, copy: Copy, mutants: list[Mutant], tests: list[str], seconds: float, *,
-        changed: bool) -> None:
+        changed: bool, without_map: bool) -> None:
     """Try mutants out and log each."""
     known = Map(work / "map")
     sound = {COMPILE, CONFTEST, CRASH}  # tests that pass without a change
@@ -375,7 +396,8 @@ def run(work: Path, copy: Copy, mutants: list[Mutant], tests: list[str], seconds
         raise SystemExit(f"The tests pass although {file} raises: they import another package.")
     copy.write(first, changed=False)
     for mutant in mutants:
-        parts = [[(seconds, name) for name in tests]] if tests else known.choose(mutant)
+        parts = ([[(seconds, name) for name in tests]] if tests else
+                 near(mutant) if without_map else known.choose(mutant))
         found = try_out(copy, parts, sound, known.failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
@@ -426,6 +448,8 @@ def main() -> None:
                         help="of CPU for a file of tests when it is measured, for one of --tests")
     parser.add_argument("--tests", nargs="+", default=[],
                         help="tests in place of those that execute the line")
+    parser.add_argument("--near", action="store_true",
+                        help="tests by their names and imports in place of those of a map")
     parser.add_argument("--again", action="store_true", help="only the survivors of the log")
     parser.add_argument("--files", type=re.compile, default="", metavar="PATTERN",
                         help="only mutants of files whose path has this regular expression")
@@ -439,7 +463,8 @@ def main() -> None:
     for name in HEAVY:
         importlib.import_module(name)
     copy = Copy(work, os.getpid())
-    measure(copy, work / "map", given.seconds)
+    if not (given.near or given.tests):
+        measure(copy, work / "map", given.seconds)
     done = {} if given.unchanged else read_log(work)
     places = {package: mutants_of(copy.folder, package) for package in given.packages}
     if given.again:
@@ -453,7 +478,8 @@ def main() -> None:
         mutants = [*pick(places, given.mutants, given.seed, done),
                    *pick(engine, given.engine, given.seed, done)]
     mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-    return run(work, copy, mutants, given.tests, given.seconds, changed=not given.unchanged)
+    return run(work, copy, mutants, given.tests, given.seconds, changed=not given.unchanged,
+               without_map=given.near)
 
 
 if __name__ == "__main__":

@@ -351,6 +351,27 @@ def _tethered_pair() -> Case:
                 (-0.05, speed / 2, 0.05, speed / 2), {"k": 1.0}, 0.1)
 
 
+# ---------------------------------------------------------------- of one feature each
+
+
+def _ball() -> Case:
+    """A ball between a floor and a roof."""
+    return _plane("ball", (1.0,), (0.0,), {"m": 1.0, "g": 9.81}, u**2 / (2 * m) + m * g * x,
+                  quantities={"floor": x, "roof": 1 - x, "speed": u / m}, dt=0.01)
+
+
+def _beam() -> Case:
+    """Two free segments of a beam that stretches and shears, which move apart."""
+    build = gs.Multibody("beams", gravity=(0, 0, 0))
+    build.beam("rod", count=2, start=(0, 0, 0), end=(1, 0, 0), mass=1.0, bending=1.0,
+               twisting=1.0, damping=0.0, stretching=7.0, shearing=7.0)
+    model, p = build.model(), np.zeros(14)
+    p[4:7], p[11:14] = (0.1, 0.2, -0.1), (-0.2, -0.2, 0.3)
+    return Case({"system": model}, tuple(model.q0), tuple(p), model.parameters, 1e-4)
+
+
+#: Of these ``names`` returns none: no law runs over them.
+_OTHERS: dict[str, Callable[[], Case]] = {"ball": _ball, "beam": _beam}
 _CASES: dict[str, Callable[[], Case]] = {
     "heavy_top": _heavy_top,
     "heavy_top_alpha": lambda: _heavy_top("alpha"),
@@ -392,7 +413,7 @@ _CASES: dict[str, Callable[[], Case]] = {
 def case(name: str) -> Case:
     """Return a case by its name."""
     with budget.shared():
-        return _CASES[name]()
+        return (_CASES | _OTHERS)[name]()
 
 
 def names(*features: str) -> list[str]:

@@ -11,7 +11,7 @@ import pytest
 import gyrospark as gs
 import systems
 from flows import CASES, directions, flow_of, inputs_of, start_of, stepper_of
-from gyrospark.core.errors import InputError
+from gyrospark.core.errors import CompilerError, InputError
 from gyrospark.interop.discrete_flow import DiscreteFlow
 
 
@@ -139,6 +139,22 @@ def test_a_step_of_no_length_and_a_state_that_cannot_be_projected_are_failures()
     centre[:2] = 0
     assert np.isnan(flow.value(np.array([still, centre]))).all()
     assert "dt" in flow.failures[0]
+
+
+def test_a_compiler_that_fails_is_no_failure_of_a_row(monkeypatch):
+    """Of tangents, adjoints and their derivatives, whose code is compiled when it is needed."""
+    flow, x = flow_of("top", 3)
+    known, dx, w = len(flow.failures), np.ones((1, 1, flow.size)), np.ones((1, 1, 8))
+
+    def binding():
+        raise CompilerError("no compiler")
+
+    monkeypatch.setattr(flow.stepper, "_derivative_binding", binding)
+    for call in (lambda: flow.tangent(x[None], dx), lambda: flow.adjoint(x[None], w),
+                 lambda: flow.second(flow.adjoint, x[None], w, dx)):
+        with pytest.raises(CompilerError, match="no compiler"):
+            call()
+    assert len(flow.failures) == known
 
 
 def test_second_derivatives_are_those_of_more_digits():

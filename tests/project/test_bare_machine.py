@@ -104,6 +104,7 @@ def archives(tmp_path_factory):
     return sdist, wheel
 
 
+@pytest.mark.slow  # builds both archives
 def test_source_archive_has_every_file_of_the_repository(archives):
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         pytest.skip("this is no git checkout")
@@ -113,6 +114,7 @@ def test_source_archive_has_every_file_of_the_repository(archives):
     assert {name for name in listed if (ROOT / name).is_file()} <= packed
 
 
+@pytest.mark.slow  # builds both archives
 def test_wheel_has_the_package_and_its_examples(archives):
     with zipfile.ZipFile(archives[1]) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
@@ -123,6 +125,7 @@ def test_wheel_has_the_package_and_its_examples(archives):
     assert not [name for name in packed if re.search(r"/(setup|conftest|test_\w+)\.py$", name)]
 
 
+@pytest.mark.slow  # builds both archives
 def test_wheel_has_every_stepper_of_the_paper(archives):
     """Those that the repository lacks are derived while the wheel is built."""
     with zipfile.ZipFile(archives[1]) as archive:
@@ -134,6 +137,7 @@ def test_wheel_has_every_stepper_of_the_paper(archives):
                 assert archive.read(f"gyrospark/generated/{name}").decode("utf-8") == text
 
 
+@pytest.mark.slow  # builds both archives
 def test_an_index_shows_the_readme_without_what_it_has_not(archives):
     with zipfile.ZipFile(archives[1]) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))

@@ -32,8 +32,9 @@ from stores import (
 
 
 @pytest.mark.parametrize(("name", "scheme", "real", "solver"), [
-    ("heavy_top", "EMS", "double", "newton"), ("dragged_pendulum", "G-L", "long-double", "auto"),
-    ("dragged_pendulum", "G-L", "double", "newton")])
+    ("heavy_top", "EMS", "double", "newton"),
+    *(pytest.param("dragged_pendulum", "G-L", *given, marks=pytest.mark.slow)
+      for given in (("long-double", "auto"), ("double", "newton")))])
 def test_runs_ended_often(name, scheme, real, solver, tmp_path, monkeypatch):
     """A commit after every piece of 5 steps: 7 steps a row, four rows a block.
 

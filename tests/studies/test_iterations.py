@@ -206,6 +206,7 @@ def claim(table, words):
     return next(c for c in table.claims if words in c.statement)
 
 
+@pytest.mark.slow  # printed numbers; table 10 stays
 def test_table_9():
     """All eight printed γ cells within ±1; λ in the norm makes both types stagnate."""
     table = table_9(Engine())

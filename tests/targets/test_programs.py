@@ -19,10 +19,10 @@ from gyrospark.targets.tools import TOOLS
 from processes import ROOT, call
 
 SATELLITE = ROOT / "examples" / "control_c" / "satellite.toml"
-NAME = "wheeled_satellite_gl1_gamma"
+NAME = "wheeled_satellite_gl2_gamma"
 
 USER = r"""
-#include "wheeled_satellite_gl1_gamma.hpp"
+#include "wheeled_satellite_gl2_gamma.hpp"
 #include <cstdio>
 
 static void print(const WheeledSatellite &at)
@@ -68,7 +68,7 @@ int main()
 def test_a_class_by_value(tmp_path):
     """A copy is a state that is kept; what is not usable changes nothing and says so."""
     plusplus = compiler(MAIN, COMPILERS_OF_CPLUSPLUS)
-    built = gs.build("cpp", SATELLITE, scheme="G-L", stages=1, out=tmp_path / "made")
+    built = gs.build("cpp", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made")
     (built.path / "user.cpp").write_text(USER, encoding="utf-8")
     run([*compiler(MAIN), *C_FLAGS, "-c", f"{NAME}.c"], built.path)
     run([*plusplus, "-std=c++17", "-Wall", "-Wextra", "-pedantic", "-Werror", "user.cpp",
@@ -79,7 +79,7 @@ def test_a_class_by_value(tmp_path):
     assert once.endswith(" 0")
     assert refused.split() == ["6", "12", "2"]
     assert unusable.split() == ["6", "6"]
-    step = gs.stepper("G-L", 1, system=SATELLITE)
+    step = gs.stepper("G-L", 2, system=SATELLITE)
     trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=20,
                                 parameters=dict(built.options.parameters))
     found = [float.fromhex(x) for x in once.split()[:4]]
@@ -113,7 +113,7 @@ def test_octave_refuses_in_sentences(tmp_path):
     octave = TOOLS["octave"].find()
     if octave is None or TOOLS["mkoctfile"].find() is None:
         pytest.skip("Octave is not installed")
-    built = gs.build("octave", SATELLITE, scheme="G-L", stages=1, out=tmp_path / "made")
+    built = gs.build("octave", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made")
     calls = ("1, 10.5", "0.1, 10, [], [1 2]", '0.1, 10, [], [], [], struct("I4", 2)', "0, 10",
              "0.1, 10, 1, [], [], 3", "0.1, 10, 1, [], [], [], ones(3, 9)",
              "0.1, 3, 1, [], [], [], [0 0 0; 0 NaN 0; 0 0 0]", "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10")
@@ -133,7 +133,7 @@ def test_octave_refuses_in_sentences(tmp_path):
         assert refusal.endswith(".")
     assert same.strip() == "1"
     assert (size.split(), of_energy.split()) == (["4", "6"], ["1", "3"])
-    step = gs.stepper("G-L", 1, system=SATELLITE)
+    step = gs.stepper("G-L", 2, system=SATELLITE)
     trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=4, every=2,
                                 parameters=dict(built.options.parameters))
     np.testing.assert_allclose([float(x) for x in energies.split()], trajectory.energies,
@@ -145,7 +145,7 @@ def test_the_sketch_has_the_same_bits_on_a_cortex_m4(tmp_path):
     for program in ("arm-none-eabi-gcc", "arm-none-eabi-g++", "qemu-system-arm"):
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not installed")
-    built = gs.build("arduino", SATELLITE, scheme="G-L", stages=1, out=tmp_path / "made",
+    built = gs.build("arduino", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made",
                      parameters={"u1": 0.01})
     name = built.stepper.name
     board = ROOT / "tests" / "data" / "cortex_m4"

@@ -394,7 +394,8 @@ def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
     assert gyrospark(*run).document != answer.document
 
 
-@pytest.mark.parametrize("kind", ["ball", "revolute"])
+@pytest.mark.parametrize("kind", [
+    pytest.param("ball", marks=pytest.mark.slow), "revolute"])
 def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
     """<constraint> of urdfdom's proposal is the same four-bar as a file of loops makes."""
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"

@@ -12,6 +12,7 @@ import sympy as sp
 
 import budget
 import gyrospark as gs
+import systems
 from gyrospark.generator.models.model_file import parse_model
 from gyrospark.generator.multibody.initial_poses import rotation
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
@@ -171,8 +172,9 @@ def damped(extension: dict) -> tuple[gs.Model, object]:
     return build.model(), beam
 
 
-@pytest.mark.parametrize("extension", [{}, {"stretching": 7.0, "shearing": 4.0}],
-                         ids=["balls", "springs"])
+@pytest.mark.parametrize("extension", [
+    pytest.param({}, id="balls"),
+    pytest.param({"stretching": 7.0, "shearing": 4.0}, id="springs", marks=pytest.mark.slow)])
 def test_damping_dissipates_and_conserves_momenta(extension):
     """At random states: no net force, no net torque, negative power, none of a rigid motion."""
     model, _ = damped(extension)
@@ -215,7 +217,7 @@ def test_damping_dissipates_and_conserves_momenta(extension):
     assert np.abs(forces(rigid)[3]).max() <= 64 * EPS
 
 
-@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_column_buckles_at_the_load_of_its_segments(count):
     """θ_i = sin((i − ½) φ), φ = π/2N: P = 4 sin²(φ/2) EI/h², π² EI/(4 L²) in the limit.
 
@@ -264,6 +266,7 @@ def spaghetti(count: int) -> gs.Model:
     return build.model()
 
 
+@pytest.mark.slow  # ten segments
 def test_the_flying_spaghetti():
     """Digits of ten segments, which six stages and a quarter of the step confirm."""
     with budget.shared():
@@ -333,7 +336,9 @@ def loaded(extension: tuple[float, ...] = ()) -> tuple[gs.Model, gs.Trajectory]:
 LOAD = np.array([0.3, 0.5, -0.8])
 
 
-@pytest.mark.parametrize("extension", [(), (40.0, 25.0)], ids=["balls", "springs"])
+@pytest.mark.parametrize("extension", [
+    pytest.param((), id="balls"),
+    pytest.param((40.0, 25.0), id="springs", marks=pytest.mark.slow)])  # a long derivation
 def test_forces_and_moments_of_sections_balance_the_load(extension):
     """Of the part beyond each section: n = F and M = (P_tip − P) × F, which need no stiffness."""
     model, run = loaded(extension)
@@ -376,19 +381,7 @@ def test_results_of_other_beams_are_refused():
 
 def test_sections_of_damped_beams_resist_rates_of_strain():
     """What damping adds to moments and forces at random states: by differences of κ and of n."""
-    values = {}
-    for damping in (0.0, 0.2):
-        build = builder()
-        beam = build.beam("rod", count=2, **STRAIGHT | {"damping": damping, "stretching": 7.0,
-                                                        "shearing": 7.0})
-        model = build.model()
-        values[damping] = model, beam
-    with budget.shared():
-        step = gs.stepper("IMS", system=values[0.0][0])
-    model = values[0.0][0]
-    p = np.zeros(14)
-    p[4:7], p[11:14] = (0.1, 0.2, -0.1), (-0.1, -0.2, 0.1)
-    run = step.integrate(model.q0, p, dt=1e-4, steps=2, parameters=model.parameters)
+    run = systems.run("beam", systems.stepper("beam", "IMS"), 2)
     beam = run.beam()
     sections = [replace(at, section=replace(at.section, damping=0.2)) for at in beam._sections]
     damped = type(beam)(run, "rod", sections)

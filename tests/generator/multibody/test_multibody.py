@@ -85,7 +85,7 @@ def test_hamiltonian_is_the_energy(rep):
 
 
 @pytest.mark.filterwarnings("ignore:The inertia of")  # joints anywhere, also at the centre
-@settings(max_examples=10)
+@settings(max_examples=4)
 @given(unit_quaternions(), unit_quaternions(), vectors, vectors)
 def test_a_body_is_where_joints_put_it(qa, qb, on_a, on_b):
     """The same start from the point in space, from the points on the bodies, and from both."""
@@ -242,6 +242,7 @@ def test_expressions_of_a_body():
         assert np.abs(evaluate(found, at) - expected).max() <= 16 * EPS * 8
 
 
+@pytest.mark.slow  # four stages of its own
 def test_a_free_body_flies_and_turns_as_jacobi_says_and_as_inputs_push_it():
     """Quaternion by elliptic functions, centre of mass along a parabola; then ω̇ = u."""
     exact = gs.problems.free_body()

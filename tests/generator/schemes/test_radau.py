@@ -196,6 +196,7 @@ def test_a_constrained_damper_falls_by_R(scheme):
         assert run.p[1] == pytest.approx(R * start, abs=64 * EPS * 9)
 
 
+@pytest.mark.slow  # a stepper
 def test_an_oscillation_loses_what_the_certificate_says():
     """V = ½ k (3r)²: ω² = 9k/39."""
     (share, power), h = stability(radau_lobatto(2)).damping, 0.1

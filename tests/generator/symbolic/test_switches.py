@@ -184,6 +184,9 @@ def test_order_of_two_that_is_decided():
     assert Max(y, x) == Max(x, y)
     assert Max(x, k).is_extended_nonnegative
     assert Max(x, y).is_extended_nonnegative is None
+    for arguments in ((x,), (x, y, k)):
+        with pytest.raises(TypeError, match="2"):
+            Max(*arguments)
 
 
 def test_text_reads_like_a_model_file():

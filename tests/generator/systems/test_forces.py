@@ -30,6 +30,7 @@ from systems import case, start, stepper
 # ---------------------------------------------------------------- closed forms
 
 
+@pytest.mark.slow  # three stages
 def test_driven_oscillator():
     """Order 2s − 2 of LIIIA-B, from errors above round-off; G-L and EMS are a law's."""
     step, end = stepper("driven_oscillator", "LIIIA-B", 3), 6.0

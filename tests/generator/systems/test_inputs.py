@@ -28,6 +28,7 @@ def cart():
         (x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, forces=[2 * push], inputs=(push,), name="cart"))
 
 
+@pytest.mark.slow  # five stages
 def test_a_cart_between_changes_is_a_closed_form():
     step, rng = cart(), np.random.default_rng(1)
     values = rng.standard_normal(5)

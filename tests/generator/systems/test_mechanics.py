@@ -157,6 +157,7 @@ def length_of_energy(count):
     return len(list(parts_of([FrameMotion(method.frame).energy(method.bodies)])))
 
 
+@pytest.mark.slow  # six links
 def test_kinetic_energy_grows_with_the_links():
     """As many parts for each two links more: it was the square of their number."""
     two, four, six = map(length_of_energy, (2, 4, 6))

@@ -61,6 +61,7 @@ def test_constraints_without_a_tangent_are_refused(profile, reason):
     assert "stiff" in str(caught.value)
 
 
+@pytest.mark.slow  # a stepper
 def test_a_bead_on_a_cam():
     """A ramp that begins and ends with a tangent: on it to round-off, energy as it should be."""
     ramp = P((0, x < 0), (3 * x**2 - 2 * x**3, x < 1), (1, True)) / 4 + sp.Max(0, -x) ** 3

@@ -79,6 +79,7 @@ def test_large_steps():
     assert product.prod() == pytest.approx(1, abs=1e-9)
 
 
+@pytest.mark.slow  # a stepper and its derivatives
 def test_a_scheme_that_does_not_keep_the_momentum_constraint():
     found = orbit(pendulum("EMS", None))
     assert found.iterations <= 6

@@ -49,7 +49,8 @@ int main(void)
 
 
 @pytest.mark.parametrize(("scheme", "how", "solver"), [
-    ("G-L", {"stages": 2}, 1), ("splitting", {"order": 4}, 0)])
+    ("G-L", {"stages": 2}, 1),
+    pytest.param("splitting", {"order": 4}, 0, marks=pytest.mark.slow)])
 def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, how, solver):
     made = generate(Spec.checked(scheme, **how).with_profile("run"), derivatives=True)
     name, problem, steps = made.source.name, gs.problems.fast_top(), 20

@@ -29,7 +29,8 @@ def falls(real: str, level: float, count: int, seed: int):
 
 
 @pytest.mark.parametrize(("real", "level", "dt"), [
-    ("double", 0.0, 0.05), ("double", 0.0, -0.05), ("double", 5.0, 0.05), ("float", 0.0, 0.05)])
+    ("double", 0.0, 0.05), ("double", 0.0, -0.05), ("double", 5.0, 0.05),
+    pytest.param("float", 0.0, 0.05, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("count", [
     200, pytest.param(250_000, marks=pytest.mark.slow(reason="a million starts"))])
 def test_random_starts_on_the_level(real: str, level: float, dt: float, count: int) -> None:

@@ -68,7 +68,8 @@ def test_random_dips_of_an_oscillator(quantity: str, dt: float, slow: int, many:
     assert dips > (10_000 if many else 50)
 
 
-@pytest.mark.parametrize(("real", "depth"), [("float", 1e-4), ("float128", 1e-20)])
+@pytest.mark.parametrize(("real", "depth"), [
+    ("float", 1e-4), pytest.param("float128", 1e-20, marks=pytest.mark.slow)])
 def test_in_every_type(real: str, depth: float) -> None:
     """As deep as its numbers tell: about the bottom, where the bob goes √(2 (1 − cos θ₀)) fast."""
     step = pendulum(real)
@@ -114,7 +115,7 @@ def test_a_section_has_them() -> None:
         assert np.abs(many[i].t - falling).max() < 1e-9 / np.sqrt(depth[i])
 
 
-@pytest.mark.parametrize("terminal", [False, True])
+@pytest.mark.parametrize("terminal", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_stored_run_has_them(terminal: bool, tmp_path, monkeypatch) -> None:
     """At once, and ended again and again: what integrate finds, to the bit."""
     step = oscillator()

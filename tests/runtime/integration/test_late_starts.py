@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from itertools import product
 
 import mpmath
 import numpy as np
@@ -56,8 +57,9 @@ def test_a_file_keeps_the_digits_of_events(tmp_path) -> None:
     assert np.array_equal(read.events["side"].elapsed, run.events["side"].elapsed)
 
 
-@pytest.mark.parametrize("t0", LATE)
-@pytest.mark.parametrize("name", ["driven_oscillator", "heavy_top"])
+@pytest.mark.parametrize(("name", "t0"), [
+    pair if i in (0, 3) else pytest.param(*pair, marks=pytest.mark.slow) for i, pair in enumerate(
+        product(("driven_oscillator", "heavy_top"), LATE))])
 def test_a_late_store_is_resumed_to_the_bit(name, t0, tmp_path, monkeypatch) -> None:
     case, step = systems.case(name), systems.stepper(name)
     small_blocks(monkeypatch, 8)

@@ -173,7 +173,7 @@ def test_the_weight_of_a_body_is_found_on_each_axis():
     assert pytest.approx(0.5, rel=1e-6) == I1 / I2
 
 
-def test_a_picture_has_its_size_and_is_a_file(top, satellite, tmp_path):
+def test_a_picture_has_its_size_and_is_a_file(top, tmp_path):
     made = draw_picture(top, tmp_path / "top.png", **SMALL)
     assert made.pixels.shape == (90, 120, 3)
     data = made.path.read_bytes()
@@ -187,6 +187,10 @@ def test_a_picture_has_its_size_and_is_a_file(top, satellite, tmp_path):
     assert (np.abs(tone - blue / blue.sum()).max(axis=2) < 0.05).sum() > 300
     assert made.pixels[0, 0].min() > 240
     assert draw_picture(top, background="dark", **SMALL).pixels[0, 0].max() < 60
+
+
+@pytest.mark.slow  # a derivation
+def test_a_wheel_is_seen_through_its_bus(satellite):
     glass = draw_picture(satellite, **SMALL).pixels.astype(int)
     red, _, blue = glass[40:50, 55:65].reshape(-1, 3).T
     assert (red > blue + 20).any()  # the wheel, behind glass

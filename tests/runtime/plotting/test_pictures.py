@@ -65,6 +65,7 @@ def test_an_output_with_a_panel_is_drawn_against_time(tops, monkeypatch):
     assert [line.get_ydata().tolist() for line in axes.get_lines()] == tops.p.T.tolist()
 
 
+@pytest.mark.slow  # four pictures; a short film is made on the command line
 def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
     """They show what ``picture`` shows, or boxes."""
     from PIL import Image

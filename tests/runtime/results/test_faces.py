@@ -113,9 +113,9 @@ def test_an_ensemble_has_the_same_face(gl3, tmp_path):
 def test_values_are_drawn_by_name(run, stored, tmp_path):
     for one in (run, stored):
         assert [len(axes.lines) for axes in one.plot("energy", "q1").axes] == [1, 1]
-        one.plot("energy", tmp_path / "energy.png")
-        one.plot(tmp_path / "all.svg")
-        assert (tmp_path / "energy.png").stat().st_size > 1000
+    stored.plot("energy", tmp_path / "energy.png")
+    run.plot(tmp_path / "all.svg")
+    assert (tmp_path / "energy.png").stat().st_size > 1000
     with pytest.raises(gs.InputError, match="mean energy"):
         run.plot("enrgy")
 

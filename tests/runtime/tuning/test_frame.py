@@ -147,6 +147,7 @@ def test_a_motion_without_error_needs_no_frame():
     assert tuned.gain == 1
 
 
+@pytest.mark.slow  # a stepper and 16,000 steps
 def test_drag_takes_a_motion_out_of_its_frame_and_new_blocks_into_one():
     """The spin falls to a fiftieth in 8 s: each block of 100 steps has its own least squares."""
     step, dt = dragged(), 5e-3

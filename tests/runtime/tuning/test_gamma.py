@@ -83,7 +83,8 @@ def test_no_path_of_any_top_gets_worse(
 
 
 @pytest.mark.parametrize(("body", "method", "least_loss"), [
-    (BODIES[0], ("LIIIA-B", 2), 3), (BODIES[3], ("G-L", 1), 8),
+    pytest.param(BODIES[0], ("LIIIA-B", 2), 3, marks=pytest.mark.slow),
+    (BODIES[3], ("G-L", 1), 8),
 ], ids=name_of)
 def test_the_energy_is_not_the_motion(body, method, least_loss):
     """A γ chosen for the energy costs an axis what the default saves it; the reason says so."""
@@ -95,7 +96,8 @@ def test_the_energy_is_not_the_motion(body, method, least_loss):
 
 
 @pytest.mark.parametrize(("body", "method", "gain"), [
-    (BODIES[0], ("G-L", 2), 4), (BODIES[4], ("G-L", 2), 10),
+    (BODIES[0], ("G-L", 2), 4),
+    pytest.param(BODIES[4], ("G-L", 2), 10, marks=pytest.mark.slow),
 ], ids=name_of)
 def test_gains_of_the_largest_error_last(body, method, gain):
     """1000 steps of pilot runs, ten times as long a motion."""
@@ -208,6 +210,7 @@ def test_zeros_of_erratum_25(method, inverse):
 # ---------------------------------------------------------------- α, several bodies
 
 
+@pytest.mark.slow  # two steppers
 def test_alpha_of_lobatto_is_gamma():
     """LIIIA-B-α = LIIIA-B-γ (erratum 23), so the choice is the same; for G-L α does nothing."""
     alpha, gamma = (tune(gs.stepper("LIIIA-B", 2, rep), pilot_steps=320)

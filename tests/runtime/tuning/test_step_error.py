@@ -44,6 +44,7 @@ def test_the_error_is_as_asked_for_and_not_much_smaller(scheme, stages, error):
         assert largest(coarse, there.at(coarse.t)) > error
 
 
+@pytest.mark.slow  # a search of three kinds
 def test_gamma_and_a_frame_allow_larger_steps():
     """The fast top in a frame: the step is searched again, and the error is still as asked for."""
     step, how = systems.stepper("heavy_top_in_frame"), {"step_error": 1e-9, "t_end": 0.4}
