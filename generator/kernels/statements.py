@@ -13,11 +13,13 @@ from typing import Any
 
 import sympy as sp
 
+from ..symbolic.construction import applied, rebuilt
 from ..symbolic.shared_subexpressions import Shared, name_of, parts_of, symbols_of, tree_size
+from .common_subexpressions import common_subexpressions
 
 __all__ = ["Kernel", "Statements", "entries", "statements_of"]
 
-#: Number of nodes of the expression trees up to which SymPy sorts arguments.
+#: Number of nodes of the expression trees up to which arguments are sorted.
 _LARGEST_TREE = 100_000
 
 
@@ -75,10 +77,10 @@ def statements_of(kernel: Kernel) -> Statements:
         return Statements(shared, _paired(targets, reduced))
     definitions, outputs = _replace_shared([e for _, e in targets])
     expressions = [*definitions.values(), *outputs]
-    # SymPy compares whole trees to sort arguments, which takes too long in deep ones.
-    order = "canonical" if tree_size(expressions) <= _LARGEST_TREE else "none"
-    fresh = sp.numbered_symbols("_t", real=True)
-    shared, reduced = sp.cse(expressions, symbols=fresh, order=order)
+    # whole trees are compared to sort arguments, which takes too long in deep ones
+    shared, reduced = common_subexpressions(
+        expressions, sp.numbered_symbols("_t", real=True),
+        sort=tree_size(expressions) <= _LARGEST_TREE)
     shared_definitions, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
     if definitions:
         shared = _sort_definitions(shared, dict(zip(definitions, shared_definitions, strict=True)))
@@ -113,14 +115,13 @@ def _name_recurring(
         if isinstance(e, Shared):
             replacement[e] = arguments[0]
             continue
-        is_unchanged = all(a is b for a, b in zip(arguments, e.args, strict=True))
-        rebuilt = e if is_unchanged else e.func(*arguments)
+        reduced = rebuilt(e, arguments)
         # x and −x need no temporary
-        if uses[e] > 1 and not rebuilt.is_Atom and not (-rebuilt).is_Symbol:
-            if rebuilt not in names:
-                names[rebuilt] = next(new_symbols)
-            rebuilt = names[rebuilt]
-        replacement[e] = rebuilt
+        if uses[e] > 1 and not reduced.is_Atom and not (-reduced).is_Symbol:
+            if reduced not in names:
+                names[reduced] = next(new_symbols)
+            reduced = names[reduced]
+        replacement[e] = reduced
     return _drop_unused([(symbol, e) for e, symbol in names.items()],
                         [replacement[e] for e in expressions])
 
@@ -157,9 +158,8 @@ def _replace_shared(
     symbols: dict[sp.Basic, sp.Symbol] = {}  # by definition: different parts may become equal
     for e in parts_of(expressions):
         arguments = [replacement[a] for a in e.args]
-        is_unchanged = all(a is b for a, b in zip(arguments, e.args, strict=True))
         if not isinstance(e, Shared):
-            replacement[e] = e if is_unchanged else e.func(*arguments)
+            replacement[e] = rebuilt(e, arguments)
         elif arguments[0].is_Atom:
             replacement[e] = arguments[0]
         else:
@@ -230,7 +230,7 @@ def _name_bases(
             return e
         by_root = e.is_Pow and e.base in fourth_roots and (
             _has_denominator(e, 2) or _has_denominator(e, 4))
-        e = e.func(*(rename(a) for a in e.args))
+        e = applied(e.func, [rename(a) for a in e.args])
         if by_root:
             return symbol_of(sp.sqrt(e.base)) ** (2 * e.exp)
         return symbol_of(e.base) ** e.exp if _multiplies(e) and not e.base.is_Atom else e

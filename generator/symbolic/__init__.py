@@ -6,6 +6,7 @@ Open first: ``derivatives``, then ``identities``.
 
     bounded_algebra        bounds of the size of an expansion or a factorisation
     derivatives            derivatives by SymPy's rules, in fewer operations
+    construction           sums and products that need no simplification
     shared_subexpressions  expressions as directed acyclic graphs
     switching_functions    functions with switches: |u|, max, min, if
     piecewise              an expression with conditions as a piecewise function of one variable

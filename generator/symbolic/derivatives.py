@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import sympy as sp
 
+from .construction import product_of, sum_of
 from .shared_subexpressions import Shared, name_of, parts_of, share, substitute
 from .switching_functions import Switch, Where, has_sides
 
@@ -25,12 +26,12 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
     if e.is_Atom:
         return sp.Integer(int(e == x))
     if e.is_Add:
-        return sp.Add(*(derivative(term, x) for term in e.args))
+        return sum_of([derivative(term, x) for term in e.args])
     if e.is_Mul:
-        return sp.Add(*_product_terms(e.args, x))
+        return sum_of(_product_terms(e.args, x))
     if e.is_Pow and e.exp.is_number:
         inner = derivative(e.base, x)
-        rate = e * (inner * e.exp / e.base)
+        rate = product_of([e, product_of([inner, e.exp]), 1 / e.base])
         if 0 < e.exp < 1 and has_sides(e.base):  # (√max(x, 0))' = 0 for x < 0, not 0/0
             return Where(sp.Integer(0), sp.Abs(inner), rate, sp.Integer(0))
         return rate
@@ -51,7 +52,7 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
 
 def _product_terms(factors: tuple[sp.Expr, ...], x: sp.Symbol) -> list[sp.Expr]:
     inner = [derivative(factor, x) for factor in factors]
-    return [sp.Mul(*factors[:i], d, *factors[i + 1 :]) for i, d in enumerate(inner) if d != 0]
+    return [product_of([*factors[:i], d, *factors[i + 1:]]) for i, d in enumerate(inner) if d != 0]
 
 
 def along(

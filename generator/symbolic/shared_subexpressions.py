@@ -15,6 +15,8 @@ from weakref import WeakValueDictionary
 
 import sympy as sp
 
+from .construction import rebuilt
+
 __all__ = ["Shared", "expand_shared", "name_of", "parts_of", "share", "share_repeated",
            "substitute", "symbols_of", "text_of", "tree_size"]
 
@@ -89,9 +91,9 @@ def share_repeated(expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
             uses[a] = uses.get(a, 0) + 1
     replacement: dict[sp.Basic, sp.Basic] = {}
     for e in parts:
-        rebuilt = e.func(*(replacement[a] for a in e.args)) if e.args else e
+        new = rebuilt(e, (replacement[a] for a in e.args))
         recurs = uses.get(e, 0) > 1 and sizes[e] > _SHARED_SIZE and isinstance(e, sp.Expr)
-        replacement[e] = share(rebuilt) if recurs else rebuilt
+        replacement[e] = share(new) if recurs else new
     return [replacement[e] for e in expressions]
 
 
@@ -100,11 +102,8 @@ def expand_shared(e: sp.Expr) -> sp.Expr:
     replacement: dict[sp.Basic, sp.Basic] = {}
     for node in parts_of([e]):
         arguments = [replacement[a] for a in node.args]
-        is_unchanged = all(a is b for a, b in zip(arguments, node.args, strict=True))
-        if isinstance(node, Shared):
-            replacement[node] = arguments[0]
-        else:
-            replacement[node] = node if is_unchanged else node.func(*arguments)
+        replacement[node] = (arguments[0] if isinstance(node, Shared) else
+                             rebuilt(node, arguments))
     return replacement[e]
 
 
@@ -142,7 +141,5 @@ def substitute(
     replacement: dict[sp.Basic, sp.Basic] = dict(mapping)
     for e in parts_of(expressions):
         if e not in replacement:
-            arguments = [replacement[a] for a in e.args]
-            is_unchanged = all(a is b for a, b in zip(arguments, e.args, strict=True))
-            replacement[e] = e if is_unchanged else e.func(*arguments)
+            replacement[e] = rebuilt(e, (replacement[a] for a in e.args))
     return [replacement[e] for e in expressions]

@@ -1,0 +1,230 @@
+"""Common subexpressions of expressions: SymPy's algorithm and results, in a fraction of its time.
+
+``sympy.cse`` builds and compares expressions; here they are nodes of a graph, one for each
+different expression, and are compared by identity. A node may have another form, which the graph
+is searched in: −e for a sum or product with more minus signs than plus signs, 1/e for a power with
+a negative exponent, and for sums and products that share several arguments, one of a part that
+they have in common.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from operator import attrgetter
+from typing import Any
+
+import sympy as sp
+
+from ..symbolic.construction import applied, negative
+
+__all__ = ["common_subexpressions"]
+
+
+class _Node:
+    """An expression, or a function of nodes that is not evaluated: ``expression`` is None."""
+
+    __slots__ = ("arguments", "expression", "form", "function", "has_minus", "is_shared",
+                 "is_tracked", "is_visited", "size", "symbol")
+
+    def __init__(
+        self, function: type[sp.Basic], arguments: list[_Node], expression: Any = None
+    ) -> None:
+        self.function, self.arguments = function, arguments
+        self.expression: Any = expression
+        #: Another form of the expression, or None.
+        self.form: _Node | None = None
+        #: Whether a form has been looked for; whether it has occurred; whether it has recurred.
+        self.is_tracked = self.is_visited = self.is_shared = False
+        #: Its temporary.
+        self.symbol: sp.Symbol | None = None
+        self.size: int = 1 + sum(a.size for a in arguments) if expression is not None else 1
+        self.has_minus = expression is not None and _has_minus(expression, arguments)
+
+
+def _has_minus(e: sp.Basic, arguments: Sequence[_Node]) -> bool:
+    """Return whether e has more minus signs than −e: ``could_extract_minus_sign``."""
+    if e.is_Mul:
+        return bool(e.args[0].is_Number and e.args[0].is_extended_negative)
+    if not e.is_Add:
+        return bool(e.could_extract_minus_sign()) if isinstance(e, sp.Expr) else False
+    surplus = 2 * sum(a.has_minus for a in arguments) - len(arguments)
+    return surplus > 0 or (surplus == 0 and bool(e.sort_key() < negative(e).sort_key()))
+
+
+def common_subexpressions(
+    expressions: Sequence[sp.Expr], symbols: Iterator[sp.Symbol], *, sort: bool = True
+) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+    """Return temporaries with their definitions, in order, and the expressions in them.
+
+    Parameters
+    ----------
+    expressions : sequence of Expr
+    symbols : iterator of Symbol
+        Names of the temporaries; those that occur in the expressions are skipped.
+    sort : bool
+        Whether temporaries are numbered in the canonical order of arguments.
+    """
+    graph = _Graph()
+    roots = [graph.node(e) for e in expressions]
+    for root in roots:
+        graph.find_forms(root)
+    _share_arguments(sp.Add, list(graph.sums))
+    _share_arguments(sp.Mul, list(graph.products))
+    for root in roots:
+        _mark_shared(root)
+    names = {e.name for e in graph.nodes if e.is_Symbol}
+    fresh = (symbol for symbol in symbols if symbol.name not in names)
+    definitions: list[tuple[sp.Symbol, sp.Expr]] = []
+
+    def rebuild(node: _Node) -> sp.Expr:
+        if not node.arguments:
+            return node.expression
+        if node.symbol is not None:
+            return node.symbol
+        form = node.form or node
+        arguments = graph.in_order(form) if sort else form.arguments
+        new = [rebuild(a) for a in arguments]
+        if form.expression is None or any(
+                a is not b.expression for a, b in zip(new, arguments, strict=True)):
+            result = applied(form.function, new)
+        else:
+            result = form.expression
+        if not node.is_shared:
+            return result
+        node.symbol = next(fresh)
+        definitions.append((node.symbol, result))
+        return node.symbol
+
+    reduced = [rebuild(root) for root in roots]
+    return definitions, reduced
+
+
+class _Graph:
+    """The nodes of expressions, and the sums and products among them."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[sp.Basic, _Node] = {}
+        #: In the order in which they were met.
+        self.sums: dict[_Node, None] = {}
+        self.products: dict[_Node, None] = {}
+
+    def node(self, e: sp.Basic) -> _Node:
+        """Return the node of an expression."""
+        node = self.nodes.get(e)
+        if node is None:
+            node = self.nodes[e] = _Node(e.func, [self.node(a) for a in e.args], e)
+        return node
+
+    def find_forms(self, node: _Node) -> None:
+        """Find the forms of a node and of what it consists of; collect sums and products."""
+        if node.is_tracked or not node.arguments:
+            return
+        node.is_tracked = True
+        for argument in node.arguments:
+            self.find_forms(argument)
+        e = node.expression
+        if node.has_minus and not (opposite := negative(e)).is_Atom:
+            positive = self.node(opposite)
+            node.form = _Node(sp.Mul, [self.node(sp.S.NegativeOne), positive])
+            positive.is_tracked = True
+            node, e = positive, opposite
+        if e.is_Mul:
+            if not (len(e.args) == 2 and e.args[0].is_Number and e.args[1].is_Add):
+                self.products[node] = None
+        elif e.is_Add:
+            self.sums[node] = None
+        elif e.is_Pow and e.exp.could_extract_minus_sign():
+            node.form = _Node(sp.Pow, [self.node(e.base**-e.exp), self.node(sp.S.NegativeOne)])
+
+    def in_order(self, node: _Node) -> list[_Node]:
+        """Return the arguments of a sum or product in canonical order."""
+        if node.expression is None or not (node.expression.is_Mul or node.expression.is_Add):
+            return node.arguments
+        first, *others = node.arguments
+        number = first.expression
+        if node.expression.is_Mul and first.has_minus and number.is_Number and (
+                number is not sp.S.NegativeOne):
+            others = [self.node(sp.S.NegativeOne), self.node(-number), *others]
+        else:
+            others = node.arguments
+        ordered = list[_Node]()
+        for _, group in groupby(sorted(others, key=_SIZE), key=_SIZE):
+            equals = list(group)
+            if len(equals) > 1:
+                equals.sort(key=lambda a: sp.default_sort_key(a.expression))
+            ordered += equals
+        return ordered
+
+
+_SIZE = attrgetter("size")
+
+
+def _mark_shared(node: _Node) -> None:
+    """Mark the nodes that recur."""
+    if not node.arguments:
+        return
+    if node.is_visited:
+        node.is_shared = True
+        return
+    node.is_visited = True
+    for argument in (node.form or node).arguments:
+        _mark_shared(argument)
+
+
+def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
+    """Give sums, or products, that have arguments in common forms with that part as an argument.
+
+    Smaller functions first; the part of two is looked for in all that have as many in common.
+    """
+    nodes.sort(key=lambda node: len(node.arguments))
+    number_of: dict[_Node, int] = {}
+    #: Function → numbers of its arguments, and argument → numbers of the functions.
+    arguments_of = [{number_of.setdefault(a, len(number_of)) for a in node.arguments}
+                    for node in nodes]
+    arguments = list(number_of)
+    functions_of: list[set[int]] = [set() for _ in arguments]
+    for i, own in enumerate(arguments_of):
+        for a in own:
+            functions_of[a].add(i)
+
+    def number(node: _Node) -> int:
+        if node not in number_of:
+            number_of[node] = len(arguments)
+            arguments.append(node)
+            functions_of.append(set())
+        return number_of[node]
+
+    def replace(i: int, part: set[int], by: int) -> None:
+        for a in part:
+            functions_of[a].discard(i)
+        arguments_of[i] = (arguments_of[i] - part) | {by}
+        functions_of[by].add(i)
+        changed.add(i)
+
+    def part_of(numbers: set[int]) -> _Node:
+        return _Node(function, [arguments[a] for a in sorted(numbers)])
+
+    changed = set[int]()
+    for i, node in enumerate(nodes):
+        counts = Counter(j for a in arguments_of[i] for j in functions_of[a] if j > i)
+        candidates = sorted((count, j) for j, count in counts.items() if count > 1)
+        for position, (_, j) in enumerate(candidates):
+            part = arguments_of[i] & arguments_of[j]
+            if len(part) < 2:
+                continue
+            # all of i is a part of j: i recurs as it is
+            if len(part) == len(arguments_of[i]):
+                shared = number(node)
+            else:
+                shared = number(part_of(part))
+                replace(i, part, shared)
+            replace(j, part, shared)
+            for _, k in candidates[position + 1:]:
+                if part <= arguments_of[k]:
+                    replace(k, part, shared)
+        if i in changed:
+            node.form = part_of(arguments_of[i])
+        for a in arguments_of[i]:
+            functions_of[a].discard(i)
