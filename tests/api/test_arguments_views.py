@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import re
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +14,6 @@ import gyrospark as gs
 import systems
 from calls import RUN, TOP, refused
 from gyrospark.core.extras import install
-from processes import FAST_TOP, python
 
 
 def test_rotation_there_and_back(gl3):
@@ -66,11 +67,9 @@ def test_pictures_of_special_trajectories(tmp_path, gl3):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_missing_extra_is_refused_with_the_cure():
-    said = python(FAST_TOP + (
-        "import sys\nsys.modules['matplotlib'] = None\n"
-        "made = gs.stepper('IMS').integrate(top.q0, top.p0, dt=1e-3, steps=2, "
-        "parameters=parameters)\n"
-        "try:\n    made.plot('top.png')\nexcept gs.errors.MissingDependencyError as error:\n"
-        "    print(error)\n    assert isinstance(error, ImportError)\n"))
-    assert install("plot") in said
+def test_missing_extra_is_refused_with_the_cure(gl3, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gyrospark.runtime.plotting.figure", None)
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN)
+    with pytest.raises(gs.errors.MissingDependencyError, match=re.escape(install("plot"))) as error:
+        run.plot("top.png")
+    assert isinstance(error.value, ImportError)

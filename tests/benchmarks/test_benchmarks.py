@@ -407,6 +407,7 @@ def test_orbits_are_in_closed_form(e):
     assert np.abs(position(np.pi / 2 - e) - [-e, np.sqrt(1 - e**2)]).max() < 1e-13
 
 
+@pytest.mark.slow  # two steppers
 def test_orbits_are_rows():
     """The scaled ones are nearer than the constant ones, which need as many steps."""
     rows = adaptive.adaptive(Choice(("gyrospark",), quick=True, rounds=1, only="e = 0.9"))

@@ -641,6 +641,7 @@ def test_gamma_auto_reports_its_gain(gyrospark):
     assert "tuned" not in gyrospark(*run, "--json").document
 
 
+@pytest.mark.slow  # a stepper; as in double
 def test_gamma_auto_in_long_double(gyrospark):
     """The start is made consistent first."""
     answer = gyrospark("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--real",

@@ -181,6 +181,7 @@ def test_settings_that_do_not_fit_are_refused(setting, fragments, gyrospark, tmp
     refused(gyrospark("run", path, "--scheme", "IMS", "--set", setting), *fragments)
 
 
+@pytest.mark.slow  # the derivation of two bodies
 def test_settings_of_bodies_go_by_name(gyrospark):
     found = gyrospark("run", EXAMPLES / "double_top.toml", "--scheme", "IMS", "--steps", "2",
                       "--set", "bodies.upper.mass=0.7", "--gamma", "h", "--json")

@@ -173,7 +173,7 @@ CALLS = {
     ("profile", "frame"): derived(SPEC.with_profile("run").with_frame("symmetries")),
     ("profile", "lagrangian"): derived(SPEC.with_profile("run"), "heavy_bob"),
     ("profile", "large"): lambda: generate(
-        SPEC.with_profile("control"), system=gs.models.chain(8).system),
+        SPEC.with_profile("control"), system=gs.models.chain(5).system),
     ("profile", "time"): derived(SPEC.with_profile("control"), "breathing"),
     ("profile", "newton_only"): without_iteration,
     ("control", "long_numbers"): derived(
@@ -192,7 +192,7 @@ CALLS = {
     ("second", "lagrangian"): derived(SPEC, "heavy_bob", second=True),
     ("second", "frame"): derived(SPEC.with_frame("symmetries"), second=True),
     ("second", "large"): lambda: generate(
-        SPEC, system=gs.models.chain(8).system, second=True),
+        SPEC, system=gs.models.chain(5).system, second=True),
     ("derivatives", "tolerance"): gradient("kepler", solver=gs.Solver("newton", tolerance=1e-6)),
     ("reversed", "inputs"): gradient("pushed_pendulum", "none", inputs=CHANGING),
     ("reversed", "frame"): gradient("heavy_top_in_frame", "none"),

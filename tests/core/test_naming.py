@@ -114,6 +114,7 @@ def test_an_example_that_is_a_file_is_proposed_as_one(refuse, name, meant):
         refuse(name)
 
 
+@pytest.mark.slow  # a certificate; test_verify_accuracy.py has one of the command
 def test_a_named_system_has_a_certificate():
     made = model_of_verify("free-body", None)
     assert gs.certify(made, "IMS", dt=0.01, steps=2).model == "free-body"

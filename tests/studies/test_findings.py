@@ -108,7 +108,8 @@ def test_the_law_of_odd_stages_is_proved(claim: Any) -> None:
 
 
 @pytest.mark.parametrize(("term", "claim"), [
-    ("C", three_stages), ("B", lambda: odd_proof.gamma_claim((2,))),
+    ("C", three_stages),
+    pytest.param("B", lambda: odd_proof.gamma_claim((2,)), marks=pytest.mark.slow),
     pytest.param("A", two_stages, marks=pytest.mark.slow)])  # 2 CPU s of algebra
 def test_a_wrong_law_is_refuted(monkeypatch: pytest.MonkeyPatch, term: str, claim: Any) -> None:
     def wrong(s: int, top: BodyFrameTop) -> Any:

@@ -64,14 +64,14 @@ def test_ctrl_c_keeps_every_finished_cell(gyrospark, monkeypatch, tmp_path):
 
 def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):
     """The sweep is complete, and is told so, with its report."""
-    study_file(tmp_path)
+    study_file(tmp_path, STUDY.replace("count = 40", "count = 4"))
     sweep = import_module("gyrospark.commands.sweep")  # the package has the command by that name
     summary = sweep._result
     monkeypatch.setattr(sweep, "_result", lambda *given: (
         os.kill(os.getpid(), signal.SIGINT), summary(*given))[1])
     answer = gyrospark("sweep", "study.toml")
     assert answer.code == 130
-    assert "1,280 cells" in answer.stdout
+    assert "128 cells" in answer.stdout
     assert answer.stderr.count("\n") == 1
     assert "complete" in answer.stderr
 
@@ -88,7 +88,7 @@ def test_a_cluster_of_threads_writes_the_same_bytes(tmp_path, monkeypatch):
     """Workers are threads of this process; scheduler and client are those of any cluster."""
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(tiles, "_LEAST_STORED", 10**3)
-    study = load_study(study_file(tmp_path, STUDY.replace("count = 40", "count = 4"))).study
+    study = load_study(study_file(tmp_path, STUDY.replace("count = 40", "count = 2"))).study
     assert len(list(tiles.tiles_of(study))) > 2
     run_study(study, out=tmp_path / "threads.zarr")
     with warnings.catch_warnings():

@@ -222,6 +222,7 @@ FAIR_START = [0.9, 0.3, -0.4, 0.5], [0.1, 0.0, 0.7, -0.6]
 FAIR_PARAMETERS = {"k": 3.0, "a": 0.4, "r": 0.3}
 
 
+@pytest.mark.slow  # 4,000 steps; steps across a wall keep it, too
 def test_EMS_keeps_the_energy():
     """4,000 steps with hundreds of crossings: a random walk of roundings of H, which is 2."""
     step, steps = gs.stepper("EMS", system=FAIR), 4_000

@@ -54,9 +54,9 @@ def test_motion_is_that_of_the_hamiltonian_written_out():
 
     Residual and Jacobian agree entry by entry.
     """
-    step, entry = systems.stepper("lagrangian"), systems.case("lagrangian")
+    step, entry = systems.stepper("shaken"), systems.case("shaken")
     other = gs.stepper("G-L", 2, system=entry.system.legendre())
-    q, p = systems.start("lagrangian", step)
+    q, p = systems.start("shaken", step)
     for solver in ("auto", "newton", "fixed-point"):
         run, second = (each.integrate(gs.Start(q, p, t=0.3), dt=0.01, steps=100,
                                       parameters=entry.parameters, solver=solver)

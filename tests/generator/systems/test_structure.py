@@ -82,6 +82,7 @@ def test_what_dampers_couple_lies_close_together():
     assert max(abs(place["q", i + 1] - place["q", i]) for i in range(7)) == 1
 
 
+@pytest.mark.slow  # a stepper; test_elements.py has its derivatives
 def test_structured_ems_balances_energy_and_work():
     """An identity of its own differences, so that no dense code is needed; by each solver."""
     step = made_beads("EMS", None, True)

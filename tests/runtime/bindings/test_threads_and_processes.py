@@ -33,7 +33,7 @@ def bits(run: gs.Trajectory) -> list[bytes]:
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name in ("ims", "ems", "chain")))
+    pytest.param(name, marks=[pytest.mark.slow] * (name in ("ims", "ems", "beads", "chain")))
     for name in NAMES])
 def test_threads_on_one_stepper_give_the_bits_of_one(name):
     """As many threads, each with a run of its own, started together: no memory is shared."""

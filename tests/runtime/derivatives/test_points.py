@@ -100,6 +100,7 @@ def test_rows_within_steps_have_tangents_and_gradients(asked):
         assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
 
 
+@pytest.mark.slow  # a stepper and its derivatives
 def test_events_of_a_scheme_that_does_not_keep_the_momentum_constraint():
     """By what leaves the start as it is; momenta within its steps have fewer digits."""
     step, z = systems.differentiable("driven_pendulum", "EMS"), start()
