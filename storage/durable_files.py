@@ -48,7 +48,7 @@ class DurableStore(LocalStore):
         path = self.root / key
         at_root = path.parent == self.root
         write_durably(path, value.as_buffer_like(),
-                      workshop=_unlisted(self.root) if at_root else None)
+                      workshop=_array_folder(self.root) if at_root else None)
 
     async def set_if_not_exists(self, key: str, value: Buffer) -> None:
         """Write a file unless it is there; there is one writer, see ``staging``."""
@@ -60,8 +60,11 @@ class DurableStore(LocalStore):
         return type(self)(self.root, read_only=read_only)
 
 
-def _unlisted(root: Path) -> Path | None:
-    """Return the folder of an array: readers list the root, and warn of files they do not know."""
+def _array_folder(root: Path) -> Path | None:
+    """Return the folder of an array, where unfinished files of the root may lie.
+
+    Readers list the root, and warn of files that they do not know.
+    """
     if not root.is_dir():
         return None
     return next((folder for folder in root.iterdir() if folder.is_dir()), None)

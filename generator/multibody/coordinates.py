@@ -93,7 +93,7 @@ class Coordinate(Connection):
 
     @property
     def MEASURES(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Its coordinate and its rate."""
+        """Names of its measures: "angle" and "rate", or "travel" and "speed"."""
         return (self.kind, RATE_OF[self.kind])
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:

@@ -194,11 +194,12 @@ class Connection:
         return RigidMotion.along(np.zeros(3))
 
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
-        """Yield its given coordinates at the start."""
+        """Yield the coordinates that users gave for the start; a connection without any has none.
+        """
         yield from ()
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
-        """Yield its given rates at the start."""
+        """Yield the rates that users gave for the start; a connection without any has none."""
         yield from ()
 
     def turn(self, poses: Poses) -> bool:

@@ -127,6 +127,7 @@ def factors_of(terms: Terms) -> list[tuple[Terms, int]] | None:
     if len(terms) > _MOST_TERMS or not 0 < len(bases) <= _MOST_BASES or not all(
             isinstance(n, int) for m in terms for _, n in m):
         return None
+    # SymPy factors polynomials: negative powers wait outside
     lowest = {base: min(0, *(dict(m).get(base, 0) for m in terms)) for base in bases}
     coefficients = {tuple(dict(m).get(base, 0) - lowest[base] for base in bases): rational(a)
                     for m, a in terms.items()}

@@ -189,6 +189,7 @@ class NormalForm:
         content, inner_sum = primitive(base)
         if content < 0 and not exponent.is_Integer:
             content, inner_sum = -content, -inner_sum
+        # u^(5/2) = u² u^(1/2): the integer part is expanded, the root stays a base
         integer_part = max(int(sp.floor(exponent)), 0)
         factors = [power_of_atom(rational(content), exponent),
                    {frozenset([(inner_sum, plain_exponent(exponent - integer_part))]): 1}]
@@ -210,6 +211,7 @@ class NormalForm:
         tail = scaled({m: b for m, b in inner.items() if m != lead}, quotient(-1, inner[lead]))
         head: Terms = {frozenset([(base, 1)]): quotient(1, inner[lead])}
         quotient_terms = dict(terms)
+        # a term that the division makes may be divisible again
         waiting = [m for m in quotient_terms if has_below(m, base) and divides(lead, m)]
         while waiting:
             m = waiting.pop()

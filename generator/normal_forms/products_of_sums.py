@@ -95,6 +95,7 @@ def kinds(terms: Terms) -> list[frozenset[sp.Expr]]:
     sets = []
     for free in bases:
         if free not in reduced:
+            # a vector of the orthogonal complement for each column without a pivot
             weights = {free: 1} | {pivot: -row[free]
                                    for pivot, row in reduced.items() if free in row}
             if any(w != 1 for w in weights.values()):
@@ -178,6 +179,7 @@ def _connected_sums(
     for first in sorted(roots, key=order):
         if first in visited:
             continue
+        # all monomials that mixed terms join to the first one, each with its sign against it
         signs: Terms = {first: 1}
         stack = [first]
         while stack:
@@ -384,6 +386,7 @@ class _PowerSplitter:
         terms_before = (n - 1) * len(powers) + sum(a != 0 for a in present.values())
         is_covered = n % 2 == 0 and all(
             0 < quotient(a, present[x] or -a) <= 1 for x, a in needed.items())
+        # a sum of squares is kept even where it is no shorter: it has no cancellation
         if terms_after >= terms_before and not is_covered:
             return
         for (x, y), (a, sign) in powers.items():

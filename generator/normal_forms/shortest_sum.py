@@ -231,6 +231,7 @@ class Compact:
                     if len(extended) <= len(numerator) + 1:
                         numerator = extended
                         del remainder[m]
+            # without a term that joined the numerator nothing is gained
             if len(remainder) < term_count:
                 return sp.Add(sp.Mul(base**lowest, self(numerator)), self(remainder))
         return None

@@ -244,6 +244,7 @@ class KickTemplate:
 
 def _shortened(torques: Sequence[Vector], forces: Sequence[sp.Expr],
                quaternions: Sequence[Sequence[sp.Symbol]]) -> Kick:
+    """Return a kick of all torques and forces, in a form with fewer operations on |q| = 1."""
     short = iter(shortened([*(e for N in torques for e in N), *forces], quaternions))
     return Kick(tuple((next(short), next(short), next(short)) for _ in torques), tuple(short))
 

@@ -77,6 +77,7 @@ def _slope(derivative: Any, third: int) -> Any:
     """
 
     def value(function: type[_Cardinal], z: Any) -> Any:
+        """Return the derivative of f(z)/z to working precision."""
         if abs(z) < mp.ldexp(1, -mp.mp.prec):
             return third * z / 3
         # f′(z) − f(z)/z is of the order z²: as many bits cancel

@@ -126,7 +126,7 @@ class FrameMotion:
                    key=lambda frame: len(self._path(frame)), default=self.frame)
 
     def _moved(self, position: Any, velocity: Any, axes: Any) -> list[sp.Expr]:
-        """Return v + dr/dt in some axes; in those that r is given in it is r_t + Ω × r."""
+        """Return v + dr/dt in some axes; in a frame that turns with Ω, dr/dt = ∂r/∂t + Ω × r."""
         rates = 0 * velocity
         for r, frame in position.args:
             moved = r.diff(me.dynamicsymbols._t) + sp.Matrix(self.turning(frame)).cross(r)

@@ -266,6 +266,7 @@ class Fitting:
         point.basis = np.asarray(tangents.start[:, :starts], dtype=float)
         largest = [float(np.linalg.norm(x, axis=1).max()) or 1.0 for x in (q, p)]
         point.sizes = np.repeat(largest, self.step.n)
+        # tangents have the start first, and a fit its parameters
         return r, J[:, :, [*range(starts, J.shape[2]), *range(starts)]]
 
     def linearise(self, point: Point) -> Linear:
@@ -443,6 +444,8 @@ def fit(
     counts = _horizons(horizons, len(times), fitting.fewest(point))
     iterations = 0
     with log_progress(f"fitting {stepper.name}", len(counts), progress) as report:
+        # short horizons first: the error of a guess grows along a run, and a long one has many
+        # minima
         for horizon, count in enumerate(counts):
             is_last = count == counts[-1]
             fitting.samples = count
@@ -483,6 +486,7 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
         gaps = np.diff([t0, *times])
         if not times[-1] > t0:
             raise InputError("All samples are at the start, from which no dt follows; give dt.")
+        # the smallest distance of two samples, adjusted so that the last one is on the grid
         smallest_gap = float(gaps[gaps > 0].min(initial=np.inf))
         dt = (times[-1] - t0) / max(1.0, np.rint((times[-1] - t0) / smallest_gap))
     step_size = float(as_real("dt", dt))
@@ -584,6 +588,7 @@ def _result(
     scaled = (r / fitting.sigma).ravel()
     noise = 1.0 if sigma_known else float(np.sqrt(scaled @ scaled
                                                   / max(1, len(scaled) - J.shape[2])))
+    # a direction that the data fix no better than the error of Δt is not determined by them
     noise_with_truncation = float(np.hypot(noise,
                                            np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))))
     linear = fitting.scaled(point, r, J, coordinates.scales(point.parameters))

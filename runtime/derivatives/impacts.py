@@ -73,6 +73,8 @@ def hits_of(
         crossings = trajectory.impacts[impact.name]
         since = crossings.elapsed - times(0 * run.t0, run.dt, crossings.steps)
         for i, step in enumerate(crossings.steps.tolist()):
+            # at the ends of a step its part before or behind the impact has length 0, and which
+            # step it belongs to changes with the start
             if not since[i] or step >= run.steps:
                 raise InputError(
                     f"The impact of {impact.name!r} at t = {float(crossings.t[i]):.9g} s is at the "

@@ -38,6 +38,7 @@ def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptS
                 stepper._run(run)  # says why it fails, with everything before
                 raise singular(kept_run.done, status)
             yield steps
+        # a step with an impact is parts of steps and a jump, which are linearised one by one
         if step < run.steps:
             impact_step = function_of("runtime.derivatives.impacts", "impact_step")(
                 stepper, run, step, kept_run.state.q.copy(), kept_run.state.p.copy())

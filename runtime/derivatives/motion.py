@@ -262,13 +262,16 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
     """
     H_pp, G = motion.inverse_mass(), motion.constraint_jacobian()
     parts = [motion.rate(name) for name in names]
+    # momenta as rates of their own: C q' = C H_pp p, so that rows of p are C = rows H_pp⁻¹
     C = np.vstack([_solve(H_pp, rows.T, names).T if is_momentum else rows
                    for rows, _, is_momentum in parts])
     to_p = C @ H_pp
+    # inverse of the mass matrix: C (H_pp − H_pp Gᵀ (G H_pp Gᵀ)⁻¹ G H_pp) Cᵀ
     constrained = to_p @ G.T
     mobility = to_p @ C.T
     if len(G):
         mobility = mobility - constrained @ _solve(G @ H_pp @ G.T, constrained.T, names)
+    # rates have different units: the test of dependence is of numbers without units
     scale = np.sqrt(np.abs(np.diag(to_p @ C.T)))
     scaled = mobility / np.outer(scale, scale)
     if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _DEPENDENT:

@@ -203,6 +203,7 @@ def _normal(
         states[system.clock.time] = n - 1
     if event.quantity not in quantities:
         return _unit(stepper, states[event.quantity])
+    # rows of a trajectory have q and p that users see; C takes t and e with them in scaled time
     there = stepper.binding.start_in_scaled_time(
         stepper.binding.parameters(run.parameters, run.t0), crossings.q[i].copy(),
         crossings.p[i].copy(),

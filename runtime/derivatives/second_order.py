@@ -131,8 +131,9 @@ def pulled_back_slope(
     g_slope, f_slope = second.constraint_slopes(parameters, q, p, np.ascontiguousarray(dz))
     G, G_slope = g[:, :n], g_slope[:, :n]
 
-    def less(rows: Array, rows_slope: Array, A: Array, A_slope: Array, z: Array, z_slope: Array
-             ) -> tuple[Array, Array]:
+    def correction(
+        rows: Array, rows_slope: Array, A: Array, A_slope: Array, z: Array, z_slope: Array
+    ) -> tuple[Array, Array]:
         """Return rowsᵀ A⁻¹ G z and its slope."""
         y = solved(A, G @ z)
         y_slope = solved(A, G_slope @ z + G @ z_slope - A_slope @ y)
@@ -140,12 +141,15 @@ def pulled_back_slope(
 
     if space.binding.keeps_momentum:
         f_p, f_p_slope = f[:, n : 2 * n], f_slope[:, n : 2 * n]
-        moved, moved_slope = less(
+        # z̄ ← z̄ − fᵀ W⁻ᵀ G p̄ with W = f_p Gᵀ, then z̄ ← z̄ − gᵀ (G Gᵀ)⁻¹ G q̄: the transposes of
+        # ``TangentSpace.projected`` in reverse order
+        moved, moved_slope = correction(
             f, f_slope, (f_p @ G.T).T, (f_p_slope @ G.T + f_p @ G_slope.T).T,
             z_bar[n : 2 * n], z_bar_slope[n : 2 * n])
         z_bar, slope = z_bar - moved, slope - moved_slope
     GG_slope = G_slope @ G.T
-    return slope - less(g, g_slope, G @ G.T, GG_slope + GG_slope.T, z_bar[:n], slope[:n])[1]
+    return slope - correction(g, g_slope, G @ G.T, GG_slope + GG_slope.T, z_bar[:n],
+                              slope[:n])[1]
 
 
 @dataclass(frozen=True)
@@ -213,6 +217,7 @@ def hessian_of(
     dt_rows = binding.new(len(along), count) + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1]
     columns: list[Array] = []
     gradient = binding.new(count)
+    # forward over reverse: one sweep back for each direction
     for j in range(count):
         dz = np.ascontiguousarray(D[:, j])
         moved = _moved(stepper, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
@@ -224,6 +229,7 @@ def hessian_of(
             tangent = start[:, j : j + 1].copy()  # is advanced
             first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows,
                                     binding.new(0), tangent)
+            # C returns directions after each step, and the sweep back takes those before it
             rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
             here = tuple(_stored(run, block, cotangents_of_kind.rows)
                          for cotangents_of_kind in (cotangents, moved))

@@ -61,6 +61,7 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
     for name, points in rows.events.items():
         event_rows = slice(offset, offset + len(points))
         offset += len(points)
+        # one crossing without derivatives leaves the whole event without
         why = [str(x) for x in q[event_rows] if isinstance(x, InputError)]
         if why:
             refused[name] = why[0]

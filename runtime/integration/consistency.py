@@ -92,6 +92,7 @@ def moved_onto_constraints(
     binding = stepper.binding
     if not binding.conditions:
         return q, p, ""
+    # constraints depend on no input and on no γ: any number serves for those not known yet
     values = dict.fromkeys(binding.input_names, 0.0) | {
         name: value if not isinstance(value, Rule) else Rule("m", value.inertia)
         for name, value in parameters.items()
@@ -102,6 +103,7 @@ def moved_onto_constraints(
         compiled_parameters = binding.parameters(stepper.check_parameters(values), t0)
         begun = binding.start_in_scaled_time(compiled_parameters, *state, t0)
         with np.errstate(all="ignore"):
+            # the bits of a start that is consistent stay: a projection would round them anew
             if _is_plainly_consistent(binding, compiled_parameters, *begun):
                 return q, p, ""
             moved = stepper._projected(*begun, compiled_parameters)
@@ -153,6 +155,8 @@ def _cure(
 ) -> str:
     """Return how a start gets onto the constraints, or why it does not."""
     q, p = run.q.copy(), run.p.copy()
+    # the projection of the compiled code says whether there is one; this one says which constraints
+    # are in its way
     if binding.project(parameters, q, p) and binding.dtype is np.float64 and not binding.rows:
         try:
             with np.errstate(all="ignore"):
@@ -165,6 +169,7 @@ def _cure(
             "moves it onto them.")
     state1, moved = (np.concatenate([x[: binding.shown] for x in state]).astype(float)
                      for state in ((run.q, run.p), (q, p)))
+    # a start that was once an array of float32 is off by its round-off: a frequent mistake
     single = float(np.finfo(np.float32).eps)
     if binding.epsilon < single and (state1.astype(np.float32) == state1).all() and (
             np.abs(moved - state1).max() <= 8 * single * np.abs(state1).max()):

@@ -47,6 +47,8 @@ def diagnose(
     binding: Binding, manifest: Manifest, run: Any, status: int, q: Array, p: Array, t: Any
 ) -> Diagnosis:
     """Return why a step from (q, p) at time t ended with this status."""
+    # the step once more by Newton's method, whose way of failing says more than that of the
+    # fixed-point iteration
     newton_status, increment = _tried_by_newton(binding, run, q, p, t) \
         if run.solver != "fixed-point" and binding.solves else (status, None)
     if newton_status in (_NOT_CONVERGED, _STAGNATED, _DIVERGED):
@@ -60,6 +62,7 @@ def diagnose(
             detail=f"{diagnosis.detail}, where the constraints {dependent} depend on each other",
             cure="That is a change point of the mechanism, from which no step is determined: start "
                  "beside it, or pass it with another time step")
+    # has a smaller step from the same state a solution? Then the cure names its Δt
     dt, smallest = _smaller_step(binding, run, q, p, t)
     largest = max(run.parameters, key=lambda name: abs(float(run.parameters[name])), default=None)
     if dt is None and status == _NOT_FINITE and largest is not None and (

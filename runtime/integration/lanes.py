@@ -68,6 +68,7 @@ class EnsembleStates:
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
         if in_lanes:
             binding = stepper._binding_of_many
+        # detectors look at the states of a batch after each call: one batch a call, else several
         batch = binding.lanes * (
             1 if detectors else _batches_in_a_call(binding, runs.first)) if in_lanes else 1
         reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)
@@ -159,6 +160,7 @@ class EnsembleStates:
         """Give the states of a batch to their detectors, and store every ``every``-th."""
         for i, detector in enumerate(self.detectors[lanes]):
             count = int(self.report(lanes.start + i).steps) - done
+            # a trajectory that has failed takes no more steps
             if count > 0:
                 detector.detect(done, visited.q[i, : count + 1], visited.p[i, : count + 1])
                 thin(visited[i, 1:], count, every, rows[i])
@@ -197,6 +199,7 @@ def fill_ensemble(
             report(computed.steps_done)
         return
     batches, broken = SimpleQueue[int | None](), threading.Event()
+    # behind the batches one None for each thread, which ends it
     for batch in (*range(len(computed.reports)), *[None] * workers):
         batches.put(batch)
 
@@ -214,5 +217,5 @@ def fill_ensemble(
                     future.result()
                 if report is not None:
                     report(computed.steps_done)
-        finally:  # where memory ran out, say, the others are not finished for nobody
+        finally:  # after an error, such as full memory, nobody takes what the others compute
             broken.set()

@@ -70,6 +70,7 @@ def merged_start(
         _refuse_impacts(state)
     values = start_parameters(stepper.parameter_domains, state, parameters)
     rates = [symmetry.name for symmetry in stepper.symmetries]
+    # a rule for the frame holds for all rates together: it gives way where one of them is given
     if frame and "frame" in state._rules and values.keys().isdisjoint(rates):
         values |= dict.fromkeys(rates, Rule(state._rules["frame"]))
     t0 = state.t if t is None else t
@@ -209,6 +210,7 @@ def merged_starts(
                            if isinstance(entries, Sequence)
                            and all(isinstance(entry, Mapping) for entry in entries)
                            else start_parameters(stepper.parameter_domains, start, entries))
+        # one start for all: the number of trajectories is the length of any column
         columns = [] if isinstance(rows_or_columns, list) else [*rows_or_columns.values(), start.t]
         size = len(rows_or_columns) if isinstance(rows_or_columns, list) else max(
             (len(x) for x in columns if np.ndim(x) == 1), default=1)

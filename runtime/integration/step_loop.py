@@ -123,6 +123,7 @@ def course(
 ) -> tuple[Trajectory, int, RunState]:
     """Return a run up to its end, to a step that fails, or until it shall stop; status and state.
     """
+    # how many steps an open end takes is not known: ``fill`` makes room as they come
     rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
     rows.q[0], rows.p[0] = run.q, run.p
     state = RunState.at_start(binding, run.q, run.p, binding.works.take())
@@ -158,6 +159,7 @@ def fill(
         row = run.stored(done) + 1
         count, every = next_chunk(run, done, pace.begin(run.steps - done))
         if row + count // every > len(rows.iterations):
+            # doubled, so that all copies together cost no more than the rows themselves
             rows = rows.with_room(binding, max(2 * row, row + count // every))
         previous = rows.iterations[row]  # of the pieces before, where a row takes several
         status = step_on(constants, count, every, state, rows[row:])
@@ -215,6 +217,7 @@ def next_chunk(
     if run.stored_steps is not None:
         piece = min(int(run.stored_steps[run.stored(done)]) - done, limit)
         return piece, piece
+    # within a row, or a row longer than a chunk: on to the next stored state, in pieces
     if to_row < run.every or run.every > limit:
         piece = min(to_row, limit)
         return piece, piece

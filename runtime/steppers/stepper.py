@@ -467,11 +467,13 @@ class Stepper(Dynamics):
         impacts = as_impacts(events, names, state.impacts)
         observed_events: Any = impacts or as_events(events, names)
         clock, end_event = self.manifest.system.clock, ""
+        # in scaled time the number of steps to t_end is not known: an event at t_end ends the run
         if clock is not None and steps is None and t_end is not None:
             end = end_of_run(clock, observed_events, state.t, t_end, dt)
             observed_events, end_event = (*observed_events, end), end.name
             steps, t_end = OPEN, None
         count, remainder = span_of(steps, t_end, state.t, dt)
+        # the part of a step at the end has a row of inputs of its own
         fed: Any = as_inputs(inputs, self.binding, count + 1) if remainder else inputs
         run = self._resolved(self._run_arguments(
             state.q, state.p, dt=dt, steps=count, every=every, inputs=fed,
