@@ -593,7 +593,7 @@ class Stepper(Dynamics):
         warn_of_negative(run.parameters)
         warn_of_late_start(self.binding, run.t0, run.dt, run.steps)
         dt = run.dt
-        if self.binding.clocked:
+        if self.binding.clocked and self.rotations.bodies:
             dt = dt * self.binding.time_scales(self.binding.parameters(run.parameters),
                                                run.q[None], run.p[None])[0]
         return self.rotations.warn(run.parameters, dt, run.q[None], run.p[None])

@@ -25,6 +25,7 @@ import gyrospark as gs
 import lagrangians
 import mechanisms
 import rolling_systems
+import scaled_motions
 import time_lagrangians
 
 Array = NDArray[Any]
@@ -370,8 +371,44 @@ def _beam() -> Case:
     return Case({"system": model}, tuple(model.q0), tuple(p), model.parameters, 1e-4)
 
 
+def _eccentric_satellite() -> Case:
+    """A body of mass 1/100 on an orbit of eccentricity .7, under gravity gradient; |Q| = 1."""
+    place, velocity = sp.symbols("x y z u v w", real=True)[:3], (u, v, w)
+    Q, P = sp.symbols("q0:4", real=True), sp.symbols("p0:4", real=True)
+    inertia, mass = (sp.Rational(13, 10), 1, sp.Rational(7, 10)), sp.Rational(1, 100)
+    L = sp.Matrix([[-Q[1], -Q[2], -Q[3]], [Q[0], -Q[3], Q[2]], [Q[3], Q[0], -Q[1]],
+                   [-Q[2], Q[1], Q[0]]])
+    R = sp.Matrix([[1 - 2 * (Q[2]**2 + Q[3]**2), 2 * (Q[1]*Q[2] - Q[0]*Q[3]),
+                    2 * (Q[1]*Q[3] + Q[0]*Q[2])],
+                   [2 * (Q[1]*Q[2] + Q[0]*Q[3]), 1 - 2 * (Q[1]**2 + Q[3]**2),
+                    2 * (Q[2]*Q[3] - Q[0]*Q[1])],
+                   [2 * (Q[1]*Q[3] - Q[0]*Q[2]), 2 * (Q[2]*Q[3] + Q[0]*Q[1]),
+                    1 - 2 * (Q[1]**2 + Q[2]**2)]])
+    r = sp.sqrt(sum(e**2 for e in place))
+    m, n = L.T * sp.Matrix(P) / 2, R.T * sp.Matrix(place)
+    H = (sum(e**2 for e in velocity) / 2 - 1 / r
+         + (sum(m[i]**2 / (2 * inertia[i]) for i in range(3))
+            + sum(a * b for a, b in zip(Q, P, strict=True))**2 / 8) / mass
+         + mass * sp.Rational(3, 2) * sum(inertia[i] * n[i]**2 for i in range(3)) / r**5)
+    system = gs.System([*place, *Q], [*velocity, *P], (), H, [sum(e**2 for e in Q) - 1],
+                       name="eccentric_satellite",
+                       time_scale=gs.scales.rates(r**sp.Rational(-3, 2), 2))
+    start, _ = scaled_motions.states("eccentric_satellite")
+    return Case({"system": system}, *map(tuple, start.astype(float).reshape(2, 7)), {}, 0.1)
+
+
+def _very_eccentric() -> Case:
+    """Eccentricity .9, from the pericentre."""
+    return Case(_eccentric().options, (0.1, 0.0), (0.0, float(np.sqrt(19))), {"k": 1.0}, 0.1,
+                exact=lambda time: _kepler_motion(time, 0.9))
+
+
 #: Of these ``names`` returns none: no law runs over them.
-_OTHERS: dict[str, Callable[[], Case]] = {"ball": _ball, "beam": _beam}
+_OTHERS: dict[str, Callable[[], Case]] = {
+    "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
+    "very_eccentric": _very_eccentric}
+
+
 _CASES: dict[str, Callable[[], Case]] = {
     "heavy_top": _heavy_top,
     "heavy_top_alpha": lambda: _heavy_top("alpha"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,34 +28,7 @@ def to(name, t_end, step=None, **more):
     return step.integrate(timed_start(name, step), t_end=t_end, **arguments(name, **more))
 
 
-# ---------------------------------------------------------------- order
-
-
-def in_constant_steps(name, t_end):
-    """The end of a run of the same system without time_scale, its error below 1e-12."""
-    entry = case(name)
-    own = replace(entry, options={"system": entry.system.with_time_scale(None)})
-    step = gs.stepper("G-L", 5, **own.options)
-    steps = 400
-    run = step.integrate(timed_start(name, stepper(name)), steps=steps,
-                         dt=(t_end - entry.t0) / steps, parameters=entry.parameters)
-    return np.concatenate([run.q[-1], run.p[-1]])
-
-
-@pytest.mark.slow  # five stages beside two; certificates measure the order too
-@pytest.mark.parametrize("name", ["scaled_pendulum", "tethered_pair"])
-def test_steps_have_their_order_with_constraints_forces_and_time(name):
-    entry = case(name)
-    t_end = entry.t0 + 1.0
-    wanted = in_constant_steps(name, t_end)
-    errors = []
-    for parts in (1, 2, 4):
-        run = to(name, t_end, dtau=2 * entry.dt / parts)
-        assert run.t[-1] == t_end
-        errors.append(np.abs(np.concatenate([run.q[-1], run.p[-1]]) - wanted).max())
-    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert abs(slopes[-1] - 4) < 0.35
-    assert run.report.constraint_max < 64 * EPS
+# ---------------------------------------------------------------- energy, steps
 
 
 @pytest.mark.parametrize(("stages", "dtau"), [
