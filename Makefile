@@ -15,13 +15,14 @@ demo: .venv/demo
 	    --dt 1e-3 --steps 2000 --plot demo.png --show demo.html
 
 # What a file derives and makes is made once. Files go in the order of their folders and names, for
-# by default files of few tests come last, and the longest are among them.
+# by default files of few tests come last, and the longest are among them. Each core has a worker, up
+# to four, for each imports SymPy.
 test: .venv/ready lint
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 # Whole products, long runs, millions of steps: what "slow" marks.
 test-long: .venv/ready
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow
+	$(BIN)/pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder -m slow
 
 # Speed and accuracy beside other programs: make bench WHAT="events --rounds 3"
 bench: .venv/ready
