@@ -55,6 +55,7 @@ typedef struct {
     /* Memory of hits, and one more place: the gap for which the run returns early. */
     long capacity, *count, *places;
     real *hits;
+    int tried; /* whether parts of the present step were taken in search of its lowest gap */
     int most; /* iterations of a step since the last stored row */
     gap_state from, end, trial;
 } impact_run;
@@ -122,6 +123,7 @@ static int crosses(impact_run *r, long n, real since, int g, real *h, int *statu
             return 0;
         const real share = k % 2 ? (real)0.5 : rate_low/(rate_low - rate_high);
         const real now = low + share*(high - low);
+        r->tried = 1;
         *status = take_part(r, n, since, now, &r->from, &r->trial);
         if (*status != OK)
             return 0;
@@ -401,6 +403,7 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
         const int whole = *since == 0;
         real h = r->dt - *since;
         int status = OK, hit = -1;
+        r->tried = 0;
         if (falls(r, &r->from)) {
             status = resolve_impacts(r, n, *since, &r->from, report);
             if (status != OK)
@@ -440,7 +443,7 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
             *report = before;
             return status;
         }
-        if (whole && hit < 0 && !falls(r, &r->end)) {
+        if (whole && hit < 0 && !r->tried && !falls(r, &r->end)) {
             report->iterations += r->end.taken;
             r->from = r->end;
             store_on_grid(r, first, every, out, 0, report);
@@ -448,7 +451,7 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
         }
         if (whole) {
             *report = before;
-            if (h == r->dt) /* a gap closes at the end of the step, which is taken as a part */
+            if (h == r->dt) /* none closes before the end of the step, which is taken as a part */
                 status = take_part(r, n, 0, h, &r->from, &r->end);
             if (status != OK)
                 return status;

@@ -60,6 +60,8 @@ SYSTEMS = {
     "dragged": gs.System((z,), (pz,), (m, g, c), pz**2 / (2 * m) + m * g * z, name="dragged_ball",
                          forces=(push - c * pz,), time=t, inputs=(push,),
                          quantities={"floor": z, "wall": z + sp.sin(t) / 10}),
+    "between": gs.System((z,), (pz,), (c, m), pz**2 / 2, name="ball_and_wall", time=t,
+                         quantities={"wall": z - c * sp.sin(m * t), "roof": 1 - z}),
     "quartic": gs.System((z,), (pz,), (), pz**4 / 4, name="quartic", quantities={"floor": z}),
     "pendulum": _pendulum(), "cradle": _cradle()}
 
@@ -164,6 +166,56 @@ def test_many_impacts_within_a_step():
     assert np.abs(times - (0.75 + np.arange(3001)) / 3001).max() < 1e-10
     assert abs(len(run.impacts["roof"]) - len(run.impacts["floor"])) == 1
     assert np.abs(np.abs(run.p[-1]) - 3001).max() < 1e-9
+
+
+def lowest_gap(run, amplitude: float, rate: float) -> float:
+    """Return the least gap of a free ball to the wall A sin(Ωt), between the impacts of a run.
+
+    The ball is at x₁ + v₁ (t − t₁) there: the gap is least at an end or where v₁ = AΩ cos Ωt.
+    """
+    columns = [(run.t[:1], run.q[:1], run.p[:1]),
+               *((hits.t, hits.q, hits.p) for hits in run.impacts.values())]
+    times, x, v = (np.concatenate([column.ravel() for column in rows])
+                   for rows in zip(*columns, strict=True))
+    order = np.argsort(times, kind="stable")
+    times, x, v = times[order], x[order], v[order]
+    end, turn = np.append(times[1:], run.t[-1]), 2 * np.pi / rate
+    least = (x + v * (end - times) - amplitude * np.sin(rate * end)).min()
+    for sign in (1, -1):
+        slow = np.abs(v) < amplitude * rate
+        first = sign * np.arccos(v[slow] / (amplitude * rate)) / rate
+        first += turn * np.ceil((times[slow] - first) / turn)
+        for k in range(int(np.ceil((end - times)[slow].max(initial=0) / turn))):
+            at = np.minimum(first + k * turn, end[slow])
+            gap = x[slow] + v[slow] * (at - times[slow]) - amplitude * np.sin(rate * at)
+            least = min(least, gap.min(initial=np.inf))
+    return least
+
+
+@pytest.mark.parametrize("count", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def test_no_impact_on_a_moving_wall_is_lost(count):
+    """At random speeds, by steps with no impact, one, or many: no gap is negative between them."""
+    rng, hits, several, worst = np.random.default_rng(2), 0, 0, 0.0
+    while hits < count:
+        run = stepper("between").integrate(
+            [0.5], [-(10**rng.uniform(-1.3, 1.3))], dt=1 / (2 * np.pi), t_end=400 + rng.uniform(),
+            every=1000, parameters={"c": 0.05, "m": 2 * np.pi},
+            events=[gs.Impact("wall"), gs.Impact("roof")])
+        steps = np.sort(np.concatenate([one.steps for one in run.impacts.values()]))
+        hits += len(steps)
+        several += np.count_nonzero(np.diff(steps) == 0)
+        worst = min(worst, lowest_gap(run, 0.05, 2 * np.pi))
+    assert worst > -1e-11  # round-off of the way since the last impact
+    assert several > hits / 4
+
+
+def test_a_step_that_only_nears_a_gap_leaves_the_run_as_it_is():
+    """Parts of a step are taken to find its lowest gap, and forgotten."""
+    run = stepper("ball").integrate(
+        [0.0], [np.sqrt(2 * 9.81 * (1 - 1e-6))], dt=0.1, steps=8, parameters={"m": 1, "g": 9.81},
+        events=gs.Impact("roof"))
+    assert not len(run.impacts["roof"])
+    assert np.abs(run.q[:, 0] - run.p[0, 0] * run.t + 9.81 / 2 * run.t**2).max() < 8 * EPS
 
 
 @pytest.mark.parametrize(("excess", "count"), [(1e-6, 1), (-1e-6, 0)])
@@ -497,7 +549,7 @@ def test_multipliers_at_steps_with_impacts():
 def test_pictures_mark_impacts():
     pytest.importorskip("matplotlib")
     run = dropped(100)
-    for figure, panels in ((run.plot(), 2), (run.plot("z", "energy_error"), 2)):
+    for figure, panels in ((run.plot(), 2), (run.plot("floor", "energy_error"), 2)):
         marked = [axes for axes in figure.axes for line in axes.get_lines() if np.array_equal(
             line.get_xdata(), run.impacts["floor"].t)]
         assert len(marked) == panels
