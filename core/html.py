@@ -35,8 +35,10 @@ def card(title: str, *parts: str) -> str:
 def table(rows: Iterable[Sequence[object]], heads: Sequence[object] = ()) -> Raw:
     """Return a table; cells are escaped unless they are ``Raw``."""
     def line(cells: Sequence[object], tag: str) -> str:
+        # A corner without a text is no head of its column: screen readers would announce it.
+        tags = [tag if cell else "td" for cell in cells] if tag == "th" else [tag] * len(cells)
         cells_html = "".join(f'<{tag} style="text-align:left">{_escaped(cell)}</{tag}>'
-                             for cell in cells)
+                             for tag, cell in zip(tags, cells, strict=True))
         return f"<tr>{cells_html}</tr>"
 
     top = f"<thead>{line(heads, 'th')}</thead>" if heads else ""

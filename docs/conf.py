@@ -17,7 +17,8 @@ version = release = runpy.run_path(str(ROOT / "_version.py"))["__version__"]
 author = "the gyrospark authors"
 project_copyright = "the gyrospark authors"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax",
-              "sphinx_click", "sphinx_copybutton", "site_pages", "site_search", "site_downloads"]
+              "sphinx_click", "sphinx_copybutton", "site_pages", "site_cells", "site_search",
+              "site_downloads"]
 exclude_patterns = ["writing.md", "reference/parts"]
 
 
@@ -35,7 +36,7 @@ def digest() -> str:
 
 # Steppers of pages take few steps: most of the time would be the compiler's.
 os.environ.setdefault("GYROSPARK_OPTIMISE", "0")
-# Each page has a process of its own: what the first compiles of a module the others read.
+# Elsewhere than on Linux a page has a kernel: what the first compiles of a module the others read.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Cells run in their own folder; the outputs of unchanged cells are cached.

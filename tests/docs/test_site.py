@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import base64
 import html
 import importlib.util
 import inspect
@@ -11,6 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -205,6 +207,27 @@ def test_a_script_has_the_text_of_a_page_as_comments():
         {"cell_type": "markdown", "source": ["# Title\n", "\n", "Text."]},
         {"cell_type": "code", "source": "x = 1\nx"}]})
     assert made == "# %% [markdown]\n# # Title\n#\n# Text.\n\n# %%\nx = 1\nx\n"
+
+
+def test_cells_run_in_a_fork(tmp_path):
+    """With the outputs of a notebook, up to the first cell that fails, in a folder."""
+    pytest.importorskip("myst_nb", reason="the site needs the extra docs: make docs")
+    from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
+
+    sources = ["from pathlib import Path\nPath('here').touch()\nprint(1)\nx = 2\nx",
+               "import matplotlib.pyplot as plt\nplt.plot([0, 1]); plt.show()", "1/0", "print(3)"]
+    notebook = new_notebook(cells=[new_markdown_cell("Text."), *map(new_code_cell, sources)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of threads beside a fork, and of packages
+        done = module("site_cells").run_cells(notebook, str(tmp_path), timeout=60)
+    assert (tmp_path / "here").exists()
+    assert "ZeroDivisionError" in str(done.err)
+    first, figure, failed, after = (cell.outputs for cell in notebook.cells[1:])
+    assert [(output.output_type, output.get("text") or output.data["text/plain"])
+            for output in first] == [("stream", "1\n"), ("execute_result", "2")]
+    assert [output.output_type for output in figure] == ["display_data"]
+    assert base64.b64decode(figure[0].data["image/png"]).startswith(b"\x89PNG")
+    assert not after
 
 
 # ---------------------------------------------------------------- the built site
