@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import base64
 import json
+import logging
 import os
 import signal
 import sys
@@ -75,6 +76,7 @@ def run_cells(notebook: Any, cwd: str, *, timeout: int, **options: Any) -> Any:
             try:
                 signal.alarm(timeout)
                 os.chdir(cwd)
+                logging.getLogger().handlers.clear()  # a package of the theme logs all levels
                 json.dump(_outputs([cell.source for cell in cells]), file)
                 file.flush()
                 status = 0

@@ -19,25 +19,26 @@ LOGGER = logging.getLogger(__name__)
 SYNONYMS = {
     "bodies": "joint, hinge, revolute, pin joint, slider, spherical joint, rigid body, multibody, "
               "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel, "
-              "armature, fixed, fixed joint, weld",
+              "armature, fixed, fixed joint, weld, motor torque, joint torque",
     "bodies#contacts-and-stops": "contact, contacts, collision, impact, impacts, restitution, "
                                  "bouncing ball, joint limit, joint limits, end stop",
     "beams": "beam, beams, cable, rope, rod, elastica, flexible, flexible body",
     "benchmarks": "speed, performance, benchmark",
     "build": "export, library, rust, c++, octave, arduino",
-    "c": "microcontroller, embedded, c code, misra, export c",
+    "c": "microcontroller, embedded, c code, misra, export c, raspberry pi, esp32, stm32",
     "chaotic_motion": "lyapunov, lyapunov exponent, chaos, chaotic, poincaré section, "
                       "poincare section, megno",
     "cheat_sheet": "cheat sheet, overview, quick start, quickstart, commands",
     "choosing#step": "timestep, time step, step size, stepsize, dt, tolerance",
     "choosing#scheme": "integrator, solver, scheme, method, rk4, runge-kutta, verlet, implicit, "
-                       "order of accuracy",
+                       "order of accuracy, rattle, shake, stiff, stiff system, radau",
     "choosing#the-parameter-γ": "gamma, alpha, inertia representation",
     "comparison": "alternatives, versus, comparison",
     "coming_from": "mujoco, exudyn, heyoka, pydy, matlab, simscape, simulink, ode45, translation",
     "controllers": "controller, real time, real-time, control loop, cortex, deploy",
     "conventions": "units, quaternion order, scalar first, axes, euler angles, gimbal lock, "
-                   "angular velocity, moment of inertia",
+                   "angular velocity, moment of inertia, attitude, inertia matrix, "
+                   "products of inertia, inertia tensor",
     "cuda": "gpu, graphics card, nvidia",
     "derivatives": "gradient, sensitivity, adjoint, optimisation, optimization, jacobian",
     "fmu": "fmi, co-simulation, dymola, export fmu, fmu export",
@@ -49,7 +50,7 @@ SYNONYMS = {
     "install": "getting started, installation, compiler, pip, windows, conda, gyrospark_cache",
     "lagrangian": "lagrangian, mass matrix, kane, sympy mechanics",
     "limits": "limits, limitations, friction",
-    "long_runs": "resume, store, zarr, checkpoint",
+    "long_runs": "resume, store, zarr, checkpoint, restart, restart simulation, continue a run",
     "models": "toml, model file",
     "models#a-robot-from-a-file": "robot, robots, robot from a file, a robot from a file, "
                                   "robot arm, humanoid, load robot",
@@ -58,15 +59,17 @@ SYNONYMS = {
     "models#robots-in-urdf": "urdf, ros, xacro",
     "python#ensembles": "batch, monte carlo, parallel, simd",
     "results#pictures-and-animations-of-bodies": "animation, video, movie, 3d view, gui, viewer, "
-                                                 "visualisation, visualization, render",
-    "results": "reaction force, constraint force, csv, pandas, output",
+                                                 "visualisation, visualization, render, gif, "
+                                                 "animation gif",
+    "results": "reaction force, constraint force, csv, pandas, output, joint angle, joint angles",
     "results#accelerations": "acceleration, accelerations, qacc, inverse dynamics, "
                              "gravity compensation",
-    "results#pictures": "plot, figure",
+    "results#pictures": "plot, figure, plot trajectory, plot energy",
     "citing": "license, licence, bsd, cite, citation, doi",
-    "tutorials/forces_and_control": "pid, pid controller, feedback, lqr",
+    "tutorials/forces_and_control": "pid, pid controller, feedback",
     "python#initial-values": "initial conditions, initial condition, initial state, "
-                             "initial velocity",
+                             "initial velocity, angular velocity to momentum, "
+                             "initial angular velocity",
     "adaptive_steps": "adaptive, adaptive step, adaptive time step, variable step, "
                       "variable time step, error control",
     "optimal_control": "optimal control, trajectory optimisation, trajectory optimization, "
@@ -76,15 +79,33 @@ SYNONYMS = {
     "stability": "version, deprecation, semantic versioning, api changes",
     "sweeps": "parameter sweep, parameter scan, grid, study",
     "systems": "hamiltonian, own system, constraint, dae, index 3, "
-               "differential-algebraic equation",
+               "differential-algebraic equation, index 3 dae, custom system, custom hamiltonian, "
+               "potential",
     "systems#events": "event, events, zero crossing, root finding, stop condition",
     "systems#forces": "force, drag, damping, external force",
     "systems#inputs": "input, control input, actuation",
     "theory/symplecticity": "symplectic, symplecticity, energy drift",
     "troubleshooting": "error, help, faq, troubleshooting, stagnated, diverged, change point, "
-                       "not converged, energy error, slow, inverse kinematics",
+                       "not converged, energy error, slow, inverse kinematics, error message, "
+                       "error messages, forward kinematics",
     "tutorials/reaction_wheels": "reaction wheel, reaction wheels, attitude control, satellite, "
                                  "pd controller",
+    "tutorials/forces_and_control#a-linear-quadratic-regulator": "lqr, "
+                                                                 "linear quadratic regulator, "
+                                                                 "state space, linearise, "
+                                                                 "linearize, linearisation, "
+                                                                 "linearization, kalman filter, "
+                                                                 "transfer function",
+    "gallery/satellite": "gravity gradient, orbital motion",
+    "gallery/dzhanibekov": "torque free, torque-free, free rigid body, tennis racket, "
+                           "intermediate axis",
+    "gallery/work_and_precision": "work precision, convergence order, convergence plot",
+    "gallery/many_digits": "float128, quadruple precision, extended precision",
+    "theory/multipliers": "lagrange multiplier, lagrange multipliers",
+    "theory/discrete_gradients": "energy conservation, discrete gradient",
+    "install#in-a-notebook": "jupyter, notebook, google colab, colab",
+    "tutorials/pendulum_to_chain": "first example, pendulum example, first steps, hello world",
+    "reference/examples": "examples, example files",
 }
 
 
