@@ -222,7 +222,7 @@ def test_cells_run_in_a_fork(tmp_path):
         done = module("site_cells").run_cells(notebook, str(tmp_path), timeout=60)
     assert (tmp_path / "here").exists()
     assert "ZeroDivisionError" in str(done.err)
-    first, figure, failed, after = (cell.outputs for cell in notebook.cells[1:])
+    first, figure, _, after = (cell.outputs for cell in notebook.cells[1:])
     assert [(output.output_type, output.get("text") or output.data["text/plain"])
             for output in first] == [("stream", "1\n"), ("execute_result", "2")]
     assert [output.output_type for output in figure] == ["display_data"]
