@@ -11,6 +11,7 @@ import sympy as sp
 from ...core.errors import InputError
 from ...core.real_types import Real, round_binary
 from ..symbolic.cardinal_functions import Numeric
+from ..symbolic.construction import has_minus
 from ..symbolic.phases import Phase
 
 __all__ = ["ON_LANES", "SWITCHES", "CPrinter"]
@@ -137,8 +138,8 @@ class CPrinter:
 
     def _sum(self, e: sp.Add) -> str:
         self.operations["add"] += len(e.args) - 1
-        positive = [a for a in e.args if not a.could_extract_minus_sign()]
-        negative = [a for a in e.args if a.could_extract_minus_sign()]
+        positive = [a for a in e.args if not has_minus(a)]
+        negative = [a for a in e.args if has_minus(a)]
         text = " + ".join(self._term(a, _SUM) for a in positive)
         for a in negative:
             text += (" - " if text else "-") + self._term(-a, _PRODUCT)
@@ -152,7 +153,7 @@ class CPrinter:
 
     def _product(self, e: sp.Mul) -> tuple[str, int]:
         """Return a product or quotient in C, and its precedence."""
-        if e.could_extract_minus_sign():
+        if has_minus(e):
             return f"-{self._within(-e, _PRODUCT)}", _PRODUCT
         numerator: list[sp.Expr] = []
         denominator: list[sp.Expr] = []

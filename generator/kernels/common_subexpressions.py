@@ -17,7 +17,7 @@ from typing import Any
 
 import sympy as sp
 
-from ..symbolic.construction import applied, negative
+from ..symbolic.construction import applied, has_minus, negative
 
 __all__ = ["common_subexpressions"]
 
@@ -45,10 +45,8 @@ class _Node:
 
 def _has_minus(e: sp.Basic, arguments: Sequence[_Node]) -> bool:
     """Return whether e has more minus signs than −e: ``could_extract_minus_sign``."""
-    if e.is_Mul:
-        return bool(e.args[0].is_Number and e.args[0].is_extended_negative)
     if not e.is_Add:
-        return bool(e.could_extract_minus_sign()) if isinstance(e, sp.Expr) else False
+        return has_minus(e)
     surplus = 2 * sum(a.has_minus for a in arguments) - len(arguments)
     return surplus > 0 or (surplus == 0 and bool(e.sort_key() < negative(e).sort_key()))
 
@@ -135,7 +133,7 @@ class _Graph:
                 self.products[node] = None
         elif e.is_Add:
             self.sums[node] = None
-        elif e.is_Pow and e.exp.could_extract_minus_sign():
+        elif e.is_Pow and has_minus(e.exp):
             node.form = _Node(sp.Pow, [self.node(e.base**-e.exp), self.node(sp.S.NegativeOne)])
 
     def in_order(self, node: _Node) -> list[_Node]:

@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import sympy as sp
 
-from ..symbolic.shared_subexpressions import parts_of
+from ..symbolic.shared_subexpressions import parts_of, substitute
 from .expansion import NormalForm, TooLongError, rebuilt
 from .products_of_sums import Power, split_off_powers
 from .shortest_sum import Compact, cost
@@ -55,13 +55,13 @@ class CanonicalForms:
         if e.is_Symbol or e.is_Rational:
             return e
         renaming = local_names(e.free_symbols)
-        e = e.xreplace(renaming)
+        e = substitute([e], renaming)[0]
         if e not in self._canonical:
             original_form = self.normal_form(e)
             derived_form = self._shortest(self.terms(e))
             is_cheaper = costs_less([original_form], [derived_form])
             self._canonical[e] = original_form if is_cheaper else derived_form
-        return self._canonical[e].xreplace({x: s for s, x in renaming.items()})
+        return substitute([self._canonical[e]], {x: s for s, x in renaming.items()})[0]
 
     def terms(self, e: sp.Expr) -> Terms:
         """Return the terms of an expression; if its expansion takes too long, e as one term."""
@@ -83,7 +83,7 @@ class CanonicalForms:
                               n if isinstance(n, int) else n.xreplace(renaming)) for base, n in m)
 
         local_terms = {renamed(m): a for m, a in terms.items()}
-        return self._shortest(local_terms).xreplace({x: s for s, x in renaming.items()})
+        return substitute([self._shortest(local_terms)], {x: s for s, x in renaming.items()})[0]
 
     def powers(
         self, terms: Terms, momenta: frozenset[sp.Symbol] | None = None

@@ -19,6 +19,7 @@ from functools import lru_cache
 
 import sympy as sp
 
+from ..symbolic.shared_subexpressions import substitute
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .additive_terms import ForceTerms, HamiltonianTerms
@@ -44,10 +45,10 @@ def canonical(system: System) -> System:
     forms = CanonicalForms()
 
     def with_symbols(e: sp.Expr, original: sp.Expr) -> sp.Expr:
-        return with_floats(e, original).xreplace(symbol_of)
+        return substitute([with_floats(e, original)], symbol_of)[0]
 
     def canonical_expression(e: sp.Expr) -> sp.Expr:
-        return with_symbols(forms.expression(e.xreplace(placeholders)), e)
+        return with_symbols(forms.expression(substitute([e], placeholders)[0]), e)
 
     v = system.velocities
     velocity_constraints = tuple(  # A v + a
@@ -59,8 +60,9 @@ def canonical(system: System) -> System:
     if isinstance(system, LagrangianSystem):
         return replace(system, constraints=g, velocity_constraints=velocity_constraints)
     q, p = ([placeholders[x] for x in side] for side in (system.q, system.p))
-    H = HamiltonianTerms(forms, q, p, system.H.xreplace(placeholders))
-    F = ForceTerms(forms, H.support, [e.xreplace(placeholders) for e in system.forces])
+    hamiltonian, *forces = substitute([system.H, *system.forces], placeholders)
+    H = HamiltonianTerms(forms, q, p, hamiltonian)
+    F = ForceTerms(forms, H.support, forces)
     return replace(
         system,
         H=with_symbols(H.sum(), system.H),

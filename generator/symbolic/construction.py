@@ -12,7 +12,7 @@ from functools import cmp_to_key
 
 import sympy as sp
 
-__all__ = ["applied", "negative", "product_of", "rebuilt", "sum_of"]
+__all__ = ["applied", "has_minus", "negative", "product_of", "rebuilt", "sum_of"]
 
 #: The order of arguments in sums and products.
 _ORDER = cmp_to_key(sp.Basic.compare)
@@ -78,6 +78,18 @@ def product_of(factors: Sequence[sp.Expr]) -> sp.Expr:
     if number is not sp.S.One:
         others.insert(0, number)
     return sp.Mul._from_args(others, True)
+
+
+def has_minus(e: sp.Basic) -> bool:
+    """Return whether a sum or product has more minus signs than its negative, or a number is < 0.
+
+    It is ``could_extract_minus_sign``, which asks for assumptions of every number.
+    """
+    if e.is_Rational:
+        return bool(e.p < 0)
+    if e.is_Mul and e.args[0].is_Rational:
+        return bool(e.args[0].p < 0)
+    return isinstance(e, sp.Expr) and bool(e.could_extract_minus_sign())
 
 
 def negative(e: sp.Expr) -> sp.Expr:

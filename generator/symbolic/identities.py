@@ -21,9 +21,10 @@ from .cardinal_functions import Numeric
 from .shared_subexpressions import Shared, parts_of, symbols_of
 from .switching_functions import Where
 
-__all__ = ["IdentityCheck", "compare", "evaluate"]
+__all__ = ["IdentityCheck", "compare", "evaluate", "is_refuted"]
 
 _DIGITS = 60
+_TOLERANCE = mp.mpf(10) ** (-_DIGITS // 2)
 _POINTS = 8
 _TRIES = 400
 #: Rational functions with more operations are not brought to a common denominator.
@@ -48,13 +49,10 @@ def compare(
     The symbols in ``small`` have values of about 0.1 at the random points. Without ``thorough``,
     only polynomials are compared by algebra.
     """
-    pairs = [(a, b) for a, b in zip(left, right, strict=True) if a != b]
-    if not pairs:
-        return IdentityCheck(True, "proved", "0")
+    pairs, differences = _differences(left, right, small)
     count = 0
-    for values in _points(pairs, set(small)):
-        worst = max((_difference(a, b, values) for a, b in pairs))
-        if worst > mp.mpf(10) ** (-_DIGITS // 2):
+    for worst in differences:
+        if worst > _TOLERANCE:
             return IdentityCheck(False, "refuted", mp.nstr(worst, 3))
         count += 1
     if all(_is_equal(a, b, thorough) for a, b in pairs):
@@ -62,6 +60,22 @@ def compare(
     if not count:
         return IdentityCheck(False, "not decided", f"no real value at {_TRIES} random points")
     return IdentityCheck(True, f"seen at {count} random points to {_DIGITS // 2} digits", "0")
+
+
+def is_refuted(
+    left: Sequence[sp.Expr], right: Sequence[sp.Expr], small: Sequence[sp.Symbol] = ()
+) -> bool:
+    """Return whether ``compare`` refutes equality; nothing is proved."""
+    return any(worst > _TOLERANCE for worst in _differences(left, right, small)[1])
+
+
+def _differences(
+    left: Sequence[sp.Expr], right: Sequence[sp.Expr], small: Sequence[sp.Symbol]
+) -> tuple[list[tuple[sp.Expr, sp.Expr]], Iterator[Any]]:
+    """Return the pairs that differ in form, and their largest difference at each random point."""
+    pairs = [(a, b) for a, b in zip(left, right, strict=True) if a != b]
+    points = _points(pairs, set(small)) if pairs else iter(())
+    return pairs, (max(_difference(a, b, values) for a, b in pairs) for values in points)
 
 
 def _is_equal(a: sp.Expr, b: sp.Expr, thorough: bool) -> bool:

@@ -25,6 +25,7 @@ from functools import cached_property
 
 import sympy as sp
 
+from ..symbolic.shared_subexpressions import substitute
 from ..symbolic.switching_functions import depends_by_steps
 from .elimination_order import Elimination, Node, connected, eliminate, reverse_cuthill_mckee
 from .moving_frame import CoMovingSystem, energy_of
@@ -195,10 +196,10 @@ class Structure:
                                        key=of.__getitem__)] for of in (self._q, self._p))
         names = dict(zip((self.system.q[i] for i in q), local("x", len(q)), strict=True))
         names |= dict(zip((self.system.p[i] for i in p), local("y", len(p)), strict=True))
-        expressions = tuple(e.xreplace(names) for e in expressions)
+        expressions = tuple(substitute(expressions, names))
         constants = self._in_order(expressions)
         final = dict(zip(constants, local("k", len(constants)), strict=True))
-        expressions = tuple(e.xreplace(final) for e in expressions)
+        expressions = tuple(substitute(expressions, final))
         instance = Instance(tuple(q), tuple(p), tuple(self._constants[c] for c in constants), rows)
         return expressions, instance
 
