@@ -35,7 +35,7 @@ class Reader(HTMLParser):
     def handle_starttag(self, tag, attrs):
         self.open.append(tag)
         self.tags.append(tag)
-        if tag == "td":
+        if tag == "td" and "thead" not in self.open:
             self.cells.append("")
         self.points = dict(attrs).get("points", self.points)
 
@@ -46,7 +46,7 @@ class Reader(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if self.open and self.open[-1] == "td":
+        if self.open and self.open[-1] == "td" and "thead" not in self.open:
             self.cells[-1] += data
 
 
@@ -68,6 +68,10 @@ def test_a_trajectory_shows_its_report_and_a_curve(run):
     error = run.energy_error()[:: len(run) // 300]
     assert np.argmin(points[:, 1]) == np.argmax(error)  # down the page is up the axis
     assert (np.diff(points[:, 0]) > 0).all()
+
+
+def test_a_corner_without_a_text_is_no_head():
+    assert Reader(table([("a", 1)], ("", "n"))).tags.count("th") == 1
 
 
 def test_what_others_wrote_stays_text(run):
