@@ -13,7 +13,7 @@ too long. One of C that does not compile without a warning is not counted. Every
 copies of the project under ``--work``, with the lowest priority; ``run`` goes on where it was
 stopped. Before the first mutant comes one that must be caught, so that tests of an unchanged
 package are noticed. The seed is the week's by default. ``--near`` measures nothing: a mutant meets
-the tests that are named after its module or import it, then those of its folder.
+the tests that are named after its module or import it, those of its folder, and whole runs.
 """
 
 from __future__ import annotations
@@ -50,6 +50,12 @@ HEAVY = ("cffi", "click", "jinja2", "matplotlib.figure", "mpmath", "numpy", "ric
          "scipy.spatial.transform", "sympy", "xarray")
 #: A change that no suite survives: exact numbers and errors import this module.
 FATAL = ("core/errors.py", "raise AssertionError\n")
+#: What ``--near`` ends with, by package: whole texts, whole runs.
+WHOLE = {"core": ["api/test_misspelt_arguments.py", "refusals/test_runs.py",
+                  "commands/test_cli.py"],
+         "generator": ["golden/test_generated.py", "engine/test_control_profile.py",
+                       "laws/test_laws.py", "runtime/results/test_body_motion.py"],
+         "runtime": ["laws/test_laws.py", "matrix/test_features_by_consumers.py"]}
 #: Tests that look at text, pages and packaging, and see no behaviour, and hostile input at random.
 UNRELATED = re.compile(r"/(docs|fuzz|project)/")
 
@@ -275,7 +281,7 @@ class Map:
 def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
     """Return the test files named after a mutant's module, those that import it, its folder's.
 
-    Of files that import the module the ``most`` shortest are returned.
+    Of the latter the ``most`` shortest are returned; at last those of ``WHOLE``.
     """
     path = Path(mutant.file)
     module = ".".join(path.with_suffix("").parts)
@@ -287,7 +293,8 @@ def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
                        key=lambda file: len(texts[file]))[:most]
     folder = sorted((file for file in texts if file.parent == ROOT / "tests" / path.parent),
                     key=lambda file: len(texts[file]))[:most]
-    files = dict.fromkeys([*named, *importing, *folder])
+    files = dict.fromkeys([*named, *importing, *folder, *(
+        ROOT / "tests" / name for name in WHOLE.get(mutant.package, ()))])
     return [[(20.0, str(file.relative_to(ROOT)))] for file in files]
 
 
