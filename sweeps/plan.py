@@ -30,9 +30,8 @@ __all__ = ["plan"]
 def plan(
     model: Any, over: Mapping[str, Any], *, scheme: str | None = None, stages: int | None = None,
     rep: str | None = None, real: str | None = None, frame: str | None = None,
-    name: str | None = None,
     parameters: Mapping[str, Any] | None = None, dt: float | None = None,
-    dtau: float | None = None, settings: Mapping[str, Any] | None = None, **options: Any,
+    dtau: float | None = None, **options: Any,
 ) -> Study:
     """Return the checked study of a sweep; see ``sweep`` for the arguments."""
     over = as_mapping("over", over, '{"gamma": [4e-4, 8e-4]}')
@@ -50,7 +49,7 @@ def plan(
         if stages is not None and count is None:
             raise InputError(f"stages = {shown(stages)} is not a whole number.")
         labels = [str(scheme) if stages is None else f"{scheme} {count}"]
-    steppers, start = resolve(model, labels, rep, real, settings, frame)
+    steppers, start = resolve(model, labels, rep, real, frame)
     impacts = [event.name for event in getattr(start, "events", ()) if isinstance(event, Impact)]
     refuse_together(impacts=bool(impacts) and f"impacts of {few(impacts)}", other_runs="a sweep")
     binding = steppers[0].binding
@@ -73,7 +72,7 @@ def plan(
         dt = step_argument(binding, start.dt if dt is None and not binding.clocked else dt, dtau)
     common_parameters = base_parameters(steppers[0], start, parameter_values, varied)
     study = checked_study(Study(
-        name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
+        f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
         common_parameters, np.array(start.q0), np.array(start.p0), dt, seed=seed, **options))
     _refuse_impossible_inertias(study, start.bodies)
     _warn_of_moved_start(study, common_parameters | study.parameters)

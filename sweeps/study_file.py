@@ -25,7 +25,7 @@ Also: stages, rep, real, frame, dt, dtau, every, solver, tolerance, max_iteratio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ from ..generator.parsing.text_file import UnusableFileError, read_text
 from ..generator.spec import is_model_file
 from .plan import plan
 from .study import Study, as_table
+from .sweep_model import NamedModel
 
 __all__ = ["StudyFile", "load_study", "parse_study"]
 
@@ -107,11 +108,12 @@ def _study(content: dict[str, Any], path: Path) -> Study:
     name = content.get("name", path.stem)
     if not isinstance(name, str):
         raise InputError(f"name = {name!r} is not text.")
-    return plan(model, as_table(content.get("grid", {}), "grid"), name=name,
-                settings=as_table(content.get("settings", {}), "settings"),
-                parameters={name: Rule(value) if value in RULES else value for name, value in
-                            as_table(content.get("parameters", {}), "parameters").items()},
-                events=_events(as_table(content.get("events", {}), "events")), **options)
+    study = plan(NamedModel(model, as_table(content.get("settings", {}), "settings")),
+                 as_table(content.get("grid", {}), "grid"),
+                 parameters={key: Rule(value) if value in RULES else value for key, value in
+                             as_table(content.get("parameters", {}), "parameters").items()},
+                 events=_events(as_table(content.get("events", {}), "events")), **options)
+    return replace(study, name=name)
 
 
 def _events(table: Mapping[str, Any]) -> list[Event]:

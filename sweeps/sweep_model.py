@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,20 +25,29 @@ from .axes import Axis, as_rows, start_axis
 if TYPE_CHECKING:
     from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["base_parameters", "resolve", "starts"]
+__all__ = ["NamedModel", "base_parameters", "resolve", "starts"]
+
+
+class NamedModel(NamedTuple):
+    """Name of a built-in problem or model, and settings, the arguments that make it."""
+
+    name: Any
+    settings: Mapping[str, Any]
 
 
 def resolve(
-    model: Any, schemes: list[str], rep: str | None, real: str | None,
-    settings: Mapping[str, Any] | None = None, frame: str | None = None,
+    model: Any, schemes: list[str], rep: str | None, real: str | None, frame: str | None = None,
 ) -> tuple[list[Stepper], RunDefaults]:
     """Return a stepper for each scheme ("EMS", "G-L 3") and the model's own numbers.
 
-    ``model`` is the name of a built-in problem, with ``settings`` as its arguments, a model file, a
+    ``model`` is the name of a built-in problem, a name with settings, a model file, a
     ``Problem`` or a ``gyrospark.Model``. Raises InputError.
     """
+    settings: Mapping[str, Any] = {}
+    if isinstance(model, NamedModel):
+        model, settings = model
     if isinstance(model, (str, Path)) and not is_model_file(str(model)):
-        model, rep = _named(str(model), settings or {}, rep)
+        model, rep = _named(str(model), settings, rep)
     elif settings:
         raise InputError("Settings belong to problems and models with names; change the model "
                          "itself.")

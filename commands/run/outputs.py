@@ -164,6 +164,7 @@ def _stored(
     step: Stepper, start: Start, store: Path, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool,
 ) -> RunOutcome:
+    from ...runtime.integration.starts import Span
     from ...storage.recording import Recording, open_recording
     from ...storage.validation import COMPLETE
 
@@ -171,7 +172,9 @@ def _stored(
     trouble: GyrosparkError | Stopped | None = None
     started = time.perf_counter()
     try:
-        recording = step._recorded(step._integration(start, None, **arguments), store, progress,
+        span = Span(*(arguments.get(name) for name in Span._fields))
+        others = {name: arguments[name] for name in arguments.keys() - {*Span._fields}}
+        recording = step._recorded(step._integration(start, None, span, **others), store, progress,
                                    resume=resume)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, open_recording(store)

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,19 @@ if TYPE_CHECKING:
     from ..bindings.binding import Binding
     from ..steppers.evaluation import Evaluation
 
-__all__ = ["StartNumbers", "after_start", "events_or_own", "merged_start", "merged_starts",
+__all__ = ["Span", "StartNumbers", "after_start", "events_or_own", "merged_start", "merged_starts",
            "own_inertias", "span_or_own", "start_parameters", "steps_of_all"]
+
+
+class Span(NamedTuple):
+    """Step and length of a run as callers give them; None where they leave it to a model."""
+
+    dt: Any
+    #: In place of dt in scaled time.
+    dtau: Any
+    t_end: Any = None
+    #: In place of t_end.
+    steps: Any = None
 
 
 @dataclass(frozen=True)
@@ -96,16 +107,16 @@ def _impacts_of(start: Start) -> tuple[Impact, ...]:
 
 
 def span_or_own(
-    binding: Binding, start: Any, dt: Any, dtau: Any, steps: Any, t_end: Any
+    binding: Binding, start: Any, span: Span
 ) -> tuple[Any, Any]:
     """Return the step and the number of steps that are given, else those of a model.
 
     Raises InputError as ``step_argument``.
     """
     own_dt, own_steps = start.start._span if has_start(start) else (None, None)
-    if dt is None and not binding.clocked:
-        dt = own_dt
-    return step_argument(binding, dt, dtau), own_steps if steps is None is t_end else steps
+    dt = own_dt if span.dt is None and not binding.clocked else span.dt
+    return step_argument(binding, dt, span.dtau), (
+        own_steps if span.steps is None is span.t_end else span.steps)
 
 
 def _refuse_second_state(start: Any, p: Any) -> None:

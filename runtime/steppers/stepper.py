@@ -51,6 +51,7 @@ from ..integration.run_arguments import (
     warn_of_negative,
 )
 from ..integration.starts import (
+    Span,
     events_or_own,
     merged_start,
     merged_starts,
@@ -219,7 +220,7 @@ class Stepper(Dynamics):
         method = as_solver(solver)
         state = merged_start(self, start, p, parameters)
         run = self._resolved(self._run_arguments(
-            state.q, state.p, dt=span_or_own(self.binding, start, dt, dtau, 0, None)[0], steps=0,
+            state.q, state.p, dt=span_or_own(self.binding, start, Span(dt, dtau))[0], steps=0,
             parameters=state.parameters, t0=state.t, solver=method, excess=state.excess))
         self._warned(run)
         return Simulation(self, run, as_flag("record", record))
@@ -348,8 +349,8 @@ class Stepper(Dynamics):
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
         plan = self._integration(
-            start, p, dt=dt, dtau=dtau, t_end=t_end, steps=steps, parameters=parameters,
-            inputs=inputs, every=every, events=events, solver=solver)
+            start, p, Span(dt, dtau, t_end, steps), parameters=parameters, inputs=inputs,
+            every=every, events=events, solver=solver)
         run = plan.run
         observed_events: Any = plan.events
         if plan.impacts:
@@ -437,7 +438,7 @@ class Stepper(Dynamics):
 
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
-        dt, steps = span_or_own(self.binding, starts, dt, dtau, steps, t_end)
+        dt, steps = span_or_own(self.binding, starts, Span(dt, dtau, t_end, steps))
         refuse_together(ensemble="an ensemble", open_end=self.binding.clocked
                         and t_end is not None and "t_end in scaled time")
         state = merged_starts(self, starts, p, parameters, impacts=True)
@@ -453,15 +454,14 @@ class Stepper(Dynamics):
     # ------------------------------------------------------------ inside
 
     def _integration(
-        self, start: HasStart | ArrayLike, p: ArrayLike | None, *, dt: Number | None = None,
-        dtau: Number | None = None, t_end: Number | None = None, steps: int | None = None,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None, span: Span, *,
         parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         events: Event | Impact | Sequence[Event | Impact] | None = None,
         solver: SolverName | Solver = "auto",
     ) -> Integration:
         """Return the arguments of ``integrate``, checked, with numbers for what is searched."""
-        dt, steps = span_or_own(self.binding, start, dt, dtau, steps, t_end)
+        (dt, steps), t_end = span_or_own(self.binding, start, span), span.t_end
         state = merged_start(self, start, p, parameters, impacts=True)
         events, names = events_or_own(start, events), self.manifest.system.event_quantities
         impacts = as_impacts(events, names, state.impacts)
