@@ -379,6 +379,7 @@ class OrbitSearch:
             slope: Array = D[self._names().index(name)]
             return slope
         n, scale = self.stepper.n, 1e-5 * self._scale(guess)
+        # central differences: each unknown moves the state by the same length
         sizes = scale / np.maximum(np.linalg.norm(D, axis=0), 1e-300)
         sizes[np.linalg.norm(D, axis=0) == 0] = 0
         z = self.stepper.binding.converted((D * sizes).T)

@@ -46,15 +46,20 @@ class UnitaryFrame:
                                                          binding.own.parameters(parameters, t), q,
                                                          p)
         eigenvalues, axes = np.linalg.eigh(_inverse_mass(binding, parameters, t, q, p))
+        # units in which H_pp is 1: q → H_pp^-½ q, p → H_pp^½ p; a direction without inertia gets a
+        # small one, so that there is an inverse
         eigenvalues = np.abs(eigenvalues)
         eigenvalue_roots = np.sqrt(np.maximum(eigenvalues,
                                               max(_LEAST * eigenvalues.max(),
                                                   np.finfo(float).tiny)))
         root, inverse = (axes * eigenvalue_roots) @ axes.T, (axes / eigenvalue_roots) @ axes.T
         to_unit, from_unit = _blocks(inverse, root), _blocks(root, inverse)
+        # an orthonormal basis of the tangent space in these units
         normals = (constraint_rows @ from_unit).T
         basis = np.linalg.qr(normals, mode="complete")[0][:, normals.shape[1] :]
         W = basis.T @ canonical_form(n) @ basis
+        # |W| = (WᵀW)^½ commutes with W, the symplectic form on the tangent space: J = |W|^-½ W
+        # |W|^-½ is orthogonal, and J² = −1
         _, stretches, rotations = np.linalg.svd(W)
         root = (rotations.T * np.sqrt(stretches)) @ rotations
         inverse = (rotations.T / np.sqrt(stretches)) @ rotations

@@ -67,6 +67,7 @@ class ImpactObserver:
         self._constants = run.constants(binding)
         names = list(stepper.manifest.system.quantities)
         self._gaps = np.array([names.index(impact.quantity) for impact in events], np.intc)
+        # a gap moves with the coordinates that stand in its expression
         self._depends = np.array([np.isin(
             stepper.manifest.system.coordinates,
             _WORD.findall(stepper.manifest.system.quantities[impact.quantity]))
@@ -78,6 +79,7 @@ class ImpactObserver:
         self._margins, self._since = binding.new(len(events)), binding.new(1)
         self._places, self._hits = list[Array](), list[Array]()
         start = RunState.at_start(stepper.binding, run.q, run.p)
+        # no steps yet: C checks that the gaps are open, and computes H
         self._call(0, 1, start, Rows.allocate(stepper.binding, 0))
         self._start_energy = float(start.record.energy_start)
 

@@ -72,6 +72,7 @@ def joined_with_part(
     else:
         times = (np.array([run.t_end], trajectory.t.dtype),
                  np.array([last_elapsed + run.rest], trajectory.elapsed.dtype))
+    # the last whole step has a row in any case; between two stored ones it gives way to the end
     stored = run.stored_steps is not None or run.steps % run.every == 0
     row_count = len(trajectory) - (not stored)
     work = trajectory.work[-1] + last.work[-1:]

@@ -231,6 +231,7 @@ class Observer:
         self._ends = {event.name: crossings[event.name] for event in self.events if event.terminal}
         crossing, binding = crossings[name].first, self._binding
         steps = int(crossing.steps[0])
+        # back to the start of a piece before the event, and from there to its step, storing nothing
         begun = next(start for start in reversed(self._begun) if start.steps <= steps)
         remaining_steps = steps - begun.steps
         state.assign(binding, begun)

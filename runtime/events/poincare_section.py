@@ -142,6 +142,7 @@ def section(
         raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
     state = merged_starts(stepper, starts, p, parameters)
     count, _ = steps_of_all(steps, t_end, state.t, dt)
+    # one stored state at the end: the points are those of the events
     ensemble = stepper.integrate_ensemble(
         Start(state.q, state.p, t=state.t), dt=dt, steps=count, every=max(count, 1),
         parameters=state.parameters, solver=solver, workers=workers, events=event,

@@ -49,6 +49,7 @@ def zeros(
         converged = ((abs(y) <= tolerances / 2 * abs(slopes))
                      & (100 * abs(x_change) <= abs(last_change))
                      & (10 * abs(slopes - last_slopes) <= abs(last_slopes)))
+        # x1 and x2 bracket the zero; x3 is the point that was given up, for the interpolation
         same_side = (y > 0) == (y1 > 0)
         x3, y3 = np.where(same_side, x1, x2), np.where(same_side, y1, y2)
         x2, y2 = np.where(same_side, x2, x1), np.where(same_side, y2, y1)

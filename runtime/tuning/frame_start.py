@@ -168,6 +168,7 @@ def start_rates(
     rates, acceleration = rates_without(left_out), velocities.acceleration(q, p, dt)
     if acceleration is None:
         return rates, left_out
+    # accelerations are differences of velocities: less than their round-off is no gain
     noise = _NOISE * velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
     while len(left_out) < len(directions):
         candidates = [[*left_out, i] for i in range(len(directions)) if i not in left_out]

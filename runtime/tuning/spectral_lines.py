@@ -37,6 +37,8 @@ class SpectralLines:
     """
 
     def __init__(self, q: Array, p: Array, dt: float, generators: list[Array]) -> None:
+        # the generators commute: eigenvectors of a combination with irrational weights are those of
+        # all
         mixed = sum((A / np.sqrt(i + 2) for i, A in enumerate(generators)),
                     np.zeros_like(generators[0]))
         _, vectors = np.linalg.eig(mixed)
@@ -58,6 +60,7 @@ class SpectralLines:
                 -1, shifts.shape[1]))
         self._power, self._nu, self._alpha = (np.concatenate(x) for x in (power, nu, alpha))
         self._band = float(np.abs(frequencies).max())
+        # power close to the highest frequency is that of a faster motion, folded by the rows
         outer_band = np.abs(self._nu) > 0.875 * self._band
         self.resolved = bool(self._power[outer_band].sum() <= _FOLDED * self._power.sum())
         strong = self._power > _FAINT * self._power.max(initial=0)
