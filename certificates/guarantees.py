@@ -206,9 +206,9 @@ class SparkGuarantees:
         system = self.system
         if not self.symmetric:
             return "the tableau is not symmetric, it may drift"
-        back = {x: -x for x in system.p}
+        reversed_momenta = {x: -x for x in system.p}
         even = [[e, -f] for e, f in zip((system.H, *system.forces), substitute(
-            [system.H, *system.forces], back), strict=True)]
+            [system.H, *system.forces], reversed_momenta), strict=True)]
         odd = [[e] for e in system.a]
         if system.is_nonautonomous or not identically_zero(
                 [substitute(terms, self.numbers) for terms in (*even, *odd)]):

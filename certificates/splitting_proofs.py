@@ -132,7 +132,7 @@ def _flows() -> Iterator[_Flow]:
     """Yield the flows of the catalogue, for any axis e and any numbers."""
     m = left_matrix(q) * sp.Matrix(p) / 2
     space = space_matrix(q) * sp.Matrix(p) / 2
-    none, half = [sp.S.Zero] * 3, sp.Rational(1, 2)
+    zero, half = [sp.S.Zero] * 3, sp.Rational(1, 2)
     sphere, along = a * m.dot(m) / 2, sp.Matrix(e).dot(m)
     axis = d * along**2 / 2 + c * along
     squared, size = (sp.Add(*(x**2 for x in v)) for v in (l, omega))
@@ -140,11 +140,11 @@ def _flows() -> Iterator[_Flow]:
     left_quaternion, right_quaternion = [C, *(N * x for x in l)], [D, *(M * x for x in e)]
     turned, about = [a * x for x in l], [(_RATE + c) * x for x in e]
     yield _Flow(
-        "sphere", "(exp(½ t a l) q, l)", sphere, turned, none, _product(left_quaternion, q), l,
-        (turned, none), {C: -half * a * squared * N, N: half * a * C}, {C: 1 - squared * N**2})
+        "sphere", "(exp(½ t a l) q, l)", sphere, turned, zero, _product(left_quaternion, q), l,
+        (turned, zero), {C: -half * a * squared * N, N: half * a * C}, {C: 1 - squared * N**2})
     yield _Flow(
-        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, none, about,
-        _product(q, right_quaternion), l, (none, [(rate + c) * x for x in e]),
+        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, zero, about,
+        _product(q, right_quaternion), l, (zero, [(rate + c) * x for x in e]),
         {D: -half * (rate + c) * M, M: half * (rate + c) * D}, unit | {D: 1 - M**2})
     yield _Flow(
         "symmetric body with drag", "(exp(½ s a l) q exp(½ (s d (e·m) + c t) e), E l)",
@@ -156,8 +156,8 @@ def _flows() -> Iterator[_Flow]:
     back = [C, *(-N * x for x in omega)]
     velocity = [-x for x in omega]
     yield _Flow(
-        "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(space), velocity, none,
-        _product(back, q), list(rotation_matrix(back) * sp.Matrix(l)), (velocity, none),
+        "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(space), velocity, zero,
+        _product(back, q), list(rotation_matrix(back) * sp.Matrix(l)), (velocity, zero),
         {C: -half * size * N, N: half * C}, {C: 1 - size * N**2},
         force=list(-sp.Matrix(omega).cross(sp.Matrix(l))))
 
@@ -286,9 +286,9 @@ def prove_splitting(splitting: Splitting) -> tuple[Proof, ...]:
     terms = [*H, *(-x for x in parts)]
     sums = all(ring.vanishes(sp.Add(*group)) for group in _by_momenta(terms, system.p)) or (
         ring.vanishes(sp.Add(*terms)))  # such as (p − A(q))²: part of it has no momenta
-    further = {f"axis {axis.axis} of {body.name}" for body in splitting.bodies
+    inexact_names = {f"axis {axis.axis} of {body.name}" for body in splitting.bodies
                for axis in body.further}
-    exact = [x for name, x in hamiltonians(splitting) if name not in further and name != "V"]
+    exact = [x for name, x in hamiltonians(splitting) if name not in inexact_names and name != "V"]
     commute = all(ring.vanishes(bracket(x, y, system.q, system.p))
                   for x, y in _meeting(exact, system.p))
     return (Proof("sum of the parts", "Σ parts = H mod (|q|² − 1, qᵀp)", sums),

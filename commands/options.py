@@ -184,9 +184,9 @@ def check_writable(option: str, path: Path, *, folder: bool = False) -> None:
 def check_folder(option: str, folder: Path) -> None:
     """Refuse a folder to write to that cannot be made or written, before long work."""
     check_no_file(option, folder)
-    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
-    if not there.is_dir() or not os.access(there, os.W_OK):
-        raise InputError(f"{option} {str(folder)!r}: {str(there)!r} is no folder that can be "
+    existing = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError(f"{option} {str(folder)!r}: {str(existing)!r} is no folder that can be "
                          "written; choose another.")
 
 

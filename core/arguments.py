@@ -77,8 +77,8 @@ def proposal(
         return ""
     plain = {_plain(name): text for name, text in spelt.items()}
     plain |= {_plain(name): name for name in allowed}
-    near = difflib.get_close_matches(_plain(value), plain, n=1, cutoff=0.6)
-    return f" (did you mean {plain[near[0]]}?)" if near else ""
+    closest = difflib.get_close_matches(_plain(value), plain, n=1, cutoff=0.6)
+    return f" (did you mean {plain[closest[0]]}?)" if closest else ""
 
 
 def _plain(name: str) -> str:

@@ -293,10 +293,11 @@ def _warn_of_order(label: str, values: Any, unit: Floats) -> None:
     if not (last > math.cos(math.pi / 6)).all():
         return
     first = np.atleast_2d(unit)[0]
-    here, there = (math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in first[[0, 3]])
+    scalar_first, scalar_last = (
+        math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in first[[0, 3]])
     moved = ", ".join(f"{x + 0.0:.6g}" for x in first[[3, 0, 1, 2]])
-    warn(f"The {label} {shown(values)} is read scalar first, a turn by {here:.0f}°. If its scalar "
-         f"stands last, a turn by {there:.0f}°, write ({moved}); else give it as a rotation, "
+    warn(f"The {label} {shown(values)} is read scalar first, a turn by {scalar_first:.0f}°. If its "
+         f"scalar stands last, a turn by {scalar_last:.0f}°, write ({moved}); else give it as a rotation, "
          "which has this unsaid.")
 
 

@@ -207,10 +207,10 @@ def _log_progress(
 
         def report(done: int, *_: Any) -> None:
             nonlocal due, begun
-            now = time.perf_counter()
-            if now < due or threading.current_thread() is not threading.main_thread():
+            seconds = time.perf_counter()
+            if seconds < due or threading.current_thread() is not threading.main_thread():
                 return
-            due = now + (_NEXT if _is_terminal() or _is_notebook() else _NEXT_LINE)
+            due = seconds + (_NEXT if _is_terminal() or _is_notebook() else _NEXT_LINE)
             _LOGGER.debug("%s: %.0f %% …", text, 100 * done / max(total, 1),
                           extra={"task": "step" if begun else "begin"})
             begun = True
@@ -246,7 +246,7 @@ def terminal_messages(*, explicit: bool = False) -> Iterator[None]:
     ``explicit`` is for ``progress=True``: no results, and lines where stderr is no terminal.
     """
     before = _LOGGER.level, TERMINAL.level, TERMINAL.results, TERMINAL.asked
-    there = TERMINAL in _LOGGER.handlers
+    is_attached = TERMINAL in _LOGGER.handlers
     TERMINAL.results, TERMINAL.asked = TERMINAL.results or not explicit, TERMINAL.asked or explicit
     TERMINAL.setLevel(logging.NOTSET)
     _LOGGER.addHandler(TERMINAL)
@@ -254,7 +254,7 @@ def terminal_messages(*, explicit: bool = False) -> Iterator[None]:
     try:
         yield
     finally:
-        if not there:
+        if not is_attached:
             _LOGGER.removeHandler(TERMINAL)
         _LOGGER.setLevel(before[0])
         TERMINAL.setLevel(before[1])

@@ -318,18 +318,18 @@ class DiscreteFlow:
                     raise singular(step_group.first, status)
             direction[self._input_places] = 0
             no_rows = np.zeros((1, size))
-            back = CotangentSlopes.at_end(second, cotangent, np.zeros(size), len(u[j]))
-            back.inputs[0][:] = u[j]
+            cotangents = CotangentSlopes.at_end(second, cotangent, np.zeros(size), len(u[j]))
+            cotangents.inputs[0][:] = u[j]
             status = second.integrate_second(
                 run, parameters, steps, tangent_rows, direction, (no_rows, no_rows), self.steps,
-                back)
+                cotangents)
             if status:
                 raise singular(0, status)
-            z_bar, slope = back.z_bar
-            z_bar[:size], slope[:size] = back.w
+            z_bar, slope = cotangents.z_bar
+            z_bar[:size], slope[:size] = cotangents.w
             changed = pulled_back_slope(second, space, parameters, run.q, run.p, direction, z_bar,
                                         slope)
-            derivatives[j] = np.concatenate([changed[self._places], back.inputs[2].ravel()])
+            derivatives[j] = np.concatenate([changed[self._places], cotangents.inputs[2].ravel()])
         return derivatives
 
     # ------------------------------------------------------------ the derivative of the projection

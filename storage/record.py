@@ -198,13 +198,13 @@ def _existing_group(
         return group_of(path)
     fields = fields_of(stepper.manifest)
     checkpoint = checkpoint_size(stepper.binding, events)
-    rows, coming = recording.rows, recording.attributes.get(EXTENDS)
+    rows, planned_rows = recording.rows, recording.attributes.get(EXTENDS)
     of_events = [field for fields_of_one in fields_of_events(
         stepper.manifest, identity.get("events", {})).values() for field in fields_of_one]
     with storage_errors(path, CURE):
-        refuse_other_arrays(path, group_of(path), fields, {rows, coming or rows}, checkpoint,
+        refuse_other_arrays(path, group_of(path), fields, {rows, planned_rows or rows}, checkpoint,
                             of_events)
-        if longer or coming is not None:
+        if longer or planned_rows is not None:
             extend(path, recording.attributes["arrays"], run.stored_states,
                    _run_attributes(stepper, run, identity, recording) if longer else {})
         remove_parts(path)

@@ -62,17 +62,17 @@ def program_of(sketch: Path, steps: int) -> str:
 
 def check(built: Built) -> str:
     """Compile the sketch here, with a serial port that prints, and compare the bits."""
-    name, here = built.stepper.name, built.path.resolve()
+    name, artefact = built.stepper.name, built.path.resolve()
     c, cpp = (require(tool, "Checking target arduino") for tool in ("cc", "c++"))
     with tempfile.TemporaryDirectory() as folder_name:
         folder = Path(folder_name)
         (folder / "Arduino.h").write_text(filled("Arduino.h"), encoding="utf-8")
-        sketch = here / "examples" / name / f"{name}.ino"
+        sketch = artefact / "examples" / name / f"{name}.ino"
         (folder / "main.cpp").write_text(program_of(sketch, EXAMPLE_STEPS), encoding="utf-8")
-        run_tool([*c, *C_FLAGS, "-c", str(here / "src" / f"{name}.c"), "-o", "stepper.o"], folder,
+        run_tool([*c, *C_FLAGS, "-c", str(artefact / "src" / f"{name}.c"), "-o", "stepper.o"], folder,
                  "Compiling the stepper")
         run_tool([*cpp, "-std=c++11", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",
-                  "-I", str(here / "src"), "main.cpp", "stepper.o", "-lm", "-o", "sketch"],
+                  "-I", str(artefact / "src"), "main.cpp", "stepper.o", "-lm", "-o", "sketch"],
                  folder, "Compiling the sketch")
         bits = run_tool([str(folder / "sketch")], folder, "The sketch")
     return refuse_difference("Sketch", bits, built, EXAMPLE_STEPS)

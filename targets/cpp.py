@@ -47,14 +47,14 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
 
 def check(built: Built) -> str:
     """Compile the example as C++17 without a warning, run it, and compare its bits."""
-    name, here = built.stepper.name, built.path.resolve()
+    name, artefact = built.stepper.name, built.path.resolve()
     c, cpp = (require(tool, "Checking target cpp") for tool in ("cc", "c++"))
     with tempfile.TemporaryDirectory() as folder_name:
         folder = Path(folder_name)
-        run_tool([*c, *C_FLAGS, "-c", str(here / f"{name}.c"), "-o", "stepper.o"], folder,
+        run_tool([*c, *C_FLAGS, "-c", str(artefact / f"{name}.c"), "-o", "stepper.o"], folder,
                  "Compiling the stepper")
         run_tool([*cpp, "-std=c++17", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",
-                  str(here / "main.cpp"), "stepper.o", "-lm", "-o", "example"], folder,
+                  str(artefact / "main.cpp"), "stepper.o", "-lm", "-o", "example"], folder,
                  "Compiling the example")
         bits = run_tool([str(folder / "example"), "bits"], folder, "The example")
     return refuse_difference("C++", bits, built, EXAMPLE_STEPS)

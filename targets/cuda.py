@@ -44,15 +44,15 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
 def check(built: Built) -> str:
     """Compile the text as C and compare its bits; compile it by nvcc too, if installed."""
     require("cc", "Checking target cuda")
-    name, here = built.stepper.name, built.path.resolve()
+    name, artefact = built.stepper.name, built.path.resolve()
     comparison = refuse_difference("CUDA text as C", _bits(built), built, EXAMPLE_STEPS)
     nvcc = shutil.which("nvcc")
     if nvcc is None:
         return f"{comparison}; nvcc, which compiles it for a card, was not found"
     with tempfile.TemporaryDirectory() as folder_name:
         for architecture in _ARCHITECTURES:
-            run_tool([nvcc, "-O2", "-fmad=false", f"-arch={architecture}", str(here / "main.cu"),
-                      str(here / f"{name}.cu"), "-o", "many"], Path(folder_name),
+            run_tool([nvcc, "-O2", "-fmad=false", f"-arch={architecture}",
+                      str(artefact / "main.cu"), str(artefact / f"{name}.cu"), "-o", "many"], Path(folder_name),
                      "Compiling the example")
     return f"{comparison}; nvcc compiles it for {' and '.join(_ARCHITECTURES)}"
 

@@ -78,8 +78,8 @@ def arguments_of(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
 def _file_like(name: str) -> str:
     """Return an example of the same name, or one to begin with."""
     example = f"examples/{name}.toml"
-    there = Path(__file__).parents[2].joinpath(example).is_file()
-    return example if there else "such as examples/pendulum.toml"
+    is_in_checkout = Path(__file__).parents[2].joinpath(example).is_file()
+    return example if is_in_checkout else "such as examples/pendulum.toml"
 
 
 def settings_of(settings: tuple[str, ...]) -> dict[str, str]:

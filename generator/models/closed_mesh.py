@@ -84,7 +84,7 @@ def _refuse_open(triangles: Floats) -> None:
     edges = np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)])
     # a degenerate triangle has an edge from a point to itself
     edges = edges[edges[:, 0] != edges[:, 1]]
-    there, back = (np.sort(edges[:, i] * count + edges[:, 1 - i]) for i in (0, 1))
-    if not np.array_equal(there, back):
+    forward, backward = (np.sort(edges[:, i] * count + edges[:, 1 - i]) for i in (0, 1))
+    if not np.array_equal(forward, backward):
         raise InputError("its surface is not closed: an edge has no neighbour; close it, or give "
                          "the body an <inertial>.")

@@ -302,9 +302,9 @@ class _Reader:
         for (a, type_a, with_a), (b, type_b, with_b) in combinations(sorted(touching), 2):
             if a == b or not (type_a & with_b or type_b & with_a):
                 continue
-            near = 0 not in (a, b) and "filterparent" not in self.robot.off and (
+            are_neighbours = 0 not in (a, b) and "filterparent" not in self.robot.off and (
                 m.body_weldid[m.body_parentid[a]] == b or m.body_weldid[m.body_parentid[b]] == a)
-            if not near:
+            if not are_neighbours:
                 colliding |= {a, b}
         self.robot.extras["contact"] += len(colliding)
 

@@ -299,12 +299,12 @@ class RobotBuilder:
 
     def _body(self, limb: int, motion: tuple[Floats, Floats]) -> None:
         mass, centre, inertia = self.robot.mass_of(limb)
-        here, (v, w) = self.poses.bodies[limb], motion
+        pose, (v, w) = self.poses.bodies[limb], motion
         self.centres[limb] = centre
         self.frames[limb] = self.builder.body(
             self._body_name(limb), mass=mass, inertia=inertia, rep=self.rep,
-            position=here.x + here.R @ centre, rotation=here.R,
-            velocity=v + np.cross(w, here.R @ centre), angular_velocity=here.R.T @ w)
+            position=pose.x + pose.R @ centre, rotation=pose.R,
+            velocity=v + np.cross(w, pose.R @ centre), angular_velocity=pose.R.T @ w)
 
     def _body_name(self, limb: int) -> str:
         """Return a name that begins no parameter of another body's joint on the ground."""
@@ -318,8 +318,8 @@ class RobotBuilder:
         """Return a point of space at some poses in the axes of a body, from its centre."""
         if limb < 0:
             return point
-        here = poses.bodies[limb]
-        inner: Floats = here.R.T @ (point - here.x) - self.centres[limb]
+        pose = poses.bodies[limb]
+        inner: Floats = pose.R.T @ (point - pose.x) - self.centres[limb]
         return inner
 
     # ------------------------------------------------------------ joints

@@ -275,22 +275,22 @@ def place_bodies(robot: Robot, coordinates: Mapping[str, Floats]) -> Poses:
     poses = Poses()
     for body in robot.bodies:
         above = IDENTITY if body.above < 0 else poses.bodies[body.above]
-        here = above.then(body.place)
+        placement = above.then(body.place)
         for joint in body.joints:
             value, name = coordinates[joint.name], joint.name
             if joint.kind == "free":
-                here = above.then(Placement(value[:3], rotation(value[3:])))
-            axis, point = here.R @ joint.axis, here.x + here.R @ joint.point
+                placement = above.then(Placement(value[:3], rotation(value[3:])))
+            axis, point = placement.R @ joint.axis, placement.x + placement.R @ joint.point
             poses.axes[name] = axis
             if joint.kind == "slide":
-                here = Placement(here.x + (value[0] - joint.ref) * axis, here.R)
+                placement = Placement(placement.x + (value[0] - joint.ref) * axis, placement.R)
                 point = point + (value[0] - joint.ref) * axis
             elif joint.kind != "free":
-                R = (turn(axis, value[0] - joint.ref) @ here.R if joint.kind == "hinge"
-                     else here.R @ rotation(value))
-                here = Placement(point - R @ joint.point, R)
+                R = (turn(axis, value[0] - joint.ref) @ placement.R if joint.kind == "hinge"
+                     else placement.R @ rotation(value))
+                placement = Placement(point - R @ joint.point, R)
             poses.points[name] = point
-        poses.bodies.append(here)
+        poses.bodies.append(placement)
     return poses
 
 
@@ -299,22 +299,22 @@ def body_velocities(
 ) -> list[tuple[Floats, Floats]]:
     """Return the velocity of the origin of each body and its angular velocity, in space."""
     velocities: list[tuple[Floats, Floats]] = []
-    for body, here in zip(robot.bodies, poses.bodies, strict=True):
+    for body, pose in zip(robot.bodies, poses.bodies, strict=True):
         v, w = np.zeros(3), np.zeros(3)
         if body.above >= 0:
             v, w = velocities[body.above]
-            v = v + np.cross(w, here.x - poses.bodies[body.above].x)
+            v = v + np.cross(w, pose.x - poses.bodies[body.above].x)
         for joint in body.joints:
             rate = rates[joint.name]
             if joint.kind == "slide":
                 v = v + rate[0] * poses.axes[joint.name]
                 continue
             if joint.kind == "free":
-                v, w = rate[:3], here.R @ rate[3:]
+                v, w = rate[:3], pose.R @ rate[3:]
                 continue
-            turning = here.R @ rate if joint.kind == "ball" else rate[0] * poses.axes[joint.name]
+            turning = pose.R @ rate if joint.kind == "ball" else rate[0] * poses.axes[joint.name]
             w = w + turning
-            v = v + np.cross(turning, here.x - poses.points[joint.name])
+            v = v + np.cross(turning, pose.x - poses.points[joint.name])
         velocities.append((v, w))
     return velocities
 

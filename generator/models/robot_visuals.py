@@ -43,8 +43,8 @@ def draw(
             _is_readable(shape, path) for _, shape in colliding):
         shapes = colliding
     for pose, shape in shapes:
-        here = placement.then(pose).then(Placement(shape.centre, shape.axes))
-        builder.visual(frame, replace(shape, centre=here.x, axes=here.R))
+        place = placement.then(pose).then(Placement(shape.centre, shape.axes))
+        builder.visual(frame, replace(shape, centre=place.x, axes=place.R))
 
 
 def add_visuals(

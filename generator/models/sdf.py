@@ -209,15 +209,15 @@ class _Scopes:
         default = _text(element, "child") if element.name == "joint" else element.attributes.get(
             "attached_to") or home
         above = self.seen(attributes.get("relative_to") or attributes.get("frame") or default, name)
-        here = self.place(above, (*below, name)).then(_pose(pose))
+        placement = self.place(above, (*below, name)).then(_pose(pose))
         placed = element.attributes.get("placement_frame") if name == _MODEL else None
         if placed:  # that frame of the model is there
             self.places[_MODEL] = IDENTITY
             inner = self.place(placed, (*below, name))
-            here = here.then(Placement(-inner.R.T @ inner.x, inner.R.T))
+            placement = placement.then(Placement(-inner.R.T @ inner.x, inner.R.T))
             self.places = {"world": IDENTITY}
-        self.places[name] = here
-        return here
+        self.places[name] = placement
+        return placement
 
     def link(self, name: str, below: tuple[str, ...] = ()) -> str:
         """Return the link, or the world, that a link, a joint, a frame or the model moves with."""

@@ -111,9 +111,9 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
             raise InputError(f"line {line}: {owner}<{element.name}> has {item}, which no model "
                              f"here has; {cure or usual}.")
         elif name not in once and name not in read:
-            near = proposal(name.strip("@"), [key.strip("@") for key in parts.names])
+            suggestion = proposal(name.strip("@"), [key.strip("@") for key in parts.names])
             raise InputError(f"line {line}: {owner}{label} is no part of <{element.name}> in "
-                             f"{schema.format}{near}; remove it.")
+                             f"{schema.format}{suggestion}; remove it.")
         elif name in once and counts[name] > 1:
             raise InputError(f"line {line}: {owner}{label} is in <{element.name}> "
                              f"{counts[name]} times; write it once.")

@@ -436,11 +436,11 @@ class Assembly:
                 continue
             turned = RigidMotion(np.array(product(attitude, conjugate(described.q))), np.zeros(3))
             assert described.x is not None
-            here = x if body.x else described.x
-            moved = RigidMotion(turned.q, here - turned.direction(described.x))
+            position = x if body.x else described.x
+            moved = RigidMotion(turned.q, position - turned.direction(described.x))
             R = rotation(attitude)
             spin = None if old.spin is None else R @ (old.R.T @ old.spin)
-            poses[body] = Pose(attitude, R, here, old.v, spin, moved)
+            poses[body] = Pose(attitude, R, position, old.v, spin, moved)
         return poses
 
     def _body_values(self) -> dict[str, float]:

@@ -118,9 +118,9 @@ class Coordinate(Connection):
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
         """Yield the coordinate."""
         if self.start_value is not None:
-            now = self.measure(self.kind, poses, store)
+            coordinate = self.measure(self.kind, poses, store)
             yield StartValue(self.name, self.kind, self.start_value,
-                             now - self.value - FRACTION * self.displacement)
+                             coordinate - self.value - FRACTION * self.displacement)
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
         """Yield the rate."""

@@ -59,8 +59,8 @@ class RigidMotion:
 
     def inverse(self) -> RigidMotion:
         """Return the motion back."""
-        back = RigidMotion(np.array(conjugate(self.q)), np.zeros(3))
-        return RigidMotion(back.q, -back.direction(self.x))
+        turn = RigidMotion(np.array(conjugate(self.q)), np.zeros(3))
+        return RigidMotion(turn.q, -turn.direction(self.x))
 
     def point(self, r: Array) -> Array:
         """Return where a point is moved to."""

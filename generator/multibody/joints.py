@@ -652,9 +652,9 @@ class Cylindrical(Planar):
         """Yield angle and travel."""
         yield from super().start_values(poses, store)
         if self.start_travel is not None:
-            now = self.measure("travel", poses, store)
+            travel = self.measure("travel", poses, store)
             yield StartValue(self.name, "travel", self.start_travel,
-                             now - self.travel - FRACTION * self.moved)
+                             travel - self.travel - FRACTION * self.moved)
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
         """Yield rate and speed."""

@@ -307,12 +307,12 @@ class _Search:
         m = self.m[b]
         S = {(i, j): self.total[("S", m[i], m[j])] for i in range(3) for j in range(i, 3)}
         c = [self.total[("c", x)] for x in m]
-        a, main, further = _axes(self.system.name, self.names[b], S, c)
+        a, main, noncommuting = _axes(self.system.name, self.names[b], S, c)
         condition = ()
         # one further rotation without an offset: d = 0, two equal moments, makes it the identity
-        if [axis.c for axis in further] == [0]:
-            condition = tuple(sp.numer(sp.together(axis.d)) for axis in further)
-        return BodyFlow(self.names[b], self.quaternions[b], self.l[b], a, main, further, drag,
+        if [axis.c for axis in noncommuting] == [0]:
+            condition = tuple(sp.numer(sp.together(axis.d)) for axis in noncommuting)
+        return BodyFlow(self.names[b], self.quaternions[b], self.l[b], a, main, noncommuting, drag,
                         condition)
 
     def _translation(self, drag: Sequence[sp.Expr]) -> Translation | None:

@@ -175,9 +175,9 @@ def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
         rows[remaining] -= rows[remaining, column, None] * rows[pivot]
         pivot += 1
     for row in rows[:pivot]:
-        near = [Fraction(e).limit_denominator(_DENOMINATOR) for e in row]
-        if all(abs(e - float(k)) <= _SMALL for e, k in zip(row, near, strict=True)):
-            yield [sp.Rational(k.numerator, k.denominator) for k in near]
+        fractions = [Fraction(e).limit_denominator(_DENOMINATOR) for e in row]
+        if all(abs(e - float(k)) <= _SMALL for e, k in zip(row, fractions, strict=True)):
+            yield [sp.Rational(k.numerator, k.denominator) for k in fractions]
 
 
 def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | None:

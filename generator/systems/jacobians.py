@@ -22,10 +22,10 @@ def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]
     if not bases:
         return [derivative(expression, symbol) for symbol in symbols]
     names = {u: sp.Symbol(f"_u{i}", real=True) for i, u in enumerate(bases)}
-    back = {name: u for u, name in names.items()}
+    node_of = {name: u for u, name in names.items()}
     outer = expression.xreplace(names)
-    slopes = {u: derivative(outer, name).xreplace(back) for u, name in names.items()}
-    return [sp.Add(derivative(outer, symbol).xreplace(back),
+    slopes = {u: derivative(outer, name).xreplace(node_of) for u, name in names.items()}
+    return [sp.Add(derivative(outer, symbol).xreplace(node_of),
                    *(slope * derivative(u, symbol) for u, slope in slopes.items()))
             for symbol in symbols]
 

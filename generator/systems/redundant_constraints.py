@@ -289,9 +289,9 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> b
         direction = rng.standard_normal(len(q))
         direction -= np.linalg.lstsq(slopes, slopes @ direction, rcond=1e-10)[0]  # along g = 0
         direction *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(direction), EPS)
-        near = nearest_point(constraints, q + direction)
-        if near is not None:
-            return len(dependent_rows(constraints.rows(near))[1]) < dependent
+        neighbour = nearest_point(constraints, q + direction)
+        if neighbour is not None:
+            return len(dependent_rows(constraints.rows(neighbour))[1]) < dependent
     return False
 
 

@@ -73,11 +73,11 @@ class FrameMotion:
         from there. From a point at rest it is the rate alone, which is shorter: that is taken where
         exact arithmetic finds it to be the same.
         """
-        near = _nearest(point, lambda neighbour: self.frame in neighbour._vel_dict)
-        if near is None:
+        anchor = _nearest(point, lambda neighbour: self.frame in neighbour._vel_dict)
+        if anchor is None:
             raise InputError(f"The velocity of {point} in {self.frame} is not known; place it from "
                              "a point whose velocity is set, or set its own.")
-        velocity, position = near.vel(self.frame), point.pos_from(near)
+        velocity, position = anchor.vel(self.frame), point.pos_from(anchor)
         path = None if velocity == 0 else self.place(point)
         if path is None:
             axes = self._last(position, velocity)
@@ -92,14 +92,14 @@ class FrameMotion:
         points = list(dict.fromkeys(point for body in bodies for point in _reached(body.masscenter)
                                     if self.frame in point._vel_dict))
         for point in points:
-            near = next((neighbour for neighbour in _reached(point)
+            anchor = next((neighbour for neighbour in _reached(point)
                          if neighbour is not point and neighbour in points), None)
-            if near is None:
+            if anchor is None:
                 continue
-            position, gap = point.pos_from(near), near.vel(self.frame) - point.vel(self.frame)
+            position, gap = point.pos_from(anchor), anchor.vel(self.frame) - point.vel(self.frame)
             residual = self._moved(position, gap, self._last(position, gap))
             if not vanish(substitute(residual, self.speeds)):
-                yield point, near
+                yield point, anchor
 
     def is_placed(self, point: Any) -> bool:
         """Whether the place of a point is known from another one."""

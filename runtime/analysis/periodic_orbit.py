@@ -240,10 +240,10 @@ class OrbitSearch:
             if report is not None:
                 report(len(gaps) - 1)
             next_guess = self._newton_step(guess) if len(gaps) <= iteration_limit else None
-            near = self.phase_fixed and guess.size < _NEAR * self._scale(guess)
-            if next_guess is None and not near:
+            is_close = self.phase_fixed and guess.size < _NEAR * self._scale(guess)
+            if next_guess is None and not is_close:
                 raise self._failure(guess, gaps)
-            if near and (next_guess is None
+            if is_close and (next_guess is None
                          or next_guess.size > max(guess.size / 2, self._stagnation_level(guess))):
                 self.phase_fixed = False  # the phase within a step: see the module's text
             if next_guess is not None:

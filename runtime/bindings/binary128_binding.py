@@ -182,11 +182,11 @@ class QuadBinding(Binding):
         row: int, memory: BatchMemory,
     ) -> None:
         """Advance a batch in place by up to ``steps`` steps, stored from ``row`` of each on."""
-        now = np.s_[:, row : row + steps // every]
-        copies = rows[now].copy()
+        places = np.s_[:, row : row + steps // every]
+        copies = rows[places].copy()
         super().integrate_lanes(constants, steps, every,
                                 replace(batch, records=batch.records.first), copies, 0, memory)
-        rows.assign(now, copies)
+        rows.assign(places, copies)
 
 
 class _Box:

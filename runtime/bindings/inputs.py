@@ -79,8 +79,8 @@ class InputRows:
         """
         rows = self.values[0]
         first = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)
-        none = 0 * (first[0] if len(rows) else 1.0) + np.nan
-        return {name: x if (rows[:, i] == first[i]).all() else none
+        changing = 0 * (first[0] if len(rows) else 1.0) + np.nan
+        return {name: x if (rows[:, i] == first[i]).all() else changing
                 for i, (name, x) in enumerate(zip(self.names, first.tolist(), strict=True))}
 
     def of(self, i: int) -> InputRows:

@@ -256,10 +256,10 @@ class KeptRun:
     def go_on_from(self, steps: int, q: Array, p: Array) -> KeptRun:
         """Return the run from a state after so many steps, without the solver's memory."""
         kept_run = KeptRun(self.binding, replace(self.run, q=q, p=p))
-        state, none = kept_run.state, Rows.allocate(self.binding.own, 0)
+        state, no_rows = kept_run.state, Rows.allocate(self.binding.own, 0)
         primal = self.binding.primal
         begun = RunState.at_start(primal, q, p)
-        primal.integrate(self.run.constants(primal), 0, 1, begun, none)
+        primal.integrate(self.run.constants(primal), 0, 1, begun, no_rows)
         for destination, source in ((state.record, begun.record), (state.work, begun.work)):
             self.binding.own.image(destination)[:] = primal.image(source)
         state.record.steps = steps
@@ -283,13 +283,13 @@ class QuadDerivativeBinding(DerivativeBinding):
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
         """Fill rows of q, p and x with steps of the primal module; return the status."""
         binding, primal, kept_state = self.own, self.primal, run.state
-        constants, none = run.run.constants(primal), Rows.allocate(primal, 0)
+        constants, no_rows = run.run.constants(primal), Rows.allocate(primal, 0)
         state = RunState.at_start(primal, q[0], p[0])
         # The run may have been restored to a checkpoint since the last call.
         primal.image(state.work)[:] = binding.image(kept_state.work)
         primal.image(state.record)[:] = binding.image(kept_state.record)
         for j in range(count):
-            status = primal.integrate(constants, 1, 1, state, none)
+            status = primal.integrate(constants, 1, 1, state, no_rows)
             if status:
                 return status
             binding.image(kept_state.work)[:] = primal.image(state.work)

@@ -370,13 +370,13 @@ class _AdjointRun:
 
     def _take(self, steps: KeptSteps, w: Array) -> Array:
         """Return the cotangent of the state before some steps, of that after them."""
-        run, here = self.run, _of_stored(self.frame, self.run, steps, self.cotangents.rows,
-                                         self.z_bar)
+        run = self.run
+        row_cotangents = _of_stored(self.frame, run, steps, self.cotangents.rows, self.z_bar)
         forces = _of_steps(self.stepper, run, steps, self.cotangents.multipliers)
         has_inputs = len(self.inputs_bar) > 0
         own_bar = self.own.new(steps.count if has_inputs else 0, len(self.input_columns))
-        status = self.binding.integrate_adjoint(run, self.parameters, steps, here, run.every,
-                                                forces, w, self.z_bar, own_bar)
+        status = self.binding.integrate_adjoint(run, self.parameters, steps, row_cotangents,
+                                                run.every, forces, w, self.z_bar, own_bar)
         if status:
             raise singular(steps.first, status)
         if has_inputs:
@@ -420,14 +420,14 @@ def _of_stored(
 ) -> Array:
     """Return the cotangents of the states before these steps that are stored, in the frame."""
     first = steps.first // run.every
-    here = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
+    of_piece = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
-        here[0] = 0  # the state is not stored: its row belongs to an earlier one
-    for i in range(len(here) if frame.moves else 0):
+        of_piece[0] = 0  # the state is not stored: its row belongs to an earlier one
+    for i in range(len(of_piece) if frame.moves else 0):
         k = (first + i) * run.every
         if k >= steps.first:
-            here[i] = _of_frame(frame, steps, k, here[i], z_bar)
-    return here
+            of_piece[i] = _of_frame(frame, steps, k, of_piece[i], z_bar)
+    return of_piece
 
 
 def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers: Array) -> Array:
@@ -553,10 +553,10 @@ def _reversed(
         # a step of −Δt is the inverse of one of Δt to round-off for the symmetric schemes: states
         # run back, and each piece forward again for its unknowns
         count = min(512, remaining)
-        back = stepper._run(replace(
+        reverse_run = stepper._run(replace(
             run, q=state[0].copy(), p=state[1].copy(), dt=-run.dt, steps=count, every=count,
             t0=run.t0 + remaining * run.dt))
-        state = back.q[-1], back.p[-1]
+        state = reverse_run.q[-1], reverse_run.p[-1]
         remaining -= count
         forward = binding.begin(replace(run, q=state[0].copy(), p=state[1].copy(), steps=count,
                                         t0=run.t0 + remaining * run.dt))

@@ -102,9 +102,10 @@ def impact_step(
     start = run.t0 + step * run.dt
     arguments = replace(run.at_step(step), steps=1, every=1, inputs=None, stored_steps=None,
                         hits=None)
-    here = np.eye(binding.rows, dtype=q.dtype)  # of q, p, parameters, the length and time of a part
-    of_step, later = here[-2].copy(), 0 * here[-1]
-    here[-2], here[-1] = 0, here[-1] + step * of_step
+    # rows: q, p, parameters, the length and the time of a part
+    directions = np.eye(binding.rows, dtype=q.dtype)
+    of_step, later = directions[-2].copy(), 0 * directions[-1]
+    directions[-2], directions[-1] = 0, directions[-1] + step * of_step
     since, state = 0 * run.dt, (q, p)
     hits: list[Hit | None] = [*(run.hits or {})[step], None]
     for hit in hits:
@@ -112,7 +113,7 @@ def impact_step(
         piece = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
                                            t0=start + since))
         unit = np.eye(binding.rows, dtype=q.dtype)[:, -2:-1]
-        ends = piece.tangent(np.concatenate([here, unit], axis=1))
+        ends = piece.tangent(np.concatenate([directions, unit], axis=1))
         moved, v = ends[:, :-1], ends[:, -1]
         if hit is None:
             longer = of_step - later
@@ -123,15 +124,15 @@ def impact_step(
                 raise _too_long(stepper)
             normal = rows[hit.gap]
             rate = rate_of(Point(step, hit.since, normal, hit.impact.name), v)
-            longer = -(normal @ np.concatenate([moved, here[2 * n :]])) / rate
-        here[: 2 * n] = moved + np.outer(v, longer)
-        here[-1], later = here[-1] + longer, later + longer
+            longer = -(normal @ np.concatenate([moved, directions[2 * n :]])) / rate
+        directions[: 2 * n] = moved + np.outer(v, longer)
+        directions[-1], later = directions[-1] + longer, later + longer
         state = piece.end[:n], piece.end[n:]
         if hit is not None:
-            here[: 2 * n] = _jump(stepper, arguments, start + hit.since, hit) @ here
+            directions[: 2 * n] = _jump(stepper, arguments, start + hit.since, hit) @ directions
             since, state = hit.since, (hit.q, hit.after)
     return ImpactStep(step, np.array([q, state[0]]), np.array([p, state[1]]),
-                      binding.own.new(1, stepper.unknowns), here[: 2 * n].copy())
+                      binding.own.new(1, stepper.unknowns), directions[: 2 * n].copy())
 
 
 def _too_long(stepper: Stepper) -> InputError:

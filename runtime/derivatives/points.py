@@ -204,12 +204,12 @@ def _normal(
     if event.quantity not in quantities:
         return _unit(stepper, states[event.quantity])
     # rows of a trajectory have q and p that users see; C takes t and e with them in scaled time
-    there = stepper.binding.start_in_scaled_time(
+    state = stepper.binding.start_in_scaled_time(
         stepper.binding.parameters(run.parameters, run.t0), crossings.q[i].copy(),
         crossings.p[i].copy(),
         crossings.t[i])
     rows = binding.quantity_derivatives(
-        binding.own.parameters(run.parameters, run.t0), crossings.t[i], *there)
+        binding.own.parameters(run.parameters, run.t0), crossings.t[i], *state)
     if rows is None:
         raise InputError(
             f"The event {event.name!r} is of the quantity {event.quantity!r}, and this system has "
@@ -253,22 +253,22 @@ def tangent_at(
     """
     n, count = stepper.binding.n, dz.shape[1]
     if point.tau is None:
-        none = stepper.binding.new(stepper.binding.multipliers if multipliers else 0, count)
-        return np.concatenate([dz[: 2 * n], none]), dz[-1].copy()
-    here = stepper.binding.new(len(dz), count + 1)
-    here[:, :count] = dz
-    here[-2] = 0
+        forces = stepper.binding.new(stepper.binding.multipliers if multipliers else 0, count)
+        return np.concatenate([dz[: 2 * n], forces]), dz[-1].copy()
+    step_directions = stepper.binding.new(len(dz), count + 1)
+    step_directions[:, :count] = dz
+    step_directions[-2] = 0
     # t_j = t0 + j Δt moves by dt0 + j dΔt; the own step has the fixed length τ; one more column
     # gives v = ∂Φ_τ/∂τ
-    here[-1, :count] += point.step * dz[-2]
-    here[-2, count] = 1
-    end_directions = single_step(stepper, run, point, z).tangent(here, multipliers)
-    Z, v, dt = end_directions[:, :count], end_directions[:, count], here[-1, :count]
+    step_directions[-1, :count] += point.step * dz[-2]
+    step_directions[-2, count] = 1
+    end_directions = single_step(stepper, run, point, z).tangent(step_directions, multipliers)
+    Z, v, dt = end_directions[:, :count], end_directions[:, count], step_directions[-1, :count]
     if point.normal is None:
         # at a fixed time dτ = −dt_j; at an event dτ = −(c_z Z + c_θ dθ + c_t dt_j)/(c_z v + c_t)
         d_tau = -dt
     else:
-        directions = np.concatenate([Z[: 2 * n], here[2 * n :, :count]])
+        directions = np.concatenate([Z[: 2 * n], step_directions[2 * n :, :count]])
         d_tau = -(point.normal @ directions) / rate_of(point, v[: 2 * n])
     return Z + v[:, None] * d_tau, dt + d_tau
 

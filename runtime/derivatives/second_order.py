@@ -221,8 +221,8 @@ def hessian_of(
     for j in range(count):
         dz = np.ascontiguousarray(D[:, j])
         moved = _moved(stepper, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
-        back = CotangentSlopes.at_end(second, cotangents.rows[-1], moved.rows[-1], 0)
-        for z, cotangents_of_kind in zip(back.z_bar, (cotangents, moved), strict=True):
+        sweep = CotangentSlopes.at_end(second, cotangents.rows[-1], moved.rows[-1], 0)
+        for z, cotangents_of_kind in zip(sweep.z_bar, (cotangents, moved), strict=True):
             _add_explicit(stepper, run, cotangents_of_kind, z)
         for block, start in zip(reversed(blocks), reversed(starts), strict=True):
             rows = binding.new(block.count, 2 * n)
@@ -231,15 +231,16 @@ def hessian_of(
                                     binding.new(0), tangent)
             # C returns directions after each step, and the sweep back takes those before it
             rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
-            here = tuple(_stored(run, block, cotangents_of_kind.rows)
+            row_cotangents = tuple(_stored(run, block, cotangents_of_kind.rows)
                          for cotangents_of_kind in (cotangents, moved))
-            back = back.before(second, block.count)
+            sweep = sweep.before(second, block.count)
             status = second.integrate_second(
-                run, parameter_pair, block, rows, dz, (here[0], here[1]), run.every, back)
+                run, parameter_pair, block, rows, dz, (row_cotangents[0], row_cotangents[1]),
+                run.every, sweep)
             if status:
                 raise singular(block.first, status)
-        z_bar, z_bar_slope = back.z_bar
-        z_bar[: 2 * n], z_bar_slope[: 2 * n] = back.w
+        z_bar, z_bar_slope = sweep.z_bar
+        z_bar[: 2 * n], z_bar_slope[: 2 * n] = sweep.w
         changed = pulled_back_slope(second, space, parameter_pair, run.q, run.p, dz, z_bar,
                                     z_bar_slope)
         columns.append(D.T @ changed)
@@ -349,10 +350,10 @@ def _add_explicit(
 def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
     """Return the rows of the stored states before these steps."""
     first = steps.first // run.every
-    here = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
+    of_piece = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
-        here[0] = 0  # the state is not stored: its row belongs to an earlier one
-    states: Array = here
+        of_piece[0] = 0  # the state is not stored: its row belongs to an earlier one
+    states: Array = of_piece
     return states
 
 
@@ -367,12 +368,12 @@ def step_slope(
     parameters = binding.parameters(run.parameters, run.t0)
     steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])
     no_rows = binding.new(1, 2 * n)
-    back = CotangentSlopes.at_end(second, w, binding.new(2 * n), 1)
+    sweep = CotangentSlopes.at_end(second, w, binding.new(2 * n), 1)
     status = second.integrate_second(
         run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz, (no_rows, no_rows), 1,
-        back)
+        sweep)
     if status:
         raise singular(0, status)
-    z_bar, z_bar_slope = back.z_bar
-    z_bar[: 2 * n], z_bar_slope[: 2 * n] = back.w
+    z_bar, z_bar_slope = sweep.z_bar
+    z_bar[: 2 * n], z_bar_slope[: 2 * n] = sweep.w
     return pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar, z_bar_slope)

@@ -57,8 +57,8 @@ def objective(
         if variables.shape != (variable_count,):
             raise InputError(f"x has the shape {variables.shape}; {', '.join(wrt)} are "
                              f"{variable_count} numbers.")
-        here: dict[str, Any] = {"dt": dt, "t0": start.t}
-        now, state, moved, offset = dict(parameters), (first.q, first.p), False, 0
+        times: dict[str, Any] = {"dt": dt, "t0": start.t}
+        values, state, is_moved, offset = dict(parameters), (first.q, first.p), False, 0
         inputs = input_rows
         for name in wrt:
             block = variables[offset : offset + sizes.get(name, 1)]
@@ -67,20 +67,21 @@ def objective(
                 # x counts along an orthonormal basis of the tangent space: its zero is the given
                 # start
                 z = np.concatenate(state) + basis @ block
-                state, moved = (z[: stepper.n], z[stepper.n :]), True
+                state, is_moved = (z[: stepper.n], z[stepper.n :]), True
             elif name == "inputs":
                 inputs = Inputs(block.reshape(shape), hold)
-            elif name in here:
-                here[name] = block[0]
+            elif name in times:
+                times[name] = block[0]
             else:
-                now[name], moved = block[0], True
+                values[name], is_moved = block[0], True
         # a parameter may move the constraints; the gradient has the derivative of this projection
-        if stepper.m and moved:
+        if stepper.m and is_moved:
             consistent_state = stepper.consistent(
-                *state, t=here["t0"], parameters=stepper._parameters_with_inputs(now, input_rows))
+                *state, t=times["t0"],
+                parameters=stepper._parameters_with_inputs(values, input_rows))
             state = consistent_state.q, consistent_state.p
-        run = stepper.integrate(Start(*state, t=here["t0"]), parameters=now,
-                                inputs=inputs, dt=here["dt"], **span, **options)
+        run = stepper.integrate(Start(*state, t=times["t0"]), parameters=values,
+                                inputs=inputs, dt=times["dt"], **span, **options)
         gradient = stepper.gradient(run, loss=loss, wrt=wrt, memory=memory,
                                     solver=as_solver(options["solver"]).kind)
         numbers = dict.fromkeys(wrt)

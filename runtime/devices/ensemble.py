@@ -92,18 +92,18 @@ def device_for(device: DeviceName | None, q: Any, p: Any) -> Device | None:
     Raises InputError for another name, for arrays in two places, and without a card;
     MissingDependencyError without cuda-core.
     """
-    there = is_on_card(q), is_on_card(p)
-    chosen = ("cuda" if any(there) else "cpu") if device is None else choose(
+    on_card = is_on_card(q), is_on_card(p)
+    chosen = ("cuda" if any(on_card) else "cpu") if device is None else choose(
         "device", device, DEVICES)
-    if there[0] != there[1]:
+    if on_card[0] != on_card[1]:
         raise InputError("Of q and p one lies in memory of a card and one does not; give both as "
                          "arrays of one library on one device.")
     if chosen == "cpu":
-        if any(there):
+        if any(on_card):
             raise InputError("q and p lie in memory of a card, which device = 'cpu' cannot read; "
                              "leave device out, or copy them to NumPy arrays.")
         return None
-    return open_card(q.__dlpack_device__()[1] if any(there) else None)
+    return open_card(q.__dlpack_device__()[1] if any(on_card) else None)
 
 
 def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
@@ -147,11 +147,11 @@ def views_of(device: Device, stepper: Stepper, q: Any, p: Any) -> tuple[View, Vi
 
 
 def shared_ensemble(
-    stepper: Stepper, there: Trajectories, like: Any, stop: Callable[[], bool]
+    stepper: Stepper, trajectories: Trajectories, like: Any, stop: Callable[[], bool]
 ) -> DeviceEnsemble:
     """Take all steps, until they shall stop; return arrays of the library of ``like``."""
-    runs, device, windows = there.runs, there.device, list[Window]()
-    done = there.integrate(runs.first.rows + 1, windows.append, stop)
+    runs, device, windows = trajectories.runs, trajectories.device, list[Window]()
+    done = trajectories.integrate(runs.first.rows + 1, windows.append, stop)
     states, (window,) = runs.first.stored(done) + 1, windows
     count, n = len(runs), stepper.n
 
@@ -160,10 +160,10 @@ def shared_ensemble(
 
     q, p = (passed(memory, (count, states, n), (1, n * count, count))
             for memory in (window.q, window.p))
-    status = device.get(there.status)
+    status = device.get(trajectories.status)
     return DeviceEnsemble(
         stepper.binding.times(runs.t0[:, None], runs.dt[:, None], runs.first.steps_of_rows(done)),
-        q, p, passed(window.iterations, (count, states), (1, count)), there.done,
+        q, p, passed(window.iterations, (count, states), (1, count)), trajectories.done,
         {i: REASONS[int(status[i])] for i in np.flatnonzero(status).tolist()}, stepper.name)
 
 

@@ -220,13 +220,13 @@ class EventDetector:
         if not len(q):
             return
         # C looks for states near a level in one pass; NumPy sees only the rows about these
-        near = self._levels.near(self._parameters, self._times(done, q), q, p, self._last)
+        candidate_rows = self._levels.near(self._parameters, self._times(done, q), q, p, self._last)
         old_q, old_p = self._tail or (q[:0], p[:0])
-        old, (low, high) = len(old_q), near or (0, 0)
+        old, (low, high) = len(old_q), candidate_rows or (0, 0)
         self._done = done + len(q) - 1
         self._tail = (np.concatenate([old_q, q[-TAIL:]])[-TAIL:],
                       np.concatenate([old_p, p[-TAIL:]])[-TAIL:])
-        if near or self._near:
+        if candidate_rows or self._near:
             # the rows from ``TAIL`` before the first near state on; all of the tail, if the last
             # piece ended near a level
             start = 0 if self._near else max(old + low - TAIL - 1, 0)
@@ -235,7 +235,7 @@ class EventDetector:
                           np.concatenate([old_q[start:], q[new]]),
                           np.concatenate([old_p[start:], p[new]]))
         self._closed[:] = False
-        self._near = near is not None and high >= len(q) - TAIL
+        self._near = candidate_rows is not None and high >= len(q) - TAIL
 
     def _look_at(self, done: int, first: int, q: Array, p: Array) -> None:
         """Bracket events in steps from row ``first`` on, between states near a level."""
@@ -316,8 +316,8 @@ class EventDetector:
     @property
     def memory(self) -> Memory:
         """The memory from which detection resumes after the examined states."""
-        none = self._levels.binding.new(0, self._levels.binding.n)
-        q, p = self._tail or (none, none)
+        no_states = self._levels.binding.new(0, self._levels.binding.n)
+        q, p = self._tail or (no_states, no_states)
         return Memory(q, p, self._closed.copy(), self._levels.binding.new(0))
 
     def go_on(self, done: int, memory: Memory) -> None:

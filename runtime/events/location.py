@@ -340,8 +340,8 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
         new = bends & (x > x0) & (x < x2) & (abs(x - x1) > (wide / 8 if look % 2 else 0 * wide))
         x = np.where(new, x, x1 + np.where(left_of, -wide, wide) / 8)
         # still falling towards x = 0: no nearer to it than an eighth of the last point at a time
-        near = np.where(bends & (x > x1 / 8), np.where(x < x1 / 2, x, x1 / 2), x1 / 8)
-        x = np.where(inside, x, near)
+        towards_end = np.where(bends & (x > x1 / 8), np.where(x < x1 / 2, x, x1 / 2), x1 / 8)
+        x = np.where(inside, x, towards_end)
         y = value(x)
         # of four places the lowest stays in the middle of its neighbours; else the first three
         lower, left_of = np.where(inside, y < y1, True), x < x1

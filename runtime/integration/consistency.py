@@ -226,8 +226,8 @@ def _added(values: Array) -> Array:
 
 
 def _forth_and_back(values: Array) -> Array:
-    forth, back = values[:, 1 : _DRAWS + 1], values[:, _DRAWS + 1 :]
-    half_differences: Array = np.abs(forth - back).reshape(len(values), -1) / 2
+    plus, minus = values[:, 1 : _DRAWS + 1], values[:, _DRAWS + 1 :]
+    half_differences: Array = np.abs(plus - minus).reshape(len(values), -1) / 2
     return half_differences
 
 
@@ -266,8 +266,8 @@ def _is_plainly_consistent(
     for d in binding.defects(parameters, *states):
         if 0 < d.size <= _FEW:  # in Python's floats: half of the time
             entries, count = d.ravel().tolist(), d.shape[1]
-            forth, back = entries[count : (_DRAWS + 1) * count], entries[(_DRAWS + 1) * count :]
-            bound = epsilons / 2 * max(map(abs, map(operator.sub, forth, back)))
+            plus, minus = entries[count : (_DRAWS + 1) * count], entries[(_DRAWS + 1) * count :]
+            bound = epsilons / 2 * max(map(abs, map(operator.sub, plus, minus)))
             if not all(map(bound.__ge__, map(abs, entries[:count]))):
                 return False
             continue

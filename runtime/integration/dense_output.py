@@ -310,20 +310,20 @@ def _places_in_scaled_time(
             f"{float(clock[0])} to {float(clock[-1])} s; ask for times in between.")
     columns = {name: np.full(len(t), value, binding.number_type)
                for name, value in trajectory.parameters.items()}
-    dt, none = np.full(len(t), trajectory.dt), np.zeros(len(t), binding.number_type)
+    dt, zeros = np.full(len(t), trajectory.dt), np.zeros(len(t), binding.number_type)
     q, p = q[rows], p[rows]
     # Whole steps from the stored state to the last one that is not behind.
     gaps = np.append(np.diff(trajectory.tau), 0 * trajectory.dt)[rows] / trajectory.dt
     step_limit = max(int(np.ceil(gaps.max().astype(float) - 1e-3)) - 1, 0) if len(t) else 0
     steps = np.zeros(len(t), int)
     if step_limit:
-        states = run_together(stepper, q, p, none, dt, columns, fill, step_limit).rows
+        states = run_together(stepper, q, p, zeros, dt, columns, fill, step_limit).rows
         # the last coordinate is t
         passed = ahead * states.q[:, :, -1].astype(t.dtype) <= ahead * t[:, None] + reach
         steps = np.where(gaps > 1, passed.sum(axis=1) - 1, 0)
         indices = np.arange(len(t))
         q, p = states.q[indices, steps], states.p[indices, steps]
-    remainders, ends = none.copy(), (q, p)
+    remainders, ends = zeros.copy(), (q, p)
     parameters = binding.parameters(trajectory.parameters)
     # Newton's method for t(τ) = t, with dt/dτ = σ at the end so far; δτ stays within one step
     for _ in range(_NEWTON):
@@ -333,8 +333,8 @@ def _places_in_scaled_time(
             break
         moved = remainders + np.where(open_, missing / binding.time_scales(parameters, *ends), 0)
         remainders = np.where(ahead * moved > ahead * dt, dt,
-                              np.where(ahead * moved > 0, moved, none))
-        ends = partial_steps(stepper, q, p, none, remainders, columns, fill)
+                              np.where(ahead * moved > 0, moved, zeros))
+        ends = partial_steps(stepper, q, p, zeros, remainders, columns, fill)
     return Places(rows, steps, remainders)
 
 
@@ -374,14 +374,15 @@ def refuse_impacts(trajectory: Trajectory) -> None:
 
 def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
     """Refuse a trajectory that another stepper made, or another version of this one."""
-    here, there = stepper.manifest, trajectory.manifest
+    own_manifest, run_manifest = stepper.manifest, trajectory.manifest
     named = ("name", "real", "system", "scheme")
-    differences = [name for name in named if getattr(here, name) != getattr(there, name)]
+    differences = [name for name in named
+                   if getattr(own_manifest, name) != getattr(run_manifest, name)]
     if differences:
         raise InputError(
-            f"The trajectory is of {there.name} in {there.real}, not of this stepper, "
-            f"{here.name} in {here.real}: they differ in {differences[0]}. Give the stepper that "
-            "made it.")
+            f"The trajectory is of {run_manifest.name} in {run_manifest.real}, not of this stepper, "
+            f"{own_manifest.name} in {own_manifest.real}: they differ in {differences[0]}. Give the "
+            "stepper that made it.")
 
 
 def _trajectory(

@@ -387,19 +387,19 @@ def _integrate_on(
         q, p = np.split(device.get(state).T, 2, axis=1)
         starts = replace(starts, q=q, p=p)
     runs, _ = _checked(stepper, starts, dt, options)
-    there = Trajectories(device, name, text, stepper.binding, runs, state)
+    trajectories = Trajectories(device, name, text, stepper.binding, runs, state)
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def stop() -> bool:
             if report is not None:
-                report(int(there.done.sum()))
+                report(int(trajectories.done.sum()))
             return interrupts.requested
 
-        ensemble = (_ensemble(stepper, there.states(stepper.binding, stop), [], ()) if state is None
-                    else shared_ensemble(stepper, there, like, stop))
+        ensemble = (_ensemble(stepper, trajectories.states(stepper.binding, stop), [], ())
+                    if state is None else shared_ensemble(stepper, trajectories, like, stop))
         if report is not None:
-            report(int(there.done.sum()))
+            report(int(trajectories.done.sum()))
     if interrupts.requested:
-        stored = int(sum(runs.first.stored(done) + 1 for done in there.done.tolist()))
+        stored = int(sum(runs.first.stored(done) + 1 for done in trajectories.done.tolist()))
         raise _stopped(interrupts, stored, ensemble, len(runs) * (runs.first.rows + 1))
     return ensemble
 
