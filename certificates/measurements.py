@@ -57,13 +57,14 @@ def reversal(
     """
     steps = run.report.steps
     try:
-        back_run = stepper.integrate(run[-1], steps=steps, parameters=parameters,
+        reverse = stepper.integrate(run[-1], steps=steps, parameters=parameters,
                                  **step_named(stepper, -run.dt))
-        growth = max(_growth(stepper, trajectory, parameters, sizes) for trajectory in (run, back_run))
+        growth = max(_growth(stepper, trajectory, parameters, sizes)
+                     for trajectory in (run, reverse))
     except GyrosparkError:
         return None
     q_error, p_error = (_largest(x[-1] - y[0])
-                        for x, y in zip(full_states(back_run), full_states(run), strict=True))
+                        for x, y in zip(full_states(reverse), full_states(run), strict=True))
     return Reversal(q_error, p_error, growth)
 
 

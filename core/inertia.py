@@ -297,8 +297,8 @@ def _warn_of_order(label: str, values: Any, unit: Floats) -> None:
         math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in first[[0, 3]])
     moved = ", ".join(f"{x + 0.0:.6g}" for x in first[[3, 0, 1, 2]])
     warn(f"The {label} {shown(values)} is read scalar first, a turn by {scalar_first:.0f}°. If its "
-         f"scalar stands last, a turn by {scalar_last:.0f}°, write ({moved}); else give it as a rotation, "
-         "which has this unsaid.")
+         f"scalar stands last, a turn by {scalar_last:.0f}°, write ({moved}); else give it as a "
+         "rotation, which has this unsaid.")
 
 
 def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Floats:

@@ -69,8 +69,8 @@ def check(built: Built) -> str:
         (folder / "Arduino.h").write_text(filled("Arduino.h"), encoding="utf-8")
         sketch = artefact / "examples" / name / f"{name}.ino"
         (folder / "main.cpp").write_text(program_of(sketch, EXAMPLE_STEPS), encoding="utf-8")
-        run_tool([*c, *C_FLAGS, "-c", str(artefact / "src" / f"{name}.c"), "-o", "stepper.o"], folder,
-                 "Compiling the stepper")
+        run_tool([*c, *C_FLAGS, "-c", str(artefact / "src" / f"{name}.c"), "-o", "stepper.o"],
+                 folder, "Compiling the stepper")
         run_tool([*cpp, "-std=c++11", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",
                   "-I", str(artefact / "src"), "main.cpp", "stepper.o", "-lm", "-o", "sketch"],
                  folder, "Compiling the sketch")

@@ -52,8 +52,8 @@ def check(built: Built) -> str:
     with tempfile.TemporaryDirectory() as folder_name:
         for architecture in _ARCHITECTURES:
             run_tool([nvcc, "-O2", "-fmad=false", f"-arch={architecture}",
-                      str(artefact / "main.cu"), str(artefact / f"{name}.cu"), "-o", "many"], Path(folder_name),
-                     "Compiling the example")
+                      str(artefact / "main.cu"), str(artefact / f"{name}.cu"), "-o", "many"],
+                     Path(folder_name), "Compiling the example")
     return f"{comparison}; nvcc compiles it for {' and '.join(_ARCHITECTURES)}"
 
 

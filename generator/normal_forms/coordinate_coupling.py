@@ -46,7 +46,8 @@ class CoordinateCoupling:
         self.neighbours = neighbours
         # equal sets of neighbours, each with the block itself: the blocks are of one class
         first: dict[IndexSet, int] = {}
-        self.class_of = {b: first.setdefault(frozenset(around), b) for b, around in neighbours.items()}
+        self.class_of = {b: first.setdefault(frozenset(around), b)
+                         for b, around in neighbours.items()}
 
     def blocks(self, indices: Iterable[int]) -> IndexSet:
         """Return the blocks of indices."""

@@ -204,10 +204,10 @@ def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
     if pair is not None:
         point, neighbour = pair
         warn(f"In {motion.frame} the velocity of {point} is {shown(point.vel(motion.frame))} and "
-             f"that of {neighbour} {shown(neighbour.vel(motion.frame))}, which is not how its place "
-             "from there changes; velocities are taken as they are. A joint of SymPy sets its point "
-             "at rest in the axes of its first body: a base that moves needs a frame of its own, "
-             f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
+             f"that of {neighbour} {shown(neighbour.vel(motion.frame))}, which is not how its "
+             "place from there changes; velocities are taken as they are. A joint of SymPy sets "
+             "its point at rest in the axes of its first body: a base that moves needs a frame of "
+             f"its own, such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
     return pair is not None
 
 

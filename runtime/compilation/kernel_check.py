@@ -262,19 +262,22 @@ def _compare(
     for lowest, highest in RANGES:
         points = {name: _drawn(random, *(POSITIVE if "->" in name else (lowest, highest)), count)
                   for name in inputs_of(kernel)}
-        expected, rough = (evaluate(kernel, by, {name: by.array(x) for name, x in points.items()})
-                          for by in (wide, working))
+        expected, in_working = (
+            evaluate(kernel, by, {name: by.array(x) for name, x in points.items()})
+            for by in (wide, working))
         values = _compiled(module, function, number, points, count, wide)
         bounds: dict[str, Any] = {}
         for output in list(missing):
-            exact, rounded = (_doubles(outputs[output], count) for outputs in (expected, rough))
+            exact, rounded = (
+                _doubles(outputs[output], count) for outputs in (expected, in_working))
             finite = np.isfinite(exact) & np.isfinite(rounded)
             if finite.sum() < 2:
                 continue  # outside of where a root or a logarithm is real: drawn from elsewhere
             del missing[output]
             with np.errstate(all="ignore"):
                 off, noise = (np.abs(_doubles(outputs - expected[output], count)[finite])
-                              for outputs in (values[output], wide.array(rough[output], count)))
+                              for outputs in (values[output], wide.array(in_working[output],
+                                                                       count)))
             unit = 2.0 ** (1 - real.bits) * np.abs(exact[finite]).max()
             allowed = SLACK * max(noise.max(), unit, sys.float_info.min)
             off[np.isnan(off)] = np.inf

@@ -380,9 +380,9 @@ def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
                    if getattr(own_manifest, name) != getattr(run_manifest, name)]
     if differences:
         raise InputError(
-            f"The trajectory is of {run_manifest.name} in {run_manifest.real}, not of this stepper, "
-            f"{own_manifest.name} in {own_manifest.real}: they differ in {differences[0]}. Give the "
-            "stepper that made it.")
+            f"The trajectory is of {run_manifest.name} in {run_manifest.real}, not of this "
+            f"stepper, {own_manifest.name} in {own_manifest.real}: they differ in "
+            f"{differences[0]}. Give the stepper that made it.")
 
 
 def _trajectory(
