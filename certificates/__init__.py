@@ -12,7 +12,6 @@ Open first: ``certificate.certify``.
     certificate          ``certify``: guarantees, measurements, verdict
     accuracy_over_time   errors over the step and over the time it takes, and their figure
     verification         ``gyrospark verify``: tableau, coefficients, order
-    reference_motion     the motion to compare with
     citations            ``cite``: the works that a stepper rests on
     midpoint_conditions  conditions that IMS and EMS satisfy
     observed_order       the order of a tableau as measured

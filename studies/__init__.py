@@ -8,7 +8,8 @@ One short file for each group of results; each says what it computes as data (pr
 representation, parameter, Δt, number of steps, norm) and shares the runner of cases:
 
 ``study_result``  what a result is: Table, Figure, Finding, with cells, panels and claims
-``case_runner``   runs a case once and remembers it; reference motions
+``case_runner``   runs a case once and remembers it
+``reference_motion``  the motion to compare with: a closed form, or a far more accurate run
 ``verdict``     ours beside the paper's: agrees, round-off, misprint, differs
 ``printed``     the paper's numbers, as printed
 ``invariants``  Tables 2, 3, Figs. 5-7

@@ -20,7 +20,6 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from ..api import stepper
-from ..certificates.reference_motion import reference_axis
 from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.inertia import RepName
@@ -32,6 +31,7 @@ from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
 from ..runtime.tuning.tune import tune
+from .reference_motion import reference_axis
 
 __all__ = ["Case", "Engine", "Frame", "Quantity", "parameter_value", "scheme_of"]
 

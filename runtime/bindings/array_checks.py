@@ -15,7 +15,7 @@ from ...core.errors import InputError
 from ...core.exact_numbers import as_double, exact
 from .real_numbers import as_float
 
-__all__ = ["all_finite", "as_array", "as_numbers", "as_positive_count", "as_real",
+__all__ = ["as_array", "as_numbers", "as_positive_count", "as_real",
            "as_step", "converted_to"]
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
@@ -67,13 +67,6 @@ def _entries(array: NDArray[Any]) -> str:
     """Return an array as a message shows it."""
     text = " ".join(str(array).split())
     return text if len(text) <= 200 else text[:199] + "…"
-
-
-def all_finite(array: NDArray[Any]) -> bool:
-    """Whether all entries, mpmath's among them, are finite."""
-    if array.dtype == object:
-        return all(entry - entry == 0 for entry in array.flat)
-    return bool(np.all(np.isfinite(array)))
 
 
 def as_numbers(name: str, value: Any) -> NDArray[Any]:
