@@ -49,6 +49,9 @@ class Guarantee:
     refuted: str = ""
 
 
+_WORK_ON_LOOPS = Guarantee(False, "the forces are no gradient in q and may do work on the loop")
+
+
 class Guarantees(Protocol):
     """Properties of a scheme on a system that a certificate needs."""
 
@@ -174,7 +177,7 @@ class SparkGuarantees:
             return Guarantee(False, "the tableau is symplectic for every θ, but θ depends on the "
                              "state")
         if not forces_are_gradient(self.system, self.numbers):
-            return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
+            return _WORK_ON_LOOPS
         if self.disclaimed:
             return Guarantee(False, "; ".join(filter(None, (
                 "the tableau says that it is not symplectic", self.violation))))
@@ -299,7 +302,7 @@ class MeanGuarantees:
             return Guarantee(False, f"{self.name} does not project p: with constraints it "
                              "guarantees no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
-            return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
+            return _WORK_ON_LOOPS
         if not self.scheme.discrete:
             return Guarantee(True, "the implicit midpoint rule")
         if not self._is_midpoint:
@@ -465,7 +468,7 @@ class SplittingGuarantees:
     def loop(self) -> Guarantee:
         """Compositions of flows of Hamiltonian parts are symplectic."""
         if not forces_are_gradient(self.system, self.numbers):
-            return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
+            return _WORK_ON_LOOPS
         return Guarantee(True, "each flow is that of a part of H, proved")
 
     def energy(self) -> Guarantee:

@@ -18,8 +18,8 @@ import numpy as np
 
 from .errors import InputError
 
-__all__ = ["as_flag", "as_items", "as_mapping", "as_path", "as_text", "choose", "few", "listed",
-           "proposal", "shown", "unknown", "whole", "why_unwritable"]
+__all__ = ["as_flag", "as_items", "as_mapping", "as_path", "as_text", "check_stepper",
+           "choose", "few", "listed", "proposal", "shown", "unknown", "whole", "why_unwritable"]
 
 Name = TypeVar("Name", bound=str)
 
@@ -136,6 +136,13 @@ def why_unwritable(path: Path, error: BaseException) -> str:
         return (f"there is no folder {str(path.parent)!r}; make it, as with "
                 f"pathlib.Path({str(path.parent)!r}).mkdir(parents=True), or choose another")
     return str(getattr(error, "strerror", None) or error)
+
+
+def check_stepper(stepper: Any, name: str = "stepper") -> None:
+    """Raise InputError for what is no stepper."""
+    if not hasattr(stepper, "integrate_ensemble"):
+        raise InputError(f"{name} = {shown(stepper)} is no stepper; give what gyrospark.stepper "
+                         "returned.")
 
 
 def as_flag(name: str, value: Any) -> bool:

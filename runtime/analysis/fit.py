@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_items, shown, unknown
+from ...core.arguments import as_items, check_stepper, shown, unknown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -409,9 +409,7 @@ def fit(
     >>> round(found.parameters["I3"], 12)
     0.0008
     """
-    if not hasattr(stepper, "integrate_ensemble"):
-        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
-                         "returned.")
+    check_stepper(stepper)
     first_guess = merged_start(stepper, start, None, parameters)
     observation = observation_of(stepper, observe)
     iteration_limit = as_positive_count("max_iterations", max_iterations, minimum=1)

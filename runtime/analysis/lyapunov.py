@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_flag, few, shown
+from ...core.arguments import as_flag, check_stepper, few
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -173,9 +173,7 @@ def lyapunov(
     The arithmetic of exponents is in double, in steppers of wider types too. A stepper in a
     co-moving frame gives those of the motion in its frame, which are the same.
     """
-    if not hasattr(stepper, "integrate_ensemble"):
-        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
-                         "returned.")
+    check_stepper(stepper)
     every = as_positive_count("every", every, minimum=1)
     state = merged_start(stepper, start, p, parameters)
     step_total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), minimum=1)

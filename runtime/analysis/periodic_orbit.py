@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_items, few, shown, unknown
+from ...core.arguments import as_items, check_stepper, few, shown, unknown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import GyrosparkError, InputError
@@ -181,9 +181,7 @@ def periodic_orbit(
     StepFailed
         When a step at the start finds no solution.
     """
-    if not hasattr(stepper, "integrate_ensemble"):
-        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
-                         "returned.")
+    check_stepper(stepper)
     search = OrbitSearch(stepper, merged_start(stepper, start, p, parameters), dt=dt,
                          steps=as_positive_count("steps", steps, minimum=1), fix=fix, free=free)
     limit = as_positive_count("max_iterations", max_iterations, minimum=1)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import choose, shown
+from ...core.arguments import check_stepper, choose, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -135,9 +135,7 @@ def section(
         As ``integrate_ensemble``; if ``event`` is no event; for ``tangents`` of an event of a
         quantity, and if a point only touches the level.
     """
-    if not hasattr(stepper, "integrate_ensemble"):
-        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
-                         "returned.")
+    check_stepper(stepper)
     if not isinstance(event, Event):
         raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
     state = merged_starts(stepper, starts, p, parameters)

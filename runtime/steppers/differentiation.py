@@ -371,12 +371,7 @@ class Differentiation(Evaluation):
             memory, with how much is needed.
         """
         names = names_of(self, wrt)  # type: ignore[arg-type]
-        choose("solver", solver, ["auto", "newton", "fixed-point"])
-        if (cotangents is None) == (loss is None):
-            raise InputError("Give either cotangents or loss.")
-        value = None
-        if loss is not None:
-            value, cotangents = value_of(loss_of(loss), run)
+        value, cotangents = _value_and_cotangents(run, cotangents, loss)
         kinds = self._rows_of(run, solver)
         ended = bool(kinds.points)
         q, p = full_states(run)
@@ -417,15 +412,9 @@ class Differentiation(Evaluation):
         self._refuse_scaled(second="second derivatives")
         refuse_together(second="second derivatives", impacts=isinstance(run, Trajectory)
                         and run.report.impacts > 0 and "a run with impacts")
-        choose("solver", solver, ["auto", "newton", "fixed-point"])
-        if (cotangents is None) == (loss is None):
-            raise InputError("Give either cotangents or loss.")
-        value = None
-        if loss is not None:
-            value, cotangents = value_of(loss_of(loss), run)
-            if hasattr(loss, "free_symbols") and slopes is None:
-                slopes = function_of("generator.systems.run_functions", "slopes_over_states")(
-                    loss, run)
+        value, cotangents = _value_and_cotangents(run, cotangents, loss)
+        if hasattr(loss, "free_symbols") and slopes is None:
+            slopes = function_of("generator.systems.run_functions", "slopes_over_states")(loss, run)
         kinds = self._rows_of(run, solver)
 
         def checked(arrays: Mapping[str, Any]) -> Any:
@@ -437,6 +426,7 @@ class Differentiation(Evaluation):
 
     def _rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
         """Return the whole steps of a run that was integrated or stored, and what its rows are."""
+        choose("solver", solver, ["auto", "newton", "fixed-point"])
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
         refuse_of_another(self, run)  # type: ignore[arg-type]
@@ -486,3 +476,10 @@ class Differentiation(Evaluation):
             stepper, loss, state, names_of(stepper, wrt), dt,
             {"t_end": t_end} if remainder else {"steps": count}, inputs, memory,
             {"every": every, "t_eval": t_eval, "events": events, "solver": solver})
+
+
+def _value_and_cotangents(run: Trajectory, cotangents: Any, loss: Any) -> tuple[Any, Any]:
+    """Return the value of a function of a run, None if it is not given, and its cotangents."""
+    if (cotangents is None) == (loss is None):
+        raise InputError("Give either cotangents or loss.")
+    return (None, cotangents) if loss is None else value_of(loss_of(loss), run)

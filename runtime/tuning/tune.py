@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_mapping, choose, few, shown
+from ...core.arguments import as_mapping, check_stepper, choose, few, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, exact
@@ -164,8 +164,7 @@ def tune(
     >>> tuned = gs.tune(step, top, dt=1e-3, gamma="auto")
     >>> run = step.integrate(top, dt=tuned.dt, t_end=10, parameters=tuned.parameters)
     """
-    if not hasattr(step, "parameter_domains"):
-        raise InputError(f"step = {shown(step)} is no stepper; make one with gyrospark.stepper.")
+    check_stepper(step, "step")
     fixed = as_mapping("parameters", {} if parameters is None else parameters, "{'mgl': 0.4}")
     state = merged_start(step, start, p, fixed)
     error = choose("aim", aim, AIMS.values())
