@@ -212,9 +212,9 @@ def _range(version: str, kind: str, limit: Element | None) -> tuple[float, float
     if limit is None or kind not in ("revolute", "prismatic") or not (
             {"lower", "upper"} & limit.attributes.keys()):
         return None
-    limit = UNLIMITED if version == "1.2" else 0.0
+    bound = UNLIMITED if version == "1.2" else 0.0
     lower, upper = (numbers_of(limit, key, 1, [default], endless=True)[0]
-                    for key, default in (("lower", -limit), ("upper", limit)))
+                    for key, default in (("lower", -bound), ("upper", bound)))
     return (lower, upper) if min(abs(lower), abs(upper)) < UNLIMITED else None
 
 
