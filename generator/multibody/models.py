@@ -150,10 +150,10 @@ def four_bar(*, rep: RepName = "gamma", rate: float = 3.0) -> Model:
     bars = [_bar(build, name, points[i], points[i + 1], rep) for i, name in enumerate(names)]
     frames: list[Frame] = [build.ground, *bars, build.ground]
     previous = 0.0
-    for i, (point, rate) in enumerate(zip(points, [*rates, 0.0], strict=True)):
+    for i, (point, bar_rate) in enumerate(zip(points, [*rates, 0.0], strict=True)):
         build.revolute(f"hinge{i}", frames[i], frames[i + 1], axis=(0, 0, 1), at=point,
-                       rate=rate - previous)
-        previous = rate
+                       rate=bar_rate - previous)
+        previous = bar_rate
     return build.model(without=("hinge3: z", "hinge3: axis 1", "hinge3: axis 2"))
 
 
