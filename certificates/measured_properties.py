@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.manifest import SchemeManifest
 from ..generator.multibody.model import Model
@@ -150,7 +151,7 @@ class Examination:
         composition of flows has no residual: H and g are compared, and the line on energy shows
         that its flows are those of H.
         """
-        system, n, step = self.system, self.system.n, self.step
+        system, step = self.system, self.step
         solves = step.binding.solves
         rates = [*system.H_p, *system.minus_p_rate] if solves else []
         slip = substitute(system.velocity_constraints,
@@ -163,25 +164,9 @@ class Examination:
         expected = np.broadcast_to(evaluate(expressions, symbol_values),
                                    (len(expressions), len(sample_rows)))
         sizes = np.broadcast_to(rounding(expressions, symbol_values, {}), expected.shape)
-        parameters = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
-        stages = self._scheme.stages or 1
-        compiled_values = np.empty_like(expected)
-        at_start = step.binding.parameters(parameters)
-        for k, (q, p, t) in enumerate(zip(*(x[sample_rows] for x in (
-                self.run.q, self.run.p, self.run.t)), strict=True)):
-            x = np.zeros(step.unknowns)
-            if self._scheme.unknowns_are_state:
-                x[: 2 * n] = np.concatenate(step.binding.start_in_scaled_time(at_start, q, p, t))
-            energy = float(step.energy(q, p, parameters=parameters, t=t))
-            if not solves:
-                compiled_values[:, k] = [energy, *step.defects(q, p, parameters=parameters, t=t)[0]]
-                continue
-            r = step.residual(x, q, p, parameters=parameters, t=t,
-                              **step_named(step, _SHORT)).astype(float)
-            end = 2 * stages * n
-            compiled_values[:, k] = [energy, *-r[:n],
-                                     *r[stages * n : (stages + 1) * n], *r[end : end + step.m],
-                                     *r[len(r) - len(slip):]]
+        compiled_values = np.array([
+            self._compiled_values(self.run.q[row], self.run.p[row], self.run.t[row], len(slip))
+            for row in sample_rows], dtype=float).T
         sizes = sizes + sizes.max() * self.round_off.epsilon  # some vanish, at a time of 1e-30 s
         with np.errstate(all="ignore"):
             differences = np.abs(compiled_values - expected) / (self.round_off.epsilon * sizes)
@@ -191,6 +176,23 @@ class Examination:
         return compared(f"{compared_functions}{', A H_p + a' * bool(slip)}",
                         f"{value:.2g} times the estimated round-off", "≤ 16",
                         Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
+
+    def _compiled_values(self, q: Array, p: Array, t: Any, slip_count: int) -> list[float]:
+        """Return compiled H, H_p, H_q − F, g and A H_p + a at a state; of flows H and g alone."""
+        step, n, stages = self.step, self.system.n, self._scheme.stages or 1
+        parameters = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
+        energy = float(step.energy(q, p, parameters=parameters, t=t))
+        if not step.binding.solves:
+            return [energy, *step.defects(q, p, parameters=parameters, t=t)[0]]
+        x = np.zeros(step.unknowns)
+        if self._scheme.unknowns_are_state:
+            x[: 2 * n] = np.concatenate(step.binding.start_in_scaled_time(
+                step.binding.parameters(parameters), q, p, t))
+        r = step.residual(x, q, p, parameters=parameters, t=t,
+                          **step_named(step, _SHORT)).astype(float)
+        end = 2 * stages * n
+        return [energy, *-r[:n], *r[stages * n : (stages + 1) * n], *r[end : end + step.m],
+                *r[len(r) - slip_count :]]
 
     # ------------------------------------------------------------ symplecticity, symmetry
 

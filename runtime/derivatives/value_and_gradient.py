@@ -21,72 +21,78 @@ if TYPE_CHECKING:
     from ..integration.starts import StartNumbers
     from ..steppers.stepper import Stepper
 
-__all__ = ["objective"]
+__all__ = ["Objective"]
 
 
-def objective(
-    stepper: Stepper, loss: Callable[..., Any], start: StartNumbers, wrt: tuple[str, ...],
-    dt: Any, span: dict[str, Any], input_rows: Any, memory: str, options: dict[str, Any],
-) -> Callable[[ArrayLike], tuple[float, Array]]:
-    """Return f(x) → (loss, gradient); see ``Stepper.value_and_gradient``.
+class Objective:
+    """The function f(x) → (loss, gradient) of ``Stepper.value_and_gradient``.
 
-    ``span`` has the number of steps, or t_end where it lies between two steps.
+    x has a block for each name in ``wrt``. ``span`` has the number of steps, or t_end where it lies
+    between two steps.
     """
-    if {"q", "p"} & {*wrt}:
-        raise InputError("x has coordinates of the tangent space for the start: ask for \"start\" "
-                         "in place of \"q\" and \"p\".")
-    loss = loss_of(loss)
-    parameters = start.parameters
-    rows: Any
-    rows, hold = (input_rows.values, input_rows.hold) if isinstance(input_rows,
-                                                                    Inputs) else (input_rows, 1)
-    first = stepper._resolved(stepper._run_arguments(
-        start.q, start.p, dt=dt, steps=0, t0=start.t,
-        parameters=stepper._parameters_with_inputs(parameters, input_rows)))
-    binding = stepper._derivative_binding()
-    space = TangentSpace(binding, binding.own.parameters(first.parameters, first.t0), first.q,
-                         first.p, stepper.constraint_names)
-    basis = space.basis()
-    shape = np.shape(np.zeros((0, 0)) if rows is None else rows)
-    sizes = {"start": basis.shape[1], "inputs": int(np.prod(shape))}
 
-    def evaluate(x: ArrayLike) -> tuple[float, Array]:
-        """Return the value and its gradient at x, whose blocks are in the order of ``wrt``."""
+    def __init__(
+        self, stepper: Stepper, loss: Callable[..., Any], start: StartNumbers, wrt: tuple[str, ...],
+        dt: Any, span: dict[str, Any], inputs: Any, memory: str, options: dict[str, Any],
+    ) -> None:
+        if {"q", "p"} & {*wrt}:
+            raise InputError("x has coordinates of the tangent space for the start: ask for "
+                             "\"start\" in place of \"q\" and \"p\".")
+        self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
+        self._start, self._inputs = start, inputs
+        self._span, self._memory, self._options = span, memory, options
+        rows: Any
+        rows, self._hold = (inputs.values, inputs.hold) if isinstance(inputs, Inputs) else (
+            inputs, 1)
+        first = stepper._resolved(stepper._run_arguments(
+            start.q, start.p, dt=dt, steps=0, t0=start.t,
+            parameters=stepper._parameters_with_inputs(start.parameters, inputs)))
+        self._state = first.q, first.p
+        binding = stepper._derivative_binding()
+        self._basis = TangentSpace(
+            binding, binding.own.parameters(first.parameters, first.t0), first.q, first.p,
+            stepper.constraint_names).basis()
+        self._input_shape = np.shape(np.zeros((0, 0)) if rows is None else rows)
+        self._sizes = dict.fromkeys(wrt, 1) | {
+            "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}
+
+    def __call__(self, x: ArrayLike) -> tuple[float, Array]:
+        """Return the value and its gradient at x."""
+        start, arguments = self._arguments(x)
+        run = self._stepper.integrate(start, **arguments, **self._span, **self._options)
+        gradient = self._stepper.gradient(run, loss=self._loss, wrt=self._wrt, memory=self._memory,
+                                          solver=as_solver(self._options["solver"]).kind)
+        parts = [np.ravel(self._basis.T @ np.concatenate([gradient.q, gradient.p])
+                          if name == "start" else np.asarray(gradient[name]))
+                 for name in dict.fromkeys(self._wrt)]
+        return float(gradient.value), np.concatenate(parts).astype(float)
+
+    def _arguments(self, x: ArrayLike) -> tuple[Start, dict[str, Any]]:
+        """Return the start of the run at x, and its parameters, inputs and dt."""
         variables = as_numbers("x", x)
-        variable_count = sum(sizes.get(name, 1) for name in wrt)
-        if variables.shape != (variable_count,):
-            raise InputError(f"x has the shape {variables.shape}; {', '.join(wrt)} are "
-                             f"{variable_count} numbers.")
-        times: dict[str, Any] = {"dt": dt, "t0": start.t}
-        values, state, is_moved, offset = dict(parameters), (first.q, first.p), False, 0
-        inputs = input_rows
-        for name in wrt:
-            block = variables[offset : offset + sizes.get(name, 1)]
-            offset += len(block)
+        sizes = [self._sizes[name] for name in self._wrt]
+        if variables.shape != (sum(sizes),):
+            raise InputError(f"x has the shape {variables.shape}; {', '.join(self._wrt)} are "
+                             f"{sum(sizes)} numbers.")
+        stepper, state, inputs = self._stepper, self._state, self._inputs
+        times: dict[str, Any] = {"dt": self._dt, "t0": self._start.t}
+        parameters = dict(self._start.parameters)
+        for name, block in zip(self._wrt, np.split(variables, np.cumsum(sizes)[:-1]), strict=True):
             if name == "start":
-                # x counts along an orthonormal basis of the tangent space: its zero is the given
-                # start
-                z = np.concatenate(state) + basis @ block
-                state, is_moved = (z[: stepper.n], z[stepper.n :]), True
+                # coordinates of an orthonormal basis of the tangent space, 0 at the given start
+                z = np.concatenate(state) + self._basis @ block
+                state = z[: stepper.n], z[stepper.n :]
             elif name == "inputs":
-                inputs = Inputs(block.reshape(shape), hold)
+                inputs = Inputs(block.reshape(self._input_shape), self._hold)
             elif name in times:
                 times[name] = block[0]
             else:
-                values[name], is_moved = block[0], True
+                parameters[name] = block[0]
         # a parameter may move the constraints; the gradient has the derivative of this projection
-        if stepper.m and is_moved:
+        if stepper.m and not {*self._wrt} <= {"inputs", *times}:
             consistent_state = stepper.consistent(
                 *state, t=times["t0"],
-                parameters=stepper._parameters_with_inputs(values, input_rows))
+                parameters=stepper._parameters_with_inputs(parameters, self._inputs))
             state = consistent_state.q, consistent_state.p
-        run = stepper.integrate(Start(*state, t=times["t0"]), parameters=values,
-                                inputs=inputs, dt=times["dt"], **span, **options)
-        gradient = stepper.gradient(run, loss=loss, wrt=wrt, memory=memory,
-                                    solver=as_solver(options["solver"]).kind)
-        numbers = dict.fromkeys(wrt)
-        parts = [np.ravel(basis.T @ np.concatenate([gradient.q, gradient.p])) if name == "start"
-                 else np.ravel(np.asarray(gradient[name])) for name in numbers]
-        return float(gradient.value), np.concatenate(parts).astype(float)
-
-    return evaluate
+        return Start(*state, t=times["t0"]), {"parameters": parameters, "inputs": inputs,
+                                              "dt": times["dt"]}

@@ -421,7 +421,7 @@ class Differentiation(Evaluation):
             return cotangents_of(self, kinds, arrays)  # type: ignore[arg-type]
 
         stepper: Any = self
-        return hessian_of(stepper, kinds.run, checked(cotangents), slopes, checked, names,  # type: ignore[arg-type]
+        return hessian_of(stepper, kinds.run, checked(cotangents), slopes, checked, names,
                           memory, value)
 
     def _rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
@@ -467,12 +467,12 @@ class Differentiation(Evaluation):
             What x is made of, in this order: "start", "inputs" (all rows, row by row), parameters,
             "dt", "t0".
         """
-        from ..derivatives.value_and_gradient import objective
+        from ..derivatives.value_and_gradient import Objective
 
         stepper: Any = self
         state = merged_start(self, start, p, parameters)
         count, remainder = span_of(steps, t_end, state.t, dt)
-        return objective(
+        return Objective(
             stepper, loss, state, names_of(stepper, wrt), dt,
             {"t_end": t_end} if remainder else {"steps": count}, inputs, memory,
             {"every": every, "t_eval": t_eval, "events": events, "solver": solver})
