@@ -48,6 +48,17 @@ def changed(tmp_path, *pairs):
     return path
 
 
+def test_gravity_is_that_of_the_earth(arm):
+    """All forces on the bodies together are their weight, down z."""
+    model = gs.load_model(arm, ignore="limits", **START)
+    system = model.system
+    at = dict(zip((*system.q, *system.p), (*model.q0, *np.zeros(system.n)), strict=True))
+    at |= {parameter: model.parameters[str(parameter)] for parameter in system.parameters}
+    mass = sum(model.parameters[f"{body.name}_m"] for body in system.bodies)
+    force = -evaluate(system.H_q, at).reshape(-1, 7)[:, 4:].sum(axis=0)
+    assert np.abs(force - [0, 0, -9.81 * mass]).max() <= 64 * EPS * 9.81 * mass
+
+
 def test_links_that_are_fixed_are_one_body(arm):
     """Mass, centre and inertia of the upper arm with its plate, by sums over both."""
     model = gs.load_model(arm, ignore="limits", **START)
