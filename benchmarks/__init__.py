@@ -17,6 +17,7 @@ What comes in is public: ``import gyrospark as gs``.
     scale            costs against bodies, stages, trajectories and stored numbers
     stores, sweeps   runs in a store; sweeps beside ensembles
     events           events and states between steps
+    impacts          elastic impacts of a ball and of a stop
     adaptive         eccentric orbits in scaled time
     gradients        gradients of a loss, and what derivatives cost over the run
     references, reference_bodies, reference_scenes   problems with known digits, other programs

@@ -58,6 +58,8 @@ BENCHMARKS: dict[str, Benchmark] = {
     "sweeps": Benchmark("sweeps", ("sweeps",), "sweeps beside an ensemble of the same cells"),
     "events": Benchmark("events", ("events",), "events and states between steps",
                         ("error of times", "with event (ms)")),
+    "impacts": Benchmark("impacts", ("impacts",), "elastic impacts of a ball and of a stop",
+                         ("error (m)", "CPU µs/hit")),
     "gradients": Benchmark("gradients", ("gradients", "derivatives"),
                            "gradients of a loss; adjoints and tangents over the run",
                            ("error", "gradient (ms)")),

@@ -23,6 +23,7 @@ from benchmarks import (
     events,
     fast_top,
     gradients,
+    impacts,
     peers,
     reference_states,
     rows,
@@ -418,6 +419,15 @@ def test_orbits_are_rows():
 
 
 # ---------------------------------------------------------------- events, gradients
+
+
+@pytest.mark.parametrize("case", [impacts.Case("ball", 9.81, 0.0, 0.0, 3),
+                                  impacts.Case("stop", 0.0, 1.0, -0.5, 3)], ids=lambda c: c.name)
+def test_impacts_are_those_of_the_closed_forms(case):
+    """The position at the end, half a fall after the turning point behind the last of them."""
+    job = case.ours(4, 0.1)
+    assert job.errors["error (m)"] < 1e-12
+    assert job.costs({"run": timing.Sample((0.003,))}) == pytest.approx({"CPU µs/hit": 1000})
 
 
 @pytest.mark.slow  # in long double
