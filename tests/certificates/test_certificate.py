@@ -110,6 +110,7 @@ def test_ems_on_the_fast_top():
     assert found.line(FIGURE).value > 1e-9
 
 
+@pytest.mark.slow  # a derivation; the command line certifies IMS
 def test_ims_on_the_fast_top():
     found = gs.certify(TOP, "IMS")
     assert found.holds

@@ -489,7 +489,8 @@ def test_compiler_that_fails_is_quoted(generate, monkeypatch, tmp_path):
 # ---------------------------------------------------------------- verify
 
 @pytest.mark.parametrize("arguments", [
-    ["heavy_top_gl2_alpha"], [EXAMPLE], pytest.param([], marks=pytest.mark.slow),  # all of them
+    ["heavy_top_gl2_alpha"],
+    *(pytest.param(given, marks=pytest.mark.slow) for given in ([EXAMPLE], [])),  # all of them
 ], ids=str)
 def test_paper_steppers_hold(arguments, gyrospark):
     answer = gyrospark("verify", *arguments)

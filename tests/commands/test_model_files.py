@@ -133,7 +133,8 @@ def test_a_model_starts_on_the_constraints_of_its_run(lengths):
         assert member.q == pytest.approx(alone.q, rel=1e-14)
 
 
-@pytest.mark.parametrize("name", ["fast_top", "double_pendulum"])
+@pytest.mark.parametrize("name", [
+    "fast_top", pytest.param("double_pendulum", marks=pytest.mark.slow)])  # compiled for this
 def test_models_in_doubles_start_in_float128(name):
     start = gs.problems.fast_top() if name == "fast_top" else gs.models.double_pendulum()
     step = gs.stepper("G-L", stages=2, system=getattr(start, "system", None)

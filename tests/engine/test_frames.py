@@ -160,7 +160,7 @@ def test_regular_precession_has_no_error(scheme, stages):
 
 
 @pytest.mark.parametrize(("scheme", "stages", "ratio", "times", "steps"), [
-    ("G-L", 2, 0.5, 10, 2000), ("EMS", None, 0.5, 10, 500),
+    ("G-L", 2, 0.5, 10, 2000), pytest.param("EMS", None, 0.5, 10, 500, marks=pytest.mark.slow),
     *(pytest.param(*scheme, ratio, times, 10**5, marks=pytest.mark.slow)
       for scheme in [("G-L", 2), ("LIIIA-B", 3), ("IMS", None), ("EMS", None)]
       for ratio in (0.5, 1.5) for times in (1, 2, 5, 10))])

@@ -213,7 +213,7 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("first", "second", "every"), [
-    (49, 120, 7), (0, 30, 7), (64, 65, 1)])
+    (49, 120, 7), (0, 30, 7), pytest.param(64, 65, 1, marks=pytest.mark.slow)])
 def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path, monkeypatch):
     """As if it had been begun with them, to the bit, also from a last state between two others."""
     small_blocks(monkeypatch, 16)

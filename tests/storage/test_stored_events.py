@@ -106,7 +106,8 @@ def test_a_store_is_a_run_up_to_a_commit(tmp_path, monkeypatch) -> None:
 # ---------------------------------------------------------------- more steps, other events
 
 
-@pytest.mark.parametrize(("first", "second"), [(16, 17), (18, 51)])
+@pytest.mark.parametrize(("first", "second"), [
+    (16, 17), pytest.param(18, 51, marks=pytest.mark.slow)])
 def test_a_finished_run_goes_on_to_more_steps(first, second, tmp_path, monkeypatch) -> None:
     """Also from a dip in its last step, of which the neighbour behind was not known."""
     step, run = arguments()

@@ -252,7 +252,7 @@ def runs_of(rep):
     return constants, runs
 
 
-@pytest.mark.parametrize("rep", ["alpha", "gamma"])
+@pytest.mark.parametrize("rep", [pytest.param("alpha", marks=pytest.mark.slow), "gamma"])
 def test_every_kernel_of_the_heavy_top_computes_its_expressions_exactly(rep):
     constants, runs = runs_of(rep)
     for kernel, at, found, _, _ in runs:

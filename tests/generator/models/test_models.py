@@ -246,7 +246,9 @@ def test_chain_takes_whole_numbers(count):
         gs.models.chain(count)
 
 
-@pytest.mark.parametrize("name", gs.models.__all__)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name == "stewart_platform"))
+    for name in gs.models.__all__])
 def test_every_model_starts_on_its_constraints(name):
     """In the second representation, too, of one body and of two."""
     for rep in ("gamma", "alpha")[:2 if name in ("lagrange_top", "double_top") else 1]:

@@ -327,7 +327,8 @@ def test_a_model_file_has_events(tmp_path) -> None:
     assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
 
 
-@pytest.mark.parametrize("end", [".zarr", ".csv", ".nc", ".npz"])
+@pytest.mark.parametrize("end", [
+    ".zarr", ".csv", *(pytest.param(end, marks=pytest.mark.slow) for end in (".nc", ".npz"))])
 def test_a_files_events_are_written(tmp_path, end: str) -> None:
     """Whatever its states are written to; a run that has ended says so when it is gone on with."""
     path, out = tmp_path / "ball.toml", tmp_path / f"run{end}"

@@ -148,7 +148,8 @@ def test_a_run_goes_on_from_its_end():
 # ---------------------------------------------------------------- derivatives
 
 
-@pytest.mark.parametrize("name", ["eccentric", "scaled_pendulum"])
+@pytest.mark.parametrize("name", [
+    pytest.param("eccentric", marks=pytest.mark.slow), "scaled_pendulum"])
 def test_gradients_at_a_time_are_differences(name):
     """With de = −dH at the start, which depends on parameters and on the start."""
     entry, step = case(name), differentiable(name)
