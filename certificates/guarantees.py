@@ -95,9 +95,9 @@ def forces_are_gradient(system: System, parameters: Numbers) -> bool:
 def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], parameters: Numbers) -> bool:
     """Whether an expression is a polynomial of degree 2 at most: its third differences vanish."""
     steps = [sp.Dummy(real=True) for _ in symbols]
-    moved = [substitute([e], {x: x + k * d for x, d in zip(symbols, steps, strict=True)})[0]
+    neighbours = [substitute([e], {x: x + k * d for x, d in zip(symbols, steps, strict=True)})[0]
              for k in range(4)]
-    terms = [factor * x for factor, x in zip((-1, 3, -3, 1), substitute(moved, parameters),
+    terms = [factor * x for factor, x in zip((-1, 3, -3, 1), substitute(neighbours, parameters),
                                              strict=True)]
     return bool(identically_zero([terms]))
 

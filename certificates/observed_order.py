@@ -223,8 +223,8 @@ class _Spark:
         tiny = mp.mpf(10) ** (-mp.mp.dps // 2)
         columns = []
         for i in range(len(x)):
-            moved = [*x[:i], x[i] + tiny, *x[i + 1 :]]
-            shifted = self._residual(moved, y, h)
+            neighbour = [*x[:i], x[i] + tiny, *x[i + 1 :]]
+            shifted = self._residual(neighbour, y, h)
             columns.append([float((a - b) / tiny) for a, b in zip(shifted, r, strict=True)])
         return np.array(columns).T
 

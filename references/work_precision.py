@@ -109,6 +109,6 @@ def run_once(problem: Reference, step: Stepper, model: Model, steps: int,
 def _invariants(problem: Reference, run: Trajectory) -> dict[str, float]:
     errors = {"energy": float(run.report.energy_error_max),
               "constraints": float(run.report.constraint_max)}
-    moved = {name: run.quantity(name) for name in problem.invariants if name in run.quantities}
+    invariants = {name: run.quantity(name) for name in problem.invariants if name in run.quantities}
     return errors | {name: abs(float(quantity[-1] - quantity[0]))
-                     for name, quantity in moved.items()}
+                     for name, quantity in invariants.items()}

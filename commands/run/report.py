@@ -112,10 +112,10 @@ def result_of(
         result["events"] = {name: {"t": [float(t) for t in crossings.t],
                                    "rising": crossings.rising.tolist()}
                             for name, crossings in events.items()}
-    moved = max(float(np.abs(np.subtract(x, x0)).max()) for x, x0 in (
+    displacement = max(float(np.abs(np.subtract(x, x0)).max()) for x, x0 in (
         (done.trajectory.q[0], start.q0), (done.trajectory.p[0], start.p0)))
-    if moved > _MOVED * max(map(abs, (*start.q0, *start.p0))):
-        result["start_moved"] = moved
+    if displacement > _MOVED * max(map(abs, (*start.q0, *start.p0))):
+        result["start_moved"] = displacement
     if done.ended_by is not None:
         result["ended"] = {"event": done.ended_by, "t": float(events[done.ended_by].t[0])}
     if done.steps < report.steps:
@@ -136,9 +136,9 @@ def warn_of_rest(trajectory: Trajectory, problem: str) -> None:
     """Warn where nothing moves: the start is an equilibrium, and no speed is given."""
     import numpy as np
 
-    moved, size = (np.abs(x.astype(float)).max() for x in (
+    displacement, size = (np.abs(x.astype(float)).max() for x in (
         trajectory.q - trajectory.q[0], trajectory.q))
-    if trajectory.p[0].any() or len(trajectory) < 2 or not moved <= _AT_REST * size:
+    if trajectory.p[0].any() or len(trajectory) < 2 or not displacement <= _AT_REST * size:
         return
     if is_robot(problem):
         cure = "--set JOINT=0.3, or --set JOINT.rate=1, of a joint of the file"

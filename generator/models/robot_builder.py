@@ -258,14 +258,14 @@ class RobotBuilder:
         known here.
         """
         robot = self.robot
-        moved = [k for k, body in enumerate(robot.bodies) if body.joints]
-        if not moved:
+        limbs = [k for k, body in enumerate(robot.bodies) if body.joints]
+        if not limbs:
             raise InputError(f"no {robot.part} of it has a joint, so that nothing moves; give it a "
                              "joint, or a floating base.")
         velocities = body_velocities(robot, self.poses, self.start.rates)
-        for limb in moved:
+        for limb in limbs:
             self._body(limb, velocities[limb])
-        for limb in moved:
+        for limb in limbs:
             self._join_and_name(limb)
         for joint in robot.joints.values():
             self._quantities(joint)

@@ -437,10 +437,10 @@ class Assembly:
             turned = RigidMotion(np.array(product(attitude, conjugate(described.q))), np.zeros(3))
             assert described.x is not None
             position = x if body.x else described.x
-            moved = RigidMotion(turned.q, position - turned.direction(described.x))
+            motion = RigidMotion(turned.q, position - turned.direction(described.x))
             R = rotation(attitude)
             spin = None if old.spin is None else R @ (old.R.T @ old.spin)
-            poses[body] = Pose(attitude, R, position, old.v, spin, moved)
+            poses[body] = Pose(attitude, R, position, old.v, spin, motion)
         return poses
 
     def _body_values(self) -> dict[str, float]:

@@ -226,8 +226,8 @@ class Body(Frame):
 
     def point(self, r: Sequence[object]) -> Vector:
         """Return x + R(q) r, the position in space of the point r of the body."""
-        moved = self.direction(r)
-        return _vector([o + d for o, d in zip(self.origin, moved, strict=True)])
+        offset = self.direction(r)
+        return _vector([o + d for o, d in zip(self.origin, offset, strict=True)])
 
     @property
     def centre_of_mass(self) -> Vector:

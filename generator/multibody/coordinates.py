@@ -376,7 +376,7 @@ class Chain(Joint):
         a, b = poses[self.a], poses[self.b]
         assert a.x is not None
         on_a, on_b = self.places(store)
-        moved: list[sp.Expr] = list(on_a)
+        point: list[sp.Expr] = list(on_a)
         turned: Sequence[sp.Expr] = tuple(
             named_number(f"{self.name}_before{k}", x, store, UNIT) for k, x in enumerate(
                 direction(np.array(product(conjugate(a.q), b.q))).tolist()))
@@ -386,20 +386,20 @@ class Chain(Joint):
                 f"{coordinate.name}_begin", coordinate.value, store)
             e = unit_vector(f"{self.name}_axis{k}", direction(a.R.T @ link.axis), store)
             if coordinate.kind == "travel":
-                moved = [x + since * y for x, y in zip(moved, e, strict=True)]
+                point = [x + since * y for x, y in zip(point, e, strict=True)]
                 continue
             half = (sp.cos(since / 2), *(sp.sin(since / 2) * x for x in e))
             turned = product(half, turned)
             apart = np.abs(link.at - np.asarray(self.at)).max()
-            if apart <= 1e-15 and moved == list(on_a):
+            if apart <= 1e-15 and point == list(on_a):
                 continue  # it turns about the point that is followed
             c = named_vector(f"{self.name}_point{k}", (a.R.T @ (link.at - a.x)).tolist(), store)
-            moved = [x + y for x, y in zip(
-                c, _turned(e, since, difference((moved[0], moved[1], moved[2]), c)), strict=True)]
+            point = [x + y for x, y in zip(
+                c, _turned(e, since, difference((point[0], point[1], point[2]), c)), strict=True)]
         _, *residual = product(conjugate(self.b.attitude), product(self.a.attitude, turned))
         for axis, e in zip("xyz", residual, strict=True):
             yield Equation(f"{self.name}: turn {axis}", e)
-        for axis, x, y in zip("xyz", self.a.point(moved), self.b.point(on_b), strict=True):
+        for axis, x, y in zip("xyz", self.a.point(point), self.b.point(on_b), strict=True):
             yield Equation(f"{self.name}: {axis}", x - y)
 
 

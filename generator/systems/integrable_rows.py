@@ -146,9 +146,9 @@ def curls_of(
 
     Derivatives are Im ω(x + iε e_j)/ε, exact to round-off. ``values`` are those of the parameters.
     """
-    moved = point[:, None] + 1j * _TINY * np.eye(len(x))  # column j: along x_j
+    complex_points = point[:, None] + 1j * _TINY * np.eye(len(x))  # column j: along x_j
     numbers = evaluate([e for row in rows for e in row],
-                       {**values, **dict(zip(x, moved, strict=True))})
+                       {**values, **dict(zip(x, complex_points, strict=True))})
     by_x = (numbers.imag / _TINY).reshape(len(rows), len(x), len(x))
     return numbers.real[:, 0].reshape(len(rows), len(x)), by_x - by_x.transpose(0, 2, 1)
 

@@ -66,9 +66,9 @@ class Pattern:
     ) -> Array:
         """Return the entries at x, shape (n,) or (n, points): (entries,) or (entries, points)."""
         steps = 1j * TINY * self.masks
-        moved = (x[:, None] + steps if x.ndim == 1 else x[:, None, :] + steps[:, :, None])
+        points = (x[:, None] + steps if x.ndim == 1 else x[:, None, :] + steps[:, :, None])
         with np.errstate(over="ignore"):
-            derivatives: Array = evaluate(expressions, substitute(moved)).imag / TINY
+            derivatives: Array = evaluate(expressions, substitute(points)).imag / TINY
         return derivatives[self.rows, self.colours[self.columns]]
 
 

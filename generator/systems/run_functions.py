@@ -105,11 +105,11 @@ def slopes_over_states(
               for x in values for y in values]
 
     def slopes(along: dict[str, Any]) -> dict[str, Any]:
-        moved = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
-        moved |= {time: along["t"], **along["parameters"]}
+        directions = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
+        directions |= {time: along["t"], **along["parameters"]}
         cotangents = dict.fromkeys(columns_of, 0 * run.t)
         for x, y, by_both in second:
-            cotangents[x] = cotangents[x] + by_both * moved[y]
+            cotangents[x] = cotangents[x] + by_both * directions[y]
         q, p = (np.stack([cotangents[x] for x in getattr(system, kind)], axis=1)
                 for kind in ("coordinates", "momenta"))
         return {"q": q, "p": p, "t": cotangents[time],

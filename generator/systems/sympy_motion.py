@@ -129,8 +129,8 @@ class FrameMotion:
         """Return v + dr/dt in some axes; in a frame that turns with Ω, dr/dt = ∂r/∂t + Ω × r."""
         rates = 0 * velocity
         for r, frame in position.args:
-            moved = r.diff(me.dynamicsymbols._t) + sp.Matrix(self.turning(frame)).cross(r)
-            rates += me.Vector([(moved, frame)])
+            rate = r.diff(me.dynamicsymbols._t) + sp.Matrix(self.turning(frame)).cross(r)
+            rates += me.Vector([(rate, frame)])
         return self.components(velocity + rates, axes)
 
     def components(self, vector: Any, axes: Any) -> list[sp.Expr]:

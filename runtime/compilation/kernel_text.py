@@ -420,8 +420,8 @@ class RunningError:
         error = 4 * abs(value)  # of the mathematical library
         for i, x in enumerate(arguments):
             step = 2.0**-20 * abs(x.value)
-            moved = self.by.call(name, [*values[:i], x.value + step, *values[i + 1 :]])
-            error = error + abs(moved - value) * (x.error / step)
+            neighbour = self.by.call(name, [*values[:i], x.value + step, *values[i + 1 :]])
+            error = error + abs(neighbour - value) * (x.error / step)
         return Bounded(value, error)
 
 

@@ -258,9 +258,9 @@ class KeptRun:
         kept_run = KeptRun(self.binding, replace(self.run, q=q, p=p))
         state, no_rows = kept_run.state, Rows.allocate(self.binding.own, 0)
         primal = self.binding.primal
-        begun = RunState.at_start(primal, q, p)
-        primal.integrate(self.run.constants(primal), 0, 1, begun, no_rows)
-        for destination, source in ((state.record, begun.record), (state.work, begun.work)):
+        start = RunState.at_start(primal, q, p)
+        primal.integrate(self.run.constants(primal), 0, 1, start, no_rows)
+        for destination, source in ((state.record, start.record), (state.work, start.work)):
             self.binding.own.image(destination)[:] = primal.image(source)
         state.record.steps = steps
         return kept_run

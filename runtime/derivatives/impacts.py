@@ -114,7 +114,7 @@ def impact_step(
                                            t0=start + since))
         unit = np.eye(binding.rows, dtype=q.dtype)[:, -2:-1]
         ends = piece.tangent(np.concatenate([directions, unit], axis=1))
-        moved, v = ends[:, :-1], ends[:, -1]
+        end_directions, v = ends[:, :-1], ends[:, -1]
         if hit is None:
             longer = of_step - later
         else:
@@ -124,8 +124,8 @@ def impact_step(
                 raise _too_long(stepper)
             normal = rows[hit.gap]
             rate = rate_of(Point(step, hit.since, normal, hit.impact.name), v)
-            longer = -(normal @ np.concatenate([moved, directions[2 * n :]])) / rate
-        directions[: 2 * n] = moved + np.outer(v, longer)
+            longer = -(normal @ np.concatenate([end_directions, directions[2 * n :]])) / rate
+        directions[: 2 * n] = end_directions + np.outer(v, longer)
         directions[-1], later = directions[-1] + longer, later + longer
         state = piece.end[:n], piece.end[n:]
         if hit is not None:

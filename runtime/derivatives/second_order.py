@@ -143,10 +143,10 @@ def pulled_back_slope(
         f_p, f_p_slope = f[:, n : 2 * n], f_slope[:, n : 2 * n]
         # z̄ ← z̄ − fᵀ W⁻ᵀ G p̄ with W = f_p Gᵀ, then z̄ ← z̄ − gᵀ (G Gᵀ)⁻¹ G q̄: the transposes of
         # ``TangentSpace.projected`` in reverse order
-        moved, moved_slope = correction(
+        shift, shift_slope = correction(
             f, f_slope, (f_p @ G.T).T, (f_p_slope @ G.T + f_p @ G_slope.T).T,
             z_bar[n : 2 * n], z_bar_slope[n : 2 * n])
-        z_bar, slope = z_bar - moved, slope - moved_slope
+        z_bar, slope = z_bar - shift, slope - shift_slope
     GG_slope = G_slope @ G.T
     return slope - correction(g, g_slope, G @ G.T, GG_slope + GG_slope.T, z_bar[:n],
                               slope[:n])[1]
@@ -220,9 +220,9 @@ def hessian_of(
     # forward over reverse: one sweep back for each direction
     for j in range(count):
         dz = np.ascontiguousarray(D[:, j])
-        moved = _moved(stepper, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
-        sweep = CotangentSlopes.at_end(second, cotangents.rows[-1], moved.rows[-1], 0)
-        for z, cotangents_of_kind in zip(sweep.z_bar, (cotangents, moved), strict=True):
+        cotangent_slopes = _moved(stepper, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
+        sweep = CotangentSlopes.at_end(second, cotangents.rows[-1], cotangent_slopes.rows[-1], 0)
+        for z, cotangents_of_kind in zip(sweep.z_bar, (cotangents, cotangent_slopes), strict=True):
             _add_explicit(stepper, run, cotangents_of_kind, z)
         for block, start in zip(reversed(blocks), reversed(starts), strict=True):
             rows = binding.new(block.count, 2 * n)
@@ -232,7 +232,7 @@ def hessian_of(
             # C returns directions after each step, and the sweep back takes those before it
             rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
             row_cotangents = tuple(_stored(run, block, cotangents_of_kind.rows)
-                         for cotangents_of_kind in (cotangents, moved))
+                         for cotangents_of_kind in (cotangents, cotangent_slopes))
             sweep = sweep.before(second, block.count)
             status = second.integrate_second(
                 run, parameter_pair, block, rows, dz, (row_cotangents[0], row_cotangents[1]),

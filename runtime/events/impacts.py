@@ -105,10 +105,10 @@ class ImpactObserver:
 
         Where there are more impacts than one call returns, up to the end of the step.
         """
-        begun = state.steps
+        first_step = state.steps
         status = self._call(steps, every, state, rows)
         while status == _FULL and self._since[0]:
-            row = (state.steps - begun) // every
+            row = (state.steps - first_step) // every
             previous_iterations = rows.iterations[row]
             status = self._call(1, 1, state, rows[row:])
             rows.iterations[row] = max(previous_iterations, rows.iterations[row])

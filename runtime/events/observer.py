@@ -112,11 +112,11 @@ def with_row(
     """
     binding, states, steps = stepper.binding, slice(row_count), row_count - 1
     (t, elapsed), (q, p) = times, full_states(trajectory)
-    begun = trajectory.tau if binding.clocked else trajectory.t
+    times_of_states = trajectory.tau if binding.clocked else trajectory.t
     flat = flat_multipliers(trajectory)[:steps]
     return trajectory.of_states(States(
         binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
-        np.concatenate([begun[states], t]), np.concatenate([q[states], row.q]),
+        np.concatenate([times_of_states[states], t]), np.concatenate([q[states], row.q]),
         np.concatenate([p[states], row.p]),
         np.concatenate([flat, row.multipliers]).astype(binding.dtype),
         np.concatenate([trajectory.iterations[:steps], row.iterations]),
@@ -175,9 +175,9 @@ class Observer:
     ) -> int:
         """Advance as ``binding.integrate`` does, up to the step before a terminal event."""
         if self.terminal:
-            begun = self._begun.pop(0) if len(self._begun) == 2 else state.copy(self._binding)
-            begun.assign(self._binding, state)
-            self._begun.append(begun)
+            piece_start = self._begun.pop(0) if len(self._begun) == 2 else state.copy(self._binding)
+            piece_start.assign(self._binding, state)
+            self._begun.append(piece_start)
         status = advance_and_detect(self._detector, self._binding, constants, steps, every, state,
                                     rows)
         if self._detector.ends_in is not None:  # no state behind that step is one of the run's
@@ -232,9 +232,9 @@ class Observer:
         crossing, binding = crossings[name].first, self._binding
         steps = int(crossing.steps[0])
         # back to the start of a piece before the event, and from there to its step, storing nothing
-        begun = next(start for start in reversed(self._begun) if start.steps <= steps)
-        remaining_steps = steps - begun.steps
-        state.assign(binding, begun)
+        piece_start = next(start for start in reversed(self._begun) if start.steps <= steps)
+        remaining_steps = steps - piece_start.steps
+        state.assign(binding, piece_start)
         if remaining_steps:
             binding.integrate(self._run.constants(binding), remaining_steps, remaining_steps + 1,
                               state, Rows.allocate(binding, 0))
