@@ -158,8 +158,6 @@ PAIRS = tuple(Pair(*pair) for pair in (
      "declare what changes as an input, System(..., inputs=...), and give it to advance, or start "
      "without record=True"),
     ("ensemble", "terminal", *_ONE_LENGTH),
-    ("ensemble", "open_end", "trajectories take different numbers of steps to t_end",
-     "give steps, or integrate each of them to t_end"),
     ("sweep", "terminal", *_ONE_LENGTH),
     ("sweep", "open_end", "cells take different numbers of steps to t_end",
      "give steps, or integrate each of them to t_end"),

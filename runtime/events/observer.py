@@ -71,13 +71,18 @@ def observed(
                       trajectory=trajectory)
     trajectory = with_events(stepper, observer, trajectory, crossings_by_name)
     if end_event:
-        events_by_name = {**trajectory.events}
-        ends = {end_event: events_by_name.pop(end_event)}
-        trajectory = changed(trajectory, events=events_by_name, _end_event=ends)
+        trajectory = with_end_apart(trajectory, end_event)
     if trouble is None:
         return trajectory
     trouble.trajectory = trajectory
     raise trouble
+
+
+def with_end_apart(trajectory: Trajectory, end_event: str) -> Trajectory:
+    """Return a trajectory whose event at t_end in scaled time is none of its events."""
+    events_by_name = {**trajectory.events}
+    ends = {end_event: events_by_name.pop(end_event)}
+    return changed(trajectory, events=events_by_name, _end_event=ends)
 
 
 def observer_of(

@@ -20,6 +20,7 @@ from ...core.html import card, table
 from ...core.progress import Progress
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart, Start
+from ..integration.run_arguments import step_argument
 from ..integration.starts import merged_starts, steps_of_all
 
 if TYPE_CHECKING:
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Section", "section"]
+
+#: Steps of scaled time from one stored state to the next: no states but the points are wanted.
+_SELDOM = 1 << 20
 
 
 @explain_arguments
@@ -114,7 +118,8 @@ class Section:
 
 def section(
     stepper: Stepper, starts: HasStart | Sequence[HasStart] | ArrayLike,
-    p: ArrayLike | None = None, /, *, event: Event, dt: Number | ArrayLike,
+    p: ArrayLike | None = None, /, *, event: Event,
+    dt: Number | ArrayLike | None = None, dtau: Number | ArrayLike | None = None,
     t_end: Number | None = None, steps: int | None = None,
     parameters: Mapping[str, Numbers] | Sequence[Mapping[str, Number]] | None = None,
     tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
@@ -139,10 +144,14 @@ def section(
     if not isinstance(event, Event):
         raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
     state = merged_starts(stepper, starts, p, parameters)
-    count, _ = steps_of_all(steps, t_end, state.t, dt)
-    # one stored state at the end: the points are those of the events
+    step = step_argument(stepper.binding, dt, dtau)
+    if stepper.binding.clocked and steps is None:
+        span: dict[str, Any] = {"t_end": t_end, "every": _SELDOM}
+    else:  # one stored state at the end: the points are those of the events
+        count, _ = steps_of_all(steps, t_end, state.t, step)
+        span = {"steps": count, "every": max(count, 1)}
     ensemble = stepper.integrate_ensemble(
-        Start(state.q, state.p, t=state.t), dt=dt, steps=count, every=max(count, 1),
+        Start(state.q, state.p, t=state.t), dt=dt, dtau=dtau, **span,
         parameters=state.parameters, solver=solver, workers=workers, events=event,
         tangents=tangents, progress=progress)
     crossings = [ensemble.events[event.name][i] for i in range(len(ensemble))]

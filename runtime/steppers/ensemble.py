@@ -20,7 +20,7 @@ from ...core.arguments import as_path, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError, InputWarning, StepFailed, Stopped
-from ...core.event import Event, Impact, as_events, as_impacts, terminal_of
+from ...core.event import Event, as_events, as_impacts, terminal_of
 from ...core.exact_numbers import Number
 from ...core.file_formats import format_of
 from ...core.incompatibilities import refuse_together
@@ -46,17 +46,19 @@ from ..devices.ensemble import (
 )
 from ..devices.trajectories import Trajectories, gathered
 from ..events.detection import Levels
-from ..events.impacts import ImpactObserver, refuse_unusable
+from ..events.impacts import refuse_unusable
 from ..events.last_step import joined_with_part
 from ..events.location import crossings_of, detectors_for
-from ..events.observer import with_events
+from ..events.observer import observer_of, with_end_apart, with_events
 from ..integration.failure import Diagnosis
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import (
+    OPEN,
     EnsembleArguments,
     Origin,
     RawArguments,
     checked_runs,
+    end_of_run,
     refuse_texts,
     warn_of_late_start,
     warn_of_negative,
@@ -228,11 +230,13 @@ def integrate_members(
     device: DeviceName | None = None,
     progress: Progress = None,
     end: tuple[Any, Sequence[Fraction]] | None = None,
+    open_end: Any = None,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of starts; see ``Stepper.integrate_ensemble``.
 
-    ``end`` is t_end between two steps, and the last part of a step to it, of all or of each.
+    ``end`` is t_end between two steps, and the last part of a step to it, of all or of each;
+    ``open_end`` is t_end in scaled time.
     """
     as_progress(progress)
     card = device_for(device, starts.q, starts.p)
@@ -246,7 +250,14 @@ def integrate_members(
     if impacts:
         refuse_unusable(stepper, runs[int(np.argmin(runs.dt))], impacts,
                         tangents=tangents is not None and "tangents of an ensemble")
-        return _with_impacts(stepper, runs, impacts, threads_of(workers), progress)
+        return _each_alone(stepper, runs, impacts, threads_of(workers), progress)
+    if open_end is not None:
+        observed_events = as_events(events, stepper.manifest.system.event_quantities)
+        refuse_together(ensemble="an ensemble", terminal=terminal_of(observed_events))
+        ensemble = _each_alone(stepper, runs, observed_events, threads_of(workers), progress,
+                               open_end)
+        return ensemble if tangents is None else _with_tangents(
+            stepper, ensemble, tangents, threads_of(workers), lambda: False)
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
@@ -324,10 +335,10 @@ def _with_last_parts(
 
 
 def _progress_of(
-    stepper: Stepper, runs: EnsembleArguments, progress: Progress
+    stepper: Stepper, runs: EnsembleArguments, progress: Progress, steps: int | None = None
 ) -> AbstractContextManager[Callable[..., Any] | None]:
     return log_progress(f"integrating {len(runs):,} times {stepper.name}",
-                        len(runs) * runs.first.steps, progress)
+                        steps or len(runs) * runs.first.steps, progress)
 
 
 def _stopped(
@@ -450,17 +461,23 @@ def _ensemble(
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 
-def _with_impacts(
-    stepper: Stepper, runs: EnsembleArguments, impacts: tuple[Impact, ...], threads: int,
-    progress: Progress,
+def _each_alone(
+    stepper: Stepper, runs: EnsembleArguments, events: tuple[Any, ...], threads: int,
+    progress: Progress, t_end: Any = None,
 ) -> Ensemble:
-    """Return the ensemble of runs with impacts: each by itself, with the bits of ``integrate``."""
+    """Return the ensemble of runs each by itself, with the bits of ``integrate``.
+
+    They have impacts, as ``events``, or end at ``t_end`` in scaled time, after different steps.
+    """
     binding, manifest, count = stepper.binding, stepper.manifest, len(runs)
-    stepper._impact_binding()  # compiled once, before threads ask for it
+    clock = manifest.system.clock if t_end is not None else None
+    if clock is None:
+        stepper._impact_binding()  # compiled once, before threads ask for it
     done, statuses, ends = [0] * count, [0] * count, [runs.q[i] for i in range(count)]
 
-    with (_progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts,
-          warnings.catch_warnings(), ThreadPoolExecutor(min(threads, count)) as pool):
+    with (_progress_of(stepper, runs, progress, OPEN if clock else None) as report,
+          catch_ctrl_c() as interrupts, warnings.catch_warnings(),
+          ThreadPoolExecutor(min(threads, count)) as pool):
         warnings.simplefilter("ignore", InputWarning)  # of gaps that stay closed: one for all
 
         def integrated(i: int) -> Trajectory:
@@ -469,18 +486,28 @@ def _with_impacts(
                 if report is not None:
                     report(sum(done))
 
+            run, run_events = runs[i], events
             try:
-                observer: Any = ImpactObserver(stepper, runs[i], impacts)
+                if clock is not None:
+                    run = changed(run, steps=OPEN, open_end=True)
+                    run_events = (*events, end_of_run(clock, events, binding.time_of(run.q), t_end,
+                                                      run.dt))
+                observer: Any = observer_of(stepper, run, run_events)
                 trajectory, statuses[i], state = course(
-                    binding, manifest, runs[i], lambda: interrupts.requested, count_steps, observer)
+                    binding, manifest, run, lambda: interrupts.requested, count_steps, observer)
             except InputError as error:
                 raise InputError(f"Trajectory {i}: {error}") from None
             ends[i] = state.q
             trajectory = with_events(stepper, observer, trajectory, observer.settle())
-            return trajectory.made_by(stepper, Origin(runs[i]))
+            if clock is None:
+                return trajectory.made_by(stepper, Origin(run))
+            return with_end_apart(trajectory, run_events[-1].name).made_by(
+                stepper, Origin(run.until(trajectory.report.steps), run_events))
 
         members = list(pool.map(integrated, range(count)))
     states, first = runs.first.rows + 1, members[0]
+    if clock is not None:
+        states = max(map(len, members))
     arrays: dict[str, Any] = {
         name: np.full((count, states - of_steps, *getattr(first, name).shape[1:]), np.nan,
                       getattr(first, name).dtype)
@@ -489,7 +516,9 @@ def _with_impacts(
     closed = 0
     for i, member in enumerate(members):
         ended = member.report.steps < runs.first.steps and not statuses[i]
-        stored = min(runs.first.stored(member.report.steps) + 1, len(member))
+        stored = len(member)
+        if clock is None:
+            stored = min(runs.first.stored(member.report.steps) + 1, stored)
         closed += ended and not interrupts.requested
         for name in ("t", "q", "p"):
             arrays[name][i, :stored] = getattr(member, name)[:stored]
@@ -500,10 +529,10 @@ def _with_impacts(
              "closed or a terminal impact ends them; their last rows are in members.")
     failures = {i: failure_of(binding, runs[i], members[i], Diagnosis.bare(statuses[i]), ends[i])
                 for i in range(count) if statuses[i]}
-    events = {impact.name: CrossingsOfMany([member.events[impact.name] for member in members])
-              for impact in impacts}
+    crossings = {event.name: CrossingsOfMany([member.events[event.name] for member in members])
+                 for event in events}
     ensemble = Ensemble(**arrays, iterations=iterations, failures=failures, _name=stepper.name,
-                        _make=members.__getitem__, events=events)
+                        _make=members.__getitem__, events=crossings)
     if interrupts.requested:
         raise _stopped(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)
     return ensemble

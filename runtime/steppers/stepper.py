@@ -409,7 +409,8 @@ class Stepper(Dynamics):
         ``dtau`` takes the place of ``dt`` in scaled time, where rows of equal number are at equal τ
         and ``t`` differs. ``inputs`` are those of ``integrate`` for all, or have a leading axis:
         (trajectories, steps) by name, or an array (trajectories, steps, inputs). ``t_end`` is the
-        time of the last state of all trajectories, which must have equal numbers of steps.
+        time of the last state of all trajectories, which must have equal numbers of steps; in
+        scaled time the numbers differ, and arrays are NaN after the end of a trajectory.
 
         A trajectory that fails is NaN from its failed step on and has its reason in
         ``Ensemble.failures``; the others are not touched.
@@ -439,16 +440,15 @@ class Stepper(Dynamics):
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         dt, steps = span_or_own(self.binding, starts, Span(dt, dtau, t_end, steps))
-        refuse_together(ensemble="an ensemble", open_end=self.binding.clocked
-                        and t_end is not None and "t_end in scaled time")
+        open_end = t_end if self.binding.clocked and steps is None else None
         state = merged_starts(self, starts, p, parameters, impacts=True)
         events = events_or_own(starts, events)
         impacts = as_impacts(events, self.manifest.system.event_quantities, state.impacts)
-        count, rests = steps_of_all(steps, t_end, state.t, dt,
-                                    whole_steps=device is not None or bool(impacts))
+        count, rests = (1, ()) if open_end is not None else steps_of_all(
+            steps, t_end, state.t, dt, whole_steps=device is not None or bool(impacts))
         return integrate_members(
             self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
-            end=(t_end, rests) if any(rests) else None, steps=count, every=every,
+            end=(t_end, rests) if any(rests) else None, open_end=open_end, steps=count, every=every,
             solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside

@@ -219,8 +219,6 @@ CALLS = {
     ("stored", "tangents"): stored(tangents=gs.Tangents()),
     ("stored", "changing_inputs"): stored("pushed_pendulum", inputs=CHANGING),
     ("recording", "new_parameters"): recorded,
-    ("ensemble", "open_end"): scaled(lambda step, start, run: step.integrate_ensemble(
-        [start] * 2, dtau=0.1, t_end=1.0)),
     ("ensemble", "terminal"): many("kepler", events=gs.Event("x", terminal=True)),
     ("sweep", "terminal"): swept(events=[TERMINAL]),
     ("sweep", "float128"): swept("float128"),

@@ -358,5 +358,54 @@ def test_a_simulation_in_scaled_time_keeps_parameters_and_counts_no_times():
         sim.advance_to(1.0)
     with pytest.raises(gs.InputError, match=r"step\.start"):
         sim.parameters = {"k": 2.0}
-    with pytest.raises(gs.InputError, match="integrate"):
-        step.integrate_ensemble([sim.start] * 2, dtau=0.1, t_end=1.0)
+
+
+@pytest.mark.parametrize(("name", "every"), [("eccentric", 1), ("tethered_pair", 3)])
+def test_trajectories_of_an_ensemble_end_at_a_time(name, every):
+    """They have the bits of runs alone, and NaN behind their ends, which take different steps."""
+    entry, step = case(name), differentiable(name)
+    starts = [timed_start(name, step)] * 3
+    dtau, t_end = entry.dt * np.array([1.0, 0.5, 0.7]), entry.t0 + 0.9
+    event = gs.Event(step.manifest.system.coordinates[0], level=0.25, name="crossing")
+    more = {"parameters": entry.parameters, "t_end": t_end, "events": event, "every": every,
+            "tangents": gs.Tangents(start="all") if name == "eccentric" else None}
+    many = step.integrate_ensemble(starts, dtau=dtau, **more)
+    runs = [step.integrate(start, dtau=size, **more)
+            for start, size in zip(starts, dtau, strict=True)]
+    assert many.t.shape == (3, max(map(len, runs)))
+    for i, run in enumerate(runs):
+        assert many.members[i].t[-1] == t_end
+        assert np.array_equal(many.members[i].q, run.q)
+        assert np.array_equal(many.t[i, : len(run)], run.t)
+        assert np.array_equal(many.q[i, : len(run)], run.q)
+        assert np.isnan(many.q[i, len(run) :]).all()
+        assert many.members[i].events.keys() == {"crossing"}
+        assert np.array_equal(many.events["crossing"][i].t, run.events["crossing"].t)
+        assert run.tangents is None or np.array_equal(many.tangents[i].q, run.tangents.q)
+    assert np.array_equal(many.members[0].at([t_end / 2]).q, runs[0].at([t_end / 2]).q)
+
+
+def test_ends_of_ensembles_are_refused_and_fail_one_by_one():
+    step, start = stepper("eccentric"), timed_start("eccentric", stepper("eccentric"))
+    with pytest.raises(gs.InputError, match="t_end = -1"):
+        step.integrate_ensemble([start] * 2, dtau=0.1, t_end=-1.0, parameters={"k": 1.0})
+    drift = gs.stepper("G-L", 2, system=gs.System([x], [u], (), u, name="drift",
+                                                  time_scale=1 - 4 * x))
+    many = drift.integrate_ensemble([gs.Start([0.0], [0.3])] * 3, dtau=[0.01, 1.0, 0.01],
+                                    t_end=0.1)
+    assert {i: one.reason for i, one in many.failures.items()} == {1: "time stopped"}
+    assert [one.t[-1] for one in many.members] == [0.1, 0.0, 0.1]
+
+
+@pytest.mark.parametrize("span", [{"steps": 80}, {"t_end": 20.0}])
+def test_a_section_takes_steps_of_scaled_time(span):
+    """The orbit crosses the axis once a period, at its pericentre, where it began."""
+    step, start = stepper("eccentric", "G-L", 4), timed_start("eccentric", stepper("eccentric"))
+    event = gs.Event("y", direction=1)
+    found = gs.section(step, start, event=event, dtau=0.2, parameters={"k": 1.0}, **span)
+    wanted = 2 * np.pi * np.arange(1, len(found.t) + 1)
+    assert len(found.t) > 1
+    assert np.abs(found.t - wanted).max() < 1e-7
+    assert np.abs(found.q - [0.4, 0]).max() < 1e-7
+    with pytest.raises(gs.InputError, match="dtau"):
+        gs.section(step, start, event=event, dt=0.2, parameters={"k": 1.0}, **span)
