@@ -117,7 +117,7 @@ def result_of(
     if displacement > _MOVED * max(map(abs, (*start.q0, *start.p0))):
         result["start_moved"] = displacement
     if done.ended_by is not None:
-        result["ended"] = {"event": done.ended_by, "t": float(events[done.ended_by].t[0])}
+        result["ended"] = {"event": done.ended_by, "t": float(done.last.t[-1])}
     if done.steps < report.steps:
         result["resumed_at"] = report.steps - done.steps
         result["done_before"] = not done.steps and done.trouble is None

@@ -165,8 +165,12 @@ MODEL_FILE = ["run", str(ROOT / "examples" / "dragged_top.toml"), "--scheme", "G
               "--stages", "2", "--steps", "40000", "--every", "2"]
 WATCHED = [*TOP, "--steps", "60000", "--every", "7", "--event", "q1=0.2 down", "--event", "p0=0",
            "--event", "high: q0=0.99999"]
+#: Impacts faster and faster until they are not resolved, in the last tenth of these steps.
+CASCADE = ["run", str(ROOT / "tests" / "data" / "dropped.toml"), "--scheme", "G-L",
+           "--stages", "2", "--dt", "1e-4", "--steps", "90000", "--every", "7"]
 KILLED = {"every step": (EVERY_STEP, "5"), "parts of blocks": (PARTS_OF_BLOCKS, "0.05"),
-          "model file": (MODEL_FILE, "0.1"), "events": (WATCHED, "0.05")}
+          "model file": (MODEL_FILE, "0.1"), "events": (WATCHED, "0.05"),
+          "cascade": (CASCADE, "0.05")}
 
 
 def killed(command, seconds, kills, folder, seed):

@@ -417,6 +417,8 @@ steps = 120
     assert stored.code == 0
     assert gs.load(tmp_path / "rows.zarr").impacts["floor"].t.tolist() == impacts["t"]
     assert stored.document["impacts"]["floor"]["t"] == impacts["t"]
+    rested = gyrospark(*command, "--steps", "200", "--json", "--out", tmp_path / "rest.zarr")
+    assert rested.document["ended"]["t"] == pytest.approx(3 * np.sqrt(2 / 9.81), abs=1e-7)
     refused = gyrospark(*command, "--event", "ball_z=1")
     assert refused.code == 2
     assert "events" in refused.stderr
