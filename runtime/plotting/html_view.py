@@ -207,7 +207,7 @@ def _content(
         "title": scene.title, "shape": shape, "remarks": scene.remarks,
         "up": scene.up.tolist(), "gravity": scene.gravity,
         "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),
-        "energy": _bytes(scene.energy_error),
+        "energy": _bytes(scene.energy_error), "impacts": _bytes(scene.impacts - scene.t[0]),
         "bodies": [{
             "name": body.name, "q": _bytes(body.q), "centre": body.centre.tolist(),
             "x": _bytes(body.x if np.ptp(body.x, axis=0).any() else body.x[:1]),

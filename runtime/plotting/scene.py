@@ -136,6 +136,8 @@ class Scene:
         Notes on the picture for its reader.
     ground : list of Shape
         Shapes fixed in space.
+    impacts : array, shape (impacts,)
+        Their times.
     """
 
     title: str
@@ -147,6 +149,7 @@ class Scene:
     gravity: bool
     remarks: list[str]
     ground: list[Shape] = field(default_factory=list)
+    impacts: Array = field(default_factory=lambda: np.zeros(0))
 
     def points(self, frames: Any) -> Array:
         """Return centres and joints of bodies at some frames, shape (frames, points, 3)."""
@@ -211,7 +214,9 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
         t[state_indices].astype(float), error[state_indices].astype(float), drawn, ties,
         np.array([0.0, 0.0, 1.0]) if up is None else up,
         up is not None or any(body.rim is not None for body in parts),
-        list(_remarks(trajectory, parts, state_indices)))
+        list(_remarks(trajectory, parts, state_indices)),
+        impacts=np.concatenate([np.zeros(0), *(hits.t[:: max(1, len(hits) // 500)].astype(float)
+                                               for hits in trajectory.impacts.values())]))
 
 
 def check_bodies(manifest: Manifest) -> None:

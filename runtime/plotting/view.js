@@ -11,6 +11,7 @@
   const floats = (text) =>
     new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
   const t = floats(scene.t), energy = floats(scene.energy), last = t.length - 1;
+  const impacts = floats(scene.impacts);  // their times
   const end = t[last] || 1;
   const bodies = scene.bodies.map((body, i) => ({
     ...body, q: floats(body.q), x: floats(body.x), shown: true, colour: colour(i),
@@ -84,6 +85,13 @@
     const stride = Math.max(1, Math.floor(t.length / 1200));
     for (let i = 0; i <= last; i += stride)
       ink[i ? "lineTo" : "moveTo"](across(t[i]), down(energy[i]));
+    ink.stroke();
+    ink.strokeStyle = style.mark;
+    ink.beginPath();
+    for (const at of impacts) {
+      ink.moveTo(across(at), bottom);
+      ink.lineTo(across(at), bottom - 7);
+    }
     ink.stroke();
     const here = energy[at] + s * (energy[next] - energy[at]);
     ink.strokeStyle = ink.fillStyle = style.mark;

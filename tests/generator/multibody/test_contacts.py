@@ -15,6 +15,7 @@ from scipy.special import ellipk
 import budget
 import gyrospark as gs
 from gyrospark.core.errors import InputError
+from gyrospark.runtime.plotting.scene import scene_of
 from gyrospark.runtime.steppers.run_defaults import RunDefaults
 
 EPS = 2.0**-52
@@ -179,6 +180,7 @@ def test_a_pendulum_between_two_stops():
     assert hits.energy_lost == pytest.approx(lost, rel=1e-9)
     assert run.joint("hinge").angle().min() > -0.2 - 1e-12
     assert abs(run.energy_error()).max() < 1e-9
+    assert scene_of(run, 100).impacts.tolist() == hits.t.tolist()
 
 
 #: Housner's block: half its width and height, its moment of inertia, the angle of its diagonal.

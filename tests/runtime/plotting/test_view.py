@@ -66,6 +66,7 @@ def test_a_page_has_the_run_and_needs_no_network(tops, tmp_path):
     scene = scene_in(page)
     assert np.abs(floats(scene["t"]) - tops.t).max() < 1e-7
     assert np.abs(floats(scene["energy"]) - tops.energy_error()).max() < 1e-18
+    assert not len(floats(scene["impacts"]))
     for body, name in zip(scene["bodies"], tops.bodies, strict=True):
         assert body["name"] == name
         q = floats(body["q"]).reshape(-1, 4)
