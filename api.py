@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -20,6 +20,7 @@ from .core.mesh_files import located_all
 from .core.progress import Progress, log_stages, log_task
 from .core.projection import Projection, project
 from .core.real_types import RealName
+from .core.records import dataclass
 from .core.registry import MODELS
 from .core.start import HasStart, Start, as_start
 from .core.warnings import capture_warnings, warn

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from .arguments import choose, shown
 from .errors import InputError
 from .exact_numbers import decimal, exact
 from .incompatibilities import refuse_together
+from .records import dataclass
 
 __all__ = ["DIRECTIONS", "Event", "Impact", "as_events", "as_impacts", "event_of_text",
            "events_of_model", "refuse_unusable_names", "terminal_of", "with_restitutions"]

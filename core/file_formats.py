@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +17,7 @@ from typing import Any, Literal
 from .arguments import why_unwritable
 from .errors import GyrosparkError, InputError, MissingDependencyError
 from .extras import install
+from .records import dataclass
 
 __all__ = ["FORMATS", "FileFormat", "Kind", "ending_of", "endings", "format_of",
            "result_file"]

@@ -7,9 +7,8 @@ there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from .errors import InputError
+from .records import dataclass
 
 __all__ = ["FEATURES", "LARGEST", "PAIRS", "Pair", "refuse_together", "table"]
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 from .frozen_dict import FrozenDict
 from .json_records import UnfitError, as_json, from_json
 from .real_types import RealName
+from .records import dataclass
 
 __all__ = ["BodyManifest", "ClockManifest", "ConstraintForceManifest", "Domain", "Entry",
            "FastPathManifest", "FrameManifest", "JointManifest", "Manifest", "NumberManifest",

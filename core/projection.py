@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -22,6 +21,7 @@ from .arrays import Array
 from .calls import explain_arguments
 from .errors import InputError
 from .html import card, table
+from .records import dataclass
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -5,11 +5,12 @@ Known here and nowhere else: how C writes a type, how many digits it has, how Py
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+
+from .records import dataclass
 
 if TYPE_CHECKING:
     from ..generator.tableaux.nodes import Enclosure

@@ -1,10 +1,13 @@
-"""Copies of frozen dataclasses."""
+"""Frozen dataclasses, and copies of them."""
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+import dataclasses
+from collections.abc import Callable, Sequence
+from reprlib import recursive_repr
+from typing import TYPE_CHECKING, Any, TypeVar
 
-__all__ = ["changed"]
+__all__ = ["changed", "dataclass"]
 
 Record = TypeVar("Record")
 
@@ -18,3 +21,47 @@ def changed(record: Record, **changes: Any) -> Record:
     copy = object.__new__(type(record))
     copy.__dict__.update(record.__dict__, **changes)
     return copy
+
+
+if TYPE_CHECKING:
+    from dataclasses import dataclass
+else:
+    def dataclass(**options: Any) -> Callable[[type], type]:
+        """Return the decorator ``dataclasses.dataclass``, with methods that are not compiled.
+
+        The standard library writes and compiles ``__eq__``, ``__hash__`` and ``__repr__`` of each
+        class, a tenth of what a process computes until its first step.
+        """
+        return lambda cls: _with_methods(cls, **options)
+
+
+def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: Any) -> type:
+    """Return a frozen dataclass with methods that read its fields when they are called."""
+    own = {**cls.__dict__}
+    made: type = dataclasses.dataclass(eq=False, repr=False, **options)(cls)
+    fields = dataclasses.fields(made)
+    compared = [f.name for f in fields if f.compare]
+    hashed = [f.name for f in fields if (f.compare if f.hash is None else f.hash)]
+
+    def is_equal(self: Any, other: object) -> Any:
+        if type(other) is not type(self):
+            return NotImplemented
+        return _values(self, compared) == _values(other, compared)
+
+    def hash_of(self: Any) -> int:
+        return hash(_values(self, hashed))
+
+    @recursive_repr()
+    def text(self: Any) -> str:
+        shown = (f"{f.name}={getattr(self, f.name)!r}" for f in fields if f.repr)
+        return f"{type(self).__qualname__}({', '.join(shown)})"
+
+    methods: dict[str, Any] = {"__eq__": is_equal, "__hash__": hash_of} if eq else {}
+    for name, method in (methods | ({"__repr__": text} if repr else {})).items():
+        if own.get(name) is None:  # a class with __eq__ has __hash__ = None
+            setattr(made, name, method)
+    return made
+
+
+def _values(record: object, names: Sequence[str]) -> tuple[Any, ...]:
+    return tuple([getattr(record, name) for name in names])

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
 from .arguments import listed, proposal, shown
 from .errors import InputError
+from .records import dataclass
 
 __all__ = ["AIMS", "FRAMES", "MEANS", "MODELS", "PROBLEMS", "RULES", "SYSTEMS", "Aim", "Entry",
            "Mean", "entry_named", "function_of", "unknown_name"]

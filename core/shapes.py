@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -12,6 +12,7 @@ from .arguments import choose, shown
 from .arrays import Floats
 from .errors import InputError
 from .inertia import real_array
+from .records import dataclass
 
 __all__ = ["KINDS", "Shape", "ShapeKind"]
 

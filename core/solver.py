@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from .arguments import choose, shown, whole
 from .errors import InputError
 from .exact_numbers import Number, exact
+from .records import dataclass
 
 __all__ = ["Solver", "SolverName", "as_solver"]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeGuard
 
 import numpy as np
@@ -17,6 +16,7 @@ from .exact_numbers import Number
 from .frozen_dict import FrozenDict
 from .html import card, table
 from .inertia import InertiaLike
+from .records import dataclass
 from .registry import function_of
 
 if TYPE_CHECKING:

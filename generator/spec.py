@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ from ..core.arguments import as_flag, choose, listed, shown, whole
 from ..core.errors import InputError
 from ..core.inertia import REPS
 from ..core.real_types import REALS, RealName
+from ..core.records import dataclass
 from ..core.registry import FRAMES, MODELS, SYSTEMS, unknown_name
 from .codegen.profiles import PROFILES, ProfileName
 from .parsing.text_file import MODEL_FILES

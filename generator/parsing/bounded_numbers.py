@@ -8,7 +8,6 @@ with these, ``models.formulas`` with formulas too, for any text of unknown origi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial, reduce
 from typing import Any
 
@@ -16,6 +15,7 @@ import sympy as sp
 from mpmath.ctx_iv import MPIntervalContext
 from mpmath.libmp import mpf_floor, to_int
 
+from ...core.records import dataclass
 from .tokens import RefusedError, shorten
 
 __all__ = ["FUNCTIONS", "ROOTS", "Value", "add", "multiply", "named", "order", "power", "rational",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from ...core.errors import InputError
+from ...core.records import dataclass
 
 __all__ = ["RefusedError", "Token", "decimal_parts", "error_at", "names_in", "refuse_at", "shorten",
            "tokens"]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
 from ...core.arguments import choose
+from ...core.records import dataclass
 
 if TYPE_CHECKING:
     from ..tableaux.tableau import Tableau

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import reduce
 from itertools import chain
@@ -30,6 +30,7 @@ from typing import Any
 
 from ...core.arguments import choose, shown, whole
 from ...core.errors import InputError
+from ...core.records import dataclass
 
 __all__ = ["COMPOSITIONS", "PATH", "Composition", "composition", "composition_named", "palindrome"]
 

@@ -12,12 +12,12 @@ Kim, Slotine, IEEE Robot. Autom. Lett. 3, 2018). All other parameters move as th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core.arrays import Array
+from ...core.records import dataclass
 from ..compilation.body_columns import bodies_of
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ step does not decrease |r|².
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from ...core.arrays import Array
 from ...core.errors import GyrosparkError
+from ...core.records import dataclass
 
 __all__ = ["Identifiability", "Linear", "Minimum", "identify", "minimise", "reduced_basis"]
 

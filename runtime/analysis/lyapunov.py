@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ...core.html import card, table
 from ...core.progress import Progress, as_progress, log_progress
+from ...core.records import dataclass
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart
 from ...core.warnings import warn

@@ -11,7 +11,6 @@ An angular velocity is Ω = J⁻¹ ½ L(q) p (19) in body axes, which depends on
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import as_items, shown, unknown
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ..bindings.array_checks import as_numbers
 from ..compilation.body_columns import BodyAt, bodies_of
 from ..rigid_body.quaternion import left_matrix

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +38,7 @@ from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ...core.html import card, table
 from ...core.progress import Progress, log_progress
+from ...core.records import dataclass
 from ...core.start import HasStart, Start
 from ..bindings.array_checks import as_positive_count
 from ..derivatives.tangent_space import Tangents

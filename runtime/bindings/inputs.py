@@ -6,7 +6,7 @@ A row has one number for each input and is held for so many steps: zero-order ho
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import proposal
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.records import dataclass
 from .array_checks import as_numbers, as_positive_count
 
 if TYPE_CHECKING:

@@ -5,13 +5,14 @@ Structs are cffi's, of whatever fields a stepper has; their types here keep one 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, NewType, Protocol, Self
 
 import numpy as np
 
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.records import dataclass
 from .inputs import InputRows
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from ...core.manifest import (
     SectionManifest,
     SystemManifest,
 )
+from ...core.records import dataclass
 
 __all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "beam_named", "bodies_of", "body_named",
            "built_inertias", "joint_named", "joints_of", "numbers", "placed_of"]

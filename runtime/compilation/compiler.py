@@ -13,7 +13,6 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cffi
@@ -21,6 +20,7 @@ import numpy as np
 
 from ...core.errors import CompilerError, InputError
 from ...core.real_types import REALS, Real
+from ...core.records import dataclass
 from . import call_stack, newton_library
 from .kernel_check import CheckFunction, check_functions, check_text
 from .kernel_text import kernels_of

@@ -13,13 +13,13 @@ import re
 import sys
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.real_types import Real
+from ...core.records import dataclass
 from .kernel_text import (
     Arithmetic,
     Bounded,

@@ -11,13 +11,13 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from ...core.real_types import Real
+from ...core.records import dataclass
 
 __all__ = ["Arithmetic", "Bounded", "KernelText", "RunningError", "arithmetic", "evaluate",
            "kernels_of"]

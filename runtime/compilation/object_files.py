@@ -31,10 +31,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 from ...core.manifest import Manifest
+from ...core.records import dataclass
 from .kernel_check import Kind
 
 __all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Level", "ModuleKind", "Object",

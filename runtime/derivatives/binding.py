@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
 from ..bindings.run_memory import ParameterStruct, Rows, RunState

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from ...core.errors import InputError
 from ...core.exact_numbers import exact
 from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
+from ...core.records import dataclass
 from ...core.registry import function_of
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.run_memory import RunState

@@ -15,7 +15,7 @@ for y, λ and μ, by which it is differentiated. (docs/theory/impacts.md)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ import numpy as np
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Impact, with_restitutions
+from ...core.records import dataclass
 from ..bindings.array_checks import as_real
 from ..integration.run_arguments import RunArguments
 from .binding import ImpactStep

@@ -15,7 +15,6 @@ Hairer-Lubich-Wanner, VII.1.2)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.manifest import Manifest
+from ...core.records import dataclass
 from ..bindings.binding import REASONS, Binding
 from ..bindings.real_numbers import aligned
 from ..bindings.run_memory import ParameterStruct

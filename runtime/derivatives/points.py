@@ -15,7 +15,7 @@ In scaled time τ and Δτ stand for t and Δt here, and t is a coordinate: a fi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +23,7 @@ import numpy as np
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Event
+from ...core.records import dataclass
 from ...core.registry import function_of
 from ..events.location import ending
 from ..integration.dense_output import places_of

@@ -13,7 +13,7 @@ z̄' by the compiled derivative of the adjoint, D' by that of the derivatives of
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -22,6 +22,7 @@ from ...core.arguments import few, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.html import card, table
+from ...core.records import dataclass
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
 from ..bindings.run_memory import ParameterStruct

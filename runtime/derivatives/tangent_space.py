@@ -15,7 +15,6 @@ and de = −dH(dq, dp, dθ, dt) at the start.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import as_flag, as_items, as_text, shown, unknown
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ..bindings.array_checks import as_numbers
 from ..bindings.run_memory import ParameterStruct
 

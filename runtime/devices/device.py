@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from ...core.arrays import Array
+from ...core.records import dataclass
 
 __all__ = ["Device", "Memory", "View", "is_on_card"]
 

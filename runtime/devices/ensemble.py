@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,6 +16,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, table
 from ...core.incompatibilities import LARGEST, refuse_together
+from ...core.records import dataclass
 from ..bindings.binding import REASONS
 from .device import Device, View, is_on_card
 from .trajectories import Trajectories, Window

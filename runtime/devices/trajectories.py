@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 
 from ...core.arrays import Array
+from ...core.records import dataclass
 from ..bindings.binding import Binding
 from ..bindings.run_memory import Rows, RunRecord
 from ..integration.lanes import EnsembleStates

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...core.arrays import Array
 from ...core.event import Event, Impact
+from ...core.records import dataclass
 from ..bindings.run_memory import Rows
 from ..integration.dense_output import epsilon_of_times, partial_steps
 from ..integration.run_arguments import EnsembleArguments

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from ...core.event import Event
 from ...core.exact_numbers import Number, Numbers
 from ...core.html import card, table
 from ...core.progress import Progress
+from ...core.records import dataclass
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart, Start
 from ..integration.run_arguments import step_argument

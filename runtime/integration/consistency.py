@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from ...core.arrays import Array
 from ...core.errors import GyrosparkError, InputError
 from ...core.manifest import Manifest
 from ...core.projection import project
+from ...core.records import dataclass
 from ...core.start import Rule
 from ..bindings.array_checks import as_real
 from ..bindings.binding import Binding, CompiledConstraints

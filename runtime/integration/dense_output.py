@@ -9,7 +9,7 @@ of length δτ with t(δτ) the time asked for, which Newton's method finds: dt/
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from ...core.arguments import shown
 from ...core.arrays import Array
 from ...core.errors import InputError, Stopped
 from ...core.interrupts import catch_ctrl_c
+from ...core.records import dataclass
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.inputs import InputRows
 from ..results.run_arrays import States, flat_multipliers, full_states

@@ -7,13 +7,14 @@ other at the state itself no step leads on, and that is said instead.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...core.arrays import Array
 from ...core.manifest import Manifest
+from ...core.records import dataclass
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
 
 __all__ = ["Diagnosis", "diagnose"]

@@ -9,7 +9,6 @@ conditions, I1 = I2 say; whether they do is decided exactly, with the numbers as
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -19,6 +18,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
 from ...core.manifest import Manifest, SymmetryManifest
+from ...core.records import dataclass
 
 __all__ = ["Symmetry", "refuse_broken", "symmetries_of"]
 

@@ -14,7 +14,7 @@ import itertools
 import math
 import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self
@@ -29,6 +29,7 @@ from ...core.exact_numbers import Rounded, as_double, exact
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.inertia import refuse_impossible_inertias
 from ...core.manifest import ClockManifest
+from ...core.records import dataclass
 from ...core.start import GAMMA_M, Rule
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count, as_real, as_step

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,6 +14,7 @@ from ...core.arrays import Array
 from ...core.errors import ArgumentError, InputError
 from ...core.event import Event, Impact
 from ...core.inertia import as_inertia, refuse_impossible_inertias
+from ...core.records import dataclass
 from ...core.start import Rule, Start, as_start, has_start
 from ...core.warnings import warn
 from ..rigid_body.gamma_rules import inertia_names

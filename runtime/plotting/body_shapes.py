@@ -12,13 +12,13 @@ A flat free body has the inertia of two rods that form a T.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.records import dataclass
 from ...core.shapes import Shape, axes_about
 
 if TYPE_CHECKING:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.mesh_files import read_triangles
+from ...core.records import dataclass
 
 __all__ = ["MESHES", "IndexedMesh", "MeshesName", "encoded", "read_meshes"]
 

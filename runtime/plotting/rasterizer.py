@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...core.records import dataclass
 
 __all__ = ["BACKGROUNDS", "BackgroundName", "Camera", "Triangles", "encode_png", "rasterize",
            "render"]

@@ -8,7 +8,7 @@ body is shown as large as it is; one of which the mass is not known in its propo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.manifest import Manifest
+from ...core.records import dataclass
 from ...core.shapes import Shape, axes_about
 from ..compilation.body_columns import (
     JointAt,

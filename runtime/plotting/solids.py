@@ -7,13 +7,14 @@ surfaces of revolution; a box has rounded edges.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.records import dataclass
 from ...core.shapes import Shape, axes_about
 from .meshes import IndexedMesh, encoded
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
+from ...core.records import dataclass
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding

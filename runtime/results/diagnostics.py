@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
-from ...core.records import changed
+from ...core.records import changed, dataclass
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from ...core.arrays import Array
 from ...core.manifest import Manifest
+from ...core.records import dataclass
 from ...core.warnings import warn
 from ..compilation.body_columns import BodyAt, bodies_of
 

@@ -7,7 +7,6 @@ An output is a number, or an array of them, for each stored state. To add one: a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from ...core.arguments import proposal, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.manifest import Manifest, SystemManifest
+from ...core.records import dataclass
 from ..bindings.binding import Binding
 from ..bindings.run_memory import ParameterStruct
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
@@ -24,6 +24,7 @@ from ...core.errors import InputError, MissingDependencyError
 from ...core.extras import install
 from ...core.file_formats import format_of, result_file
 from ...core.manifest import Manifest
+from ...core.records import dataclass
 from ..bindings.real_numbers import WIDE_BYTES, as_bytes
 from ..rigid_body.euler_angles import check_sequence
 from .body_motion import FrameName

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, table
+from ...core.records import dataclass
 
 __all__ = ["EventTangents", "TangentRows"]
 

@@ -6,7 +6,7 @@ import math
 import operator
 import os
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self, overload
 
@@ -20,7 +20,7 @@ from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import format_of
 from ...core.manifest import Manifest
-from ...core.records import changed
+from ...core.records import changed, dataclass
 from ...core.start import Start
 from ..compilation.body_columns import (
     PlacedAt,

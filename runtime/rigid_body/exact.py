@@ -11,7 +11,6 @@ Motions known in closed form, by what defines them: the public names of ``gyrosp
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Protocol, cast
 
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import InertiaLike
+from ...core.records import dataclass
 from ..bindings.array_checks import as_real
 from .quaternion import axis, euler_quaternion
 

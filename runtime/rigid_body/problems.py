@@ -11,7 +11,6 @@ or alpha beside them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +28,7 @@ from ...core.inertia import (
     real_array,
     unit_quaternions,
 )
+from ...core.records import dataclass
 from ...core.registry import SYSTEMS
 from ...core.start import Start
 from ..bindings.array_checks import as_real

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Number
 from ...core.incompatibilities import refuse_together
+from ...core.records import dataclass
 from ...core.registry import function_of
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -26,7 +26,7 @@ from ...core.file_formats import format_of
 from ...core.incompatibilities import refuse_together
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.progress import Progress, as_progress, log_progress
-from ...core.records import changed
+from ...core.records import changed, dataclass
 from ...core.start import Rule
 from ...core.warnings import warn
 from ..bindings.array_checks import as_numbers, as_positive_count

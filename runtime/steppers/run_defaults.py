@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from ...core.event import Event, Impact
 from ...core.exact_numbers import Rounded, exact, knowing
+from ...core.records import dataclass
 from ...core.shapes import Shape
 from ...core.start import Start
 

@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...core.arrays import Array
 from ...core.errors import StepFailed
+from ...core.records import dataclass
 from ...core.registry import Aim
 from .frame_start import Direction
 from .motion_distance import MotionError, root_mean_squares

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +17,7 @@ from ...core.exact_numbers import Number, exact
 from ...core.html import card, table
 from ...core.interrupts import before_start
 from ...core.progress import Progress, log_progress
+from ...core.records import dataclass
 from ...core.registry import AIMS, MEANS, Aim
 from ...core.start import HasStart, Rule
 from ..bindings.array_checks import as_positive_count, as_real
