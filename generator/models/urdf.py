@@ -25,7 +25,7 @@ from ...core.arguments import choose, listed, proposal, shown
 from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.warnings import warn
-from ..multibody.initial_poses import unit, vector
+from ..multibody.initial_poses import optional_vector, unit
 from ..multibody.multibody import Multibody
 from .bounded_xml import Element, read_xml
 from .robot_builder import (
@@ -81,12 +81,13 @@ def parse_urdf(
     """
     base = choose("base", options.get("base", "fixed"), BASES)
     left_out, pose = as_names(options.get("ignore", ())), base_pose(options)
-    weight = vector("gravity", options.get("gravity", (0.0, 0.0, -9.81)))
+    weight = optional_vector("gravity", options.get("gravity"))
     stiffness = ends_of_ranges(options.get("limits"))
     try:
         top = read_xml(text)
         robot = _read(top, left_out, stiffness, pose, base == "floating")
-        robot.gravity = weight
+        if weight is not None:
+            robot.gravity = weight
         robot_builder = RobotBuilder(robot, start_of(robot, options), rep)
         builder = robot_builder.build()
         mounts = robot_builder.mounts()
