@@ -183,6 +183,23 @@ def test_a_pendulum_between_two_stops():
     assert scene_of(run, 100).impacts.tolist() == hits.t.tolist()
 
 
+@pytest.mark.parametrize(("steps", "hits", "error"), [(4000, 100, 1e-14), pytest.param(
+    3_400_000, 100_000, 1e-12, marks=pytest.mark.slow)])  # a hundred thousand hits
+def test_an_elastic_box_keeps_its_energy(steps, hits, error):
+    """By EMS: each corner's impulse has the last bits that keep H, and steps keep it between."""
+    with budget.shared():
+        build = gs.Multibody("elastic_box")
+        build.body("box", mass=1, inertia=(0.13, 0.34, 0.29), position=(0, 0, 1.5),
+                   angular_velocity=(1, 2, 0.5))
+        build.contact("table", "box", box=(0.9, 0.5, 0.3))
+        model = build.model()
+        step = gs.stepper("EMS", system=model)
+        step._impact_binding()
+    run = step.integrate(model, dt=0.01, steps=steps, every=steps // 100)
+    assert sum(map(len, run.impacts.values())) > hits
+    assert np.abs(run.energy_error()).max() < error * run.energies[0]
+
+
 #: Housner's block: half its width and height, its moment of inertia, the angle of its diagonal.
 HALF, HEIGHT, SLOPE = 0.2, 0.5, np.arctan2(0.2, 0.5)
 MOMENT = (HALF**2 + HEIGHT**2) / 3
