@@ -44,6 +44,7 @@ MENDED = {
     '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
     "<table>": '<table tabindex="0">',
     '<th class="head"><p></p></th>': "<td></td>",
+    "<th></th>": "<td></td>",
 }
 #: Files of the MathJax package that a browser needs.
 MATHJAX = ("tex-chtml.js", "output/chtml", "input/tex/extensions", "a11y/assistive-mml.js",
