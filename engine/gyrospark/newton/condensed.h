@@ -15,8 +15,10 @@
  *
  * with dQ = dt A dk, dD = dt A- dk, and G dD = r of the constraints. A chain keeps S times the
  * coordinates of a body and its multipliers; a band holds them. dk^ = r^ - D dQ - C y follows. The
- * generated file has the matrices row by row: `coupling_first` and `coupling_column`. IMS and EMS
- * are the case of one stage with coefficients 1 and dq = dt k; their dp is dP.
+ * generated file has the matrices row by row: `coupling_first` and `coupling_column`. The place of
+ * dk is -1 if C and D are 0 and H_pp^-1 is a mass: this row gives dk, and couples the multipliers of
+ * `free_pair`. IMS and EMS are the case of one stage with coefficients 1 and dq = dt k; their dp is
+ * dP.
  */
 #if !GS_SPARK
 enum { K_HAT = DP };
@@ -124,6 +126,11 @@ static inline void add_damping(condensed_t *m, int i, int row, int a, real F_p)
     }
 }
 
+static inline int is_free(int a)
+{
+    return condensed_position[a] < 0;
+}
+
 static inline real *condensed_entry(real *J, int equation, int unknown)
 {
     return band_row(J, CONDENSED_BAND, condensed_position[equation])
@@ -133,12 +140,19 @@ static inline real *condensed_entry(real *J, int equation, int unknown)
 /* Assembles the condensed band from the matrices of stages and constraint nodes. */
 static void assemble_condensed(work_t *w, real dt)
 {
-    const condensed_t *m = &w->condensed;
+    condensed_t *m = &w->condensed;
     real *J = w->J, by_q[S][S], by_force[S][S], by_stage[S][S][S];
     for (size_t e = 0; e < (size_t)CONDENSED*(3*CONDENSED_BAND + 1); ++e)
         J[e] = 0;
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a)
+            m->mobility[i][a] = is_free(a) ? 1/m->momentum_by_rate[i][coupling_first[a]] : 0;
 #if GS_CONSTRAINED
-    real by_curvature[S][S][P];
+    real by_curvature[S][S][P], by_mobility[P][P][S];
+    for (int l = 0; l < P; ++l)
+        for (int n = 0; n < P; ++n)
+            for (int i = 0; i < S; ++i)
+                by_mobility[l][n][i] = dt*BAR(l + 1, i)*(dt*TILDE(i, n));
 #endif
     for (int i = 0; i < S; ++i)
         for (int j = 0; j < S; ++j) {
@@ -152,7 +166,7 @@ static void assemble_condensed(work_t *w, real dt)
 #endif
         }
     for (int a = 0; a < N; ++a)
-        for (int e = coupling_first[a]; e < coupling_first[a + 1]; ++e)
+        for (int e = coupling_first[a]; e < coupling_first[a + 1] && !is_free(a); ++e)
             for (int j = 0; j < S; ++j) {
                 const int column = condensed_position[j*N + coupling_column[e]];
                 for (int i = 0; i < S; ++i) {
@@ -176,15 +190,52 @@ static void assemble_condensed(work_t *w, real dt)
         for (int l = 0; l < P; ++l) {
             const int multiplier = S*N + l*M + constraint_coupling_row[e],
                 column = constraint_coupling_column[e];
-            for (int i = 0; i < S; ++i) {
+            for (int i = 0; i < S && !is_free(column); ++i) {
                 *condensed_entry(J, multiplier, i*N + column) =
                     dt*BAR(l + 1, i)*m->constraint_by_q[l + 1][e];
                 *condensed_entry(J, i*N + column, multiplier) =
                     dt*TILDE(i, l)*m->constraint_by_q[l][e];
             }
         }
+    for (int e = 0; e < FREE_PAIRS; ++e) {
+        const int one = free_pair[e][0], other = free_pair[e][1],
+            a = constraint_coupling_column[one];
+        for (int l = 0; l < P; ++l)
+            for (int n = 0; n < P; ++n) {
+                real sum = 0;
+                for (int i = 0; i < S; ++i)
+                    sum += by_mobility[l][n][i]*m->mobility[i][a];
+                *condensed_entry(J, S*N + l*M + constraint_coupling_row[one],
+                    S*N + n*M + constraint_coupling_row[other]) -=
+                    sum*m->constraint_by_q[l + 1][one]*m->constraint_by_q[n][other];
+            }
+    }
 #endif
 }
+
+#if GS_CONSTRAINED
+/*
+ * With the rates y of free coordinates without multipliers in b: subtracts G y from the rows of
+ * constraints in z, or with is_solved the multipliers' part from the rates, with dLambda in z.
+ */
+static void eliminate_free(const work_t *w, real dt, int is_solved, real *restrict b,
+    real *restrict z)
+{
+    const condensed_t *m = &w->condensed;
+    for (int e = 0; e < CONSTRAINT_COUPLINGS; ++e) {
+        const int a = constraint_coupling_column[e];
+        for (int l = 0; l < P && is_free(a); ++l) {
+            real *multiplier = z + condensed_position[S*N + l*M + constraint_coupling_row[e]];
+            for (int i = 0; i < S; ++i)
+                if (is_solved)
+                    b[i*N + a] -= dt*TILDE(i, l)*m->constraint_by_q[l][e]*m->mobility[i][a]
+                        **multiplier;
+                else
+                    *multiplier -= dt*BAR(l + 1, i)*m->constraint_by_q[l + 1][e]*b[i*N + a];
+        }
+    }
+}
+#endif
 
 /* Linearises and factorises T1 at the stage values of the last residual. */
 static int condensed_factorise(work_t *w, real dt, const real q[N], const real x[U])
@@ -217,14 +268,26 @@ static int condensed_solve(work_t *w, real dt, real b[U])
             real sum = by_rate[i][a];
             for (int j = 0; j < S; ++j)
                 sum += dt*HAT(i, j)*force[j][a];
-            z[condensed_position[i*N + a]] = sum;
+            if (is_free(a))
+                b[i*N + a] = sum*m->mobility[i][a];
+            else
+                z[condensed_position[i*N + a]] = sum;
         }
-    for (int e = S*N; e < CONDENSED; ++e)
-        z[condensed_position[e]] = b[LAMBDA - S*N + e];
+#if GS_CONSTRAINED
+    for (int e = 0; e < P*M; ++e)
+        z[condensed_position[S*N + e]] = b[LAMBDA + e];
+    eliminate_free(w, dt, 0, b, z);
+#endif
     const int status = band_substitute(CONDENSED, CONDENSED_BAND, w->J, w->pivots, z);
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a)
-            b[i*N + a] = z[condensed_position[i*N + a]];
+            if (!is_free(a))
+                b[i*N + a] = z[condensed_position[i*N + a]];
+#if GS_CONSTRAINED
+    eliminate_free(w, dt, 1, b, z);
+    for (int e = 0; e < P*M; ++e)
+        b[LAMBDA + e] = z[condensed_position[S*N + e]];
+#endif
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             dQ[i][a] = 0;
@@ -252,8 +315,6 @@ static int condensed_solve(work_t *w, real dt, real b[U])
     for (int a = 0; a < N; ++a)
         b[a] *= dt;
 #endif
-    for (int e = S*N; e < CONDENSED; ++e)
-        b[LAMBDA - S*N + e] = z[condensed_position[e]];
     return status;
 }
 
