@@ -280,7 +280,9 @@ class Velocities:
     ) -> None:
         self.bodies, self.poses = bodies, poses
         self.slots: dict[tuple[Body, str], slice] = {}
-        blocks, roots, u, count, row_count = [], [], [], 0, 0
+        # p = B u and the S with |S u|² = uᵀ M u, twice the kinetic energy, block by block
+        self._blocks: list[tuple[slice, slice, Array, Array]] = []
+        u, count, row_count = [], 0, 0
         for body in bodies:
             pose = poses[body]
             for quantity, unknowns in (("spin", 3 if body.q else 0), ("v", len(body.x))):
@@ -294,15 +296,29 @@ class Velocities:
                 else:
                     M = masses[body] * np.eye(unknowns)
                     block = M
-                # |S u|² = uᵀ M u is twice the kinetic energy of the body
-                roots.append(np.linalg.cholesky(M).T)
-                blocks.append((row_count, block))
+                self._blocks.append((slice(row_count, row_count + len(block)),
+                                     self.slots[body, quantity], block, np.linalg.cholesky(M).T))
                 u.append(getattr(pose, quantity))
                 count, row_count = count + unknowns, row_count + len(block)
-        self.B, self.S = np.zeros((row_count, count)), np.zeros((count, count))
         self.u = np.concatenate(u)
-        for (row, block), root, columns in zip(blocks, roots, self.slots.values(), strict=True):
-            self.B[row : row + len(block), columns], self.S[columns, columns] = block, root
+
+    def _momenta(self, u: Array) -> Array:
+        """Return B u, for each column of u."""
+        return np.concatenate([block @ u[columns] for _, columns, block, _ in self._blocks])
+
+    def _velocities(self, p: Array) -> Array:
+        """Return the u with B u nearest to p."""
+        return np.concatenate([np.linalg.lstsq(block, p[rows], rcond=None)[0]
+                               for rows, _, block, _ in self._blocks])
+
+    def _scaled(self, u: Array) -> Array:
+        """Return S u."""
+        return np.concatenate([root @ u[columns] for _, columns, _, root in self._blocks])
+
+    def _unscaled(self, y: Array) -> Array:
+        """Return S⁻¹ y, for each column of y."""
+        return np.concatenate([np.linalg.inv(root) @ y[columns]
+                               for _, columns, _, root in self._blocks])
 
     def list_targets(self, links: Sequence[Connection]) -> list[_Target]:
         """Return the given velocities of bodies and rates of joints."""
@@ -351,27 +367,28 @@ class Velocities:
         """
         targets = self.list_targets(links)
         projected = project_momenta(numbers, q, p)
-        inverse = np.linalg.inv(self.S)
         # In units of the root of twice the kinetic energy, that rows of any unit compare.
-        R = np.concatenate([np.zeros((0, len(self.u))),
-                            *(target.rows @ inverse for target in targets)])
+        R = np.concatenate([np.zeros((0, len(self.u))), *(target.rows for target in targets)])
+        for _, columns, _, root in self._blocks:
+            R[:, columns] = R[:, columns] @ np.linalg.inv(root)
         sizes = np.linalg.norm(R, axis=1)
         R = R / sizes[:, None]
         d = np.concatenate([np.zeros(0), *(target.value for target in targets)]) / sizes
 
-        y = self.S @ self.u
+        y = self._scaled(self.u)
         scale = ROUNDING * max(float(np.linalg.norm(y)), float(np.abs(d).max(initial=0.0)))
         # if the projected momenta have the given velocities already, nothing is to be done: the
         # usual case, without a search
-        shift = self.S @ np.linalg.lstsq(self.B, projected - self.B @ self.u, rcond=None)[0]
+        shift = self._scaled(self._velocities(projected - self._momenta(self.u)))
         if np.abs(R @ (y + shift) - d).max(initial=0.0) <= scale:
             return projected
         rows, total, largest = as_dense(numbers.rows(q)), y, np.inf
+        momenta_by_y = self._momenta(self._unscaled(np.eye(len(y))))
         # the constraints on p are nonlinear in u where H_p depends on p otherwise than linearly: a
         # few Gauss-Newton steps, one where they are linear
         for _ in range(20):
-            momenta = self.B @ (inverse @ total)
-            rates = numbers.H_pp_times(q, momenta, self.B @ inverse)
+            momenta = self._momenta(self._unscaled(total))
+            rates = numbers.H_pp_times(q, momenta, momenta_by_y)
             A, terms = rows @ rates, np.abs(rows) @ np.abs(rates)
             lengths = np.linalg.norm(A, axis=1)
             # Rotations keep |q| = 1: that row is 0, but for its round-off.
@@ -383,12 +400,13 @@ class Velocities:
             largest, total = float(np.abs(y + step - total).max()), y + step
             if largest <= 16 * EPS * float(np.abs(total).max()):
                 break
-        self._refuse_missed(targets, inverse @ total, R @ total - d, d, scale)
-        return np.asarray(self.B @ (inverse @ total))
+        u = self._unscaled(total)
+        self._refuse_missed(targets, u, R @ total - d, d, scale)
+        return self._momenta(u)
 
     def warn_of_moved(self, p: Array) -> None:
         """Warn of velocities, other than 0, by rates of a robot's joints that p does not have."""
-        u = np.linalg.lstsq(self.B, p, rcond=None)[0]
+        u = self._velocities(p)
         size = ROUNDING * max(np.abs(self.u).max(), np.abs(u).max())
         u = np.where(np.abs(u) > size, u, 0.0)
         moved = []
