@@ -81,7 +81,7 @@ class Pair:
 _ON_CPU = "leave device out"
 _OF_PYTHON = "take profile full, of Python"
 _UNSCALED = "take a stepper of the system without time_scale"
-_ONE_LENGTH = ("all runs have one length",
+_ONE_LENGTH = ("no crossing ends one of their trajectories",
                "leave terminal=True out, and look at the first crossing")
 
 PAIRS = tuple(Pair(*pair) for pair in (

@@ -206,7 +206,7 @@ def end_of_run(
     clock: ClockManifest, events: Sequence[Event], t0: Any, t_end: Any, dt: Any
 ) -> Event:
     """Return the event that ends a run in scaled time: t is t_end."""
-    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t0", t0), ("dt", dt)))
+    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t0", t0), ("dtau", dt)))
     if (end - begin) * step <= 0:
         raise InputError(f"t_end = {_text(end)} is not {'after' if step > 0 else 'before'} the "
                          f"start, t = {_text(begin)}, where dtau = {_text(step)} leads.")

@@ -45,7 +45,7 @@ static void observed_defect(const constants *c, const real q[N], const real p[N]
  */
 static int project_momentum(const constants *c, const real q[N], real p[N])
 {
-    enum { SLACK = 4 }; /* largest accepted step that stagnates, in units of epsilon times |p| */
+    enum { SLACK = 1024 }; /* largest accepted step that stagnates, in units of epsilon times |p| */
     real previous = HUGE_VAL;
     for (int iteration = 0; iteration < 20; ++iteration) {
         const real t = 0;

@@ -116,6 +116,17 @@ def test_times_are_met(name, direction):
     assert np.abs(crossing.q[0] - between.q[1]).max() <= 1e3 * EPS * size
 
 
+def test_tangents_of_a_short_rod_are_found_between_steps():
+    """Round-off of G H_p is that of coordinates, six times the rod."""
+    name = "tethered_pair"
+    step = differentiable(name)
+    run = step.integrate(timed_start(name, step), t_end=0.9, tangents=gs.Tangents(start="all"),
+                         **arguments(name))
+    between = run.at(np.linspace(0.03, 0.88, 60))
+    for kind in ("q", "p"):
+        assert np.isfinite(getattr(between.tangents, kind)).all()
+
+
 def test_states_at_times_are_those_of_the_closed_form():
     entry, step = case("eccentric"), stepper("eccentric", "G-L", 4)
     times = np.linspace(0, 7, 9)
