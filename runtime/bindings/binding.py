@@ -154,9 +154,10 @@ class Binding(Compiled):
         """Return one such state."""
         if not self.clocked:
             return q, p
-        rows_q, rows_p = self.in_scaled_time(parameters, q[None], p[None],
-                                             np.array([t], self.number_type))
-        return rows_q[0], rows_p[0]
+        full_q, full_p = self.new(2, self.n)
+        full_q[:-1], full_p[:-1], full_q[-1] = q, p, t
+        full_p[-1:] = -self.hamiltonian(parameters, full_q[None], full_p[None])
+        return full_q, full_p
 
     def velocities(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None

@@ -29,13 +29,15 @@ from ..results.diagnostics import Report
 from ..results.run_arrays import States, flat_multipliers, full_states
 from ..results.trajectory import Trajectory
 from .detection import Levels, Memory
+from .end_time import EndTimeObserver
 from .impacts import ImpactObserver
 from .location import TerminalEvent, crossings_of, detectors_for, ending
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["Observer", "observed", "observer_of", "with_events", "with_row"]
+__all__ = ["Observer", "observed", "observer_of", "observer_to_end", "with_events",
+           "with_row"]
 
 #: Largest number of bracketed steps that wait for their location.
 _MOST = 2**14
@@ -53,7 +55,7 @@ def observed(
     """
     if not events:
         return integrate(stepper.binding, stepper.manifest, run, progress)
-    observer: Any = observer_of(stepper, run, events)
+    observer = observer_to_end(stepper, run, events)
     trajectory: Trajectory
     trouble: StepFailed | Stopped | None = None
     try:
@@ -95,8 +97,15 @@ def observer_of(
     return Observer(stepper, run, tuple(event for event in events if isinstance(event, Event)))
 
 
+def observer_to_end(stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact]) -> Any:
+    """Return the same of a run in memory, or the observer of its end in scaled time alone."""
+    if run.open_end and len(events) == 1 and isinstance(events[0], Event):
+        return EndTimeObserver(stepper, run, events[0])
+    return observer_of(stepper, run, events)
+
+
 def with_events(
-    stepper: Stepper, observer: Observer | ImpactObserver, trajectory: Trajectory,
+    stepper: Stepper, observer: Observer | ImpactObserver | EndTimeObserver, trajectory: Trajectory,
     crossings_by_name: dict[str, Any],
 ) -> Trajectory:
     """Return a trajectory with its events, and with the row of the one that ended it."""

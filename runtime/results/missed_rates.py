@@ -33,8 +33,10 @@ def warn_of_missed_rate(trajectory: Trajectory) -> None:
     range of z, smaller than the largest of constant steps. A run that stores not every step is not
     looked at.
     """
+    if trajectory.every != 1:
+        return
     count = min(len(trajectory) - 1, _LOOKED_AT)  # the last step may end at t_end
-    if trajectory.every != 1 or count < _FEWEST:
+    if count < _FEWEST:
         return
     rows = slice(len(trajectory) - 1 - count, len(trajectory) - 1)
     t, states = trajectory.t[rows].astype(float), (trajectory.q[rows], trajectory.p[rows])

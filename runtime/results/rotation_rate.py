@@ -189,7 +189,7 @@ class Rotations:
 
     def warn_of(self, trajectory: Trajectory) -> None:
         """Warn as ``warn`` does, for some stored states of a run after the start, with the last."""
-        count = len(trajectory) - 1
+        count = len(trajectory) - 1 if self.bodies else 0
         if count < 2:  # a step's end is the start of the next call, which looks at it
             return
         sampled = slice(None, 0, -max(1, count // LOOKED_AT))

@@ -49,7 +49,7 @@ from ..events.detection import Levels
 from ..events.impacts import refuse_unusable
 from ..events.last_step import joined_with_part
 from ..events.location import crossings_of, detectors_for
-from ..events.observer import observer_of, with_end_apart, with_events
+from ..events.observer import observer_to_end, with_end_apart, with_events
 from ..integration.failure import Diagnosis
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import (
@@ -492,7 +492,7 @@ def _each_alone(
                     run = changed(run, steps=OPEN, open_end=True)
                     run_events = (*events, end_of_run(clock, events, binding.time_of(run.q), t_end,
                                                       run.dt))
-                observer: Any = observer_of(stepper, run, run_events)
+                observer = observer_to_end(stepper, run, run_events)
                 trajectory, statuses[i], state = course(
                     binding, manifest, run, lambda: interrupts.requested, count_steps, observer)
             except InputError as error:

@@ -111,9 +111,27 @@ def test_times_are_met(name, direction):
     assert np.abs(every.q - between.q).max() <= 1e3 * EPS * size
     event = gs.Event(step.manifest.system.clock.time, level=asked[1], name="at")
     crossing = to(name, t_end, dtau=dtau, events=event).events["at"]
-    assert to(name, t_end, dtau=dtau, events=event).events.keys() == {"at"}
+    beside = to(name, t_end, dtau=dtau, events=event)
+    assert beside.events.keys() == {"at"}
+    for kind in ("t", "tau", "q", "p", "work"):  # its end is located among the events
+        assert np.abs(getattr(beside, kind)[-1] - getattr(run, kind)[-1]).max() <= 1e3 * EPS * size
+    assert np.abs(beside.multipliers[-1] - run.multipliers[-1]).max(initial=0) <= 1e6 * EPS * size
     assert np.abs(crossing.t - asked[1]).max() <= 8 * EPS * (1 + abs(asked[1]))
     assert np.abs(crossing.q[0] - between.q[1]).max() <= 1e3 * EPS * size
+
+
+@pytest.mark.parametrize(("dtau", "t_end", "every", "real", "round_off"), [
+    (0.8, 1.0, 1, "double", EPS), (-0.8, -3.3, 2, "double", EPS), (0.3, 1e-3, 1, "double", EPS),
+    (0.1, 3.0, 7, "double", EPS), (0.8, 1.0, 1, "float128", 2.0**-112)])
+def test_the_end_of_steps_of_any_length_is_that_among_events(dtau, t_end, every, real, round_off):
+    step, event = stepper("eccentric", real=real), gs.Event("t", level=99.0)
+    alone, beside = (to("eccentric", t_end, step, dtau=dtau, every=every, **more)
+                     for more in ({}, {"events": event}))
+    assert alone.t[-1] == beside.t[-1] == t_end
+    assert len(alone) == len(beside)
+    for kind in ("tau", "q", "p"):
+        ends = (getattr(run, kind)[-1:] for run in (alone, beside))
+        assert np.abs(np.subtract(*ends)).max() <= 30 * round_off
 
 
 def test_tangents_of_a_short_rod_are_found_between_steps():

@@ -1,0 +1,142 @@
+"""The end of a run in scaled time at a given t: t grows, and its slope over τ is σ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.arrays import Array
+from ...core.errors import InputError
+from ...core.event import Event
+from ...core.records import changed
+from ..bindings.array_checks import as_real
+from ..bindings.run_memory import Rows, RunConstants, RunState
+from ..integration.dense_output import epsilon_of_times
+from ..integration.run_arguments import RunArguments
+from ..integration.step_loop import thin
+from ..results.crossings import Crossings
+from ..results.trajectory import Trajectory
+from .location import TerminalEvent
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+
+__all__ = ["EndTimeObserver"]
+
+#: Partial steps at most: three or four are usual, and as many bisections separate two doubles.
+_MOST = 60
+
+
+class EndTimeObserver:
+    """The end of a run without other events; what ``Observer`` is for those.
+
+    τ(t) has the slope 1/σ. The cubic with the values and slopes of the two nearest states is taken
+    at the end's t, a partial step leads there, and so on down to the round-off of t.
+
+    Attributes
+    ----------
+    events : tuple of Event
+    end : TerminalEvent or None
+        The end of the run, once it is reached.
+    """
+
+    def __init__(self, stepper: Stepper, run: RunArguments, event: Event) -> None:
+        self.events = (event,)
+        self.end: TerminalEvent | None = None
+        self._stepper, self._run = stepper, run
+        self._t = stepper.binding.converted(
+            np.array([as_real("t_end", event.level, stepper.binding.number)],
+                     stepper.binding.number_type))[0]
+        self._ahead = 1 if run.dt > 0 else -1
+
+    def advance(
+        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
+    ) -> int:
+        """Advance as ``binding.integrate`` does, up to the step before the end."""
+        binding, start = self._stepper.binding, state.copy(self._stepper.binding)
+        visited = rows if every == 1 else Rows.allocate(binding, steps)
+        status = binding.integrate(constants, steps, 1, state, visited)
+        count = state.steps - start.steps
+        if every > 1:
+            thin(visited, count, every, rows)
+        behind = np.flatnonzero(self._ahead * (visited.q[:count, -1] - self._t) >= 0)
+        if not len(behind):
+            return status
+        whole = int(behind[0])
+        row = visited[whole : whole + 1].copy()
+        state.assign(binding, start)
+        if whole:
+            binding.integrate(constants, whole, whole + 1, state, Rows.allocate(binding, 0))
+        self.end = self._end(constants, state, row)
+        return 0
+
+    def _end(self, constants: RunConstants, state: RunState, row: Rows) -> TerminalEvent:
+        """Return the end between a state and the row of the whole step from there."""
+        binding, run, t_end = self._stepper.binding, self._run, self._t
+        work, low, high = binding.works.take(), 0 * run.dt, run.dt
+        scales = binding.time_scales(constants.parameters, np.stack([state.q, row.q[0]]),
+                                     np.stack([state.p, row.p[0]]))
+        # τ since the state, t − t_end and 1/σ
+        old, new = ((tau, t - t_end, 1 / scale) for tau, t, scale in zip(
+            (low, high), (state.q[-1], row.q[0, -1]), scales, strict=True))
+        resolution = epsilon_of_times(self._stepper) * max(abs(state.q[-1]), abs(t_end))
+        nearest: tuple[Any, Any] = (np.inf, None)
+        for _ in range(_MOST):
+            tau = np.array([_zero(old, new)], binding.number_type)[0]
+            if not min(low, high) < tau <= max(low, high):
+                tau = (low + high) / 2
+            row = self._partial_step(constants, state, tau, work)
+            beyond = row.q[0, -1] - t_end
+            if not abs(beyond) < nearest[0]:  # at round-off
+                break
+            nearest = abs(beyond), (tau, row)
+            if abs(beyond) <= resolution:
+                break
+            low, high = (low, tau) if self._ahead * beyond > 0 else (tau, high)
+            scale = binding.time_scales(constants.parameters, row.q, row.p)[0]
+            old, new = min(old, new, key=lambda point: abs(point[1])), (tau, beyond, 1 / scale)
+        binding.works.give_back(work)
+        tau, row = nearest[1]
+        row.q[0, -1] = t_end
+        steps = np.array([state.steps])
+        elapsed = binding.times(0 * run.t0, run.dt, steps) + tau
+        return TerminalEvent(0, Crossings(run.t0 + elapsed, row.q, row.p, steps,
+                                          np.array([self._ahead > 0]), elapsed), row)
+
+    def _partial_step(
+        self, constants: RunConstants, state: RunState, tau: Any, work: Any
+    ) -> Rows:
+        binding, row = self._stepper.binding, Rows.allocate(self._stepper.binding, 1)
+        part = RunState.at_start(binding, state.q, state.p, work)
+        if binding.integrate(changed(constants, dt=tau), 1, 1, part, row):
+            raise InputError(
+                f"From t = {float(state.q[-1]):.6g} s no step of {float(tau):.3g} s of τ is found, "
+                "though the run has found its own; take a smaller dtau.")
+        return row
+
+    def close(self, state: RunState, ahead: tuple[Array, Array] | None = None) -> None:
+        """Do nothing: the last step is looked at already."""
+
+    def settle(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
+        """Return the end, or no crossing."""
+        binding, none = self._stepper.binding, np.array([], int)
+        times, states = np.array([], binding.number_type), binding.new(0, binding.n)
+        crossings = (Crossings(times, states, states, none, none.astype(bool), times)
+                     if self.end is None else self.end.at)
+        return {self.events[0].name: crossings}
+
+    def results(self, trajectory: Trajectory, crossings: dict[str, Crossings]) -> Trajectory:
+        """Return a trajectory with the end among its crossings."""
+        return changed(trajectory, events=crossings)
+
+
+def _zero(a: tuple[Any, Any, Any], b: tuple[Any, Any, Any]) -> Any:
+    """Return τ at t = 0 by the cubic through (τ, t, dτ/dt) of two points."""
+    (tau, t, slope), (other_tau, other_t, other_slope) = a, b
+    width = other_t - t
+    x = -t / width
+    rise = x * x * (3 - 2 * x)
+    return (tau + (other_tau - tau) * rise
+            + width * x * (1 - x) * ((1 - x) * slope - x * other_slope))
