@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import sympy as sp
 
+from ..symbolic.shared_subexpressions import substitute, symbols_of
 from ..systems.elimination_order import connected
-from .canonical_expressions import CanonicalForms, costs_less
+from .canonical_expressions import CanonicalForms, costs_less, local_names
 from .common_factors import square_root, without_common
 from .coordinate_coupling import CoordinateCoupling
 from .terms import (
@@ -40,6 +41,17 @@ class Addend(NamedTuple):
 
     expression: sp.Expr
     terms: Terms
+
+
+class LocalForm(NamedTuple):
+    """Expressions with symbols named by their order, equal for equal joints of a chain.
+
+    ``key`` has the expressions and the places in ``classes`` of the classes of their variables.
+    """
+
+    key: Hashable
+    renaming: dict[sp.Symbol, sp.Symbol]
+    classes: list[int]
 
 
 class Support:
@@ -292,22 +304,72 @@ class ForceTerms:
         self.forms = forms
         self.support = support
         self.F = F
+        self._class_sets: dict[Hashable, frozenset[frozenset[int]]] = {}
+        self._selected: dict[Hashable, list[sp.Expr]] = {}
 
     def rows(self) -> list[sp.Expr]:
         """Return each row of F as the sum of its addends.
+
+        Summands that share a set of classes are selected together. For the joints of a chain they
+        are equal up to the names of symbols: their addends are derived once.
+        """
+        summands = [(row, e) for row, f in enumerate(self.F) for e in sp.Add.make_args(f)]
+        numbers: dict[frozenset[int], int] = {}
+        reach = [frozenset(numbers.setdefault(c, len(numbers)) for c in self._classes_in(e))
+                 for _, e in summands]
+        group_of = {number: i for i, group in enumerate(connected(reach)) for number in group}
+        groups: dict[int, dict[int, list[sp.Expr]]] = defaultdict(lambda: defaultdict(list))
+        for (row, e), sets in zip(summands, reach, strict=True):
+            if sets:
+                groups[group_of[min(sets)]][row].append(e)
+        addends: list[list[sp.Expr]] = [[] for _ in self.F]
+        for group in groups.values():
+            for row, e in zip(group, self._rows_of(list(group.values())), strict=True):
+                addends[row].append(e)
+        return [sp.Add(*row_addends) for row_addends in addends]
+
+    def _classes_in(self, e: sp.Expr) -> Iterator[frozenset[int]]:
+        """Yield the sets of classes of the terms of an expression."""
+        local = self._local([e])
+        if local.key not in self._class_sets:
+            self._class_sets[local.key] = frozenset(
+                frozenset(map(local.classes.index, self.support.classes(m)))
+                for m in self.forms.terms(e))
+        for places in self._class_sets[local.key]:
+            yield frozenset(local.classes[i] for i in places)
+
+    def _rows_of(self, summands: Sequence[Sequence[sp.Expr]]) -> list[sp.Expr]:
+        """Return the sum of the summands of each row as the sum of its addends."""
+        local = self._local([e for row in summands for e in row])
+        key = local.key, tuple(map(len, summands))
+        if key not in self._selected:
+            self._selected[key] = substitute(self._sums(summands), local.renaming)
+        return substitute(self._selected[key], {x: s for s, x in local.renaming.items()})
+
+    def _local(self, expressions: Sequence[sp.Expr]) -> LocalForm:
+        renaming = local_names(symbols_of(expressions))
+        classes = [self.support.coupling.classes([self.support.index_of[x]])
+                   for x in renaming if x in self.support.index_of]
+        order = list(dict.fromkeys(c for (c,) in classes))
+        places = (order.index(c) for (c,) in classes)
+        return LocalForm((*substitute(expressions, renaming), *places), renaming, order)
+
+    def _sums(self, summands: Sequence[Sequence[sp.Expr]]) -> list[sp.Expr]:
+        """Return the sum of the selected addends of each row.
 
         One kind of addends is selected for all rows together, as rows share subexpressions.
         """
         derived: dict[Hashable, dict[int, Terms]] = defaultdict(lambda: defaultdict(dict))
         original: dict[Hashable, dict[int, list[Addend]]] = defaultdict(lambda: defaultdict(list))
-        for row, e in enumerate(self.F):
-            for m, a in total_of(*map(self.forms.terms, sp.Add.make_args(e))).items():
+        for row, row_summands in enumerate(summands):
+            for m, a in total_of(*map(self.forms.terms, row_summands)).items():
                 derived[self.support.classes(m)][row][m] = a
-            for addend in split(self.forms, e, self._is_irreducible):
-                if addend.terms:
-                    m = next(iter(addend.terms))  # all terms of an addend have one set of classes
-                    original[self.support.classes(m)][row].append(addend)
-        addends: list[list[sp.Expr]] = [[] for _ in self.F]
+            for e in row_summands:
+                for addend in split(self.forms, e, self._is_irreducible):
+                    if addend.terms:
+                        m = next(iter(addend.terms))  # all terms of an addend have one set
+                        original[self.support.classes(m)][row].append(addend)
+        addends: list[list[sp.Expr]] = [[] for _ in summands]
         for key, row_terms in derived.items():
             for row, e in zip(row_terms, self._select(row_terms, original[key]), strict=True):
                 addends[row].append(e)

@@ -28,7 +28,7 @@ from .terms import (
     varies,
 )
 
-__all__ = ["CanonicalForms", "costs_less"]
+__all__ = ["CanonicalForms", "costs_less", "local_names"]
 
 #: The original form is selected if it costs less than this fraction of the derived one.
 _CLEARLY_LESS = 0.7

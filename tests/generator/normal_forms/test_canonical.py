@@ -15,7 +15,7 @@ import gyrospark as gs
 from equivalent_forms import HALF, TEN, everywhere, lattice, links, rewritten, stand_ins
 from gyrospark.generator import pipeline
 from gyrospark.generator.multibody.rigid_body import heavy_top, kinetic_energy
-from gyrospark.generator.normal_forms import expansion
+from gyrospark.generator.normal_forms import additive_terms, expansion
 from gyrospark.generator.normal_forms.canonical_system import canonical
 from gyrospark.generator.normal_forms.shortest_sum import cost
 from gyrospark.generator.pipeline import generate
@@ -227,6 +227,27 @@ def test_equal_parts_of_a_chain_have_one_form(count):
             [2 * count, count, count // 2])
         assert [len(form.instances) for form in structure.constraint_templates] == (
             [1, count // 2 - 1])
+
+
+def test_equal_forces_of_a_chain_are_reduced_once(monkeypatch):
+    """Dampers between neighbours, every term in both: as many as for a chain half as long."""
+    calls = []
+    split = additive_terms.split
+    monkeypatch.setattr(additive_terms, "split", lambda *args: calls.append(1) or split(*args))
+    counts = []
+    for count in (4, 8):
+        chain = lattice(count, lambda d: a * d**2 / 2, a, c)
+        q, p = chain.q, chain.p
+        forces = [sp.Integer(0)] * count
+        for i, j in zip(range(count), range(1, count), strict=False):
+            damper = c * q[i] * q[j] * (p[i] - p[j]) * (q[i] ** 2 + q[j] ** 2)
+            forces[i], forces[j] = forces[i] - damper, forces[j] + damper
+        system = replace(chain, H=sp.expand(chain.H), forces=forces)
+        calls.clear()
+        reduced = canonical.__wrapped__(system)
+        counts.append(len(calls))
+        assert compare(parts(system), parts(reduced), thorough=False).holds
+    assert counts[0] == counts[1]
 
 
 @pytest.mark.parametrize("model", [gs.models.lagrange_top, gs.models.double_top])
