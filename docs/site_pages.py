@@ -24,6 +24,7 @@ from typing import Any
 import site_tables
 import site_uses
 from docutils import nodes
+from PIL import Image
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
@@ -210,13 +211,24 @@ def show_first_pictures(app: Sphinx, tree: nodes.document, name: str) -> None:
             images = list(app.env.get_doctree(page).findall(nodes.image))
             first = next(filter(_shows_bodies, images), images[0] if images else None)
             if first is not None:
-                link += nodes.image(uri=first["uri"], candidates=first["candidates"], alt="",
-                                    classes=["thumbnail"])
+                link += nodes.raw("", _thumbnail(app, first["uri"]), format="html")
             link += nodes.Text(app.env.titles[page].astext())
             grid += nodes.paragraph("", "", link)
         heading = nodes.paragraph("", "", nodes.strong("", pages["caption"]))
         pages.parent.insert(pages.parent.index(pages), [heading, grid])
         pages["hidden"] = True
+
+
+def _thumbnail(app: Sphinx, uri: str) -> str:
+    """Write a picture in the size of the grid's cells, twice for dense screens; return its HTML."""
+    path = Path(app.outdir) / "_images" / f"thumbnail_{Path(uri).stem}.webp"
+    path.parent.mkdir(exist_ok=True)
+    with Image.open(Path(app.srcdir) / uri) as picture:
+        small = picture.convert("RGBA")
+    small.thumbnail((400, 300))
+    small.save(path, quality=80)
+    return (f'<img alt="" class="thumbnail" loading="lazy" width="{small.width}" '
+            f'height="{small.height}" src="../_images/{path.name}">')
 
 
 def _shows_bodies(image: nodes.image) -> bool:

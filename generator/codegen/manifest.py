@@ -50,7 +50,7 @@ def hidden_constraints(derived: Derived, elements: Elements | None) -> list[str]
     system = derived.scheme.system
     if elements is not None:
         return ["G H_p + g_t" if system.is_time_dependent else "G H_p"] * system.m
-    return [str(derived.constants.expand_shared(f)) for f in system.hidden]
+    return [text_of(derived.constants.expand_shared(f)) for f in system.hidden]
 
 
 def manifest_text(derived: Derived, program: Program, identity: str) -> str:
