@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["warn_of_missed_rate"]
 
 #: Rows that are looked at, the last ones, so many at a time; fewest, for few do not span a motion.
-_LOOKED_AT, _AT_ONCE, _FEWEST = 1 << 20, 1 << 14, 32
+_LOOKED_AT, _AT_ONCE, _FEWEST = 1 << 20, 1 << 14, 12
 #: Coordinates whose range is below this part of their size are constant.
 _CONSTANT = 1e-9
 #: Order of the differences: of first ones a pulse has no more than a later rotation.
