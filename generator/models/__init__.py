@@ -22,6 +22,7 @@ Open first: ``model_file.read_model``.
     urdf              a URDF file to bodies and joints
     mjcf_document     the guard of MJCF files: bounded XML, no file outside the folder
     mjcf_fields       the fields of MuJoCo's compiled model, each in one of three classes
+    mjcf_cables       cables to chains of bodies
     mjcf_meshes       geoms of meshes, without files for MuJoCo
     closed_mesh       volume, centre and inertia of a closed mesh
     mjcf_robot        bodies, joints, actuators and equalities of an MJCF file

@@ -2,6 +2,7 @@
 
     bodies, joints        as of all robots (``robot_builder``)
     actuator              an input of its name, and a motor
+    composite             a chain with the potentials of a beam
     connect, weld, joint  a ball, a fixed joint, a coupling or a law; tendon: a law
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,11 @@ import numpy as np
 
 from ...core.arguments import listed, proposal, shown
 from ...core.errors import InputError
-from ..multibody.initial_poses import optional_vector, rotation, unit
+from ...core.inertia import quaternion_of_matrix
+from ..multibody.body import Body
+from ..multibody.initial_poses import clean, conjugate, optional_vector, product, rotation, unit
 from ..multibody.multibody import Multibody
+from .mjcf_cables import MjcfCable
 from .mjcf_robot import (
     EXTRAS,
     MjcfActuator,
@@ -142,6 +147,8 @@ class MjcfBuilder(RobotBuilder):
         for name, tendon in self.mjcf.tendons.items():
             if tendon.stiffness or tendon.damping:
                 self._tendon(name, tendon)
+        for cable in self.mjcf.cables:
+            self._cable(cable)
         for equality in self.mjcf.equalities:
             self._equality(equality)
         for limb in self.frames:
@@ -208,6 +215,36 @@ class MjcfBuilder(RobotBuilder):
             effort_kind = "torque" if self.robot.joints[name].kind == "hinge" else "force"
             self.builder.motor(self.joint_names.free(f"{label}_motor"), self.coordinates[name],
                                **{effort_kind: coefficient * effort})
+
+    def _cable(self, cable: MjcfCable) -> None:
+        """Add V = (2/h) Σ B_k (u_k − u°_k)² of neighbours, w + u = q̄_a q_b, as in ``beam``."""
+        numbers = {body.name: k for k, body in enumerate(self.robot.bodies)}
+        names = ("twisting", "bending1", "bending2")
+        B = [self._number(f"{cable.name}_{name}", value)
+             for name, value in zip(names, cable.stiffness, strict=True)]
+        for a, b in pairwise(numbers[name] for name in cable.bodies):
+            place, start = self.robot.bodies[b].place, []
+            attitudes = []
+            for body in (a, b):
+                limb, turn = self.robot.limb(body), quaternion_of_matrix(self.robot.inner(body).R)
+                frame = self.frames[limb]
+                q0 = (self.builder._components.bodies[frame].q if isinstance(frame, Body)
+                      else [1, 0, 0, 0])
+                start.append(product(q0, turn))
+                attitudes.append(product(frame.attitude, turn.tolist()) if limb != body
+                                 else frame.attitude)
+            _, *u = product(conjugate(attitudes[0]), attitudes[1])
+            # u and −u are one rotation: the rest strain has the sign of the start
+            sign = 1 if product(conjugate(start[0]), start[1])[0] >= 0 else -1
+            rest = np.zeros(3) if cable.is_flat else sign * clean(
+                np.array(quaternion_of_matrix(place.R)[1:]))
+            h = self._number(f"{self.robot.bodies[b].name}_spacing", float(np.linalg.norm(place.x)))
+            strains = [x - (self._number(f"{self.robot.bodies[b].name}_rest{k}", x0) if x0 else 0)
+                       for k, (x, x0) in enumerate(zip(u, rest.tolist(), strict=True))]
+            self.builder.potential(2 / h * sum(k * x**2 for k, x in zip(B, strains, strict=True)))
+
+    def _number(self, name: str, value: float) -> Any:
+        return self.builder.parameter(self.parameter_names.free(name), value)
 
     def _equality(self, equality: MjcfEquality) -> None:
         name = self.joint_names.free(equality.name, "equality")

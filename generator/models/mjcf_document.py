@@ -25,7 +25,7 @@ MAX_BYTES = 2**20
 #: Attributes that name folders; those that begin with "file" name files.
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 #: Elements that make others, as many as ``count`` says.
-_COUNTED = ("replicate", "flexcomp")
+_COUNTED = ("replicate", "flexcomp", "composite")
 #: Cells of a height field that count as an element.
 _CELLS = 200
 #: Attributes in which a word is a name.

@@ -26,6 +26,7 @@ from ...core.extras import install
 from ...core.shapes import Shape, ShapeKind
 from ...core.warnings import warn
 from ..multibody.initial_poses import rotation
+from .mjcf_cables import MjcfCable, expand_cables, write_xml
 from .mjcf_document import check_document
 from .mjcf_fields import ENABLE_FLAGS, check_fields, count_refused, fields_of, flags_of
 from .mjcf_meshes import MeshGeom, remove_files
@@ -121,16 +122,20 @@ class MjcfRobot(Robot):
     actuators: list[MjcfActuator] = field(default_factory=list)
     equalities: list[MjcfEquality] = field(default_factory=list)
     keys: list[MjcfKey] = field(default_factory=list)
+    cables: list[MjcfCable] = field(default_factory=list)
     extras: Counter[str] = field(default_factory=Counter)
 
 
-def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom]]:
-    """Return MuJoCo's model of a text that was read from a file, and its geoms of meshes.
+def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom], list[MjcfCable]]:
+    """Return MuJoCo's model of a text that was read from a file, its geoms of meshes, its cables.
 
     Raises InputError with the reason and the cure, MuJoCo's own words among them;
     MissingDependencyError without MuJoCo.
     """
-    _, files = check_document(text, path)
+    top, files = check_document(text, path)
+    cables = expand_cables(top)
+    if cables:
+        text = write_xml(top)
     try:
         import mujoco
     except ImportError:
@@ -153,7 +158,7 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom]]:
     for message in dict.fromkeys(str(warning.message) for warning in heard):
         warn(f"MuJoCo warns of {str(path)!r}: {message}.")
     check_fields(fields_of(model), mujoco.__version__)
-    return model, meshes
+    return model, meshes, cables
 
 
 def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
@@ -162,8 +167,10 @@ def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
     Raises InputError with what is wrong with it, and the cure; MissingDependencyError without
     MuJoCo.
     """
-    model, meshes = compile_mjcf(text, path)
-    return _Reader(model, {mesh.name: mesh for mesh in meshes}, path.stem).read()
+    model, meshes, cables = compile_mjcf(text, path)
+    robot = _Reader(model, {mesh.name: mesh for mesh in meshes}, path.stem).read()
+    robot.cables = cables
+    return robot
 
 
 class _Reader:

@@ -1,0 +1,289 @@
+"""Cables of MJCF, ``<composite type="cable">``, as chains of bodies with ball joints.
+
+MuJoCo had them until its version 4, with the plugin mujoco.elasticity.cable. Segment i of length h
+bends and twists against the one before it with the moment (E I_y, E I_z, G J)/h times the angle; E
+is ``bend`` and G is ``twist``, in Pa, and for geoms of radius r, or half sides a ≥ b (Saint-Venant)
+
+    I = π r⁴/4, J = π r⁴/2;    I_y = (2 z)³ (2 y)/12, J = a b³ (16/3 − 3.36 (b/a) (1 − b⁴/(12 a⁴)))
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+
+from ...core.arguments import listed, shown
+from ...core.arrays import Array
+from ...core.errors import InputError
+from ...core.inertia import quaternion_of_matrix
+from ..multibody.initial_poses import rotation, unit
+from .bounded_xml import Element
+from .xml_numbers import NUMBER
+
+__all__ = ["MjcfCable", "expand_cables", "write_xml"]
+
+PLUGIN = "mujoco.elasticity.cable"
+MAX_SEGMENTS = 200
+#: Attributes that the bodies of a cable are made of.
+_COMPOSITE = ("type", "prefix", "count", "offset", "vertex", "initial", "curve", "size")
+_KEYS = ("twist", "bend", "flat", "vmax")
+#: Attributes of the parts of a cable, which go to each of its joints, geoms and sites.
+_PARTS = {
+    "joint": "kind group stiffness damping armature limited range margin solreflimit solimplimit "
+             "frictionloss solreffriction solimpfriction user",
+    "geom": "type contype conaffinity condim group priority size material rgba friction mass "
+            "density solmix solref solimp margin gap user",
+    "site": "group size material rgba user"}
+#: A free joint has none of these.
+_OF_BALLS = ("damping", "armature", "frictionloss")
+
+
+@dataclass(frozen=True, eq=False)
+class MjcfCable:
+    """Names of the bodies of a cable in their order, and G J, E I_y and E I_z in N m²."""
+
+    name: str
+    bodies: tuple[str, ...]
+    stiffness: tuple[float, float, float]
+    #: Whether it is straight without moments; else as the file places it.
+    is_flat: bool
+
+
+def expand_cables(top: Element) -> list[MjcfCable]:
+    """Put bodies in place of the cables of a document, without their plugin, and return these.
+
+    Raises InputError, "line 3: …; cure.".
+    """
+    instances: dict[str, Element] = {}
+    for extension in top.all("extension"):
+        for plugin in extension.all("plugin"):
+            if plugin.attributes.get("plugin") == PLUGIN:
+                instances |= {one.attributes.get("name", ""): one for one in plugin.all("instance")}
+        extension.children = [plugin for plugin in extension.children
+                              if plugin.attributes.get("plugin") != PLUGIN]
+    shared = any(child.name in _PARTS for default in top.all("default")
+                 for child in default.children)
+    return [cable for world in top.all("worldbody")
+            for cable in _expand(world, instances, "the main <default>" if shared else "")]
+
+
+def _expand(
+    element: Element, instances: Mapping[str, Element], defaults: str
+) -> Iterator[MjcfCable]:
+    """Expand the cables in an element; ``defaults`` names what would change their parts."""
+    if "childclass" in element.attributes:
+        defaults = "a childclass"
+    for k, child in enumerate(element.children):
+        if child.name == "composite":
+            if element.name == "replicate" or defaults:
+                raise _refusal(child, f"is below {defaults or '<replicate>'}, which would change "
+                               "the parts of a cable; write it elsewhere, or name the class.")
+            element.children[k], cable = _cable(child, instances)
+            yield cable
+        elif child.name == "plugin" and (child.attributes.get("plugin") == PLUGIN
+                                         or child.attributes.get("instance") in instances):
+            raise InputError(f"line {child.line}: the plugin {PLUGIN} acts on a single body; write "
+                             '<composite type="cable"> for the whole cable.')
+        else:
+            below = "<replicate>" if element.name == "replicate" else defaults
+            yield from _expand(child, instances, below)
+
+
+def _refusal(element: Element, why: str) -> InputError:
+    return InputError(f"line {element.line}: <{element.name}> {why}")
+
+
+def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Element, MjcfCable]:
+    """Return the first body of a cable, with the others below it, and what bends it."""
+    values = composite.attributes
+    kind, initial = values.get("type", ""), values.get("initial", "ball")
+    if kind != "cable":
+        raise _refusal(composite, f"has type={shown(kind)}, and cables alone are read; MuJoCo 4 "
+                       "has none: write <flexcomp>.")
+    _allow(composite, _COMPOSITE)
+    if initial not in ("ball", "free", "none"):
+        raise _refusal(composite, f"has initial={shown(initial)}; choose ball, free or none.")
+    parts: dict[str, dict[str, str]] = {"joint": {}, "geom": {}, "site": {}}
+    for child in composite.children:
+        if child.name in parts:
+            _allow(child, _PARTS[child.name].split())
+            if parts[child.name] or child.attributes.get("kind", "main") != "main":
+                raise _refusal(child, 'is a second one, or has another kind than "main"; a cable '
+                               "has one for all its segments.")
+            parts[child.name] = {key: value for key, value in child.attributes.items()
+                                 if key != "kind"}
+        elif child.name not in ("plugin", "skin"):
+            raise _refusal(child, "is no part of a cable; remove it.")
+    form, sizes = parts["geom"].get("type", "sphere"), parts["geom"].get("size", "")
+    numbers = _numbers(composite, "size of its geom", sizes)
+    count = 3 if form == "box" else 1
+    if form not in ("capsule", "cylinder", "box") or len(numbers) < count or not all(
+            x > 0 for x in numbers[count == 3:count]):
+        raise _refusal(composite, f"has a geom of type {shown(form)} and size {shown(sizes)}; "
+                       "write a capsule or cylinder with its radius, or a box with three sizes, "
+                       "above 0.")
+    twist, bend, is_flat = _material(composite, instances)
+    J, I_y, I_z = _section(form, numbers)
+    names = [f"{values.get('prefix', '')}B_{k}" for k in _labels(len(_curve(composite)) - 1)]
+    cable = MjcfCable(values.get("prefix", "") + "cable", tuple(names),
+                      (twist * J, bend * I_y, bend * I_z), is_flat)
+    return _bodies(composite, initial, parts, form, numbers), cable
+
+
+def _allow(element: Element, names: Iterable[str]) -> None:
+    for key in element.attributes:
+        if key not in names:
+            raise _refusal(element, f"has {key}, which a cable has not here; choose "
+                           f"{listed([*names])}, and place it by a <frame>.")
+
+
+def _numbers(element: Element, key: str, text: str) -> list[float]:
+    words = text.split()
+    if not all(map(NUMBER.fullmatch, words)) or not np.isfinite([float(e) for e in words]).all():
+        raise _refusal(element, f"has {key} {shown(text)}; write finite numbers.")
+    return [float(word) for word in words]
+
+
+def _material(composite: Element, instances: Mapping[str, Element]) -> tuple[float, float, bool]:
+    """Return G, E and whether the rest shape is straight; 0 of a cable without a plugin."""
+    config: dict[str, str] = {}
+    for plugin in composite.all("plugin"):
+        name, instance = (plugin.attributes.get(key, "") for key in ("plugin", "instance"))
+        if name not in ("", PLUGIN) or (instance and instance not in instances):
+            raise _refusal(plugin, f"is {shown(name or instance)}; a cable has {PLUGIN}, or an "
+                           "instance of it.")
+        for entry in (instances[instance] if instance else plugin).all("config"):
+            key = entry.attributes.get("key", "")
+            if key not in _KEYS:
+                raise _refusal(entry, f"has the key {shown(key)}; choose {listed(_KEYS)}.")
+            config[key] = entry.attributes.get("value", "")
+    moduli = []
+    for key in ("twist", "bend"):
+        number = _numbers(composite, key, config.get(key, "0"))
+        if len(number) != 1 or number[0] < 0:
+            raise _refusal(composite, f"has {key} {shown(config[key])}; write one number in Pa, 0 "
+                           "or more.")
+        moduli += number
+    return moduli[0], moduli[1], config.get("flat") == "true"
+
+
+def _section(form: str, sizes: list[float]) -> tuple[float, float, float]:
+    """Return J, I_y and I_z of the section of a geom."""
+    if form != "box":
+        across = math.pi * sizes[0] ** 4 / 4
+        return 2 * across, across, across
+    y, z = sizes[1:3]
+    a, b = max(y, z), min(y, z)
+    J = a * b**3 * (16 / 3 - 3.36 * b / a * (1 - (b / a) ** 4 / 12))
+    return J, (2 * z) ** 3 * 2 * y / 12, (2 * y) ** 3 * 2 * z / 12
+
+
+def _labels(count: int) -> list[str]:
+    return ["first", *map(str, range(1, count - 1)), "last"]
+
+
+def _curve(composite: Element) -> Array:
+    """Return the points between the segments: of ``vertex``, or of ``curve`` at each s."""
+    values = composite.attributes
+    numbers = {key: _numbers(composite, key, values.get(key, default)) for key, default in (
+        ("vertex", ""), ("count", "1"), ("size", "1 0 0"))}
+    counts = numbers["count"]
+    count = round(counts[0]) if counts and not numbers["vertex"] else len(numbers["vertex"]) // 3
+    if (counts[1:] != [1.0] * len(counts[1:]) or len(numbers["vertex"]) % 3
+            or (numbers["vertex"] and "count" in values) or count - 1 not in range(
+                2, MAX_SEGMENTS + 1)):
+        raise _refusal(composite, f"has count {shown(values.get('count', ''))}; write vertex, or "
+                       f'count="N 1 1" points in a line, for 2 to {MAX_SEGMENTS} segments.')
+    if numbers["vertex"]:
+        points: Array = np.reshape(numbers["vertex"], (-1, 3))
+    else:
+        length, radius, turns = (numbers["size"] + [0.0] * 3)[:3]
+        s = np.arange(count) / (count - 1)
+        shapes = {"s": length * s, "cos(s)": radius * np.cos(math.pi * turns * s),
+                  "sin(s)": radius * np.sin(math.pi * turns * s), "0": 0 * s}
+        words = values.get("curve", "").split()
+        if len(words) > 3 or not {*words} <= shapes.keys():
+            raise _refusal(composite, f"has curve={shown(values['curve'])}; write up to three of "
+                           f"{listed(shapes)}.")
+        points = np.stack([shapes[word] for word in (words + ["0"] * 3)[:3]], axis=1)
+    edges = np.diff(points, axis=0)
+    size = np.linalg.norm(edges, axis=1)
+    t = edges / np.where(size, size, 1)[:, None]
+    if not (size > 1e-12 * np.abs(points).max()).all() or not all(
+            a @ b > -1 + 1e-6 for a, b in pairwise(t)):
+        raise _refusal(composite, "has points of its curve that coincide, or a curve that turns "
+                       "back; write other points.")
+    return points
+
+
+def _bodies(
+    composite: Element, initial: str, parts: Mapping[str, Mapping[str, str]], form: str,
+    sizes: list[float],
+) -> Element:
+    """Return the first body of a chain, whose x axes are tangents."""
+    values, line, points = composite.attributes, composite.line, _curve(composite)
+    prefix, edges = values.get("prefix", ""), np.diff(points, axis=0)
+    lengths = np.linalg.norm(edges, axis=1)
+    offset = (_numbers(composite, "offset", values.get("offset", "0 0 0")) + [0.0] * 3)[:3]
+    frames = _frames(edges / lengths[:, None])
+    bodies: list[Element] = []
+    for k, label in enumerate(_labels(len(edges))):
+        h = float(lengths[k])
+        q = quaternion_of_matrix(frames[k - 1].T @ frames[k] if k else frames[k])
+        x = points[0] + offset if k == 0 else [float(lengths[k - 1]), 0.0, 0.0]
+        body = Element("body", {"name": f"{prefix}B_{label}", "pos": _text(x), "quat": _text(q)},
+                       line)
+        if k or initial != "none":
+            is_free = k == 0 and initial == "free"
+            joint = {key: value for key, value in parts["joint"].items()
+                     if not (is_free and key in _OF_BALLS)}
+            body.children.append(Element("joint", {
+                "group": "3", **joint, "name": f"{prefix}J_{label}",
+                "type": "free" if is_free else "ball"}, line))
+        where = ({"pos": _text([h / 2, 0, 0]), "size": _text([h / 2, *sizes[1:3]])}
+                 if form == "box" else
+                 {"fromto": _text([0, 0, 0, h, 0, 0]), "size": _text(sizes[:1])})
+        body.children.append(Element(
+            "geom", {**parts["geom"], "name": f"{prefix}G{k}", **where}, line))
+        if label in ("first", "last"):
+            body.children.append(Element("site", {
+                **parts["site"], "name": f"{prefix}S_{label}",
+                "pos": _text([h if k else 0.0, 0, 0])}, line))
+        if bodies:
+            bodies[-1].children.append(body)
+        bodies.append(body)
+    return bodies[0]
+
+
+def _frames(t: Array) -> list[Array]:
+    """Return the axes of segments with unit tangents, as MuJoCo has them.
+
+    The third one is the binormal at the start, transported in parallel; if the start is straight,
+    each has an axis of its own, q ∝ (1 + t_x, 0, −t_z, t_y), or (t_y, t_z, 0, 1 − t_x) for t_x ≤ 0.
+    """
+    z = np.cross(t[0], t[1])
+    if np.linalg.norm(z) <= 1e-9:
+        return [rotation(unit(np.array([1 + x, 0, -z, y] if x > 0 else [y, z, 0, 1 - x])))
+                for x, y, z in t]
+    z = z / np.linalg.norm(z)
+    frames = [np.stack([t[0], np.cross(z, t[0]), z], axis=1)]
+    for a, b in pairwise(t):
+        K = np.cross(np.eye(3), np.cross(a, b))
+        frames.append((np.eye(3) + K + K @ K / (1 + a @ b)) @ frames[-1])
+    return frames
+
+
+def _text(numbers: Iterable[float]) -> str:
+    return " ".join(repr(float(x)) for x in numbers)
+
+
+def write_xml(element: Element) -> str:
+    """Return the text of an element."""
+    attributes = "".join(f" {key}={quoteattr(value)}" for key, value in element.attributes.items())
+    return (f"<{element.name}{attributes}>{escape(element.text)}"
+            f"{''.join(map(write_xml, element.children))}</{element.name}>")
