@@ -8,7 +8,7 @@ LINK := .venv/src/gyrospark
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -e
 LARGE := distributed, h5netcdf, matplotlib.pyplot, pandas, scipy.spatial.transform, sympy, xarray, zarr
 
-.PHONY: demo test test-long bench lint generated docs clean
+.PHONY: demo test quick test-long bench lint generated docs clean
 
 demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
@@ -17,7 +17,11 @@ demo: .venv/demo
 # What a file derives and makes is made once. Files go in the order of their folders and names, for
 # by default files of few tests come last, and the longest are among them. Each core has a worker, up
 # to four, for each imports SymPy.
-test: .venv/ready lint
+test: .venv/ready
+	+$(MAKE) --no-print-directory -j 2 lint quick
+
+# Types take one process half a minute: beside the tests, it costs no waiting.
+quick: .venv/ready
 	$(BIN)/pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 # Whole products, long runs, millions of steps: what "slow" marks.

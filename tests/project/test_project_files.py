@@ -50,7 +50,7 @@ def test_hosted_ci_calls_the_commands_of_the_readme(jobs):
 def test_without_make_it_does_what_make_does(jobs):
     run = commands(jobs["windows"])
     assert recipe("demo")[0] in run
-    assert recipe("test")[0] in run
+    assert recipe("quick")[0] in run
     assert recipe("lint")[0] in run
 
 

@@ -4,15 +4,9 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/*
- * Largest accepted step of a projection that stagnates, in units of epsilon times the state. The
- * round-off of f(q, p) in differences of coordinates far from zero moves p by more than epsilon |p|:
- * two masses on a rod, by |q| over the rod's length.
- */
-enum { MOMENTUM_SLACK = 1024 };
-
 #if GS_ELEMENTS
-enum { COORDINATE_SLACK = 1024 };
+/* Largest accepted step of a projection that stagnates, in units of epsilon times the state. */
+enum { COORDINATE_SLACK = 1024, MOMENTUM_SLACK = 1024 };
 
 /* f <- W^-1 f with W = G H_pp G^T */
 static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
@@ -36,7 +30,8 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
 #else
 #include "gyrospark/linear_algebra/dense_lu.h"
 
-enum { COORDINATE_SLACK = 2 };
+/* Largest accepted step that stagnates, in epsilon |state|: f has the round-off of differences. */
+enum { COORDINATE_SLACK = 2, MOMENTUM_SLACK = 1024 };
 
 /* G^T lambda */
 static void constraint_force(const constants *c, const real q[N], const real lambda[M],
