@@ -24,8 +24,8 @@ _ORDER = 4
 _WORSE = 1.3
 
 
-def warn_of_missed_rate(trajectory: Trajectory) -> None:
-    """Warn if steps in scaled time resolve the motion worse than as many constant steps.
+def warn_of_missed_rate(trajectory: Trajectory) -> bool:
+    """Warn, and return True, if scaled steps resolve the motion worse than as many constant ones.
 
     The error of steps h grows with h^r |z⁽ʳ⁾|. Of scaled steps that is the difference |Δʳz| of
     r + 1 rows, of N constant ones in a time T about (T/N)^r r! |z[t_k, …, t_(k+r)]| with the
@@ -34,10 +34,10 @@ def warn_of_missed_rate(trajectory: Trajectory) -> None:
     looked at.
     """
     if trajectory.every != 1:
-        return
+        return False
     count = min(len(trajectory) - 1, _LOOKED_AT)  # the last step may end at t_end
     if count < _FEWEST:
-        return
+        return False
     rows = slice(len(trajectory) - 1 - count, len(trajectory) - 1)
     t, states = trajectory.t[rows].astype(float), (trajectory.q[rows], trajectory.p[rows])
     reach, size = (np.concatenate([measure(x, axis=0) for x in states]).astype(float)
@@ -51,13 +51,14 @@ def warn_of_missed_rate(trajectory: Trajectory) -> None:
         scaled = np.maximum(scaled, _largest(np.diff(z, _ORDER, axis=0), axis=0))
         constant = np.maximum(constant, _largest(_divided(z, t[block] / step), axis=0))
     worst = int(np.argmax(scaled)) if len(scaled) else 0
-    if not len(scaled) or not scaled[worst] > _WORSE**_ORDER * constant.max():
-        return
+    if not constant.any() or not scaled[worst] > _WORSE**_ORDER * constant.max():
+        return False  # without any, what moves has differences of round-off alone
     name = [*trajectory.coordinates, *trajectory.momenta][np.flatnonzero(moves)[worst]]
     factor = (scaled[worst] / constant.max()) ** (1 / _ORDER)
     warn(f"Steps in scaled time resolve {name} at worst as constant steps {factor:.2g} times as "
          "long as as many of them are: time_scale misses a rate of the motion. Add it to "
          "gyrospark.scales.rates(...), or leave time_scale out.")
+    return True
 
 
 def _divided(z: Array, t: Array) -> Array:

@@ -187,14 +187,15 @@ class Rotations:
         fastest = self.fastest(parameters, dt, q, p)
         return fastest is not None and fastest.warn()
 
-    def warn_of(self, trajectory: Trajectory) -> None:
-        """Warn as ``warn`` does, for some stored states of a run after the start, with the last."""
+    def warn_of(self, trajectory: Trajectory) -> bool:
+        """Warn and return as ``warn`` does, for some stored states after the start, with the last.
+        """
         count = len(trajectory) - 1 if self.bodies else 0
         if count < 2:  # a step's end is the start of the next call, which looks at it
-            return
+            return False
         sampled = slice(None, 0, -max(1, count // LOOKED_AT))
-        self.warn(trajectory.parameters, trajectory.time_steps[sampled], trajectory.q[sampled],
-                  trajectory.p[sampled])
+        return self.warn(trajectory.parameters, trajectory.time_steps[sampled],
+                         trajectory.q[sampled], trajectory.p[sampled])
 
     def warn_of_many(self, parameters: Mapping[str, Any], dt: Array, q: Array, p: Array) -> None:
         """Warn as ``warn_of`` does, of the runs of an ensemble; q and p are (runs, states, n).

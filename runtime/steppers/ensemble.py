@@ -67,6 +67,7 @@ from ..integration.run_arguments import (
 from ..integration.starts import StartNumbers
 from ..integration.step_loop import course, failure_of, trajectory_of
 from ..results.crossings import Crossings, CrossingsOfMany
+from ..results.missed_rates import warn_of_missed_rate
 from ..results.table import as_dataset, as_frame, save_table, table_of_ensemble
 from ..results.tangent_rows import TangentRows
 from ..results.trajectory import Trajectory
@@ -508,6 +509,8 @@ def _each_alone(
     states, first = runs.first.rows + 1, members[0]
     if clock is not None:
         states = max(map(len, members))
+        for warn_of_one in (stepper.rotations.warn_of, warn_of_missed_rate):
+            next(filter(warn_of_one, members), None)  # one warning for all
     arrays: dict[str, Any] = {
         name: np.full((count, states - of_steps, *getattr(first, name).shape[1:]), np.nan,
                       getattr(first, name).dtype)

@@ -70,9 +70,11 @@ def test_a_scale_that_misses_the_fast_part_is_warned_of(power, dtau, t_end, warn
     start = timed_start("eccentric", stepper("eccentric"))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        run = step.integrate(start, dtau=dtau, t_end=t_end, parameters={"k": 1.0})
+        span = {"dtau": dtau, "t_end": t_end, "parameters": {"k": 1.0}}
+        run = step.integrate(start, **span)
+        step.integrate_ensemble([start] * 3, **span)  # one warning for all
     assert t_end == 7 or 12 < len(run) < 30
-    assert [one.category for one in caught] == [gs.errors.InputWarning] * warns
+    assert [one.category for one in caught] == [gs.errors.InputWarning] * 2 * warns
 
 
 @pytest.mark.parametrize("seen", [False, True])
