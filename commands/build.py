@@ -9,6 +9,7 @@ import click
 
 from ..core.arguments import listed
 from ..core.errors import InputError
+from ..core.interrupts import catch_termination
 from ..core.lazy_imports import imported_for_good
 from ..core.real_types import REALS
 from ..core.registry import MEANS, MODELS, PROBLEMS, entry_named
@@ -119,7 +120,7 @@ def _write(
     stages: str | None, order: str | None, dt: str | None, check: bool, **given: Any,
 ) -> int:
     """Write the artefact, and say what it is; 1 if its bits are not those of C."""
-    with imported_for_good("sympy"):
+    with imported_for_good("sympy"), catch_termination():
         built = build_artefact(
             target.name, _model(model, settings),
             stages=None if stages is None else whole_number("--stages", stages),

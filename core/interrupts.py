@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from types import FrameType
@@ -11,7 +12,7 @@ from typing import Any
 
 from .errors import Stopped
 
-__all__ = ["Interrupts", "before_start", "catch_ctrl_c", "catch_signals"]
+__all__ = ["Interrupts", "before_start", "catch_ctrl_c", "catch_signals", "catch_termination"]
 
 #: Ctrl-C, the end that a batch system announces, the terminal that goes away.
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -60,6 +61,16 @@ def catch_ctrl_c() -> Iterator[Interrupts]:
     is_foreign = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
     with _handling([] if is_foreign else [signal.SIGINT]) as interrupts:
         yield interrupts
+
+
+@contextlib.contextmanager
+def catch_termination() -> Iterator[None]:
+    """Let SIGTERM end a command as an exception does: what is not complete is removed."""
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextlib.contextmanager

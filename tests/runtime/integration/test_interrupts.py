@@ -16,10 +16,11 @@ import pytest
 import gyrospark as gs
 from calls import RUN, TOP, integrate
 from command_line import RUN as COMMAND
-from gyrospark.core.interrupts import catch_ctrl_c, catch_signals
+from gyrospark.core.interrupts import catch_ctrl_c, catch_signals, catch_termination
 from gyrospark.runtime.bindings.compiled_module import Compiled
 from gyrospark.runtime.integration import dense_output, step_loop
 from gyrospark.sweeps.results import NOT_COMPUTED
+from gyrospark.targets.artefact import staging
 from processes import PATIENCE, catches, environment, gyrospark_command, wait_for
 from stores import START, assert_same, assert_same_states
 from sweep_studies import GAMMAS
@@ -105,6 +106,16 @@ def test_watch_within_a_watch_is_the_same():
     assert {number: signal.getsignal(number) for number in before} == before
     with catch_ctrl_c() as other:
         assert not other.requested
+
+
+def test_a_build_that_is_terminated_leaves_no_folder(tmp_path):
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as ended, catch_termination(), staging(
+            tmp_path / "top.html", {"top.c": ""}):
+        interrupt(signal.SIGTERM)
+    assert ended.value.code == 143
+    assert not any(tmp_path.iterdir())
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_threads_hear_nothing(gl3):
