@@ -126,16 +126,16 @@ class Case:
         ground = main.AddNode(items.PointGround())
         node = main.AddNode(items.Node1D(referenceCoordinates=[0], initialCoordinates=[1]))
         main.AddObject(items.Mass1D(nodeNumber=node, physicsMass=1))
-        fixed, moved = (main.AddMarker(items.MarkerNodeCoordinate(nodeNumber=number, coordinate=0))
+        fixed, free = (main.AddMarker(items.MarkerNodeCoordinate(nodeNumber=number, coordinate=0))
                         for number in (ground, node))
         data = main.AddNode(items.NodeGenericData(initialCoordinates=[1 - self.floor],
                                                   numberOfDataCoordinates=1))
         main.AddObject(items.ObjectContactCoordinate(
-            markerNumbers=[fixed, moved], nodeNumber=data, contactStiffness=0.2 / dt**2,
+            markerNumbers=[fixed, free], nodeNumber=data, contactStiffness=0.2 / dt**2,
             contactDamping=0, offset=self.floor))
-        main.AddObject(items.CoordinateSpringDamper(markerNumbers=[fixed, moved],
+        main.AddObject(items.CoordinateSpringDamper(markerNumbers=[fixed, free],
                                                     stiffness=self.stiffness))
-        main.AddLoad(items.LoadCoordinate(markerNumber=moved, load=-self.gravity))
+        main.AddLoad(items.LoadCoordinate(markerNumber=free, load=-self.gravity))
         main.Assemble()
         settings = exudyn.SimulationSettings()
         settings.timeIntegration.endTime = self.t_end

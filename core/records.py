@@ -37,9 +37,9 @@ else:
 
 def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: Any) -> type:
     """Return a frozen dataclass with methods that read its fields when they are called."""
-    own = {**cls.__dict__}
-    made: type = dataclasses.dataclass(eq=False, repr=False, **options)(cls)
-    fields = dataclasses.fields(made)
+    attributes = {**cls.__dict__}
+    record: type = dataclasses.dataclass(eq=False, repr=False, **options)(cls)
+    fields = dataclasses.fields(record)
     compared = [f.name for f in fields if f.compare]
     hashed = [f.name for f in fields if (f.compare if f.hash is None else f.hash)]
 
@@ -58,9 +58,9 @@ def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: A
 
     methods: dict[str, Any] = {"__eq__": is_equal, "__hash__": hash_of} if eq else {}
     for name, method in (methods | ({"__repr__": text} if repr else {})).items():
-        if own.get(name) is None:  # a class with __eq__ has __hash__ = None
-            setattr(made, name, method)
-    return made
+        if attributes.get(name) is None:  # a class with __eq__ has __hash__ = None
+            setattr(record, name, method)
+    return record
 
 
 def _values(record: object, names: Sequence[str]) -> tuple[Any, ...]:

@@ -88,9 +88,9 @@ def run_cells(notebook: Any, cwd: str, *, timeout: int, **options: Any) -> Any:
         file.seek(0)
         outputs, failure = json.load(file) if status == 0 else (
             [], f"the process of the cells ended with status {status}")
-    for count, (cell, made) in enumerate(zip(cells, outputs, strict=False), start=1):
+    for count, (cell, of_cell) in enumerate(zip(cells, outputs, strict=False), start=1):
         cell.execution_count = count
-        cell.outputs = [from_dict(output) for output in made]
+        cell.outputs = [from_dict(output) for output in of_cell]
     notebook.metadata.setdefault("language_info", NotebookNode(name="python"))
     return ExecutionResult(notebook, cwd, time.monotonic() - began,
                            RuntimeError(failure) if failure else None, failure or None)

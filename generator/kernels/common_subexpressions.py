@@ -183,8 +183,8 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
                     for node in nodes]
     arguments = list(number_of)
     functions_of: list[set[int]] = [set() for _ in arguments]
-    for i, own in enumerate(arguments_of):
-        for a in own:
+    for i, numbers in enumerate(arguments_of):
+        for a in numbers:
             functions_of[a].add(i)
 
     def number(node: _Node) -> int:

@@ -142,10 +142,12 @@ def _allow(element: Element, names: Iterable[str]) -> None:
                            f"{listed([*names])}, and place it by a <frame>.")
 
 
-def _numbers(element: Element, key: str, text: str) -> list[float]:
+def _numbers(element: Element, key: str, text: str, most: float = math.inf) -> list[float]:
     words = text.split()
-    if not all(map(NUMBER.fullmatch, words)) or not np.isfinite([float(e) for e in words]).all():
-        raise _refusal(element, f"has {key} {shown(text)}; write finite numbers.")
+    if not all(map(NUMBER.fullmatch, words)) or len(words) > most or not np.isfinite(
+            [float(e) for e in words]).all():
+        raise _refusal(element, f"has {key} {shown(text)}; write finite numbers"
+                       f"{f', up to {most} of them' if most < math.inf else ''}.")
     return [float(word) for word in words]
 
 
@@ -162,6 +164,8 @@ def _material(composite: Element, instances: Mapping[str, Element]) -> tuple[flo
             if key not in _KEYS:
                 raise _refusal(entry, f"has the key {shown(key)}; choose {listed(_KEYS)}.")
             config[key] = entry.attributes.get("value", "")
+    if config.get("flat", "false") not in ("true", "false"):
+        raise _refusal(composite, f"has flat {shown(config['flat'])}; write true or false.")
     moduli = []
     for key in ("twist", "bend"):
         number = _numbers(composite, key, config.get(key, "0"))
@@ -190,13 +194,14 @@ def _labels(count: int) -> list[str]:
 def _curve(composite: Element) -> Array:
     """Return the points between the segments: of ``vertex``, or of ``curve`` at each s."""
     values = composite.attributes
-    numbers = {key: _numbers(composite, key, values.get(key, default)) for key, default in (
-        ("vertex", ""), ("count", "1"), ("size", "1 0 0"))}
+    numbers = {key: _numbers(composite, key, values.get(key, default), most)
+               for key, default, most in (("vertex", "", math.inf), ("count", "1", 3),
+                                          ("size", "1 0 0", 3))}
     counts = numbers["count"]
     count = round(counts[0]) if counts and not numbers["vertex"] else len(numbers["vertex"]) // 3
-    if (counts[1:] != [1.0] * len(counts[1:]) or len(numbers["vertex"]) % 3
-            or (numbers["vertex"] and "count" in values) or count - 1 not in range(
-                2, MAX_SEGMENTS + 1)):
+    is_whole = counts[1:] == [1.0] * len(counts[1:]) and all(map(float.is_integer, counts))
+    if (not is_whole or len(numbers["vertex"]) % 3 or (numbers["vertex"] and "count" in values)
+            or count - 1 not in range(2, MAX_SEGMENTS + 1)):
         raise _refusal(composite, f"has count {shown(values.get('count', ''))}; write vertex, or "
                        f'count="N 1 1" points in a line, for 2 to {MAX_SEGMENTS} segments.')
     if numbers["vertex"]:
@@ -229,7 +234,7 @@ def _bodies(
     values, line, points = composite.attributes, composite.line, _curve(composite)
     prefix, edges = values.get("prefix", ""), np.diff(points, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
-    offset = (_numbers(composite, "offset", values.get("offset", "0 0 0")) + [0.0] * 3)[:3]
+    offset = (_numbers(composite, "offset", values.get("offset", ""), 3) + [0.0] * 3)[:3]
     frames = _frames(edges / lengths[:, None])
     bodies: list[Element] = []
     for k, label in enumerate(_labels(len(edges))):

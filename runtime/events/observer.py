@@ -98,7 +98,7 @@ def observer_of(
 
 
 def observer_to_end(stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact]) -> Any:
-    """Return the same of a run in memory, or the observer of its end in scaled time alone."""
+    """Return the observer of a run in memory; that of its end if scaled time has no other event."""
     if run.open_end and len(events) == 1 and isinstance(events[0], Event):
         return EndTimeObserver(stepper, run, events[0])
     return observer_of(stepper, run, events)

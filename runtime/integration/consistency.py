@@ -256,7 +256,7 @@ def _draws(n: int) -> _Moves:
 def _is_plainly_consistent(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array
 ) -> bool:
-    """Whether few moves show that one state is within the bounds; a third of ``_judged``'s time."""
+    """Return whether a few moves show that one state is within the bounds, as ``_judged`` does."""
     moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):

@@ -48,8 +48,7 @@ def diagnose(
     binding: Binding, manifest: Manifest, run: Any, status: int, q: Array, p: Array, t: Any
 ) -> Diagnosis:
     """Return why a step from (q, p) at time t ended with this status."""
-    # the step once more by Newton's method, whose way of failing says more than that of the
-    # fixed-point iteration
+    # The step once more by Newton's method: its increments say more than the iteration's.
     newton_status, increment = _tried_by_newton(binding, run, q, p, t) \
         if run.solver != "fixed-point" and binding.solves else (status, None)
     if newton_status in (_NOT_CONVERGED, _STAGNATED, _DIVERGED):

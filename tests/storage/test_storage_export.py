@@ -26,7 +26,7 @@ from stores import START, Interrupted, assert_same, ends_after, record, small_bl
 ENDS = [".csv", ".nc", ".npz"]
 
 
-@pytest.fixture(scope="module", params=[  # that of the top is there in long double
+@pytest.fixture(scope="module", params=[  # the top is exported in long double
     pytest.param(run, id=name) for name, run in RUNS.items() if name != "top"])
 def stored(request, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
