@@ -19,7 +19,7 @@ import numpy as np
 
 from ..core.arrays import Array
 from ..core.errors import GyrosparkError
-from ..runtime.results.run_arrays import full_states
+from ..runtime.results.outputs import full_states
 from ..runtime.steppers.stepper import Stepper
 from .measurements import step_named
 

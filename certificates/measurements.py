@@ -13,7 +13,7 @@ import numpy as np
 from ..core.arrays import Array
 from ..core.errors import GyrosparkError, StepFailed
 from ..core.start import Start
-from ..runtime.results.run_arrays import full_states
+from ..runtime.results.outputs import full_states
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 

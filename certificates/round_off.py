@@ -22,7 +22,7 @@ from ..generator.symbolic.rounding_errors import rounding
 from ..generator.symbolic.shared_subexpressions import parts_of
 from ..generator.systems.system import System
 from ..generator.systems.time_scale import ScaledSystem
-from ..runtime.results.run_arrays import full_states
+from ..runtime.results.outputs import full_states
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 from .measurements import constraint_scales

@@ -29,7 +29,7 @@ from zarr.codecs import BytesCodec, Crc32cCodec
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import WIDE_BYTES
-from ..runtime.results.run_arrays import OUTPUTS, QUANTITY, about, parts
+from ..runtime.results.outputs import OUTPUTS, QUANTITY, about, parts
 from .chunks import Chunk, write_chunks
 from .durable_files import DurableStore, write_durably
 

@@ -27,7 +27,7 @@ from ..core.records import changed
 from ..runtime.bindings.real_numbers import from_text
 from ..runtime.results.crossings import Impacts
 from ..runtime.results.diagnostics import Report, known_fields
-from ..runtime.results.run_arrays import OUTPUTS, States, labels_of, parts, together
+from ..runtime.results.outputs import OUTPUTS, States, labels_of, parts, together
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.differentiation import Derive
 from ..runtime.steppers.stepper import Stepper, stepper_of

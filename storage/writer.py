@@ -19,7 +19,7 @@ from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.bindings.run_memory import ParameterStruct, Rows
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.results.crossings import Crossings
-from ..runtime.results.run_arrays import OUTPUTS, States, parts, pieces, value_of
+from ..runtime.results.outputs import OUTPUTS, States, parts, pieces, value_of
 from .array_layout import CHECKPOINT, StoredField, array_of, attributes_of, consolidate, wide_name
 from .chunks import Chunk, write_chunks
 from .durable_files import storage_errors

@@ -23,7 +23,7 @@ representation, parameter, Δt, number of steps, norm) and shares the runner of 
                 (``one_step``, ``body_frame``, ``power_series``, ``sampled_energy``,
                 ``energy_law``, ``odd_proof``)
 ``newton_study`` and ``inexact_jacobian``  the iterations of Tables 8-14, not of the product
-``fit``, ``labels``, ``drawing``  lines and slopes, words, SVG
+``line_fit``, ``labels``, ``drawing``  lines and slopes, words, SVG
 ``summary``      counts of verdicts, claims that hold or do not
 ``composition_search``  the search for compositions of exact flows; a program
 ``study_registry``  the name of every result → how to compute it

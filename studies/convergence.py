@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from ..core.inertia import RepName
 from ..core.real_types import RealName
 from .case_runner import Case, Engine, Quantity, scheme_of
-from .fit import fit_slope
 from .labels import PARAMETERS, letter
+from .line_fit import fit_slope
 from .study_result import Claim, Figure, Panel, Series
 
 __all__ = ["figure_10", "figure_16"]

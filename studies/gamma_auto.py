@@ -11,8 +11,8 @@ import numpy as np
 from ..core.registry import MEANS
 from ..runtime.rigid_body.gamma_rules import mean_inertia
 from .case_runner import Engine
-from .fit import FittedLine, fit_line
 from .gamma_trials import BODIES, METHODS, TIMES, Trial, TrialBody
+from .line_fit import FittedLine, fit_line
 from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["study"]

@@ -18,7 +18,7 @@ from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import fast_top
 from .case_runner import Engine
 from .energy_law import Law, energy_law, node_numbers
-from .fit import FittedLine, fit_line
+from .line_fit import FittedLine, fit_line
 from .odd_proof import (
     gamma_claim,
     identities_claim,

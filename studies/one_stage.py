@@ -8,7 +8,7 @@ from ..runtime.results.trajectory import Trajectory
 from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import fast_top
 from .case_runner import Engine
-from .fit import fit_line
+from .line_fit import fit_line
 from .sampled_energy import energy_errors, run
 from .study_result import Claim, Finding, Panel, Series
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from ..core.inertia import RepName
 from ..core.real_types import RealName
 from .case_runner import Case, Engine, Quantity, scheme_of
-from .fit import FittedLine, crossing, fit_line
 from .labels import letter
+from .line_fit import FittedLine, crossing, fit_line
 from .study_result import Claim, Figure, Panel, Series
 
 __all__ = ["figure_11", "figure_12", "figure_13", "figure_14", "figure_15"]

@@ -13,7 +13,7 @@ from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import fast_top
 from .case_runner import Engine
-from .fit import FittedLine, fit_line
+from .line_fit import FittedLine, fit_line
 from .odd_stages import law_growth
 from .sampled_energy import energy_errors, peak, run
 from .study_result import Claim, Finding, Panel, Series

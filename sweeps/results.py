@@ -21,7 +21,7 @@ from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.manifest import Manifest
 from ..runtime.bindings.binding import REASONS
-from ..runtime.results.run_arrays import labels_of
+from ..runtime.results.outputs import labels_of
 from ..storage.array_layout import (
     QUANTITY,
     StoredField,

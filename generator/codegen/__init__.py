@@ -18,7 +18,7 @@ Open first: ``emit.emit``.
     constant_loops   constants of a run as loops over tables
     solver_costs     operation counts of an iteration of either solver
     state_functions  functions of one state: energy, quantities, momenta of velocities
-    numbers          roles, units and values of a stepper's numbers
+    manifest_numbers roles, units and values of a stepper's numbers
     manifest         the guarantees of the C, for its callers
     bytecode         templates as Python's bytecode, cached beside them
     c_lines          line breaks in generated C

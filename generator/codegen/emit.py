@@ -44,8 +44,8 @@ from .derivatives import LINEARISATION, derivatives_of
 from .elements import elements_of
 from .lane_iteration import lane_iteration
 from .manifest import frame_manifest, hidden_constraints, manifest_text
+from .manifest_numbers import domain_of
 from .mass_tables import mass_tables
-from .numbers import domain_of
 from .plain_iteration import additional_kernels, plain_iteration
 from .program import (
     Derived,

@@ -37,7 +37,7 @@ from ..systems.system import System
 from ..systems.time_scale import ScaledSystem, shown_count
 from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import Tableau
-from .numbers import domain_of, numbers_of
+from .manifest_numbers import domain_of, numbers_of
 from .program import Derived, Elements, Program
 
 __all__ = ["SCHEMA", "frame_manifest", "hidden_constraints", "manifest_text"]

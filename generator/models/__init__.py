@@ -25,8 +25,8 @@ Open first: ``model_file.read_model``.
     mjcf_cables       cables to chains of bodies
     mjcf_meshes       geoms of meshes, without files for MuJoCo
     closed_mesh       volume, centre and inertia of a closed mesh
-    mjcf_robot        bodies, joints, actuators and equalities of an MJCF file
-    mjcf              an MJCF file to bodies and joints
+    mjcf_reader       bodies, joints, actuators and equalities of an MJCF file
+    mjcf_builder      an MJCF file to bodies and joints
     sdf               an SDF file to bodies and joints, some of which close loops
     robot_visuals     visual shapes of robot files
     robots            MJCF; SDF; URDF, and a TOML file that closes a robot's loops

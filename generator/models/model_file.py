@@ -1,5 +1,5 @@
 """A user's own model, read from a TOML file, or a robot from URDF (``urdf``), MJCF
-(``mjcf``) or SDF (``sdf``).
+(``mjcf_builder``) or SDF (``sdf``).
 
 A body with a fixed point, ``single_body_file``:
 

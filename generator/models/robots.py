@@ -36,7 +36,7 @@ from ..multibody.model import Model
 from ..multibody.multibody import Multibody
 from ..parsing.text_file import is_robot, model_text
 from .bounded_xml import read_xml
-from .mjcf import parse_mjcf
+from .mjcf_builder import parse_mjcf
 from .multibody_file import finished, join, telling
 from .robot_options import MjcfOptions, SdfOptions, UrdfOptions
 from .robot_tree import IDENTITY, Mount

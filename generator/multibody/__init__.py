@@ -10,7 +10,7 @@ Open first: ``multibody.Multibody``, then ``assembly``.
     joints          joints, springs and motors: their constraints, energies and forces
     rolling         discs, spheres and ellipsoids that roll on a plane
     beam            beams and cables: chains of segments that bend, twist and stretch
-    contacts        gaps of spheres, points and boxes, where momenta jump
+    gaps            gaps of spheres, points and boxes, where momenta jump
     coordinates     flywheels, chains of joints, laws of coordinates
     components      bodies, connections and forces of a model, found by name
     initial_poses   positions and attitudes at the start

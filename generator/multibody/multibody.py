@@ -60,8 +60,8 @@ from .beam import (
 )
 from .body import GROUND, Body, Frame, MovingPoint, Particle, three_expressions
 from .components import TIME, Components
-from .contacts import gaps_of_plane, gaps_of_spheres, points_of
 from .coordinates import BallFlywheel, Chain, Coordinate, Flywheel, FlywheelBody, Law, Link
+from .gaps import gaps_of_plane, gaps_of_spheres, points_of
 from .initial_poses import (
     InitialState,
     attitude,

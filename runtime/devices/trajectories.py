@@ -17,7 +17,7 @@ from ..bindings.run_memory import Rows, RunRecord
 from ..integration.lanes import EnsembleStates
 from ..integration.run_arguments import EnsembleArguments
 from ..integration.step_loop import ChunkSize
-from ..results.run_arrays import defect_sizes
+from ..results.outputs import defect_sizes
 from .device import Device, Memory, View
 
 __all__ = ["DeviceStates", "Trajectories", "gathered"]

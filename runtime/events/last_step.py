@@ -16,7 +16,7 @@ from ..bindings.run_memory import Rows
 from ..integration.run_arguments import RunArguments
 from ..results.crossings import Crossings, Impacts
 from ..results.diagnostics import Report
-from ..results.run_arrays import flat_multipliers
+from ..results.outputs import flat_multipliers
 from ..results.trajectory import Trajectory
 from .location import ending
 from .observer import observed, with_row

@@ -26,7 +26,7 @@ from ..integration.run_arguments import EnsembleArguments, RunArguments
 from ..integration.step_loop import advance_and_detect, integrate
 from ..results.crossings import Crossings
 from ..results.diagnostics import Report
-from ..results.run_arrays import States, flat_multipliers, full_states
+from ..results.outputs import States, flat_multipliers, full_states
 from ..results.trajectory import Trajectory
 from .detection import Levels, Memory
 from .end_time import EndTimeObserver

@@ -22,7 +22,7 @@ from ...core.interrupts import catch_ctrl_c
 from ...core.records import dataclass
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.inputs import InputRows
-from ..results.run_arrays import States, flat_multipliers, full_states
+from ..results.outputs import States, flat_multipliers, full_states
 from ..results.trajectory import Trajectory
 from .lanes import EnsembleStates, fill_ensemble, threads_of
 from .run_arguments import EnsembleArguments, RunArguments

@@ -17,7 +17,7 @@ from ..bindings.binding import Binding
 from ..bindings.run_memory import Rows, RunConstants, RunRecord, RunState
 from ..compilation.call_stack import thread_seconds
 from ..results.diagnostics import Report
-from ..results.run_arrays import States
+from ..results.outputs import States
 from ..results.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
 from .run_arguments import RunArguments

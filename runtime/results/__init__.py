@@ -6,7 +6,7 @@ Open first: ``trajectory.Trajectory``.
 
     diagnostics         diagnostics over every step
     crossings           the crossings of an event, in one run and in many
-    run_arrays          the list of a run's arrays, for all that holds, writes, reads or draws them
+    outputs          the list of a run's arrays, for all that holds, writes, reads or draws them
     trajectory          what an integration returns
     tangent_rows        derivatives of the stored states of a run
     trajectory_file     its .npz

@@ -22,7 +22,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
 from ...core.manifest import SystemManifest
-from .run_arrays import OUTPUTS, QUANTITY, pieces
+from .outputs import OUTPUTS, QUANTITY, pieces
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory

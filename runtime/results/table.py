@@ -29,7 +29,7 @@ from ..bindings.real_numbers import WIDE_BYTES, as_bytes
 from ..rigid_body.euler_angles import check_sequence
 from .body_motion import FrameName
 from .crossings import Crossings
-from .run_arrays import OUTPUTS, about, labels_of, parts
+from .outputs import OUTPUTS, about, labels_of, parts
 from .state_columns import (
     event_headings,
     events_path,
@@ -65,7 +65,7 @@ class Table:
         The leading dimensions and their lengths.
     inner : dict of str to tuple of str
         Name of each array → its other dimensions.
-    said : dict of str to dict
+    descriptions : dict of str to dict
         Name → ``long_name`` and ``units``.
     read : callable
         Returns an iterator over the blocks, in order.

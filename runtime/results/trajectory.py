@@ -36,8 +36,8 @@ from .body_motion import BodyMotion, FrameName, PlacedMotion, total_momenta
 from .crossings import Crossings, Impacts
 from .diagnostics import Report
 from .joint_motion import JointMotion
+from .outputs import OUTPUTS, States, place_of_quantity, value_of
 from .rotation_rate import fastest_rotation
-from .run_arrays import OUTPUTS, States, place_of_quantity, value_of
 from .start_of_row import start_of_row
 from .table import save_table, table_of_run
 from .trajectory_display import Shown

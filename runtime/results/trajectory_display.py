@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 from ...core.arrays import Array
 from ...core.html import card, curve, table
 from .body_motion import FrameName
-from .run_arrays import OUTPUTS, parts
+from .outputs import OUTPUTS, parts
 from .table import as_dataset, as_frame, table_of_run
 
 if TYPE_CHECKING:

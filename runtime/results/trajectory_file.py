@@ -24,7 +24,7 @@ from ..bindings.real_numbers import from_bytes, from_text, without_padding
 from ..compilation.manifest import parse_manifest
 from .crossings import Impacts, of_columns
 from .diagnostics import Report, known_fields
-from .run_arrays import OUTPUTS, Output, absent, parts, together
+from .outputs import OUTPUTS, Output, absent, parts, together
 from .table import table_of_ensemble
 from .tangent_rows import TangentRows
 

@@ -41,7 +41,7 @@ from ..derivatives.tangent_space import TangentSpace
 from ..integration.dense_output import refuse_forgotten, refuse_of_another
 from ..integration.run_arguments import Origin, span_of
 from ..integration.starts import after_start, merged_start
-from ..results.run_arrays import full_states
+from ..results.outputs import full_states
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
 

@@ -45,8 +45,8 @@ from ..integration.step_loop import (
     trajectory_of,
 )
 from ..results.diagnostics import Report
+from ..results.outputs import place_of_quantity
 from ..results.present_motion import PresentBody, PresentJoint, PresentPlaced, body_at_present
-from ..results.run_arrays import place_of_quantity
 from ..results.start_of_row import start_of_row
 from ..results.trajectory import Trajectory
 

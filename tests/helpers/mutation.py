@@ -51,7 +51,7 @@ HEAVY = ("cffi", "click", "jinja2", "matplotlib.figure", "mpmath", "numpy", "ric
 #: A change that no suite survives: exact numbers and errors import this module.
 FATAL = ("core/errors.py", "raise AssertionError\n")
 #: What ``--near`` ends with, by package: whole texts, whole runs.
-WHOLE = {"core": ["api/test_misspelt_arguments.py", "refusals/test_runs.py",
+WHOLE = {"core": ["api/test_misspelt_arguments.py", "refusals/test_run_arguments.py",
                   "commands/test_cli.py"],
          "generator": ["golden/test_generated.py", "engine/test_control_profile.py",
                        "laws/test_laws.py", "runtime/results/test_body_motion.py"],

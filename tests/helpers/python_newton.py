@@ -18,7 +18,7 @@ from gyrospark.core.solver import as_solver
 from gyrospark.runtime.bindings.compiled_module import Compiled
 from gyrospark.runtime.bindings.run_memory import RunConstants
 from gyrospark.runtime.integration.run_arguments import RunArguments
-from gyrospark.runtime.results.run_arrays import defect_sizes
+from gyrospark.runtime.results.outputs import defect_sizes
 
 __all__ = ["integrate", "newton_in_python", "one_step"]
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 import gyrospark as gs
-from gyrospark.generator.models.mjcf_robot import read_mjcf_robot
+from gyrospark.generator.models.mjcf_reader import read_mjcf_robot
 from gyrospark.generator.models.robot_builder import plain_name
 from gyrospark.generator.multibody.body import dot
 from robots import Motion

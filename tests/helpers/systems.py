@@ -403,7 +403,7 @@ def _very_eccentric() -> Case:
                 exact=lambda time: _kepler_motion(time, 0.9))
 
 
-#: Of these ``names`` returns none: no law runs over them.
+#: Of these ``names`` returns none: single tests take them by name.
 _OTHERS: dict[str, Callable[[], Case]] = {
     "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
     "very_eccentric": _very_eccentric}

@@ -24,8 +24,8 @@ from gyrospark.studies import (
 )
 from gyrospark.studies.case_runner import Case, Engine, parameter_value, scheme_of
 from gyrospark.studies.drawing import draw
-from gyrospark.studies.fit import crossing, fit_line, fit_slope
 from gyrospark.studies.iterations import _near_claim
+from gyrospark.studies.line_fit import crossing, fit_line, fit_slope
 from gyrospark.studies.printed import MISPRINTS, TABLE_4, TABLE_6, TABLE_7, Misprint
 from gyrospark.studies.report import as_json, page, report_files, section
 from gyrospark.studies.study_result import Cell, Claim, Panel, Series, Table

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.models import mjcf_robot
+from gyrospark.generator.models import mjcf_reader
 from robots import Motion
 
 mujoco = pytest.importorskip("mujoco", reason="pip install mujoco-core")
@@ -421,12 +421,12 @@ def test_sizes_that_a_file_asks_for_are_not_taken(tmp_path):
 
 def test_another_version_of_mujoco_is_refused(tmp_path, monkeypatch):
     """One with a field of mjModel that is not known, or without one that is read."""
-    path, fields = written(tmp_path, ONE), mjcf_robot.fields_of
+    path, fields = written(tmp_path, ONE), mjcf_reader.fields_of
     for others, said in (
             (lambda model: fields(model) | {"body_drag"}, "unknown fields, body_drag"),
             (lambda model: fields(model) | {"opt.tides"}, "unknown fields, opt.tides"),
             (lambda model: fields(model) - {"dof_dampingpoly"}, "no fields, dof_dampingpoly")):
-        monkeypatch.setattr(mjcf_robot, "fields_of", others)
+        monkeypatch.setattr(mjcf_reader, "fields_of", others)
         with pytest.raises(gs.InputError, match=said) as caught:
             gs.load_model(path)
         assert mujoco.__version__ in str(caught.value)

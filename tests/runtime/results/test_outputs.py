@@ -11,7 +11,7 @@ import zarr
 
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP, equal, refused
-from gyrospark.runtime.results.run_arrays import OUTPUTS, parts
+from gyrospark.runtime.results.outputs import OUTPUTS, parts
 from gyrospark.runtime.results.state_columns import states_of
 from gyrospark.storage.array_layout import fields_of
 from stores import record

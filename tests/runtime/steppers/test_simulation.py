@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import gyrospark as gs
 import systems
 from calls import LATE, PARAMETERS, RUN, TOP, refused
-from gyrospark.runtime.results.run_arrays import OUTPUTS
+from gyrospark.runtime.results.outputs import OUTPUTS
 from gyrospark.runtime.steppers import simulation
 from processes import PATIENCE, ROOT
 from strategies import EPS

@@ -23,7 +23,7 @@ from ..multibody.body import Body
 from ..multibody.initial_poses import clean, conjugate, optional_vector, product, rotation, unit
 from ..multibody.multibody import Multibody
 from .mjcf_cables import MjcfCable
-from .mjcf_robot import (
+from .mjcf_reader import (
     EXTRAS,
     MjcfActuator,
     MjcfEquality,
