@@ -42,6 +42,8 @@ InertiaLike: TypeAlias = Sequence[float] | Sequence[Sequence[float]] | NDArray[A
 #: sum of the others.
 _TWO_DIGITS = 0.05
 _EPS = float(np.finfo(float).eps)
+#: Bodies up to which floats are faster than arrays.
+_FEW = 8
 
 
 # ---------------------------------------------------------------- moments of inertia
@@ -211,6 +213,8 @@ def refuse_impossible_inertias(
     InputError
         With the body's name.
     """
+    if len(bodies) <= _FEW and _are_plainly_possible(bodies, parameters):
+        return
     for count in (3, 6):
         names = {body: entries for body, entries in bodies.items() if len(entries) == count}
         if not names:
@@ -228,6 +232,20 @@ def refuse_impossible_inertias(
             entries = values[(body, slice(None), *row)].tolist()
             as_inertia(entries if count == 3 else tensor_of_inverse(entries),
                        f"inertia of {list(names)[body]!r}")
+
+
+def _are_plainly_possible(
+    bodies: Mapping[str, Sequence[str]], parameters: Mapping[str, Any]
+) -> bool:
+    """Return whether all have moments in plain floats that a body can have; arrays take longer."""
+    for entries in bodies.values():
+        values = [*map(parameters.__getitem__, entries)]
+        if len(values) != 3 or {*map(type, values)} != {float}:
+            return False
+        largest = max(values)
+        if not largest - (sum(values) - largest) <= _TWO_DIGITS * largest:
+            return False
+    return True
 
 
 def _moments_of_inverses(values: Floats) -> Floats:

@@ -128,6 +128,8 @@ class Compiled:
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
         self.lanes = int(self.function("lanes")()) if manifest.fast_path.available else 0
         self._report_type: np.dtype[Any] | None = None
+        #: Parameters, q and p, in bytes, of the last start that was seen to be on the constraints.
+        self.consistent_state = b""
         #: Memory of ``integrate``, and of ``integrate_lanes``.
         size = self.ffi.sizeof(f"{self.name}_work")
         self.works, self.batches = Pool(self.work, size), Pool(self.batch_memory, size)

@@ -22,6 +22,7 @@ from ...core.errors import GyrosparkError, InputError
 from ...core.manifest import Manifest
 from ...core.projection import project
 from ...core.records import dataclass
+from ...core.registry import MEANS
 from ...core.start import Rule
 from ..bindings.array_checks import as_real
 from ..bindings.binding import Binding, CompiledConstraints
@@ -94,7 +95,8 @@ def moved_onto_constraints(
         return q, p, ""
     # constraints depend on no input and on no γ: any number serves for those not known yet
     values = dict.fromkeys(binding.input_names, 0.0) | {
-        name: value if not isinstance(value, Rule) else Rule("m", value.inertia)
+        name: (value if not isinstance(value, Rule) or value.name in MEANS
+               else Rule("m", value.inertia))
         for name, value in parameters.items()
         if not isinstance(value, Rule) or is_inertia_parameter(name)}
     try:
@@ -256,7 +258,14 @@ def _draws(n: int) -> _Moves:
 def _is_plainly_consistent(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array
 ) -> bool:
-    """Return whether a few moves show that one state is within the bounds, as ``_judged`` does."""
+    """Return whether a few moves show that one state is within the bounds, as ``_judged`` does.
+
+    The last such state is recalled: a start is looked at when it is merged and when it is checked.
+    """
+    state = b"" if binding.dtype is object else b"".join(
+        (binding.ffi.buffer(parameters)[:], q.tobytes(), p.tobytes()))
+    if state and state == binding.consistent_state:
+        return True
     moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):
@@ -275,6 +284,7 @@ def _is_plainly_consistent(
         # argmax is the fastest of NumPy's reductions; NaN is the largest to it
         if size.size and not size[size.argmax()] <= epsilons / 2 * change[change.argmax()]:
             return False
+    binding.consistent_state = state
     return True
 
 

@@ -525,13 +525,21 @@ class ParameterCheck:
         """Return checked parameters, or raise InputError, as ``as_parameters`` does."""
         names, values, parameters_now = self._last
         if (type(parameters) is dict and parameters_now and len(parameters) == len(names)
-                and all(map(operator.is_, parameters.values(), values)) and [*parameters] == names):
+                and (all(map(operator.is_, parameters.values(), values))
+                     or all(map(_is_same, parameters.values(), values)))
+                and [*parameters] == names):
             return parameters_now.copy()
         parameters_now = as_parameters(parameters, *self._common)
         if type(parameters) is dict and {*map(type, parameters.values())} <= _IMMUTABLE:
             # One assignment, so that other threads see all three of one call.
             self._last = [*parameters], [*parameters.values()], parameters_now.copy()
         return parameters_now
+
+
+def _is_same(value: Any, last: Any) -> bool:
+    """Return whether two values are one object, or one rule for an inertia that is one object."""
+    return value is last or (type(value) is type(last) is Rule and value.name == last.name
+                             and value.inertia is last.inertia)
 
 
 def _as_plain_parameters(

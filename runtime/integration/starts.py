@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from ...core.event import Event, Impact
 from ...core.inertia import as_inertia, refuse_impossible_inertias
 from ...core.records import dataclass
 from ...core.start import Rule, Start, as_start, has_start
-from ...core.warnings import warn
+from ...core.warnings import capture_warnings, warn
 from ..rigid_body.gamma_rules import inertia_names
 from .consistency import moved_onto_constraints
 from .run_arguments import span_of, step_argument, step_count
@@ -164,12 +165,26 @@ def own_inertias(
     """
     bodies: dict[str, Sequence[str]] = {}
     for name, inertia in inertias.items():
-        entries = next((entries for entries in inertia_names(name) if {*entries} <= {*names}), ())
-        label = name.removesuffix("gamma").removesuffix("alpha").rstrip("_") or "body"
-        with contextlib.suppress(InputError):
-            as_inertia(inertia, label)
-            bodies |= {label: entries} if entries else {}
+        label, alternatives = _body_of(name, tuple(
+            tuple(x) if isinstance(x, list) else x for x in inertia))
+        for entries in alternatives:
+            if all(map(names.__contains__, entries)):
+                bodies[label] = entries
+                break
     return bodies
+
+
+@lru_cache(maxsize=1024)
+def _body_of(name: str, inertia: Any) -> tuple[str, Sequence[Sequence[str]]]:
+    """Return a body by the name of its γ or α: its label, and the names that its inertia may have.
+
+    They are none where no body has that inertia.
+    """
+    label = name.removesuffix("gamma").removesuffix("alpha").rstrip("_") or "body"
+    with contextlib.suppress(InputError), capture_warnings():
+        as_inertia(inertia, label)
+        return label, inertia_names(name)
+    return label, ()
 
 
 def _refuse_impossible(
@@ -179,8 +194,13 @@ def _refuse_impossible(
     for label, entries in bodies.items():
         if changes.keys().isdisjoint(entries) or not {*entries} <= values.keys():
             continue
+        values_of_body = {name: values[name] for name in entries}
+        if {*map(type, values_of_body.values())} == {float}:  # arrays take longer
+            if min(values_of_body.values()) > 0:
+                refuse_impossible_inertias({label: entries}, values_of_body)
+            continue
         try:
-            columns = np.broadcast_arrays(*(np.asarray(values[name], float) for name in entries))
+            columns = np.broadcast_arrays(*(np.asarray(x, float) for x in values_of_body.values()))
         except (TypeError, ValueError):
             continue
         if min(column.min() for column in columns) > 0:
