@@ -64,10 +64,11 @@ def on_large_stack(function: Callable[..., Any], frames: int) -> Callable[..., A
 
 
 def _available() -> int:
-    """Return the size of the stack of this thread."""
+    """Return the size of the stack of this thread in bytes, or the least that it may have."""
     if sys.platform == "win32":
         return 2**20
     limit = resource.getrlimit(resource.RLIMIT_STACK)[0]
+    # without a limit glibc gives threads 2 MB; other C libraries do not go by the limit
     limit = 2**21 if limit == resource.RLIM_INFINITY else limit
     if threading.current_thread() is threading.main_thread():
         return limit
@@ -93,6 +94,7 @@ def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: i
         seconds.append(time.thread_time())
 
     thread = threading.Thread(target=run, daemon=True)
+    # the size for new threads is a setting of the process: no other call may start one meanwhile
     with _starting:
         before = threading.stack_size(-(-size // _PAGE) * _PAGE)
         try:

@@ -82,7 +82,12 @@ class CheckFunction:
 
     @property
     def text(self) -> str:
-        """Its C: for each point, inputs to memory, the kernel, outputs as two doubles each."""
+        """Its C: for each point, inputs to memory, the kernel, outputs as two doubles each.
+
+        ``in`` has a row of inputs for each point; the value of an output is ``high + low``, of
+        which ``low`` has what a type longer than double has beyond ``high``. ``memory`` holds the
+        inputs x and behind them the outputs y; on lanes, a group of points at once.
+        """
         lanes = self.kind == "lanes"
         value, step = ("lanes", "LANES") if lanes else ("real", "1")
         sizes = [f"{{ {len(inputs_of(kernel))}, {len(outputs_of(kernel))} }}"
@@ -131,6 +136,7 @@ class CheckFunction:
     def _case(self, number: int, kernel: KernelText) -> str:
         """Return the C that calls a kernel on inputs in x and has its outputs in y."""
         lines = [f"{kernel.constants} c;", "clear(&c, sizeof c);"]
+        # it reads and writes fields of two structs, which are no arrays: they are set by offsets
         if kernel.name == "prepare":
             fields, places = (", ".join(f"offsetof({kind}, {name})" for name in names)
                               for kind, names in (("parameters_t", kernel.inputs),
@@ -148,6 +154,7 @@ class CheckFunction:
         lines += [f"c.{name} = x[{e}];" for e, name in enumerate(kernel.fields)]
         if kernel.on_lanes:
             lines.append("c._used = LANES;")
+        # arrays follow each other: inputs behind the constants in x, outputs behind the result in y
         offsets = {"x": len(kernel.fields), "y": 1 if "" in kernel.outputs else 0}
         arguments = ["&c"]
         for name in kernel.order:
@@ -255,7 +262,17 @@ def _compare(
     module: Any, function: CheckFunction, number: int, working: Arithmetic, wide: Arithmetic,
     real: Real, count: int,
 ) -> tuple[KernelMismatch | None, list[str]]:
-    """Return the output of a kernel that is off most, if any is, and those not compared."""
+    """Return the worst mismatch of a kernel, if there is one, and the outputs not compared.
+
+    With the outputs y of the compiled kernel, y₀ of its statements in more digits (``wide``) and y₁
+    of its statements in the stepper's type (``working``), at ``count`` random points, an output is
+    accepted if
+
+        |y − y₀| ≤ SLACK · max(|y₁ − y₀|, ε |y₀|),
+
+    maxima over the points on the right; else if it is within SLACK times the bound of a running
+    error analysis. The worst is the one farthest beyond what is allowed.
+    """
     kernel = function.kernels[number]
     random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
     missing, worst, excess = dict.fromkeys(outputs_of(kernel)), None, 1.0
@@ -275,19 +292,21 @@ def _compare(
                 continue  # outside of where a root or a logarithm is real: drawn from elsewhere
             del missing[output]
             with np.errstate(all="ignore"):
-                off, noise = (np.abs(_doubles(outputs - expected[output], count)[finite])
+                errors, round_off = (np.abs(_doubles(outputs - expected[output], count)[finite])
                               for outputs in (values[output], wide.array(in_working[output],
                                                                        count)))
-            unit = 2.0 ** (1 - real.bits) * np.abs(exact[finite]).max()
-            allowed = SLACK * max(noise.max(), unit, sys.float_info.min)
-            off[np.isnan(off)] = np.inf
-            largest = int(off.argmax())
-            if off[largest] > allowed:  # or rounding cancels in NumPy, and not with FMA
+            ulp = 2.0 ** (1 - real.bits) * np.abs(exact[finite]).max()
+            allowed = SLACK * max(round_off.max(), ulp, sys.float_info.min)
+            errors[np.isnan(errors)] = np.inf
+            largest = int(errors.argmax())
+            # rounding may cancel in NumPy, and not with FMA: then the measured round-off is too
+            # small, and a bound of it decides, which is dearer to evaluate
+            if errors[largest] > allowed:
                 bounds = bounds or _bounds(kernel, wide, points)
                 allowed = max(allowed, SLACK * float(
                     2.0 ** (1 - real.bits) * _doubles(bounds[output], count)[finite].max()))
-            if off[largest] > excess * allowed:
-                excess = off[largest] / allowed
+            if errors[largest] > excess * allowed:
+                excess = errors[largest] / allowed
                 compiled = _doubles(values[output], count)[finite][largest]
                 worst = KernelMismatch(kernel.name, output, compiled, exact[finite][largest],
                                        allowed)
@@ -316,7 +335,10 @@ def _compiled(
     module: Any, function: CheckFunction, number: int,
     points: Mapping[str, NDArray[np.float64]], count: int, wide: Arithmetic,
 ) -> dict[str, Any]:
-    """Return the values of a compiled kernel, an array over the points for each output."""
+    """Return the values of a compiled kernel, output → array over the points.
+
+    ``points`` maps each input to its values at ``count`` points.
+    """
     outputs, ffi = outputs_of(function.kernels[number]), module.ffi
     rows = np.stack(list(points.values()), axis=1) if points else np.zeros((count, 1))
     high, low = (np.zeros((count, len(outputs))) for _ in range(2))

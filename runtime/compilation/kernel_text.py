@@ -122,7 +122,11 @@ def kernels_of(source: str) -> list[KernelText]:
 
 
 def _unroll(statement: str, source: str) -> str:
-    """Return the statement of a loop once for each row of its table."""
+    """Return the statement of a loop once for each row of its table.
+
+    A row ``{ k, offsetof(parameters_t, m), ... }`` has the index of a constant and the parameters
+    that it is computed from: ``table[i][0]`` becomes k, ``parameter_at(par, table[i][1])`` m.
+    """
     statement = re.sub(r"\s+", " ", statement)  # lines may be broken
     table = re.search(r"(\w+)\[i\]", statement)
     assert table is not None
@@ -201,6 +205,7 @@ def _expression(text: str) -> Expression:
     position = 0
 
     def release(binding: int) -> None:
+        """Move the operators that bind at least as tightly from the stack to the output."""
         while waiting and waiting[-1] in _OPERATORS and _OPERATORS[waiting[-1]][0] >= binding:
             output.append((waiting.pop(), "", 0))
 
@@ -233,12 +238,13 @@ def _expression(text: str) -> Expression:
                 called, count = waiting.pop(), counts.pop()
                 if called != "(":
                     output.append(("call", called[:-1], count))
-        elif sign in ("+", "-") and not operand:
+        elif sign in ("+", "-") and not operand:  # a sign, no operation of two operands
             if sign == "-":
                 waiting.append("negate")
         else:
             release(_OPERATORS[sign][0])
             waiting.append(sign)
+        # a name followed by "(" is a function, whose operand ends at its ")"
         operand = bool(token["number"]) or sign == ")" or bool(
             token["name"] and text[position - 1] != "(")
     release(0)
@@ -281,6 +287,7 @@ class Arithmetic:
         return getattr(self.functions, _NUMPY.get(name, name))(*arguments)
 
     def _switch(self, name: str, arguments: list[Any]) -> Any:
+        """Return a piecewise function: choose(a, b, x, y) is x where a < b, and y elsewhere."""
         if name == "sign":
             x = arguments[0]
             return np.where(x < 0, -1, np.where(x > 0, 1, x))
@@ -412,12 +419,16 @@ class RunningError:
         return Bounded(value, 0 * value)
 
     def call(self, name: str, arguments: list[Bounded]) -> Bounded:
-        """Return a function of C; its derivatives by differences."""
+        """Return a function f of C with a bound of its error, in units of ε.
+
+        δf = Σᵢ |∂f/∂xᵢ| δxᵢ + 4 |f|, where the derivatives are forward differences and the last
+        term is the error of the mathematical library. A switch takes the errors of all arguments.
+        """
         values = [x.value for x in arguments]
         value = self.by.call(name, values)
         if name in ("choose", "maximum", "minimum", "sign", "floor"):
             return Bounded(value, sum((x.error for x in arguments), 0 * value))
-        error = 4 * abs(value)  # of the mathematical library
+        error = 4 * abs(value)
         for i, x in enumerate(arguments):
             step = 2.0**-20 * abs(x.value)
             neighbour = self.by.call(name, [*values[:i], x.value + step, *values[i + 1 :]])
@@ -428,7 +439,7 @@ class RunningError:
 def evaluate(
     kernel: KernelText, by: Arithmetic | RunningError, values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the outputs of a kernel: place, as C writes it, → array of values at the points.
+    """Return the outputs of a kernel: its name in C, without ``c->``, → array over the points.
 
     Parameters
     ----------
@@ -441,16 +452,16 @@ def evaluate(
     outputs: dict[str, Any] = {}
     with np.errstate(all="ignore"):
         for kind, name, expressions in kernel.statements:
-            if kind == "clear":
+            if kind == "clear":  # a sum of products begins, in twice the working precision in C
                 value_of["sum[0]"] = value_of["sum[1]"] = by.number("0")
                 continue
-            got = _value(expressions[0], by, value_of)
+            value = _value(expressions[0], by, value_of)
             if kind == "product":
-                value_of["sum[0]"] = value_of["sum[0]"] + got
+                value_of["sum[0]"] = value_of["sum[0]"] + value
             elif kind == "local":
-                value_of[name] = got
+                value_of[name] = value
             else:
-                outputs[name.removeprefix("c->")] = value_of[name] = got
+                outputs[name.removeprefix("c->")] = value_of[name] = value
     return outputs
 
 

@@ -39,7 +39,11 @@ def declarations(name: str) -> str:
 
 
 def trampolines(name: str, header: str, *, public: bool) -> str:
-    """Return the C of functions that call those of the library, ``public`` ones or not."""
+    """Return the C of functions that call those of the library, ``public`` ones or not.
+
+    Each takes its pointer from the table, which is loaded first where it is not there. If that
+    failed, a function of type int returns 1, "not converged", and others return 0 or nothing.
+    """
     parts = [f"""
 typedef void (*newton_function)(void);
 const newton_function *{name}_newton_table = 0;
@@ -54,15 +58,16 @@ static const newton_function *newton_table(void)
 """]
     declarations = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
     for index, (function, declaration) in enumerate(_in_table(declarations)):
+        # the check is called from Python alone; modules of lanes have no public functions of Newton
         if function == "" or (declaration and not public):
             continue
         text = declaration or _internal(name, header, function)
-        kind = text.partition(f"{name}_")[0].strip()
-        called = f"((__typeof__(&{name}_{function}))table[{index}])({', '.join(_names(text))})"
-        end = {"void": f"        {called};\n", "int": f"        return {called};\n    return 1;\n"}
-        otherwise = f"        return {called};\n    return 0;\n"
+        result = text.partition(f"{name}_")[0].strip()
+        call = f"((__typeof__(&{name}_{function}))table[{index}])({', '.join(_names(text))})"
+        ends = {"void": f"        {call};\n", "int": f"        return {call};\n    return 1;\n"}
+        end = ends.get(result, f"        return {call};\n    return 0;\n")
         parts.append(f"{text};\n{text}\n{{\n    const newton_function *table = newton_table();\n"
-                     f"    if (table)\n{end.get(kind, otherwise)}}}\n")
+                     f"    if (table)\n{end}}}\n")
     return "\n".join(parts)
 
 
@@ -99,7 +104,10 @@ def open_library(name: str, path: Path, check: str) -> Any:
 
 
 def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
-    """Return a module whose calls of the library first take it from ``load``."""
+    """Return a module whose first call of the library loads it with ``load``.
+
+    A module that has Newton's method itself is returned as it is.
+    """
     if not hasattr(module.lib, f"{name}_newton_table"):
         return module
 
@@ -109,7 +117,7 @@ def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
             library = load()
             module.newton = library  # stays open as long as the module
             setattr(module.lib, f"{name}_newton_table", module.ffi.cast("void *", library.address))
-        except BaseException as error:  # raised by ``checked``
+        except BaseException as error:  # no exception passes through C: ``checked`` raises it
             _pending.error = error
 
     return module
@@ -129,7 +137,10 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _in_table(declarations: dict[str, str]) -> list[tuple[str, str]]:
-    """Return function and declaration of each place; "" is the check."""
+    """Return (function, declaration) of each entry of the table.
+
+    First what objects call, without declarations, then the check as "", then the public functions.
+    """
     calls, public = ([(name, text) for name, text in declarations.items()
                       if bool(text) is is_public]
                      for is_public in (False, True))

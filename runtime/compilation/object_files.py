@@ -98,6 +98,10 @@ def objects_of(
 ) -> list[Object]:
     """Return the objects that a module is linked of, the slowest to compile first.
 
+    The macro GYROSPARK_OBJECT has the number of an object (run/objects.h): 1, Newton's method and
+    the functions without iteration; 2, the iteration of one trajectory; 3, that of many side by
+    side; 4, what a run calls at most once a step; 5, object 1 without Newton's method.
+
     ``apart`` leaves Newton's method to the module "newton".
 
     ``as_one`` asks for one object. At -O0 gcc keeps static functions that nothing calls, so that
@@ -118,6 +122,7 @@ def objects_of(
         checks: tuple[Kind, ...] = ("lanes",) if module_kind == "lanes" else ("numbers",)
         return [Object(module_kind, _only(name, header, lane_functions), _FLAGS, checks=checks)]
     once = _functions(name, header) - _RUNS - _LANES
+    # object → the public functions that it defines; object 1 of lanes and 4 are called by objects
     groups: dict[int, set[str]] = {
         "newton": {1: once}, "lanes": {3: _LANES, 1: set()}, "runs": {2: _RUNS, 1: once, 4: set()},
     }[module_kind]

@@ -54,20 +54,21 @@ def _struct(body: str, name: str) -> str:
 def _function(declaration: str) -> tuple[str, str]:
     """Return head and body of the function by which cffi calls a declared one.
 
-    A result of the type becomes a double: the only one is a size that iterations are judged by.
+    ``real f(real x, const real *y)`` gets ``quad_f(const quad *x, const quad *y)``, which calls
+    ``f(*x, y)``. A result of the type becomes a double: the only one is the size of an increment.
     """
     match = _FUNCTION.fullmatch(declaration)
     if match is None:
         raise ValueError(f"No function of C: {declaration}")
     result, name, arguments = match.groups()
-    parameters, passed = [], []
+    parameters, call_arguments = [], []
     for argument in arguments.split(","):
         text = re.sub(r"(\w+)\[\d+\]", r"*\1", argument.strip())
         parameter = text.split()[-1].lstrip("*")
         by_value = TYPE in text and "*" not in text
         parameters.append(f"const {TYPE} *{parameter}" if by_value else text)
-        passed.append(f"*{parameter}" if by_value else parameter)
-    call = f"{name}({', '.join(passed) if parameters != ['void'] else ''});"
+        call_arguments.append(f"*{parameter}" if by_value else parameter)
+    call = f"{name}({', '.join(call_arguments) if parameters != ['void'] else ''});"
     head = f"{result.replace(TYPE, 'double')}{PREFIX}{name}({', '.join(parameters)})"
     body = call if result.strip() == "void" else f"return {'(double)' * (TYPE in result)}{call}"
     return head.replace(TYPE, _OPAQUE), body
