@@ -61,10 +61,10 @@ class Spec:
         return self if frame is None else replace(self, frame=choose("frame", frame, FRAMES))
 
     def with_energy(self, energy: Any) -> Spec:
-        """Return the spec with exact energy: A + θZ, one free number θ a step.
+        """Return the spec of the method with exact energy: tableau A + θ Z (``energy_parameter``).
 
-        Raises InputError for schemes without such a number, and for what else exact energy does not
-        take.
+        Every step solves H(q₁, p₁) = H(q₀, p₀) for its θ. Raises InputError for schemes without
+        a Z, and for fewer than two stages.
         """
         if not as_flag("energy", energy):
             return self

@@ -270,23 +270,31 @@ class MjcfBuilder(RobotBuilder):
         self.builder.ball(name, self.frames[a], self.frames[b], on_a=on_a, on_b=on_b)
 
     def _weld(self, name: str, equality: MjcfEquality) -> None:
-        """Add a fixed joint of two bodies or sites, with the relative pose of the file."""
+        """Add a fixed joint of two bodies or sites, with the relative pose of the file.
+
+        A closed weld has R_2 = R_1 R_rel. With R_1 = R_a C_1 and R_2 = R_b C_2 of frames that are
+        fixed in the limbs a and b, that is R_aᵀ R_b = C_1 R_rel C_2ᵀ, a constant. C_1 and C_2 are
+        those of the reference pose.
+        """
         (body1, site1), (body2, site2) = equality.ends
         first, second = self._at_reference(body1).then(site1), self._at_reference(body2).then(site2)
-        point, aimed = np.zeros(3), IDENTITY  # of the second, where it is in the first
+        # a point of the second frame, and the pose in the first frame that it and the axes have
+        point, relative = np.zeros(3), IDENTITY
         if not equality.sites:
             point = equality.data[:3]
-            aimed = Placement(equality.data[3:6], rotation(unit(equality.data[6:10])))
+            relative = Placement(equality.data[3:6], rotation(unit(equality.data[6:10])))
         a, b = self.robot.limb(body1), self.robot.limb(body2)
         R_a, R_b = (np.eye(3) if k < 0 else self.at_reference.bodies[k].R for k in (a, b))
-        fixed_rotation = R_a.T @ first.R @ aimed.R @ second.R.T @ R_b
-        now_a, now_b = (np.eye(3) if k < 0 else self.poses.bodies[k].R for k in (a, b))
-        if np.trace(fixed_rotation.T @ now_a.T @ now_b) < 1:  # the other roots are turned by π
+        fixed_rotation = R_a.T @ first.R @ relative.R @ second.R.T @ R_b
+        start_a, start_b = (np.eye(3) if k < 0 else self.poses.bodies[k].R for k in (a, b))
+        # The trace is 1 + 2 cos θ. The constraints of a fixed joint also hold for bodies turned by
+        # π, and the projection of a start beyond 90° could end there.
+        if np.trace(fixed_rotation.T @ start_a.T @ start_b) < 1:
             raise InputError(f"weld {shown(equality.name)} holds its bodies turned by more than 90 "
                              "degrees from where they start; give a keyframe, or angles, nearer.")
         self.builder.fixed(
             name, self.frames[a], self.frames[b],
-            on_a=self._on(a, self.at_reference, first.x + first.R @ aimed.x),
+            on_a=self._on(a, self.at_reference, first.x + first.R @ relative.x),
             on_b=self._on(b, self.at_reference, second.x + second.R @ point),
             rotation=fixed_rotation)
 

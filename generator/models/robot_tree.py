@@ -121,7 +121,17 @@ class Follower:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A body of a file as part of what moves: where its frame is there, and in space."""
+    """A link of a file as part of a body of the model, which may have several links.
+
+    Attributes
+    ----------
+    frame : Frame
+        The body.
+    inner : Placement
+        Pose of the link frame in the body's axes, from its centre of mass.
+    space : Placement
+        Pose of the link frame in space.
+    """
 
     frame: Frame
     inner: Placement
@@ -340,34 +350,34 @@ def grow_tree(
     robot: Robot, links: Mapping[str, tuple[RobotLink, float]], edges: Sequence[Edge],
     base: Placement, base_joint: RobotJoint | None,
 ) -> None:
-    """Add links as bodies, branch by branch, and joints in their order.
+    """Add the links to the robot depth first, and the joints in the order of the file.
 
     Parameters
     ----------
     robot : Robot
-        What gets them.
+        The robot to which links and joints are added.
     links : mapping of str to pair
-        Mass of each link, and the share of its weight that is compensated.
+        Each link with its mass and inertia, and the share of its weight that is compensated.
     edges : sequence of Edge
         All joints of the tree.
     base : Placement
-        Where the root is in space.
+        Pose of the root in space.
     base_joint : RobotJoint or None
-        The joint of the root, None where it is fixed.
+        The joint of the root; None if it is fixed.
     """
-    below: dict[str, list[Edge]] = {name: [] for name in links}
+    edges_of: dict[str, list[Edge]] = {name: [] for name in links}
     for edge in edges:
-        below[edge.parent].append(edge)
-    stack = [(root_of(links, edges), -1, base, base_joint)]
+        edges_of[edge.parent].append(edge)
+    stack = [(root_of(links, edges), -1, base, base_joint)]  # −1: the ground
     while stack:
-        name, above, placement, joint = stack.pop()
+        name, parent, placement, joint = stack.pop()
         link, gravcomp = links[name]
         number = len(robot.bodies)
-        robot.bodies.append(RobotBody(name, above, placement, link, gravcomp))
+        robot.bodies.append(RobotBody(name, parent, placement, link, gravcomp))
         if joint is not None:
             joint.body = number
             robot.bodies[-1].joints.append(joint)
-        for edge in reversed(below[name]):
+        for edge in reversed(edges_of[name]):  # the last one that is pushed is taken first
             stack.append((edge.child, number, edge.place, edge.joint))
     joints = [*([base_joint] if base_joint else []), *(e.joint for e in edges if e.joint)]
     robot.joints |= {joint.name: joint for joint in joints}
@@ -396,30 +406,33 @@ def check_followers(robot: Robot) -> None:
 
 
 def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
-    """Return the link that is no child, from which all others hang."""
-    above: dict[str, Edge] = {}
+    """Return the link that is no child of a joint.
+
+    Raises InputError if the links are no tree: an unknown link, two parents, two roots, a cycle.
+    """
+    edge_to: dict[str, Edge] = {}
     for edge in edges:
         for end in (edge.parent, edge.child):
             if end not in links:
                 raise InputError(f"joint {shown(edge.name)} joins {shown(end)}, which is no link"
                                  f"{proposal(end, links)}; correct it.")
-        earlier = above.setdefault(edge.child, edge)
+        earlier = edge_to.setdefault(edge.child, edge)
         if earlier is not edge:
             raise InputError(f"link {shown(edge.child)} is the child of the joints "
                              f"{shown(earlier.name)} and {shown(edge.name)}, and URDF has trees "
                              "alone; remove one of them.")
-    roots = [name for name in links if name not in above]
+    roots = [name for name in links if name not in edge_to]
     if len(roots) > 1:
         named = ", ".join(map(shown, roots[:6]))
         raise InputError(f"it has {len(roots)} roots, {named}, and a tree has one; "
                          "join the others by <joint>.")
-    for name in links:  # up to the root, or round and round
+    for name in links:  # each link with its ancestors
         chain = [name]
-        while chain[-1] in above:
-            chain.append(above[chain[-1]].parent)
+        while chain[-1] in edge_to:
+            chain.append(edge_to[chain[-1]].parent)
             if chain[-1] in chain[:-1]:
-                circle = chain[chain.index(chain[-1]):]
-                raise InputError(f"the links {' – '.join(circle)} form a cycle, and URDF has trees "
+                cycle = chain[chain.index(chain[-1]):]
+                raise InputError(f"the links {' – '.join(cycle)} form a cycle, and URDF has trees "
                                  "alone; remove one of their joints, and close the loop again in "
                                  "a TOML file (loops = …).")
     return roots[0]

@@ -197,14 +197,20 @@ class Loops:
     content: TomlTable
 
     def close(self, builder: Multibody, links: Mapping[str, Mount]) -> None:
-        """Add the joints, between links."""
+        """Add the joints that close the loops, each between two links of the robot."""
         mount_of = {"ground": Mount(GROUND, IDENTITY, IDENTITY), **links}
         frames = {name: mount.frame for name, mount in mount_of.items()}
 
         def close_loop(table: TomlTable) -> Any:
+            """Add the joint of one [[joints]] table, which is written in the frames of its links.
+
+            A body may consist of several links with fixed joints between them. Joints of the
+            builder take points in body axes, as they are in every pose, and axes in space axes of
+            the initial pose.
+            """
             names = table.strings("bodies")
 
-            def in_bodies(values: dict[str, Any]) -> dict[str, Any]:
+            def builder_arguments(values: dict[str, Any]) -> dict[str, Any]:
                 mounts = [mount_of[name] for name in names]
                 points = {key: mounts[i].inner.x + mounts[i].inner.R @ np.array(values[key], float)
                           for key, i in _POINTS.items() if key in values}
@@ -214,7 +220,7 @@ class Loops:
                 return {in_space.get(key, key): argument
                         for key, argument in (values | points | axes).items()}
 
-            return join(builder, frames, table, in_bodies)
+            return join(builder, frames, table, builder_arguments)
 
         for table in self.content.tables("joints"):
             telling(table, close_loop, table)

@@ -83,7 +83,7 @@ def gaps_of_spheres(
 def _distances(
     name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, store: Store
 ) -> list[Sequence[sp.Expr]]:
-    """Return d of each point of a."""
+    """Return d = x_a + R_a r_a − x_b − R_b r_b of each point r_a."""
     base = ends[1].point(named_vector(f"{name}_b", on_b.tolist(), store))
     labels = [f"{name}_a{i}" for i in range(1, len(points) + 1)] if len(points) > 1 else [
         f"{name}_a"]
@@ -92,12 +92,14 @@ def _distances(
 
 
 def _radii(name: str, radius: Any, count: int, store: Store) -> list[sp.Expr]:
-    """Return radii as parameters: ``count`` equal ones, or those given."""
-    entries = [radius] * count if np.ndim(radius) == 0 else radius
-    sizes = finite(f"radius of {name!r}", entries, (count,)).tolist()
-    if min(sizes) < 0:
+    """Return ``count`` radii as parameters: NAME_radius of all, or NAME_radius_a and NAME_radius_b.
+
+    Raises InputError for other than one number or ``count`` numbers, and below 0.
+    """
+    is_common = np.ndim(radius) == 0
+    radii = finite(f"radius of {name!r}", [radius] * count if is_common else radius, (count,))
+    if radii.min() < 0:
         raise InputError(f"radius of {name!r} is {shown(radius)}; give 0 or more.")
-    labels = [f"{name}_radius"] if np.ndim(radius) == 0 else [f"{name}_radius_a",
-                                                              f"{name}_radius_b"]
-    return [named_number(label, size, store) for label, size in
-            zip(labels * (count // len(labels)), sizes, strict=True)]
+    ends = [""] * count if is_common or count == 1 else ["_a", "_b"]
+    return [named_number(f"{name}_radius{end}", r, store)
+            for end, r in zip(ends, radii.tolist(), strict=True)]

@@ -64,34 +64,35 @@ class _ExactNumbers:
         return rational(sp.Integer(digits) * sp.Integer(10) ** exponent)
 
     def named(self, name: str) -> Value:
-        return self.counted(numbers.named(self.names[name]))
+        return self.with_radicals_counted(numbers.named(self.names[name]))
 
     def add(self, terms: Sequence[Value]) -> Value:
-        return self.counted(numbers.add(terms))
+        return self.with_radicals_counted(numbers.add(terms))
 
     def multiply(self, factors: Sequence[Value]) -> Value:
-        return self.counted(numbers.multiply(factors))
+        return self.with_radicals_counted(numbers.multiply(factors))
 
     def negative(self, value: Value) -> Value:
         return self.multiply([rational(sp.Integer(-1)), value])
 
     def reciprocal(self, value: Value) -> Value:
-        return self.counted(numbers.reciprocal(value))
+        return self.with_radicals_counted(numbers.reciprocal(value))
 
     def power(self, base: Value, exponent: Value) -> Value:
-        return self.counted(numbers.power(base, exponent))
+        return self.with_radicals_counted(numbers.power(base, exponent))
 
     def call(self, function: str, arguments: Sequence[Value]) -> Value:
-        return self.counted(ROOTS[function](*arguments))
+        return self.with_radicals_counted(ROOTS[function](*arguments))
 
-    def counted(self, value: Value) -> Value:
-        """Return the value; raises ``RefusedError`` if there are too many different radicals."""
+    def with_radicals_counted(self, value: Value) -> Value:
+        """Return the value, with its radicals added to those of the text.
+
+        Raises ``RefusedError`` for more than ``MAX_RADICALS`` different ones: SymPy takes too long.
+        """
         self.radicals.update(_radicals(value.exact))
         if len(self.radicals) > MAX_RADICALS:
-            raise RefusedError(
-                f"This is the radical number {len(self.radicals)} of at most {MAX_RADICALS}; "
-                "write the number in decimals"
-            )
+            raise RefusedError(f"There are more than {MAX_RADICALS} different radicals; write the "
+                               "number in decimals")
         return value
 
 

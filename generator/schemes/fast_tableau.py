@@ -127,18 +127,20 @@ class FastTableau:
         }
 
     def even_odd_tables(self, real: Real) -> dict[str, list[Row]]:
-        """Return μ, μ̂, ν and ν̃ split into odd and even parts; empty if that saves nothing.
+        """Return μ, μ̂, ν and ν̃ split into odd and even parts: sums then take half the products.
 
-        If T_ij + T_i'j' = 1 (symmetry in time; i', j' are counted from the other end),
+        Let T be one of the tables, and i', j' counted from the other end. For a tableau that is
+        symmetric in time, T_ij + T_i'j' = 1, and
 
             T_ij = ½ + o_ij + e_ij,  T_i'j = ½ + o_ij − e_ij,  o_ij' = −o_ij,  e_ij' = e_ij.
 
         A row has o_ij and e_ij of the first half of the columns, then e_ij of the middle column.
-        There are rows i of the first half, and the middle row, which has e = 0. The last row of ν
+        The rows are those of the first half, and the middle row, which has e = 0. The last row of ν
         and column of ν̃, of the end of the step, are omitted: they are all ones.
 
         The tables of μ̂ and ν̃ are the negative transposes of those of μ and ν with o and e
         exchanged, so that μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji hold exactly in rounded numbers.
+        Empty if the tableau is not symmetric, or has too few stages for a saving.
         """
         s, inner = self.tableau.s, max(self.tableau.p - 1, 0)
         pairs = [("mu", "mu_hat", s), *([("nu", "nu_tilde", inner)] if self.tableau.p else [])]
@@ -146,9 +148,10 @@ class FastTableau:
         for name, dual, size in pairs:
             table = self._in_lanes(name, self.scaled[name])
             dual_table = self._in_lanes(dual, self.scaled[dual])
+            # centres are within 2^−500 of the exact coefficients; quotients lose some digits
             tolerance = max(self._tolerance, Fraction(1, 2**400))
-            # the end of the step: Q̃_p = q + Σ L_j and P has the full share of Y_0, so that these
-            # are ones, and need no table
+            # the end of the step, node p: Q̃_p = q + Σ_j b_j k_j is the row of ones, and the
+            # multiplier of node 0 acts on all stages with its full weight, the column of ones
             ones = [*table[size:], [row[size] for row in dual_table if len(row) > size]]
             if (not _is_split_cheaper(s) or not _is_symmetric(table[:size], tolerance)
                     or any(abs(e - 1) > tolerance for row in ones for e in row)

@@ -37,18 +37,23 @@ def state_kernels(system: LagrangianSystem) -> list[Kernel]:
 def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
     """Return the kernels of L_q + F and, with explicit time, of H_t = −L_t, at given v."""
     arguments = {"q": list(system.q), "v": list(system.velocities)}
-    less = " + F" if system.forces else ""
+    plus_forces = " + F" if system.forces else ""
     kernels = [
-        Kernel("generalised_force", f"R = dL/dq{less} at fixed v", arguments | time_input(system),
+        Kernel("generalised_force", f"R = dL/dq{plus_forces} at fixed v",
+               arguments | time_input(system),
                {"R": system.generalised_force}),
         *([Kernel("energy_rate_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L",
                   arguments, {"H_t": system.H_t})] if system.is_time_dependent else []),
     ]
+    # common factors take quadratic time
     return [replace(k, factors=not system.is_long) for k in kernels]
 
 
 def newton_kernels(system: LagrangianSystem) -> list[Kernel]:
-    """Return the kernels of the derivatives of L_q and of F along (dq, dv)."""
+    """Return the kernels of the derivatives along (dq, dv), L_qq dq + L_qv dv and F_q dq + F_v dv.
+
+    −H_q is L_q at fixed v, so that ``system.H_q`` serves as −L_q.
+    """
     symbols = [*system.q, *system.velocities]
     dq, dv = vector("dq", system.n), vector("dv", system.n)
     arguments = {"q": list(system.q), "v": list(system.velocities)}

@@ -131,15 +131,19 @@ def _block_layouts(system: System) -> list[_Blocks]:
 
 
 def _unit_quaternions(system: System) -> Iterator[list[int]]:
-    """Yield the indices of four coordinates with constant Σ x² by a constraint."""
+    """Yield the indices of four consecutive coordinates x with a constraint c (Σ x² − const).
+
+    They are the quaternion of a body: bodies keep theirs in consecutive coordinates.
+    """
     index_of = {symbol: i for i, symbol in enumerate(system.q)}
     for g in system.constraints:
         symbols = sorted(g.free_symbols & index_of.keys(), key=index_of.__getitem__)
         if len(symbols) != 4 or not g.is_polynomial(*symbols):
             continue
-        remainder = sp.expand(g / sp.Poly(g, *symbols).LC() - sum(x**2 for x in symbols))
+        leading_coefficient = sp.Poly(g, *symbols).LC()
+        constant = sp.expand(g / leading_coefficient - sum(x**2 for x in symbols))
         indices = [index_of[x] for x in symbols]
-        if not remainder.has(*symbols) and indices == list(range(indices[0], indices[0] + 4)):
+        if not constant.has(*symbols) and indices == list(range(indices[0], indices[0] + 4)):
             yield indices
 
 

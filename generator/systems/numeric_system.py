@@ -60,14 +60,19 @@ class Pattern:
         """1 where a column has a colour, shape (columns, colours)."""
         return np.equal.outer(self.colours, np.arange(self.colours.max(initial=0) + 1)) * 1.0
 
-    def slopes(
+    def jacobian_entries(
         self, expressions: Sequence[sp.Expr], x: Array,
         substitute: Callable[[Array], dict[sp.Symbol, Any]]
     ) -> Array:
-        """Return the entries at x, shape (n,) or (n, points): (entries,) or (entries, points)."""
+        """Return the entries ∂f_row/∂x_column by complex steps, Im f(x + iε)/ε.
+
+        Columns of one colour share no row, so that one evaluation serves all of them. x has shape
+        (n,) or (n, points), the result (entries,) or (entries, points); ``substitute`` returns the
+        values of all symbols at x.
+        """
         steps = 1j * TINY * self.masks
         points = (x[:, None] + steps if x.ndim == 1 else x[:, None, :] + steps[:, :, None])
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore"):  # callers check that entries are finite
             derivatives: Array = evaluate(expressions, substitute(points)).imag / TINY
         return derivatives[self.rows, self.colours[self.columns]]
 
@@ -138,7 +143,7 @@ class NumericConstraints:
         """Return g_q, shape (m, n); as for g, callers check that it is finite."""
         if self.is_sparse:
             columns, rows = self._pattern.columns, self._pattern.rows
-            slopes = self._pattern.slopes(self.expressions, q, self._at)
+            slopes = self._pattern.jacobian_entries(self.expressions, q, self._at)
             return _sparse((len(self.expressions), len(q)), rows, columns, slopes)
         directions = q[:, None] + 1j * TINY * np.eye(len(q))
         with np.errstate(over="ignore"):
@@ -189,7 +194,8 @@ class NumericSystem(NumericConstraints):
         """Return the velocity, shape (n,), or (n, points) of momenta of many points."""
         if not self.is_sparse:
             return evaluate(self._velocity, self._state(q, p))
-        slopes = self._momenta_of_terms.slopes(self._terms, p, partial(self._state, q))
+        slopes = self._momenta_of_terms.jacobian_entries(
+            self._terms, p, partial(self._state, q))
         sums = np.zeros(p.shape)
         np.add.at(sums, self._momenta_of_terms.columns, slopes)
         return sums

@@ -28,25 +28,29 @@ def multiplier_inverse(tableau: Tableau) -> mp.matrix | None:
     if multiplier_condition(tableau) >= _LARGEST_CONDITION:
         return None
     with mp.workdps(_DIGITS):
-        return _matrix(tableau) ** -1
+        return _multiplier_matrix(tableau) ** -1
 
 
 @cache
 def multiplier_condition(tableau: Tableau) -> mp.mpf:
     """Return the condition number of M, largest over smallest singular value; inf if singular."""
     with mp.workdps(_DIGITS):
-        sizes = mp.svd_r(_matrix(tableau), compute_uv=False)
-        largest, smallest = max(sizes), min(sizes)
+        singular_values = mp.svd_r(_multiplier_matrix(tableau), compute_uv=False)
+        largest, smallest = max(singular_values), min(singular_values)
         return largest / smallest if smallest > largest * mp.eps * 2**16 else mp.inf
 
 
-def _matrix(tableau: Tableau) -> mp.matrix:
-    """Return M = Ā Ã, p × p: rows of the nodes 1..p, columns of the multipliers 0..p − 1."""
+def _multiplier_matrix(tableau: Tableau) -> mp.matrix:
+    """Return M = Ā Ã, p × p for p constraint intervals, by which g depends on the multipliers.
+
+    Rows are the constraint nodes l = 1..p, columns the multipliers j = 0..p − 1.
+    """
     tables, p = tableau.map_enclosures(lambda e: e.centre), tableau.p
     M = mp.matrix(p, p)
-    for row in range(p):
+    for node in range(p):
         for j in range(p):
-            terms = zip(tables["A_bar"][row + 1], tables["A_tilde"], strict=True)
-            entry = sum((a * tilde[j] for a, tilde in terms), Fraction(0))
-            M[row, j] = mp.mpf(entry.numerator) / entry.denominator
+            products = (a_bar * a_tilde[j] for a_bar, a_tilde in zip(
+                tables["A_bar"][node + 1], tables["A_tilde"], strict=True))
+            entry = sum(products, Fraction(0))
+            M[node, j] = mp.mpf(entry.numerator) / entry.denominator
     return M

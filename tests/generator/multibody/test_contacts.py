@@ -46,7 +46,7 @@ def test_gaps_are_distances():
     build = two_bodies()
     Ra, Rb = (Rotation.from_rotvec(turn).as_matrix() for turn in ((0.4, -0.3, 0.8), (1, 2, 3)))
     xa, xb, n = np.array([0.3, -0.2, 1.7]), np.array([1, 2, -1]), np.array([1, 2, 2]) / 3
-    build.contact("ball", "a", on_a=(0.1, 0.2, 0.3), radius=0.25)
+    build.contact("ball", "a", on_a=(0.1, 0.2, 0.3), radius=[0.25])
     build.contact("wall", "a", "b", on_a=[(0.1, 0, 0), (0, 0.1, 0)], on_b=(0, 0, 0.5),
                   normal=(1, 2, 2), radius=0.05)
     build.contact("balls", "a", "b", on_a=(0, 0, 0.2), on_b=(0.1, 0, 0), radius=(0.3, 0.2))
@@ -280,6 +280,7 @@ REFUSED = {
     "box": ({"a": "a", "box": (1, 0, 1)}, "box"),
     "normal": ({"a": "a", "normal": (0, 0, 0)}, "normal"),
     "radius": ({"a": "a", "radius": -1}, "-1"),
+    "radii": ({"a": "a", "radius": [1, 2]}, "radius"),
     "two points": ({"a": "a", "b": "b"}, "radius="),
 }
 

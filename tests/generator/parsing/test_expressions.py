@@ -118,8 +118,8 @@ HOSTILE = [
     ("sqrt(" + "9" * 100 + ")", "under a root"),
     ("1+sqrt(2)*(1+sqrt(3)*(" * 24 + "sqrt(5)" + "))" * 24, "inside"),
     ("sqrt(1+" * 40 + "1" + ")" * 40, "inside"),
-    ("+".join(f"sqrt({p})" for p in sp.primerange(600)), "radical number 101"),
-    ("*".join(f"sqrt({p})" for p in sp.primerange(600)), "radical number 101"),
+    ("+".join(f"sqrt({p})" for p in sp.primerange(600)), "100 different radicals"),
+    ("*".join(f"sqrt({p})" for p in sp.primerange(600)), "100 different radicals"),
     ("*".join(["sqrt(99999999999999999999999999999999999999)"] * 80), "product"),
     ("(" * 8 + "1+sqrt(2)" + ")**64" * 8, "bits"),
 ]
