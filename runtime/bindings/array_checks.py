@@ -20,6 +20,8 @@ __all__ = ["as_array", "as_numbers", "as_positive_count", "as_real",
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
 _MOST = 2**62
+#: Numbers up to which floats are faster than arrays.
+_FEW = 32
 
 
 def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
@@ -29,19 +31,26 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
     InputError for another shape, for complex, boolean or non-numeric entries, for NaN and infinity.
     """
     if (type(value) is np.ndarray and value.dtype.type is dtype and value.dtype.isnative
-            and value.shape == shape and np.count_nonzero(np.isfinite(value)) == value.size):
+            and value.shape == shape and _all_finite(value)):
         return value.copy()  # what most calls give
     array = as_numbers(name, value)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
     converted = converted_to(dtype, array)
-    # The number of finite entries is the fastest of NumPy's reductions over truth values.
-    if np.count_nonzero(np.isfinite(converted)) == converted.size:
+    if _all_finite(converted):
         return converted
     if not _are_finite(array):
         raise InputError(f"{name} = {_entries(array)} is not finite; give finite numbers.")
     raise InputError(f"{name} = {_entries(array)} is too large for {converted.dtype}; give "
                      "smaller numbers or a wider floating-point type.")
+
+
+def _all_finite(array: NDArray[Any]) -> bool:
+    """Whether all entries of an array in a type of NumPy are finite."""
+    if array.ndim == 1 and array.size <= _FEW and array.dtype == np.float64:
+        return all(map(math.isfinite, array.tolist()))
+    # The number of finite entries is the fastest of NumPy's reductions over truth values.
+    return int(np.count_nonzero(np.isfinite(array))) == array.size
 
 
 def _are_finite(array: NDArray[Any]) -> bool:

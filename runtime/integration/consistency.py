@@ -104,10 +104,10 @@ def moved_onto_constraints(
         t0 = as_real("t", t, binding.number)
         compiled_parameters = binding.parameters(stepper.check_parameters(values), t0)
         begun = binding.start_in_scaled_time(compiled_parameters, *state, t0)
+        # the bits of a start that is consistent stay: a projection would round them anew
+        if _is_plainly_consistent(binding, compiled_parameters, *begun):
+            return q, p, ""
         with np.errstate(all="ignore"):
-            # the bits of a start that is consistent stay: a projection would round them anew
-            if _is_plainly_consistent(binding, compiled_parameters, *begun):
-                return q, p, ""
             moved = stepper._projected(*begun, compiled_parameters)
     except GyrosparkError:
         return q, p, ""
@@ -133,8 +133,15 @@ def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments)
     if not binding.conditions:
         return
     parameters = binding.parameters(run.parameters, run.t0)
-    if _is_plainly_consistent(binding, parameters, run.q, run.p):
-        return
+    if not _is_plainly_consistent(binding, parameters, run.q, run.p):
+        _refuse_off_constraints(binding, manifest, parameters, run)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # the steps judge what is not finite
+def _refuse_off_constraints(
+    binding: Binding, manifest: Manifest, parameters: ParameterStruct, run: RunArguments
+) -> None:
+    """Refuse a start whose defects exceed the bounds of moves of all coordinates."""
     defects = defects_of_starts(binding, manifest.scheme.keeps_momentum_constraint, parameters,
                                 run.q[None], run.p[None], np.array([run.dt]))
     if defects.consistent[0]:
@@ -266,6 +273,15 @@ def _is_plainly_consistent(
         (binding.ffi.buffer(parameters)[:], q.tobytes(), p.tobytes()))
     if state and state == binding.consistent_state:
         return True
+    consistent = _is_within_bounds(binding, parameters, q, p)
+    if consistent:
+        binding.consistent_state = state
+    return consistent
+
+
+@np.errstate(all="ignore")
+def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p: Array) -> bool:
+    """Return what ``_is_plainly_consistent`` does of another state than the last."""
     moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):
@@ -284,7 +300,6 @@ def _is_plainly_consistent(
         # argmax is the fastest of NumPy's reductions; NaN is the largest to it
         if size.size and not size[size.argmax()] <= epsilons / 2 * change[change.argmax()]:
             return False
-    binding.consistent_state = state
     return True
 
 
