@@ -22,7 +22,7 @@ Force gradient, with the canonical bracket {f, g} = f_q·g_p − f_p·g_q and τ
 
     G = −{V, {T, V}} = Σ_b τᵀ S τ + V_rᵀ M⁻¹ V_r,   S = a I + Σ d e eᵀ,
 
-a function of q and r. The kick of b V + κ h² G is one kick with N + κ h² N_G in place of N; the
+a function of q and r. The kick of V + κ h² G is one kick with N + κ h² N_G in place of N; the
 field of G is −[V, [T, V]] of the fields of T and V.
 
 Source: McLachlan and Quispel, Splitting methods, Acta Numerica 11 (2002); Chin, Physics Letters A
@@ -88,8 +88,8 @@ class BodyFlow:
         At most one: with ½ a |m|² it is one exact flow, for the two commute.
     further : tuple of AxisRotation
         Rotations that do not commute with ``axes``, of an asymmetric body or of a gyrostat whose
-        wheel is not on the axis of symmetry. In a symmetric composition their flows over half the
-        time are applied in this order before the exact flow and in reverse order after it.
+        wheel is not on the axis of symmetry. Their flows are composed into the middle of a kick:
+        each over half the time, in this order and then in reverse order.
     drag : Expr
         k of dl/dt = −k l, in 1/s; 0 without drag.
     symmetric_if : tuple of Expr
