@@ -299,7 +299,7 @@ class DiscreteFlow:
         steps, status = stored_run.keep(self.steps)
         if status:
             self.stepper._run(run)  # says why it fails
-            raise singular(stored_run.done, status)
+            raise singular(stored_run.steps_done, status)
         parameters = second.own.parameters(run.parameters, run.t0)
         fixed_count, size = self._places.size, 2 * self.n
         u = dx[:, fixed_count:].reshape(len(dx), self.steps, -1)

@@ -52,7 +52,10 @@ class ImpactStep(KeptSteps):
     def take_tangents(
         self, dz: Array, every: int, rows: Array, multipliers: Array, tangents: Array
     ) -> int:
-        """Advance tangents as ``DerivativeBinding.integrate_tangent``; return 0."""
+        """Advance ``tangents`` as ``DerivativeBinding.integrate_tangent`` does; return 0.
+
+        With M = ∂(q₁, p₁)/∂(all rows), ``matrix``: (dq₁, dp₁) = M dz.
+        """
         self._refuse_multipliers(multipliers)
         tangents[:] = self.matrix @ np.concatenate([tangents, dz[len(tangents) :]])
         if (self.first + 1) % every == 0:
@@ -63,9 +66,13 @@ class ImpactStep(KeptSteps):
         self, cotangents: Array, multipliers: Array, w: Array, z_bar: Array, inputs_bar: Array,
         columns: list[int],
     ) -> int:
-        """Take ``w`` backwards as ``DerivativeBinding.integrate_adjoint``; return 0."""
+        """Take ``w`` backwards as ``DerivativeBinding.integrate_adjoint`` does; return 0.
+
+        ``columns`` are the rows of a direction that the inputs have.
+        """
         self._refuse_multipliers(multipliers)
         cotangent = self.matrix.T @ w
+        # inputs of this step: their cotangents belong to its row, and not to parameters
         if len(inputs_bar):
             inputs_bar[0], cotangent[columns] = cotangent[columns], 0
         z_bar[len(w) :] += cotangent[len(w) :]
@@ -93,7 +100,7 @@ class DerivativeBinding:
         self._size = int(binding.function("derivative_size")())
 
     def memory(self) -> Any:
-        """Return memory for one thread."""
+        """Return work memory for one thread, and the array that it lies in, to be kept."""
         return self.own.ffi.cast("void *", self.own.ffi.from_buffer(
             keep := aligned(self._size))), keep
 
@@ -114,7 +121,9 @@ class DerivativeBinding:
     ) -> Array | None:
         """Return the derivatives of each quantity of a state by the rows of a direction.
 
-        In place of the start time is the time t. None where they are not generated.
+        Shape (quantities, rows); the last column is by the time t in place of the start time, and
+        that of the step is 0. ``energy`` asks for H alone, which in scaled time follows the
+        quantities. None where the module has no such derivatives.
         """
         binding, size = self.own, self.rows - 1
         if not self._has("quantities_by_state"):
@@ -126,6 +135,7 @@ class DerivativeBinding:
         binding.function("quantities_by_state")(
             parameters, *([binding.pointer(time)] if binding.quantities_take_time else []),
             binding.pointer(q), binding.pointer(p), binding.pointer(rows))
+        # C has no column for the step
         derivatives[:, : size - 1], derivatives[:, -1] = rows[:, : size - 1], rows[:, -1]
         return derivatives[: len(binding.quantity_names)] if not energy else derivatives[-1:]
 
@@ -157,7 +167,11 @@ class DerivativeBinding:
         return KeptRun(self, run)
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
-        """Fill rows of q, p and x with steps of the primal module; return the status."""
+        """Fill rows of q, p and x with steps of the primal module; return the status of the C.
+
+        Row 0 of q and p is the state before. The function that integrates is that of the primal
+        module, so that steps have the bits of the run; it is handed on by its address.
+        """
         binding, primal, arguments = self.own, self.primal, run.run
         address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(
             primal.lib, f"{primal.name}_integrate")))
@@ -202,9 +216,11 @@ class DerivativeBinding:
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, dz: Array,
         every: int, rows: Array, multipliers: Array, tangents: Array,
     ) -> int:
-        """Advance ``tangents`` by kept steps; each ``every``-th state has a row in ``rows``.
+        """Advance ``tangents``, shape (2 n, k), by kept steps, in place; return the status.
 
-        ``multipliers`` gets those of each step, unless it is empty.
+        ``rows``, shape (stored states, 2 n, k), gets the tangents of each ``every``-th state of the
+        run; ``multipliers``, unless it is empty, those of the multipliers of each step. ``dz`` has
+        all rows of the directions, of which those of parameters and times are read.
         """
         if isinstance(steps, ImpactStep):
             return steps.take_tangents(dz, every, rows, multipliers, tangents)
@@ -220,14 +236,21 @@ class DerivativeBinding:
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, cotangents: Array,
         every: int, multipliers: Array, w: Array, z_bar: Array, inputs_bar: Array,
     ) -> int:
-        """Take ``w`` backwards through kept steps and add to ``z_bar``.
+        """Take the cotangent ``w`` of (q, p) backwards through kept steps; return the status.
 
-        ``multipliers`` has the cotangents of the multipliers of each step, or is empty.
+        In place, with the map Φ of a step and its parameters θ (Δt and t0 included), at each step:
+
+            z̄_θ ← z̄_θ + Φ_θᵀ w
+            w ← Φ_zᵀ w + the row of ``cotangents``, if the state before the step is stored
+
+        ``inputs_bar`` gets the cotangents of the inputs, a row for each step, if the run has
+        inputs. ``multipliers`` has the cotangents of the multipliers of each step, or is empty.
         """
         binding, (memory, _keep) = self.own, self.memory()
         if isinstance(steps, ImpactStep):
             return steps.take_adjoint(cotangents, multipliers, w, z_bar, inputs_bar, [
                 2 * self.n + binding.parameter_names.index(u) for u in binding.input_names])
+        # the rows of inputs and how many steps each is held; derivatives do not loop over them
         fed = [*binding._fed(run.inputs)[:2],
                binding.pointer(inputs_bar)] if binding.input_names else []
         return int(binding.function("integrate_adjoint")(
@@ -250,13 +273,14 @@ class KeptRun:
         return self.constants.parameters
 
     @property
-    def done(self) -> int:
-        """Steps done."""
+    def steps_done(self) -> int:
+        """Steps so far."""
         return self.state.steps
 
     def go_on_from(self, steps: int, q: Array, p: Array) -> KeptRun:
         """Return the run from a state after so many steps, without the solver's memory."""
         kept_run = KeptRun(self.binding, replace(self.run, q=q, p=p))
+        # no steps of the primal module: it sets its memory up, which is copied byte by byte
         state, no_rows = kept_run.state, Rows.allocate(self.binding.own, 0)
         primal = self.binding.primal
         start = RunState.at_start(primal, q, p)
@@ -268,18 +292,21 @@ class KeptRun:
 
     def keep(self, count: int) -> tuple[KeptSteps, int]:
         """Return the next steps, up to one that fails, and the status."""
-        binding, state, first = self.binding.own, self.state, self.done
+        binding, state, first = self.binding.own, self.state, self.steps_done
         q, p = binding.new(count + 1, binding.n), binding.new(count + 1, binding.n)
         x = binding.new(count, binding.unknowns)
         q[0], p[0] = state.q, state.p
         status = self.binding.integrate_and_keep(self, count, q, p, x)
-        completed = self.done - first
+        completed = self.steps_done - first
         state.q[:], state.p[:] = q[completed], p[completed]
         return KeptSteps(first, q[: completed + 1], p[: completed + 1], x[:completed]), status
 
 
 class QuadDerivativeBinding(DerivativeBinding):
-    """The same for float128, whose functions cffi calls through others: a call for each step."""
+    """The same for float128: Python takes the steps one by one.
+
+    cffi calls its functions through others that take pointers, whose address C cannot use.
+    """
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
         """Fill rows of q, p and x with steps of the primal module; return the status."""

@@ -30,26 +30,28 @@ class FrameMotion:
     def __init__(
         self, binding: DerivativeBinding, symmetries: tuple[Symmetry, ...], run: RunArguments
     ) -> None:
-        inner, n = binding.own, binding.n
-        self.n, self.dt, self._rows = n, run.dt, binding.rows
+        """Prepare the generator Σ ω_i A_i of (q, p), with the rates ω_i of the run's parameters."""
+        own, n = binding.own, binding.n
+        self.n, self.dt, self._row_count = n, run.dt, binding.rows
         self.moves = bool(symmetries)
-        self._places, self._fields = [], []
+        #: For each symmetry: the row of its rate ω_i in a direction, and A_i for (q, p).
+        self._rate_rows, self._lifted = [], []
         for symmetry in symmetries:
-            A = inner.new(n, n)
+            A = own.new(n, n)
             A += np.array(symmetry.A, dtype=A.dtype if A.dtype != object else float)
-            both = inner.new(2 * n, 2 * n)
+            lifted = own.new(2 * n, 2 * n)
             # the flow of A lifted to the cotangent space: q' = A q, p' = −Aᵀ p
-            both[:n, :n], both[n:, n:] = A, -A.T
-            self._fields.append(both)
-            self._places.append(2 * n + inner.parameter_names.index(symmetry.name))
-        self._sum = inner.new(2 * n, 2 * n)
-        for field, symmetry in zip(self._fields, symmetries, strict=True):
-            self._sum += field * run.parameters[symmetry.name]
-        self._new, self._binding = inner.new, binding
+            lifted[:n, :n], lifted[n:, n:] = A, -A.T
+            self._lifted.append(lifted)
+            self._rate_rows.append(2 * n + own.parameter_names.index(symmetry.name))
+        self._generator = own.new(2 * n, 2 * n)
+        for lifted, symmetry in zip(self._lifted, symmetries, strict=True):
+            self._generator += lifted * run.parameters[symmetry.name]
+        self._new, self._binding = own.new, binding
 
     def matrix(self, k: int) -> Array:
-        """Return S after k steps."""
-        return self._exponential(self._sum * (k * self.dt))
+        """Return S = exp(k Δt Σ ω_i A_i) after k steps, shape (2 n, 2 n)."""
+        return self._exponential(self._generator * (k * self.dt))
 
     def refuse_rotating_multipliers(self, run: RunArguments) -> None:
         """Refuse a frame in which constraints turn, G(S q) S ≠ G(q), and multipliers with them.
@@ -59,10 +61,10 @@ class FrameMotion:
         n = self.n
         parameters = self._binding.own.parameters(run.parameters, run.t0)
         G = self._binding.constraint_derivatives(parameters, run.q, run.p)[0][:, :n]
-        for field in self._fields:
+        for lifted in self._lifted:
             # half a radian: constraints that are invariant have the same G there, in the frame's
             # axes
-            S = self._exponential(field / 2)
+            S = self._exponential(lifted / 2)
             z = S @ np.concatenate([run.q, run.p])
             turned = self._binding.constraint_derivatives(
                 parameters, z[:n].copy(), z[n:].copy())[0][:, :n] @ S[:n, :n]
@@ -82,15 +84,16 @@ class FrameMotion:
 
     def own_derivatives(self, k: int, z: Array) -> Array:
         """Return dS z by the rows of a direction, shape (2 n, rows), of a state z of the frame."""
-        derivatives: Array = self._new(2 * self.n, self._rows)
-        X, size = self._sum * (k * self.dt), 2 * self.n
+        derivatives: Array = self._new(2 * self.n, self._row_count)
+        X, size = self._generator * (k * self.dt), 2 * self.n
         block = self._new(2 * size, 2 * size)
         block[:size, :size] = block[size:, size:] = X
-        for index, field in zip(self._places, self._fields, strict=True):
-            block[:size, size:] = field * (k * self.dt)
+        # by ω_i: the upper right block of the exponential of [[X, k Δt A_i], [0, X]]
+        for index, lifted in zip(self._rate_rows, self._lifted, strict=True):
+            block[:size, size:] = lifted * (k * self.dt)
             derivatives[:, index] = self._exponential(block)[:size, size:] @ z
         # by Δt: dS/dΔt = k (Σ ω_i A_i) S, which commutes
-        derivatives[:, -2] = k * (self._sum @ (self._exponential(X) @ z))
+        derivatives[:, -2] = k * (self._generator @ (self._exponential(X) @ z))
         return derivatives
 
     def _exponential(self, X: Array) -> Array:

@@ -96,9 +96,11 @@ class Gradient:
         cls, space: TangentSpace, z_bar: Array, wrt: tuple[str, ...], value: Any = None,
         inputs: Array | None = None, switched_steps: int = 0,
     ) -> Gradient:
-        """Return the gradient of the cotangent of all rows of a direction at the start.
+        """Return the gradient from the cotangent z̄ of all rows, q, p, parameters, Δt and t0.
 
-        ``inputs`` are those of each step; by default of one step, whose inputs are parameters.
+        q and p of z̄ are pulled back through the projection of the start. ``inputs`` has the
+        derivatives by each row of inputs; by default the run is one step, whose inputs are
+        parameters.
         """
         binding, n = space.binding.own, space.n
         z_bar = space.pulled_back(z_bar)
@@ -152,6 +154,7 @@ def names_of(stepper: Stepper, wrt: str | Sequence[str] | None) -> tuple[str, ..
     """
     parameters = [*stepper.parameter_domains, *(s.name for s in stepper.symmetries)]
     if wrt is None:
+        # a rate of a frame may be among the parameters already
         return ("start", *dict.fromkeys(parameters))
     names = (wrt,) if isinstance(wrt, str) else tuple(as_items("wrt", wrt, "names"))
     if not names:
@@ -208,12 +211,13 @@ class Cotangents:
 
 
 def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any]) -> Cotangents:
-    """Return the cotangents of a trajectory whose rows are of these kinds.
+    """Return the checked cotangents of a trajectory, sorted by the kinds of its rows.
 
+    Those of ends of steps become ``rows``, those of states within steps and of events ``points``.
     Raises InputError for other names and shapes, for what is not finite, for events without
     derivatives.
     """
-    n, of_steps = stepper.binding.n, len(kinds.of_steps)
+    n, step_rows = stepper.binding.n, len(kinds.of_steps)
     cotangents = as_mapping("cotangents", cotangents, "{'q': ...}")
     events = cotangents.get("events", {})
     parameters = as_mapping("cotangents of parameters", cotangents.get("parameters", {}),
@@ -223,18 +227,18 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any
             raise unknown("parameter", name, stepper.binding.parameter_names)
     parameters = {name: as_real(f"The cotangent of {name}", slope, stepper.binding.number)
                   for name, slope in parameters.items()}
-    of_rows = {name: array for name, array in cotangents.items()
-               if name not in ("events", "parameters")}
-    w, s = _arrays(stepper, of_steps + len(kinds.points), of_rows, "")
-    forces = _of_multipliers(stepper, of_steps + len(kinds.points), of_rows)
+    arrays = {name: array for name, array in cotangents.items()
+              if name not in ("events", "parameters")}
+    w, s = _arrays(stepper, step_rows + len(kinds.points), arrays, "")
+    forces = _of_multipliers(stepper, step_rows + len(kinds.points), arrays)
     new, count = stepper.binding.new, kinds.run.rows + 1
     rows, times = new(count, 2 * n), new(count)
-    rows[:of_steps], times[:of_steps] = w[:of_steps], s[:of_steps]
+    rows[:step_rows], times[:step_rows] = w[:step_rows], s[:step_rows]
     multipliers = new(count if len(forces) else 0, stepper.binding.multipliers)
-    multipliers[:of_steps] = forces[:of_steps]
+    multipliers[:step_rows] = forces[:step_rows]
     points: list[tuple[Point, Array, Any, Array | None]] = list(zip(
-        kinds.points, w[of_steps:], s[of_steps:],
-        forces[of_steps:] if len(forces) else [None] * len(kinds.points), strict=True))
+        kinds.points, w[step_rows:], s[step_rows:],
+        forces[step_rows:] if len(forces) else [None] * len(kinds.points), strict=True))
     for name, parts in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
         event_names = [*kinds.events, *kinds.refused]
         if not event_names:
@@ -263,7 +267,11 @@ def _of_multipliers(stepper: Stepper, rows: int, cotangents: Mapping[str, Any]) 
 def _arrays(
     stepper: Stepper, rows: int, cotangents: Mapping[str, Any], where: str
 ) -> tuple[Array, Array]:
-    """Return cotangents of rows of (q, p) and of their times; in scaled time these are in q."""
+    """Return cotangents of rows of (q, p), shape (rows, 2 n), and of their times, shape (rows,).
+
+    In scaled time t is the last coordinate, and its cotangents are in that column. ``where`` is
+    " at the event x" for the crossings of an event, which has no multipliers.
+    """
     binding = stepper.binding
     n, shown = binding.n, binding.shown
     w, times = binding.new(rows, 2 * n), binding.new(rows)
@@ -354,7 +362,10 @@ class _AdjointRun:
         self.switched = 0
 
     def advance(self, memory: int | None, end: tuple[Array, Array] | None) -> Array:
-        """Take all steps backwards; return the cotangent of the start, which ``z_bar`` has too."""
+        """Take all steps backwards; return the cotangent of the start, which ``z_bar`` has too.
+
+        At each state the cotangents of its row and of the points in the step behind it are added.
+        """
         w: Array | None = None
         for piece in backwards(self.stepper, self.run, memory, end):
             self.switched += self.binding.count_switches(self.run, self.parameters, piece)
@@ -370,7 +381,10 @@ class _AdjointRun:
         return w
 
     def _take(self, steps: KeptSteps, w: Array) -> Array:
-        """Return the cotangent of the state before some steps, of that after them."""
+        """Return the cotangent of the state before some steps, from w of the state after them.
+
+        ``w`` is overwritten; ``z_bar`` and ``inputs_bar`` gain what the steps add.
+        """
         run = self.run
         row_cotangents = _of_stored(self.frame, run, steps, self.cotangents.rows, self.z_bar)
         forces = _of_steps(self.stepper, run, steps, self.cotangents.multipliers)
@@ -388,7 +402,10 @@ class _AdjointRun:
         return w
 
     def _of_points(self, step: int, q: Array, p: Array) -> Array:
-        """Return the cotangent of a state of the frame, of the points in the step behind it."""
+        """Return the cotangent, in space, of a state of the frame by the points in the next step.
+
+        What the points add to parameters and times goes to ``z_bar``, to inputs to ``inputs_bar``.
+        """
         cotangent: Array = self.own.new(self.binding.rows)
         z = np.concatenate([q, p])
         if self.frame.moves:
@@ -407,7 +424,11 @@ class _AdjointRun:
 def _of_frame(
     frame: FrameMotion, steps: KeptSteps, k: int, cotangent: Array, z_bar: Array
 ) -> Array:
-    """Return the cotangent of the state of the frame after k steps, of that in space."""
+    """Return the cotangent Sᵀ w of the state z̃ in the frame after k steps.
+
+    ``cotangent`` is w, that of the state S z̃ in space. The part of S's own rates and of Δt, (dS
+    z̃)ᵀ w, is added to ``z_bar``.
+    """
     if not frame.moves:
         return cotangent
     z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
@@ -419,7 +440,10 @@ def _of_frame(
 def _of_stored(
     frame: FrameMotion, run: RunArguments, steps: KeptSteps, rows: Array, z_bar: Array
 ) -> Array:
-    """Return the cotangents of the states before these steps that are stored, in the frame."""
+    """Return the cotangents of the stored states before these steps, in the frame.
+
+    ``rows`` has those of all stored states in space. ``z_bar`` gains the part of the frame's rates.
+    """
     first = steps.first // run.every
     of_piece = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
@@ -432,7 +456,10 @@ def _of_stored(
 
 
 def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers: Array) -> Array:
-    """Return the cotangents of the multipliers of each of these steps; empty if there are none."""
+    """Return the cotangents of the multipliers of each of these steps; empty if there are none.
+
+    ``multipliers`` has a row for each stored state, which has those of the step that ends there.
+    """
     step_multipliers: Array = stepper.binding.new(
         steps.count if len(multipliers) else 0, stepper.binding.multipliers)
     if len(multipliers):
@@ -460,7 +487,12 @@ def _held(inputs_bar: Array, run: RunArguments) -> Array:
 def backwards(
     stepper: Stepper, run: RunArguments, memory: int | None, end: tuple[Array, Array] | None
 ) -> Iterator[KeptSteps]:
-    """Yield the steps of a run in pieces, the last piece first."""
+    """Yield the steps of a run in pieces, the last piece first.
+
+    Three ways: all steps are kept; checkpoints are, from which pieces run again; or, without
+    ``memory``, states come of steps of −Δt. ``end``, if given, is the state that the run ended in,
+    which it must lead to again.
+    """
     if run.steps == 0:
         return
     refuse_together(reversed=memory is None and 'memory = "none"', impacts=bool(run.impact_steps)
@@ -490,15 +522,15 @@ def backwards(
         raise InputError(f"memory = {memory:,} bytes are too few for {run.steps:,} steps; "
                          f"checkpoints need {needed:,}. Give these, or memory=\"none\".")
     checkpoints = list[RunState]()
-    while kept_run.done < run.steps:
+    while kept_run.steps_done < run.steps:
         checkpoints.append(kept_run.state.copy(kept_run.binding.own))
-        _, status = kept_run.keep(min(piece, run.steps - kept_run.done))
+        _, status = kept_run.keep(min(piece, run.steps - kept_run.steps_done))
         if status:
             _check(stepper, run, kept_run, status, None)
     _check(stepper, run, kept_run, 0, end)
     for checkpoint in reversed(checkpoints):
         kept_run.state.assign(kept_run.binding.own, checkpoint)
-        yield kept_run.keep(min(piece, run.steps - kept_run.done))[0]
+        yield kept_run.keep(min(piece, run.steps - kept_run.steps_done))[0]
 
 
 def _back_through_impacts(
@@ -525,7 +557,7 @@ def _check(
     """Raise where the run fails, or leads elsewhere than it did."""
     if status:
         stepper._run(run)
-        raise singular(kept_run.done, status)
+        raise singular(kept_run.steps_done, status)
     if end is not None and not stepper.symmetries:
         _refuse_mismatch((kept_run.state.q, kept_run.state.p), end,
                          "the run, done again, ends elsewhere than it did; give the solver that "
@@ -549,6 +581,7 @@ def _reversed(
     if end is None:
         last = stepper._run(replace(run, every=max(run.steps, 1)))
         end = last.q[-1], last.p[-1]
+    # ``state`` is the state after ``remaining`` steps of the run
     binding, state, remaining = stepper._derivative_binding(), end, run.steps
     while remaining:
         # a step of −Δt is the inverse of one of Δt to round-off for the symmetric schemes: states

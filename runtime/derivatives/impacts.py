@@ -41,9 +41,10 @@ __all__ = ["hits_of", "impact_step"]
 
 @dataclass(frozen=True)
 class Hit:
-    """An impact ``since`` after the start of its step: the gap's quantity and e, q, p⁻, p⁺, μ.
+    """An impact ``since`` after the start of its step.
 
-    ``parameter`` is the row of a direction by which e changes, if it is a parameter.
+    ``before`` and ``after`` are p⁻ and p⁺, ``impulse`` is μ. ``gap`` is the index of the gap among
+    the quantities; ``parameter`` the row of a direction by which e changes, if e is a parameter.
     """
 
     since: Any
@@ -59,7 +60,7 @@ class Hit:
 def hits_of(
     stepper: Stepper, run: RunArguments, trajectory: Trajectory, impacts: Sequence[Impact]
 ) -> dict[int, list[Hit]]:
-    """Return the impacts of a trajectory by their steps.
+    """Return the impacts of a trajectory, step → its impacts in the order of the run.
 
     Raises InputError for impacts at the start, at the end of a step, in the last part of one, and
     several at once, which have no derivatives.
@@ -98,37 +99,44 @@ def hits_of(
 def impact_step(
     stepper: Stepper, run: RunArguments, step: int, q: Array, p: Array
 ) -> ImpactStep:
-    """Return a step with impacts from a state, with its derivatives."""
+    """Return a step with impacts from a state, with its derivatives.
+
+    Its parts are linearised in turn. ``directions`` has the derivatives of the present state, the
+    parameters, the length 0 and the present time, by all rows of a direction at the start.
+    """
     binding, n = stepper._derivative_binding(), stepper.binding.n
     start = run.t0 + step * run.dt
     arguments = replace(run.at_step(step), steps=1, every=1, inputs=None, stored_steps=None,
                         hits=None)
-    # rows: q, p, parameters, the length and the time of a part
+    # rows: q, p, parameters, the length and the time of a part; t = t0 + step Δt at the start
     directions = np.eye(binding.rows, dtype=q.dtype)
-    of_step, later = directions[-2].copy(), 0 * directions[-1]
-    directions[-2], directions[-1] = 0, directions[-1] + step * of_step
+    d_step, d_since = directions[-2].copy(), 0 * directions[-1]
+    directions[-2], directions[-1] = 0, directions[-1] + step * d_step
     since, state = 0 * run.dt, (q, p)
     hits: list[Hit | None] = [*(run.hits or {})[step], None]
     for hit in hits:
         length = (run.dt if hit is None else hit.since) - since
-        piece = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
+        part = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
                                            t0=start + since))
-        unit = np.eye(binding.rows, dtype=q.dtype)[:, -2:-1]
-        ends = piece.tangent(np.concatenate([directions, unit], axis=1))
+        # one more direction, that of the length h alone, gives v = ∂Φ_h/∂h
+        along_length = np.eye(binding.rows, dtype=q.dtype)[:, -2:-1]
+        ends = part.tangent(np.concatenate([directions, along_length], axis=1))
         end_directions, v = ends[:, :-1], ends[:, -1]
-        if hit is None:
-            longer = of_step - later
+        if hit is None:  # the last part ends with the step, whatever moves the impacts
+            d_length = d_step - d_since
         else:
             parameters = binding.own.parameters(arguments.parameters, start + hit.since)
-            rows = binding.quantity_derivatives(parameters, start + hit.since, hit.q, hit.before)
-            if rows is None:
+            quantity_rows = binding.quantity_derivatives(parameters, start + hit.since, hit.q,
+                                                         hit.before)
+            if quantity_rows is None:
                 raise _too_long(stepper)
-            normal = rows[hit.gap]
+            # φ stays 0 at the end of this part: dh = −(φ_q dZ + φ_θ dθ + φ_t dt)/(φ_q v + φ_t)
+            normal = quantity_rows[hit.gap]
             rate = rate_of(Point(step, hit.since, normal, hit.impact.name), v)
-            longer = -(normal @ np.concatenate([end_directions, directions[2 * n :]])) / rate
-        directions[: 2 * n] = end_directions + np.outer(v, longer)
-        directions[-1], later = directions[-1] + longer, later + longer
-        state = piece.end[:n], piece.end[n:]
+            d_length = -(normal @ np.concatenate([end_directions, directions[2 * n :]])) / rate
+        directions[: 2 * n] = end_directions + np.outer(v, d_length)
+        directions[-1], d_since = directions[-1] + d_length, d_since + d_length
+        state = part.end[:n], part.end[n:]
         if hit is not None:
             directions[: 2 * n] = _jump(stepper, arguments, start + hit.since, hit) @ directions
             since, state = hit.since, (hit.q, hit.after)
@@ -142,67 +150,80 @@ def _too_long(stepper: Stepper) -> InputError:
 
 
 def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
-    """Return the derivatives of (q, p⁺) by q, p⁻, the parameters, the step (0) and the time."""
+    """Return the derivatives of (q, p⁺) by q, p⁻, parameters, step and time, shape (2 n, rows).
+
+    The step does not matter: its column is 0. The equations of the module, differentiated, are
+
+        dp⁺ = dp⁻ + d(φ_qᵀ) μ + d(Gᵀ) λ + R (dμ, dλ),                      R = [φ_qᵀ Gᵀ]
+        dr(q, p⁺ − Gᵀ y) + e dr(q, p⁻ − Gᵀ y) + r(q, p⁻ − Gᵀ y) de = 0
+        df(q, p⁺) − df(q, p⁻) = 0
+        d(Gᵀ y) = d(Gᵀ) y + Gᵀ W⁻¹ df(q, p⁻ − Gᵀ y) at fixed y,            W = f_p Gᵀ
+
+    The two in the middle have residuals at dμ = dλ = 0, and (dμ, dλ) = −([r_p; f_p] R)⁻¹ residual.
+    """
     binding, n, m = stepper._derivative_binding(), stepper.binding.n, stepper.m
     new, rows = binding.own.new, binding.rows
     e = as_real("restitution", hit.impact.restitution, stepper.binding.number)
     parameters = binding.own.parameters(run.parameters, t)
-    normal = binding.quantity_derivatives(parameters, t, hit.q, hit.before)
-    assert normal is not None
-    row, weights = normal[hit.gap, :n], new(len(normal))
+    quantity_rows = binding.quantity_derivatives(parameters, t, hit.q, hit.before)
+    assert quantity_rows is not None
+    phi_q, weights = quantity_rows[hit.gap, :n], new(len(quantity_rows))
 
     def by_rows(matrix: Array, states: int) -> Array:
-        """Return derivatives by states, parameters and time as those by all rows."""
-        full = new(len(matrix), rows)
-        full[:, :states] = matrix[:, :states]
-        full[:, 2 * n : -2], full[:, -1] = matrix[:, states:-1], matrix[:, -1]
-        return full
+        """Return derivatives by ``states`` of (q, p), parameters and time as those by all rows."""
+        by_all = new(len(matrix), rows)
+        by_all[:, :states] = matrix[:, :states]
+        by_all[:, 2 * n : -2], by_all[:, -1] = matrix[:, states:-1], matrix[:, -1]
+        return by_all
 
-    def of_gap(p: Array, impulse: Any, forces: Array) -> tuple[Array, Array]:
-        """Return the derivatives of φ_qᵀ μ + Gᵀ λ and of the rate of the gap."""
+    def gap_derivatives(p: Array, impulse: Any, forces: Array) -> tuple[Array, Array]:
+        """Return the derivatives of φ_qᵀ μ + Gᵀ λ at fixed μ and λ, and of the gap's rate r."""
         weights[hit.gap] = impulse
-        by_force, by_rate = (new(n, n + rows - 2 * n - 1), new(len(normal), rows - 1))
+        by_force, by_rate = (new(n, n + rows - 2 * n - 1), new(len(quantity_rows), rows - 1))
         stepper._jump_binding()(parameters, t, hit.q, p, weights, forces, by_force, by_rate)
         return by_rows(by_force, n), by_rows(by_rate[hit.gap : hit.gap + 1], 2 * n)
 
-    unit, no_force = np.eye(2 * n, rows, dtype=row.dtype), new(m)
-    dp = unit[n:]
+    # y and λ, from p⁻ and p⁺
+    unit, no_force = np.eye(2 * n, rows, dtype=phi_q.dtype), new(m)
+    dp_before = unit[n:]
     if m:
-        g, f_before = binding.constraint_derivatives(parameters, hit.q, hit.before)
-        G, f_p = g[:, :n], f_before[:, n : 2 * n]
+        g_rows, f_before = binding.constraint_derivatives(parameters, hit.q, hit.before)
+        G, f_p = g_rows[:, :n], f_before[:, n : 2 * n]
         W = f_p @ G.T
         f = stepper.binding.defects(stepper.binding.parameters(run.parameters, t), hit.q[None],
                                     hit.before[None])[1][0]
         y = solved(W, f)
-        pulled = hit.after - hit.before - row * hit.impulse
-        lam = solved(G @ G.T, G @ pulled)
-        pulls = G.T
+        constraint_impulse = hit.after - hit.before - phi_q * hit.impulse
+        lam = solved(G @ G.T, G @ constraint_impulse)
+        G_T = G.T
     else:
-        pulls, lam, y = new(n, 0), no_force, no_force
-    by_jump, _ = of_gap(hit.before, hit.impulse, lam)
-    projected = [p - pulls @ y for p in (hit.before, hit.after)]
-    by_pull, r_before = of_gap(projected[0], 0, y)
-    _, r_after = of_gap(projected[1], 0, no_force)
+        G_T, lam, y = new(n, 0), no_force, no_force
+    d_impulse, _ = gap_derivatives(hit.before, hit.impulse, lam)
+    projected_before, projected_after = (p - G_T @ y for p in (hit.before, hit.after))
+    d_projection, r_before = gap_derivatives(projected_before, 0, y)  # d(Gᵀ) y
+    _, r_after = gap_derivatives(projected_after, 0, no_force)
 
-    def along(derivatives: Array, directions: Array) -> Array:
-        """Return derivatives at dq and ``directions`` of p."""
-        total: Array = (derivatives[:, :n] @ unit[:n] + derivatives[:, n : 2 * n] @ directions
-                        + derivatives[:, 2 * n :] @ np.eye(rows, dtype=row.dtype)[2 * n :])
-        return total
+    def total(derivatives: Array, dp: Array) -> Array:
+        """Return derivatives by all rows where p moves by ``dp``: f_q dq + f_p dp + f_θ dθ."""
+        derivative: Array = (derivatives[:, :n] @ unit[:n] + derivatives[:, n : 2 * n] @ dp
+                             + derivatives[:, 2 * n :] @ np.eye(rows, dtype=phi_q.dtype)[2 * n :])
+        return derivative
 
-    fixed = dp + by_jump  # of p⁺, at fixed μ and λ
-    shift = by_pull
+    # dp⁺ at fixed μ and λ, and d(Gᵀ y)
+    dp_fixed = dp_before + d_impulse
     if m:
-        f_projected = binding.constraint_derivatives(parameters, hit.q, projected[0])[1]
+        f_projected = binding.constraint_derivatives(parameters, hit.q, projected_before)[1]
         f_after = binding.constraint_derivatives(parameters, hit.q, hit.after)[1]
-        shift = shift + pulls @ solved(W, along(f_projected, dp - by_pull))
+        d_projection = d_projection + G_T @ solved(W, total(f_projected, dp_before - d_projection))
+    # the residuals at dμ = dλ = 0, and their derivatives by μ and λ
     r_p = r_after[:, n : 2 * n]
-    directions = np.concatenate([row[:, None], pulls], axis=1)
-    error = along(r_after, fixed - shift) + e * along(r_before, dp - shift)
+    R = np.concatenate([phi_q[:, None], G_T], axis=1)
+    residual = (total(r_after, dp_fixed - d_projection)
+                + e * total(r_before, dp_before - d_projection))
     if hit.parameter is not None:  # r is affine in p, so that its jump −(1 + e) r is r_p (p⁺ − p⁻)
-        error[0, hit.parameter] -= (r_p @ (hit.after - hit.before))[0] / (1 + e)
-    matrix = r_p @ directions
+        residual[0, hit.parameter] -= (r_p @ (hit.after - hit.before))[0] / (1 + e)
+    matrix = r_p @ R
     if m:
-        error = np.concatenate([error, along(f_after, fixed) - along(f_before, dp)])
-        matrix = np.concatenate([matrix, f_p @ directions])
-    return np.concatenate([unit[:n], fixed - directions @ solved(matrix, error)])
+        residual = np.concatenate([residual, total(f_after, dp_fixed) - total(f_before, dp_before)])
+        matrix = np.concatenate([matrix, f_p @ R])
+    return np.concatenate([unit[:n], dp_fixed - R @ solved(matrix, residual)])

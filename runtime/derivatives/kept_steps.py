@@ -30,13 +30,17 @@ _LOST = 1e-3
 
 
 def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptSteps]:
-    """Yield the steps of a run, kept, a piece at a time; of a step with impacts its derivatives."""
+    """Yield the steps of a run from the first on, at most ``_PIECE`` at a time.
+
+    ``kept_run`` is the run at its start, and is advanced. A step with impacts is a piece of its
+    own, an ``ImpactStep``. Raises StepFailed as the run itself does.
+    """
     for step in [*run.impact_steps, run.steps]:
-        while kept_run.done < step:
-            steps, status = kept_run.keep(min(_PIECE, step - kept_run.done))
+        while kept_run.steps_done < step:
+            steps, status = kept_run.keep(min(_PIECE, step - kept_run.steps_done))
             if status:
                 stepper._run(run)  # says why it fails, with everything before
-                raise singular(kept_run.done, status)
+                raise singular(kept_run.steps_done, status)
             yield steps
         # a step with an impact is parts of steps and a jump, which are linearised one by one
         if step < run.steps:
@@ -47,7 +51,10 @@ def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptS
 
 
 def split(steps: KeptSteps, boundaries: Array) -> list[KeptSteps]:
-    """Return kept steps in parts that begin at these steps of the run, a rising sequence."""
+    """Return kept steps in parts: each of the rising ``boundaries``, steps of the run, begins one.
+
+    Parts share the memory of ``steps``, and the state between two of them is in both.
+    """
     if isinstance(steps, ImpactStep):
         return [steps]
     inside = boundaries[(boundaries > steps.first)
@@ -124,9 +131,10 @@ class SingleStep:
                     else self._in_frame.copy())
 
     def tangent(self, dz: Array, multipliers: bool = False) -> Array:
-        """Return the directions of the end, shape (2 n, k), of directions of all rows.
+        """Return the directions of the end, shape (2 n, k), of directions dz of all rows.
 
-        Those of the multipliers follow, if they are wanted.
+        In space the end is S z₁: its direction is S dz₁ + dS z₁. Those of the multipliers follow,
+        if ``multipliers`` asks for them.
         """
         run, binding = self._run, self._binding.own
         forces = binding.new(binding.multipliers if multipliers else 0, dz.shape[1])
@@ -141,7 +149,10 @@ class SingleStep:
         return directions
 
     def adjoint(self, w: Array, multipliers: Array | None = None) -> Array:
-        """Return the cotangent of all rows, of those of the end, w, and of the multipliers."""
+        """Return the cotangent of all rows from w of the end and that of the multipliers.
+
+        The transpose of ``tangent``: z̄ = Φᵀ Sᵀ w + (dS z₁)ᵀ w.
+        """
         run, end_cotangent = self._run, w
         if multipliers is None:
             multipliers = self._binding.own.new(0)

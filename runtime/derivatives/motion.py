@@ -159,7 +159,10 @@ class Kinematics:
         return rows
 
     def _point(self, body: str, r: Array, v: Array) -> tuple[Array, Array]:
-        """Return the rows of the velocity of the point r of a body, and ω × (ω × R r)."""
+        """Return rows C of the velocity ẋ + ω × R r of the point r of a body, and its drift.
+
+        C v is the velocity at the rates v of the coordinates; the drift (dC/dt) v is ω × (ω × R r).
+        """
         rows, turning = np.zeros((3, len(self._q))), self._turning(body)
         if not body:
             return rows, np.zeros(3)
@@ -171,10 +174,10 @@ class Kinematics:
         return rows, np.cross(omega, np.cross(omega, arm))
 
     def body(self, name: str, v: Array) -> tuple[Array, Array]:
-        """Return rows of a body's velocity and ω in space axes, and their drift.
+        """Return rows C of a body's velocity and ω in space axes, and their drift (dC/dt) v.
 
-        Six rows of one that moves freely: the velocity is that of the origin of its axes. Three, of
-        ω, of one whose origin is held.
+        Six rows of a body that moves freely, whose velocity is that of the origin of its axes;
+        three, of ω, of a body whose origin is held.
         """
         turning, still = self._turning(name), np.zeros(3)
         if not self.bodies[name].x:
@@ -183,24 +186,26 @@ class Kinematics:
         return np.vstack([rows, turning]), np.concatenate([drift, still])
 
     def joint(self, name: str, v: Array) -> tuple[Array, Array]:
-        """Return the row of a joint's rate about its axis, or of the speed along it, and its drift.
+        """Return the row C of a joint's rate about its axis, or speed along it, and (dC/dt) v.
 
-        Raises InputError for a joint without an axis that its bodies keep in common.
+        With the axis a in space, which turns with body a's ω_a: the rate is a·u of the relative
+        angular or linear velocity u, and its drift a·(drift of u) + (ω_a × a)·u. Raises InputError
+        for a joint without an axis that its bodies keep in common.
         """
         layout = self.joints[name]
         if not layout.axis_b:
             raise InputError(f"Joint {name!r} has no axis that its bodies keep in common, so no "
                              "one acceleration; ask for those of its bodies.")
-        both = numbers(layout.axis_a, self._parameters)
-        axis = self._rotation(layout.a) @ np.cross(both[:3], both[3:])
-        carried = np.cross(self._turning(layout.a) @ v, axis)
+        normals = numbers(layout.axis_a, self._parameters)
+        axis = self._rotation(layout.a) @ np.cross(normals[:3], normals[3:])
+        axis_rate = np.cross(self._turning(layout.a) @ v, axis)
         if name not in self._slides:
             rows, drift = self._turning(layout.b) - self._turning(layout.a), np.zeros(3)
         else:
             ends = [self._point(body, numbers(point, self._parameters), v)
                     for body, point in ((layout.a, layout.on_a), (layout.b, layout.on_b))]
             rows, drift = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
-        return (axis @ rows)[None], np.array([axis @ drift + carried @ (rows @ v)])
+        return (axis @ rows)[None], np.array([axis @ drift + axis_rate @ (rows @ v)])
 
 
 class StateMotion:
@@ -232,21 +237,21 @@ class StateMotion:
         return self._along(self.v, self.p_rate, 1)
 
     def rate(self, name: str) -> tuple[Array, Array, bool]:
-        """Return rows of the rates of a joint or a body, their accelerations, and what rows are.
+        """Return rows of the rates y of a joint or a body, ÿ, and whether the rows are by p.
 
-        They are C, or C H_pp of joints in a row, which have no axis that their bodies keep, but a
-        quantity of the system: then the last is True. Raises InputError for an unknown name, with
-        the known ones, and a joint without an axis.
+        Rows are C of y = C q̇. A joint without an axis that its bodies keep, but with a quantity of
+        the system as its rate, has the derivatives of that by p, C H_pp: then the flag is True.
+        Raises InputError for an unknown name, with the known ones, and a joint without an axis.
         """
         binding, layout = self._binding.own, self._binding.layout
         is_joint, v = layout.is_joint(name), self.v.astype(float)
         has_axis = name in layout.joints and bool(layout.joints[name].axis_b)
         if name in layout.measures and not has_axis:
-            still, row, measure = binding.new(binding.n), [], layout.measures[name]
+            no_change, row, measure = binding.new(binding.n), [], layout.measures[name]
             for k in range(binding.n):
                 unit = binding.new(binding.n)
                 unit[k] += 1
-                row.append(float(self._along(still, unit, 0)[measure]))
+                row.append(float(self._along(no_change, unit, 0)[measure]))
             return np.array([row]), np.array([float(self.quantity_rates()[measure])]), True
         rows, drift = self._at.joint(name, v) if is_joint else self._at.body(name, v)
         return rows, rows @ self.acceleration.astype(float) + drift, False
@@ -256,7 +261,9 @@ class StateMotion:
 
 
 def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, list[Array]]:
-    """Return the mass matrix of the rates of joints and bodies, and the accelerations of each.
+    """Return the mass matrix M of the rates y of joints and bodies, and ÿ of each name.
+
+        M⁻¹ = C (H_pp − H_pp Gᵀ (G H_pp Gᵀ)⁻¹ G H_pp) Cᵀ
 
     Raises InputError for unknown names, and for rates that depend on each other.
     """
@@ -265,14 +272,13 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
     # momenta as rates of their own: C q' = C H_pp p, so that rows of p are C = rows H_pp⁻¹
     C = np.vstack([_solve(H_pp, rows.T, names).T if is_momentum else rows
                    for rows, _, is_momentum in parts])
-    to_p = C @ H_pp
-    # inverse of the mass matrix: C (H_pp − H_pp Gᵀ (G H_pp Gᵀ)⁻¹ G H_pp) Cᵀ
-    constrained = to_p @ G.T
-    mobility = to_p @ C.T
+    C_H = C @ H_pp
+    C_H_G = C_H @ G.T
+    mobility = C_H @ C.T
     if len(G):
-        mobility = mobility - constrained @ _solve(G @ H_pp @ G.T, constrained.T, names)
+        mobility = mobility - C_H_G @ _solve(G @ H_pp @ G.T, C_H_G.T, names)
     # rates have different units: the test of dependence is of numbers without units
-    scale = np.sqrt(np.abs(np.diag(to_p @ C.T)))
+    scale = np.sqrt(np.abs(np.diag(C_H @ C.T)))
     scaled = mobility / np.outer(scale, scale)
     if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _DEPENDENT:
         raise InputError(f"The rates of {', '.join(names)} depend on each other on the "
@@ -334,7 +340,7 @@ class Accelerations:
             raise InputError(f"{shown(name)} is a body; ask for body({name!r}).")
         if name in self._layout.measures:
             return self.quantities[self._layout.measures[name]]
-        return self._moved(name, "joint")[..., 0][()]
+        return self._accelerations(name, "joint")[..., 0][()]
 
     def body(self, name: str) -> tuple[Array, Array]:
         """Return the acceleration of a body's origin and dω/dt, in space axes, shapes (..., 3).
@@ -349,12 +355,12 @@ class Accelerations:
         if name not in self._layout.bodies:
             self._layout.is_joint(name)
             raise InputError(f"{shown(name)} is a joint; ask for joint({name!r}).")
-        rows = self._moved(name, "body")
-        turning = rows[..., -3:]
-        return (rows[..., :3] if rows.shape[-1] == 6 else 0 * turning), turning
+        rows = self._accelerations(name, "body")
+        angular = rows[..., -3:]
+        return (rows[..., :3] if rows.shape[-1] == 6 else 0 * angular), angular
 
-    def _moved(self, name: str, kind: str) -> Array:
-        """Return C q̈ + (dC/dt) v of a joint or a body."""
+    def _accelerations(self, name: str, kind: str) -> Array:
+        """Return C q̈ + (dC/dt) v of a joint (``kind`` "joint", 1 entry) or a body (6 or 3)."""
         accelerations, width = [], 6 if kind == "body" else 1
         n = self.q.shape[-1]
         for q, v, a in zip(self._states, *(x.reshape(-1, n).astype(float) for x in (

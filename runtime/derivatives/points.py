@@ -117,8 +117,8 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
             trajectory.events, "A trajectory that was stored does not know which quantities its "
             "events are of; integrate again for derivatives of events."))
     # a terminal event ends a run before the steps that were asked for
-    done = int(trajectory.report.steps)
-    run = replace(run.until(done), stored_steps=None)
+    step_count = int(trajectory.report.steps)
+    run = replace(run.until(step_count), stored_steps=None)
     if origin.impacts:
         run = replace(run, hits=_hits(stepper, trajectory, origin, run))
     events: dict[str, list[Point]] = {}
@@ -133,13 +133,13 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
                         if name in trajectory.events}
     if origin.between:
         times = trajectory.tau if stepper.binding.clocked else trajectory.t
-        return RunRows(replace(run, every=max(done, 1)), _at_times(stepper, run, times), True,
+        return RunRows(replace(run, every=max(step_count, 1)), _at_times(stepper, run, times), True,
                        points_of_events, refused)
     run_rows = RunRows(run, [], False, events, refused)
     last = ending(origin.events, crossings, run.dt)
     if last is not None:
         return replace(run_rows, points=run_rows.event(last)[-1:], events=points_of_events)
-    return replace(run_rows, points=[Point(done, origin.rest)]) if origin.rest else run_rows
+    return replace(run_rows, points=[Point(step_count, origin.rest)]) if origin.rest else run_rows
 
 
 def _hits(
@@ -155,7 +155,10 @@ def _hits(
 
 
 def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
-    """Return the points at fixed times; a time between two steps belongs to the first of them."""
+    """Return the points at fixed times t, each in the step that it lies in.
+
+    In scaled time t is the coordinate n − 1, and a fixed time an event of it.
+    """
     ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps + 1]))
     places = places_of(stepper, run.t0, ends, run.dt, t)
     fixed = _unit(stepper, stepper.binding.n - 1) if stepper.binding.clocked else None
@@ -182,10 +185,10 @@ def _of_event(
 ) -> list[Point]:
     """Return the points of an event, each with the gradient of the event's value."""
     full_steps = stepper.binding.times(0 * run.t0, run.dt, crossings.steps)
-    remainders = (crossings.elapsed - full_steps).tolist()
+    taus = (crossings.elapsed - full_steps).tolist()
     points = [replace(_point(run, int(step), tau), name=event.name, normal=_normal(
                   stepper, run, event, crossings, i))
-              for i, (step, tau) in enumerate(zip(crossings.steps, remainders, strict=True))]
+              for i, (step, tau) in enumerate(zip(crossings.steps, taus, strict=True))]
     if any(point.tau is None for point in points):
         raise InputError(f"The event {event.name!r} happens at the start itself, where it has no "
                          "derivatives; start before it.")
@@ -195,15 +198,18 @@ def _of_event(
 def _normal(
     stepper: Stepper, run: RunArguments, event: Event, crossings: Crossings, i: int
 ) -> Array:
-    """Return the derivatives of an event's value at one of its crossings."""
+    """Return c_z, c_θ and c_t of an event's value c at its crossing i, by the rows of a direction.
+
+    A coordinate or a momentum has the derivative 1 by itself alone.
+    """
     binding, system = stepper._derivative_binding(), stepper.manifest.system
     quantities, n = list(system.quantities), stepper.binding.n
-    states = {name: i for i, name in enumerate(system.coordinates)}
-    states |= {name: n + i for i, name in enumerate(system.momenta)}
+    row_of = {name: row for row, name in enumerate(system.coordinates)}
+    row_of |= {name: n + row for row, name in enumerate(system.momenta)}
     if system.clock is not None:
-        states[system.clock.time] = n - 1
+        row_of[system.clock.time] = n - 1
     if event.quantity not in quantities:
-        return _unit(stepper, states[event.quantity])
+        return _unit(stepper, row_of[event.quantity])
     # rows of a trajectory have q and p that users see; C takes t and e with them in scaled time
     state = stepper.binding.start_in_scaled_time(
         stepper.binding.parameters(run.parameters, run.t0), crossings.q[i].copy(),
@@ -215,7 +221,7 @@ def _normal(
         raise InputError(
             f"The event {event.name!r} is of the quantity {event.quantity!r}, and this system has "
             "too many or too long quantities for derivatives; take a coordinate or a momentum: "
-            f"{', '.join(states)}.")
+            f"{', '.join(row_of)}.")
     normal: Array = rows[quantities.index(event.quantity)]
     return normal
 
@@ -249,8 +255,11 @@ def tangent_at(
 ) -> tuple[Array, Array]:
     """Return the directions of a point, shape (2 n, k), and of its time, shape (k,).
 
-    ``dz`` has all rows, of which q and p are those of the state z before, both in space. Directions
-    of the multipliers of its step follow, if they are wanted; at the start of a run they are 0.
+        dz = Z + v dτ,   dt = dt_j + dτ   (with dτ as in the module docstring)
+
+    ``dz`` has all rows; its q and p are directions of z, the state before the point's step, both in
+    space. If ``multipliers`` asks for them, directions of the multipliers of the step follow in
+    rows; at the start of a run they are 0.
     """
     n, count = stepper.binding.n, dz.shape[1]
     if point.tau is None:
@@ -259,8 +268,8 @@ def tangent_at(
     step_directions = stepper.binding.new(len(dz), count + 1)
     step_directions[:, :count] = dz
     step_directions[-2] = 0
-    # t_j = t0 + j Δt moves by dt0 + j dΔt; the own step has the fixed length τ; one more column
-    # gives v = ∂Φ_τ/∂τ
+    # t_j = t0 + j Δt moves by dt0 + j dΔt; the step to the point has the fixed length τ; one more
+    # column gives v = ∂Φ_τ/∂τ
     step_directions[-1, :count] += point.step * dz[-2]
     step_directions[-2, count] = 1
     end_directions = single_step(stepper, run, point, z).tangent(step_directions, multipliers)
@@ -278,10 +287,11 @@ def cotangent_at(
     stepper: Stepper, run: RunArguments, point: Point, z: Array, w: Array, s: Any,
     multipliers: Array | None = None,
 ) -> Array:
-    """Return the cotangent of all rows, of those of the point, w, and of its time, s.
+    """Return the cotangent of all rows, from w of a point's state and s of its time.
 
-    Its rows q and p are those of the state z before, in space. ``multipliers`` is the cotangent of
-    the multipliers of the step that leads to the point.
+    The transpose of ``tangent_at``, so that z̄·dz = w·(Z + v dτ) + s (dt_j + dτ) for all dz. Its
+    rows q and p are the cotangent of z, the state before the point's step, in space.
+    ``multipliers`` is the cotangent of the multipliers of that step.
     """
     if point.tau is None:
         cotangent = stepper.binding.new(stepper._derivative_binding().rows)
@@ -291,17 +301,19 @@ def cotangent_at(
     step = single_step(stepper, run, point, z)
     if point.normal is None:
         cotangent = step.adjoint(w, multipliers)
-        # the transpose of ``tangent_at``: τ = t − t_j, so the cotangent of τ counts against t_j
+        # τ = t − t_j, so the cotangent of τ counts against t_j; the time of the point is fixed
         of_start = cotangent[-1] - cotangent[-2]
     else:
         unit = stepper.binding.new(stepper._derivative_binding().rows, 1)
         unit[-2] = 1
         v = step.tangent(unit, multipliers is not None)[:, 0]
+        # of dτ, which is −(c_z Z + c_θ dθ + c_t dt_j)/(c_z v + c_t): w·v + s
         end_cotangent = w if multipliers is None else np.concatenate([w, multipliers])
         of_tau = point.normal * ((end_cotangent @ v + s) / rate_of(point, v[: len(w)]))
         cotangent = step.adjoint(w - of_tau[: len(w)], multipliers)
         cotangent[len(w) :] -= of_tau[len(w) :]
         of_start = cotangent[-1] + s
+    # t_j = t0 + j Δt
     cotangent[-2:] = point.step * of_start, of_start
     return cotangent
 

@@ -124,7 +124,14 @@ def pulled_back_slope(
     second: SecondBinding, space: TangentSpace, parameters: ParameterStruct, q: Array, p: Array,
     dz: Array, z_bar: Array, z_bar_slope: Array,
 ) -> Array:
-    """Return the derivative of ``space.pulled_back(z_bar)`` along dz, which is tangent."""
+    """Return the derivative of ``space.pulled_back(z_bar)`` along dz, which is tangent.
+
+    With W = f_p Gᵀ it is the product rule, (A⁻¹ b)' = A⁻¹ (b' − A' A⁻¹ b), for
+
+        z̄ ← z̄ − fᵀ W⁻ᵀ G p̄,   z̄ ← z̄ − gᵀ (G Gᵀ)⁻¹ G q̄,
+
+    where f and g are derivatives by all rows; ``z_bar_slope`` is the derivative of ``z_bar``.
+    """
     slope = z_bar_slope.copy()
     if not len(space.g):
         return slope
@@ -142,12 +149,11 @@ def pulled_back_slope(
 
     if space.binding.keeps_momentum:
         f_p, f_p_slope = f[:, n : 2 * n], f_slope[:, n : 2 * n]
-        # z̄ ← z̄ − fᵀ W⁻ᵀ G p̄ with W = f_p Gᵀ, then z̄ ← z̄ − gᵀ (G Gᵀ)⁻¹ G q̄: the transposes of
-        # ``TangentSpace.projected`` in reverse order
-        shift, shift_slope = correction(
+        # the transposes of ``TangentSpace.projected`` in reverse order: first that of p
+        of_momentum, of_momentum_slope = correction(
             f, f_slope, (f_p @ G.T).T, (f_p_slope @ G.T + f_p @ G_slope.T).T,
             z_bar[n : 2 * n], z_bar_slope[n : 2 * n])
-        z_bar, slope = z_bar - shift, slope - shift_slope
+        z_bar, slope = z_bar - of_momentum, slope - of_momentum_slope
     GG_slope = G_slope @ G.T
     return slope - correction(g, g_slope, G @ G.T, GG_slope + GG_slope.T, z_bar[:n],
                               slope[:n])[1]
@@ -194,10 +200,12 @@ def hessian_of(
     checked: Callable[[Mapping[str, Any]], Cotangents], wrt: tuple[str, ...], memory: Any,
     value: Any = None,
 ) -> Hessian:
-    """Return the Hessian of a function of a checked run.
+    """Return the Hessian Dᵀ (z̄' D) of a function of a checked run, one column a direction of D.
 
-    Raises InputError for what a Hessian is not taken by, for states within steps, for too little
-    memory; StepFailed as the run itself does.
+    ``cotangents`` are the function's derivatives by the stored states; ``slopes`` says how these
+    change along a direction (None: they do not), and ``checked`` checks its answers. Raises
+    InputError for what a Hessian is not taken by, for states within steps, for too little memory;
+    StepFailed as the run itself does.
     """
     refuse_run(run)
     if cotangents.multipliers.size:
@@ -214,37 +222,39 @@ def hessian_of(
     names, D = _directions(stepper, space, wrt, run)
     count = len(names)
     blocks = split(steps, np.arange(0, run.steps, _BLOCK)) if run.steps else []
-    along, starts = _tangents(first, run, parameters, blocks, D)
-    dt_rows = binding.new(len(along), count) + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1]
+    stored_tangents, block_tangents = _tangents(first, run, parameters, blocks, D)
+    # t_k = t0 + k Δt of each stored state, along each direction
+    stored_times = (binding.new(len(stored_tangents), count)
+                    + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1])
     columns: list[Array] = []
     gradient = binding.new(count)
-    # forward over reverse: one sweep back for each direction
+    # forward over reverse: the tangents of all directions once, then a pass back for each one
     for j in range(count):
         dz = np.ascontiguousarray(D[:, j])
-        cotangent_slopes = _moved(stepper, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
+        cotangent_slopes = _cotangent_slopes(stepper, stored_tangents[:, :, j], stored_times[:, j],
+                                             dz, slopes, checked)
         sweep = CotangentSlopes.at_end(second, cotangents.rows[-1], cotangent_slopes.rows[-1], 0)
-        for z, cotangents_of_kind in zip(sweep.z_bar, (cotangents, cotangent_slopes), strict=True):
-            _add_explicit(stepper, run, cotangents_of_kind, z)
-        for block, start in zip(reversed(blocks), reversed(starts), strict=True):
+        _add_explicit(stepper, run, cotangents, sweep.z_bar[0])
+        _add_explicit(stepper, run, cotangent_slopes, sweep.z_bar[1])
+        for block, start in zip(reversed(blocks), reversed(block_tangents), strict=True):
             rows = binding.new(block.count, 2 * n)
             tangent = start[:, j : j + 1].copy()  # is advanced
             first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows,
                                     binding.new(0), tangent)
             # C returns directions after each step, and the sweep back takes those before it
             rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
-            row_cotangents = tuple(_stored(run, block, cotangents_of_kind.rows)
-                         for cotangents_of_kind in (cotangents, cotangent_slopes))
             sweep = sweep.before(second, block.count)
             status = second.integrate_second(
-                run, parameter_pair, block, rows, dz, (row_cotangents[0], row_cotangents[1]),
+                run, parameter_pair, block, rows, dz,
+                (_stored(run, block, cotangents.rows), _stored(run, block, cotangent_slopes.rows)),
                 run.every, sweep)
             if status:
                 raise singular(block.first, status)
         z_bar, z_bar_slope = sweep.z_bar
         z_bar[: 2 * n], z_bar_slope[: 2 * n] = sweep.w
-        changed = pulled_back_slope(second, space, parameter_pair, run.q, run.p, dz, z_bar,
-                                    z_bar_slope)
-        columns.append(D.T @ changed)
+        start_slope = pulled_back_slope(second, space, parameter_pair, run.q, run.p, dz, z_bar,
+                                        z_bar_slope)
+        columns.append(D.T @ start_slope)
         gradient[j] = dz @ space.pulled_back(z_bar)
     rows_of_hessian = np.array(columns).T
     matrix = (rows_of_hessian + rows_of_hessian.T) / 2
@@ -255,7 +265,7 @@ def hessian_of(
 
 
 def _kept(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
-    """Return all steps of a run."""
+    """Return all steps of a run, kept; raise InputError if they do not fit in ``memory``."""
     limit, binding = as_bytes(memory), stepper.binding
     width = 16 if binding.c_type not in ("float", "double") else np.dtype(binding.dtype).itemsize
     needed = run.steps * (2 * stepper.n + stepper.unknowns) * width
@@ -266,14 +276,17 @@ def _kept(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
     steps, status = kept_run.keep(run.steps)
     if status:
         stepper._run(run)  # says why it fails, with everything before
-        raise singular(kept_run.done, status)
+        raise singular(kept_run.steps_done, status)
     return steps
 
 
 def _directions(
     stepper: Stepper, space: TangentSpace, wrt: tuple[str, ...], run: RunArguments
 ) -> tuple[tuple[str, ...], Array]:
-    """Return the names and the columns of directions, tangent to the constraints."""
+    """Return names of directions and the directions, in columns of D, tangent to the constraints.
+
+    "start" is a basis of the tangent space at the start; every other name is one direction.
+    """
     binding, n = space.binding, stepper.n
     labels = [*stepper.binding.parameter_names, "dt", "t0"]
     names: list[str] = []
@@ -282,15 +295,16 @@ def _directions(
         if name in ("q", "p", "inputs"):
             raise InputError(f"A Hessian is not taken by {name!r}; choose 'start', parameters, "
                              "'dt' or 't0'.")
-        basis = space.basis().T if name == "start" else [None]
-        for k, direction in enumerate(basis):
-            column = binding.own.new(binding.rows)
-            if direction is None:
-                column[2 * n + labels.index(name)] = 1
-            else:
-                column[: 2 * n] = direction
-            columns.append(column)
-            names.append(f"start[{k}]" if name == "start" else name)
+        if name == "start":
+            basis = space.basis().T
+            names += [f"start[{k}]" for k in range(len(basis))]
+            for direction in basis:
+                columns.append(binding.own.new(binding.rows))
+                columns[-1][: 2 * n] = direction
+        else:
+            names.append(name)
+            columns.append(binding.own.new(binding.rows))
+            columns[-1][2 * n + labels.index(name)] = 1
     D = space.projected(np.ascontiguousarray(np.array(columns).T))
     if run.inputs is not None:  # each step has its own, which parameters do not move
         D[[2 * n + labels.index(u) for u in stepper.binding.input_names]] = 0
@@ -301,12 +315,12 @@ def _tangents(
     first: DerivativeBinding, run: RunArguments, parameters: ParameterStruct,
     blocks: list[KeptSteps], D: Array
 ) -> tuple[Array, list[Array]]:
-    """Return the directions of stored states, and those at the start of each block."""
+    """Return the directions of stored states, shape (rows, 2 n, k), and at each block's start."""
     binding, count, size = first.own, D.shape[1], 2 * first.n
     tangents = D[:size].copy()
-    parts, starts = [D[None, :size]], []
+    parts, block_tangents = [D[None, :size]], []
     for block in blocks:
-        starts.append(tangents.copy())
+        block_tangents.append(tangents.copy())
         stored = (block.first + block.count) // run.every - block.first // run.every
         rows = binding.new(stored, size, count)
         status = first.integrate_tangent(run, parameters, block, np.ascontiguousarray(D),
@@ -316,15 +330,18 @@ def _tangents(
         parts.append(rows)
     if run.steps % run.every:  # the last state is stored in any case
         parts.append(tangents[None].copy())
-    along: Array = np.concatenate(parts)
-    return along, starts
+    stored_tangents: Array = np.concatenate(parts)
+    return stored_tangents, block_tangents
 
 
-def _moved(
-    stepper: Stepper, along: Array, dt: Array, dz: Array,
+def _cotangent_slopes(
+    stepper: Stepper, tangents: Array, dt: Array, dz: Array,
     slopes: Slopes | None, checked: Callable[[Mapping[str, Any]], Cotangents],
 ) -> Cotangents:
-    """Return how cotangents change along a direction."""
+    """Return how cotangents change along a direction dz, as the user's ``slopes`` says.
+
+    ``tangents``, shape (rows, 2 n), and ``dt`` are the direction at each stored state and its time.
+    """
     n = stepper.n
     cotangents: Mapping[str, Any] = {}
     if slopes is not None:
@@ -332,7 +349,7 @@ def _moved(
         if not callable(slopes):
             raise InputError(f"slopes = {shown(slopes)} is no function; give one of directions "
                              "{'q': ..., 'p': ...} that returns how the cotangents change.")
-        cotangents = slopes({"q": along[:, :n], "p": along[:, n:], "t": dt,
+        cotangents = slopes({"q": tangents[:, :n], "p": tangents[:, n:], "t": dt,
                              "parameters": dict(zip(names, dz[2 * n : -2].tolist(), strict=True))})
     return checked(cotangents)
 
@@ -340,7 +357,10 @@ def _moved(
 def _add_explicit(
     stepper: Stepper, run: RunArguments, cotangents: Cotangents, z_bar: Array
 ) -> None:
-    """Add derivatives by parameters and by the times of rows."""
+    """Add to ``z_bar`` the derivatives by parameters at fixed states, and by the times of rows.
+
+    t_k = t0 + k Δt: the cotangents of times are those of t0, and k times those of Δt.
+    """
     names = stepper.binding.parameter_names
     for name, slope in cotangents.parameters.items():
         z_bar[2 * stepper.n + names.index(name)] += slope
@@ -349,7 +369,7 @@ def _add_explicit(
 
 
 def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
-    """Return the rows of the stored states before these steps."""
+    """Return the cotangents of the stored states before these steps, of those of all rows."""
     first = steps.first // run.every
     of_piece = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
@@ -362,7 +382,11 @@ def step_slope(
     stepper: Stepper, run: RunArguments, space: TangentSpace, end: Array, unknowns: Array,
     dz: Array, w: Array,
 ) -> Array:
-    """Return how the cotangent of the start of one step, pulled back, changes along dz."""
+    """Return the derivative along dz of D(z)ᵀ z̄, with z̄ = Φ_zᵀ w, for one step.
+
+    z̄ is the cotangent of its start, w of its end. ``end`` and ``unknowns`` are the state after the
+    step and the solution of its equations.
+    """
     refuse_run(run)
     second, n = stepper._second_binding(), stepper.n
     binding = second.own

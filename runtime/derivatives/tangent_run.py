@@ -48,14 +48,15 @@ def tangents_of(
 def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Trajectory:
     """Return a trajectory that ``integrate`` returned with its tangents.
 
-    ``tangents`` are directions, or the tangents of the run at other rows.
+    ``tangents`` are directions of the start, or tangents of the same run at other rows, whose
+    directions are taken. The run is taken once more, from its start to its last point.
     """
     if not isinstance(tangents, (Tangents, TangentRows)):
         raise InputError(f"tangents = {shown(tangents)} are none; give gyrospark.Tangents(...).")
     rows = rows_of(stepper, trajectory, trajectory._origin.run)
     events = [point for points in rows.events.values() for point in points]
-    all_rows, q, t = _followed(stepper, rows.run, tangents, [*rows.points, *events])
-    tangent_rows = all_rows.of_others(*_of_rows(rows, all_rows, q, t))
+    stored, q, t = _followed(stepper, rows.run, tangents, [*rows.points, *events])
+    tangent_rows = stored.of_others(*_of_rows(rows, stored, q, t))
     offset, tangents_by_event = len(rows.points), dict[str, TangentRows]()
     refused = dict(rows.refused)
     for name, points in rows.events.items():
@@ -66,31 +67,35 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
         if why:
             refused[name] = why[0]
         else:
-            states, of_times = _stacked(all_rows, q[event_rows], t[event_rows])
-            tangents_by_event[name] = tangent_rows.of_others(states[:, : len(all_rows.start)],
+            states, of_times = _stacked(stored, q[event_rows], t[event_rows])
+            tangents_by_event[name] = tangent_rows.of_others(states[:, : len(stored.start)],
                                                              of_times)
     at_events = EventTangents(tangents_by_event, refused)
     return changed(trajectory, tangents=replace(tangent_rows, events=at_events))
 
 
 def _of_rows(
-    rows: RunRows, all_rows: TangentRows, q: list[Any], t: list[Any]
+    rows: RunRows, stored: TangentRows, q: list[Any], t: list[Any]
 ) -> tuple[Array, Array]:
-    """Return directions and times' derivatives of each row: ends of steps, then points."""
+    """Return the directions (rows, 2 n, k) and times' derivatives (rows, k) of a trajectory's rows.
+
+    First the rows at ends of steps, then those within steps. Raises the error of a point that has
+    no derivatives.
+    """
     count = len(rows.points)
     for error in q[:count]:
         if isinstance(error, InputError):
             raise error
-    of_steps = all_rows.together()[: len(rows.of_steps)]
-    directions, times = _stacked(all_rows, q[:count], t[:count])
+    of_steps = stored.together()[: len(rows.of_steps)]
+    directions, times = _stacked(stored, q[:count], t[:count])
     return (np.concatenate([of_steps, directions]),
-            np.concatenate([all_rows.t[: len(of_steps)], times]))
+            np.concatenate([stored.t[: len(of_steps)], times]))
 
 
-def _stacked(all_rows: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
-    shape = all_rows.together().shape[1:]
-    directions, times = np.zeros((len(q), *shape), all_rows.q.dtype), np.zeros(
-        (len(q), shape[1]), all_rows.q.dtype)
+def _stacked(stored: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
+    shape = stored.together().shape[1:]
+    directions, times = np.zeros((len(q), *shape), stored.q.dtype), np.zeros(
+        (len(q), shape[1]), stored.q.dtype)
     for i, (row, time) in enumerate(zip(q, t, strict=True)):
         directions[i], times[i] = row, time
     return directions, times
@@ -99,9 +104,10 @@ def _stacked(all_rows: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, 
 def _followed(
     stepper: Stepper, run: RunArguments, request: Tangents | TangentRows, points: Sequence[Point]
 ) -> tuple[TangentRows, list[Any], list[Any]]:
-    """Return the tangents of the stored states, and those of points and of their times.
+    """Return the tangents of the stored states, of the points, and of the points' times.
 
-    In place of the tangents of an event that has none is the error that says why.
+    The lists have an entry for each point; the tangent of a point that has none is the InputError
+    that says why.
     """
     tangent_run = _TangentRun(stepper, run, request, points)
     tangent_run.advance()
@@ -147,7 +153,10 @@ class _TangentRun:
     def _directions(
         self, request: Tangents | TangentRows
     ) -> tuple[Array, list[str], bool]:
-        """Return directions of the start, their names, and whether multipliers are asked for."""
+        """Return the directions of the start in columns of all rows, and a name for each column.
+
+        The flag says whether multipliers are asked for.
+        """
         if not isinstance(request, Tangents):  # a run that goes on along the directions of another
             return request._directions, request.names, request.multipliers is not None
         for name in request.parameters if self.run.inputs is not None else ():
@@ -170,8 +179,9 @@ class _TangentRun:
         self._differentiate_points(run.steps, *last)
 
     def _take(self, steps: KeptSteps) -> None:
-        """Advance the tangents by some steps, and store the rows that these pass."""
+        """Advance the tangents by some steps, and store those of the rows that lie in them."""
         run, size, count = self.run, 2 * self.n, self.dz.shape[1]
+        # rows ``first`` + 1, ... of the run are states after steps of this piece
         first, end = steps.first // run.every, steps.first + steps.count
         rows = self.own.new(end // run.every - first, size, count)
         forces = self.own.new(steps.count if self.width else 0, self.width, count)
@@ -189,7 +199,7 @@ class _TangentRun:
             self.stored[passed, size:] = forces[self.ends[passed] - 1 - steps.first]
 
     def _differentiate_points(self, step: int, q: Array, p: Array) -> None:
-        """Differentiate the points in the step from (q, p), a state of the frame."""
+        """Differentiate the points within a step; (q, p) is the state before it, in the frame."""
         selected = np.flatnonzero(self.steps_of_points == step)
         if not len(selected):
             return

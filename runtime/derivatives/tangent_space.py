@@ -147,7 +147,10 @@ class TangentSpace:
         return null_space(self.normals)
 
     def refuse_off(self, directions: Array) -> None:
-        """Refuse directions of q that leave g = 0, naming the constraint."""
+        """Refuse directions that leave g = 0, |G_μ dq| > bound, naming the constraint μ.
+
+        The bound is a share of |G_μ| |dq|, and the round-off of dq beside a change of p.
+        """
         shown = len(self.places) // 2
         dq, dp = (block.astype(float) for block in (directions[:shown],
                                                     directions[shown : 2 * shown]))
@@ -184,24 +187,27 @@ def solved(A: Array, b: Array) -> Array:
 
 
 def null_space(rows: Array) -> Array:
-    """Return an orthonormal basis of {x: rows x = 0}, by Gram-Schmidt done twice; of any type."""
+    """Return an orthonormal basis of {x: rows x = 0}, in columns; of any type.
+
+    Gram-Schmidt, done twice, on the rows, and then on unit vectors, that with the largest part
+    outside of what is spanned first.
+    """
     size, basis = rows.shape[1], list[Array]()
-    pivots = [*rows]
     units = [*np.eye(size, dtype=int).astype(rows.dtype)]
-    range_basis: list[Array] = []
-    for row in pivots:
-        vector = _orthogonal(row, range_basis)
+    spanned: list[Array] = []
+    for row in rows:
+        vector = _orthogonal(row, spanned)
         if vector is not None:
-            range_basis.append(vector)
-    normal = len(range_basis)
-    # Units in the order of how far they are from what is spanned, so that none is lost.
-    apart = 1.0 - sum((v.astype(float) ** 2 for v in range_basis), np.zeros(size))
-    while len(basis) < size - normal:
-        vector = _orthogonal(units[int(np.argmax(apart))], range_basis)
+            spanned.append(vector)
+    rank = len(spanned)
+    # |e_i − its projection|² of each unit vector: the largest loses no digits
+    squared_distances = 1.0 - sum((v.astype(float) ** 2 for v in spanned), np.zeros(size))
+    while len(basis) < size - rank:
+        vector = _orthogonal(units[int(np.argmax(squared_distances))], spanned)
         if vector is None:
             break
-        apart -= vector.astype(float) ** 2
-        range_basis.append(vector)
+        squared_distances -= vector.astype(float) ** 2
+        spanned.append(vector)
         basis.append(vector)
     return np.array(basis).T.reshape(size, len(basis)).copy()
 

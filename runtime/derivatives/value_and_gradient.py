@@ -41,6 +41,7 @@ class Objective:
         self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
         self._start, self._inputs = start, inputs
         self._span, self._memory, self._options = span, memory, options
+        # the state that coordinates of the tangent space count from: the start, projected
         rows: Any
         rows, self._hold = (inputs.values, inputs.hold) if isinstance(inputs, Inputs) else (
             inputs, 1)
