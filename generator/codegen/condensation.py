@@ -4,137 +4,235 @@ With y = δk − r, of the rows of k, and H_pp invertible block by block, rows o
 δP = H_pp⁻¹ (y − H_pq δQ), and rows of k̂ become
 
     H_pp⁻¹ (y − H_pq δQ) + Δt Â (D δQ + C y) + Δt Ã (Gᵀ δΛ + K δD) = Δt Â r̂,
-    C = X H_pp⁻¹,  D = H_qq − F_q − C H_pq,  X = H_qp − F_p.
+    C = X H_pp⁻¹,  D = H_qq − F_q − C H_pq,  X = H_qp − F_p,
 
-Coordinates whose forces are constants and constraint forces, such as positions in a chain with ball
-joints, leave m δk + Δt Ã Gᵀ δΛ = …, which gives their rates; the multipliers of a body's joints are
-coupled then. A chain keeps s·4 unknowns δk of a body and its multipliers. The engine's
-``newton/condensed.h`` has the algorithm; here are the places of the entries.
+with δQ = Δt A δk and, at the constraint nodes, δD = Δt Ā δk and G δD = r. The unknowns are δk and
+δΛ. Free coordinates, whose forces are constants and constraint forces, such as positions in a chain
+with ball joints, leave m δk + Δt Ã Gᵀ δΛ = …, which gives their rates; the multipliers of a body's
+joints are coupled then by G m⁻¹ Gᵀ. A chain keeps s·4 unknowns δk of a body and its multipliers.
+The engine's ``newton/condensed.h`` has the algorithm; here are the places of the entries.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..systems.elimination_order import Node, reverse_cuthill_mckee
 from ..systems.repeated_structure import Structure
 
-__all__ = ["condensation_of"]
+__all__ = ["Condensation", "condensation_of"]
+
+
+@dataclass(frozen=True)
+class Condensation:
+    """The entries of the condensed system and the order of its unknowns.
+
+    The matrices of the coordinates, H_pp⁻¹, H_pp⁻¹ H_pq, C, D and K, have the same entries.
+
+    Attributes
+    ----------
+    first : list of int
+        Index of the first entry of each row, then the number of entries.
+    moved : list of int
+        End of the entries of each row that are not 0 in H_pp, H_pq and X; further entries of the
+        row belong to D and K alone.
+    rows, columns : list of int
+        Row and column of each entry, row by row.
+    constraint_rows, constraint_columns : list of int
+        Constraint and coordinate of each entry of G.
+    pairs : list of (int, int)
+        Entries of G in the column of one eliminated coordinate, for G m⁻¹ Gᵀ.
+    largest : int
+        Largest number of entries of H_pp or H_pq of an element.
+    positions : list of int
+        Place in the band of each δk, s × n, then of each δΛ, p × m; −1 for eliminated ones.
+    band, unknowns : int
+        Half the bandwidth, and the number of unknowns.
+    tables : list of dict
+        Of each template of energies, constraints and forces in turn: ``condensed`` has the places
+        of the second derivatives of each instance, ``condensed_start`` the first entry of its G.
+    """
+
+    first: list[int]
+    moved: list[int]
+    rows: list[int]
+    columns: list[int]
+    constraint_rows: list[int]
+    constraint_columns: list[int]
+    pairs: list[tuple[int, int]]
+    largest: int
+    positions: list[int]
+    band: int
+    unknowns: int
+    tables: list[dict[str, Any]]
+
+
+class _Couplings(NamedTuple):
+    """Coupled coordinates, row by row and element by element.
+
+    Attributes
+    ----------
+    columns : list of set
+        The columns of each row that are not always 0.
+    by_momenta : list of set
+        The columns among these that are not 0 in H_pp, H_pq and X.
+    elements : list of set
+        The coordinates of each instance of a template, without free ones.
+    """
+
+    columns: list[set[int]]
+    by_momenta: list[set[int]]
+    elements: list[set[int]]
 
 
 def condensation_of(
-    structure: Structure, scheme: SparkScheme | MeanScheme, energies: list[dict[str, Any]],
-    constraints: list[dict[str, Any]], forces: list[dict[str, Any]],
-) -> dict[str, Any] | None:
-    """Return the pattern of the condensed system, and set ``condensed`` of the templates in it.
+    structure: Structure, scheme: SparkScheme | MeanScheme
+) -> Condensation | None:
+    """Return the pattern of the condensed system.
 
-    None if a block of H_pp has a zero row or a momentum is in none, so that none can be inverted.
+    None if some block of H_pp has a zero row, or a momentum belongs to no block: H_pp is singular.
     """
-    n = structure.system.n
-    block_of = {a: {*i.q, *i.p} for form in structure.templates for i in form.instances
+    block_of = {a: {*i.q, *i.p} for template in structure.templates for i in template.instances
                 for a in i.p}
-    if len(block_of) < n or any(not any(row) for form in structure.templates if form.p
-                                for row in form.system.H_pp):
+    if len(block_of) < structure.system.n or any(
+            not any(row) for template in structure.templates if template.p
+            for row in template.system.H_pp):
         return None
     free = _free_coordinates(structure, block_of)
-    columns = [{a} for a in range(n)]
-    moved: list[set[int]] = [set() for _ in range(n)]  # columns whose momenta act on a row
-    for form in structure.templates:
-        for i in form.instances if form.p else ():
-            for a in (*i.p, *i.q):
-                moved[a] |= {a} if a in free else {*i.p, *i.q} - free
-    coupled = [{*i.q, *i.p} - free for i in (
-        i for form in (*structure.templates, *structure.constraint_templates)
-        for i in form.instances)]
-    for nodes in coupled:
-        for a in nodes:
-            columns[a] |= nodes
-    for form in structure.force_templates:
-        for i in form.instances:
-            reached = set(i.q).union(*(block_of[a] for a in i.p))
-            coupled.append((reached | set(i.rows)) - free)
-            for a in i.rows:
-                columns[a] |= reached
-                moved[a] = moved[a].union(*(block_of[b] for b in i.p))
-    entries = [(a, b) for a in range(n)
-               for b in (*sorted(moved[a]), *sorted(columns[a] - moved[a]))]
-    slot = {entry: k for k, entry in enumerate(entries)}
-    # Derivatives by free coordinates are 0, but for H_pp.
-    slot |= {pair: slot[a, a] for i in (
-        i for form in (*structure.templates, *structure.constraint_templates)
-        for i in form.instances) for a in free.intersection((*i.q, *i.p))
-        for b in (*i.q, *i.p) for pair in ((a, b), (b, a))}
-    for form, energy in zip(structure.templates, energies, strict=True):
-        energy["condensed"] = [
-            [slot[pair] for rows, cols in ((i.p, i.p), (i.p, i.q), (i.q, i.p), (i.q, i.q))
-             for pair in product(rows, cols)] for i in form.instances]
-    constraint_entries: list[tuple[int, int]] = []
-    for form, constraint in zip(structure.constraint_templates, constraints, strict=True):
-        constraint["condensed"] = [[slot[pair] for pair in product(i.q, i.q)]
-                                   for i in form.instances]
-        constraint["condensed_start"] = len(constraint_entries)
-        constraint_entries += [pair for i in form.instances for pair in product(i.rows, i.q)]
-    for form, force in zip(structure.force_templates, forces, strict=True):
-        force["condensed"] = [[slot[pair] for pair in product(i.rows, i.q)]
-                              for i in form.instances]
-    # A body with many joints would couple them all.
-    positions, band, free = min(
-        (_positions(structure, scheme, coupled, constraint_entries, eliminated)
-         for eliminated in (free, frozenset())), key=lambda p: len(p[0]) * p[1] ** 2)
-    pairs = [(e, f) for e, (_, a) in enumerate(constraint_entries) if a in free
-             for f, (_, b) in enumerate(constraint_entries) if a == b]
+    columns, by_momenta, elements = _couplings(structure, block_of, free)
+    entries = [(a, b) for a in range(structure.system.n)
+               for b in (*sorted(by_momenta[a]), *sorted(columns[a] - by_momenta[a]))]
+    constraint_entries = [entry for template in structure.constraint_templates
+                          for i in template.instances for entry in product(i.rows, i.q)]
+    # Without free coordinates, the multipliers of all joints of a body are coupled to each other,
+    # which widens the band of a body with many joints.
+    positions, band, eliminated = min(
+        (_positions(structure, scheme, elements, constraint_entries, candidates)
+         for candidates in (free, frozenset())), key=lambda choice: choice[1])
     first = [0]
     for row in columns:
         first.append(first[-1] + len(row))
-    return {"first": first, "moved": [first[a] + len(moved[a]) for a in range(n)],
-            "rows": [a for a, _ in entries], "columns": [b for _, b in entries],
-            "constraint_rows": [mu for mu, _ in constraint_entries],
-            "constraint_columns": [b for _, b in constraint_entries], "pairs": pairs,
-            "largest": max(len(form.p) * max(len(form.p), len(form.q))
-                           for form in structure.templates),
-            "positions": positions, "band": band, "unknowns": max(positions) + 1}
+    return Condensation(
+        first=first,
+        moved=[start + len(row) for start, row in zip(first, by_momenta, strict=False)],
+        rows=[a for a, _ in entries],
+        columns=[b for _, b in entries],
+        constraint_rows=[mu for mu, _ in constraint_entries],
+        constraint_columns=[b for _, b in constraint_entries],
+        pairs=[(e, f) for e, (_, a) in enumerate(constraint_entries) if a in eliminated
+               for f, (_, b) in enumerate(constraint_entries) if a == b],
+        largest=max(len(template.p) * max(len(template.p), len(template.q))
+                    for template in structure.templates),
+        positions=positions,
+        band=band,
+        unknowns=max(positions) + 1,
+        tables=_tables(structure, entries, free),
+    )
+
+
+def _couplings(
+    structure: Structure, block_of: dict[int, set[int]], free: frozenset[int]
+) -> _Couplings:
+    """Return the couplings of all coordinates by energies, constraints and forces.
+
+    ``block_of`` has, of each momentum, the coordinates of the element of H that it belongs to.
+    """
+    n = structure.system.n
+    columns = [{a} for a in range(n)]
+    by_momenta: list[set[int]] = [set() for _ in range(n)]
+    elements: list[set[int]] = []
+    for template in structure.templates:
+        for i in template.instances if template.p else ():
+            for a in (*i.p, *i.q):  # H_pp and H_pq; of a free coordinate, 1/m alone
+                by_momenta[a] |= {a} if a in free else {*i.p, *i.q} - free
+    for template in (*structure.templates, *structure.constraint_templates):
+        for i in template.instances:  # H_qq, and K = (Gᵀ λ)_q
+            elements.append({*i.q, *i.p} - free)
+            for a in elements[-1]:
+                columns[a] |= elements[-1]
+    for template in structure.force_templates:
+        for i in template.instances:  # F_q, and C = −F_p H_pp⁻¹ of the blocks of these momenta
+            reached = set(i.q).union(*(block_of[a] for a in i.p))
+            elements.append((reached | set(i.rows)) - free)
+            for a in i.rows:
+                columns[a] |= reached
+                by_momenta[a] = by_momenta[a].union(*(block_of[b] for b in i.p))
+    return _Couplings(columns, by_momenta, elements)
+
+
+def _tables(
+    structure: Structure, entries: list[tuple[int, int]], free: frozenset[int]
+) -> list[dict[str, Any]]:
+    """Return, for each template, the indices of the entries of its instances."""
+    index_of = {entry: k for k, entry in enumerate(entries)}
+    # Derivatives by free coordinates are 0 but for H_pp: their zeros go to the diagonal entry.
+    index_of |= {pair: index_of[a, a] for i in (
+        i for template in (*structure.templates, *structure.constraint_templates)
+        for i in template.instances) for a in free.intersection((*i.q, *i.p))
+        for b in (*i.q, *i.p) for pair in ((a, b), (b, a))}
+    tables: list[dict[str, Any]] = [
+        {"condensed": [[index_of[pair]  # of H_pp, H_pq, H_qp and H_qq
+                        for rows, columns in ((i.p, i.p), (i.p, i.q), (i.q, i.p), (i.q, i.q))
+                        for pair in product(rows, columns)] for i in template.instances]}
+        for template in structure.templates]
+    start = 0
+    for template in structure.constraint_templates:
+        tables.append({"condensed": [[index_of[pair] for pair in product(i.q, i.q)]  # of K
+                                     for i in template.instances],
+                       "condensed_start": start})
+        start += sum(len(i.rows) * len(i.q) for i in template.instances)
+    tables += [{"condensed": [[index_of[pair] for pair in product(i.rows, i.q)]  # of F_q
+                              for i in template.instances]}
+               for template in structure.force_templates]
+    return tables
 
 
 def _free_coordinates(structure: Structure, block_of: dict[int, set[int]]) -> frozenset[int]:
-    """Return the coordinates of a block of their own, on which all else depends linearly."""
+    """Return the free coordinates: each is a block of its own with H_pp = 1/m, F = 0 and g_qq = 0.
+
+    H and g depend on them linearly, with coefficients that are constants.
+    """
     bound: set[int] = set()
-    for form in (*structure.templates, *structure.constraint_templates):
-        state = {*form.q, *form.p}
-        nonlinear = [k for k, x in enumerate(form.q)
-                     if any(e.diff(x).free_symbols & state for e in form.expressions)]
-        coupled = len(form.p) > 1 or any(
-            e.diff(y).free_symbols & {*form.q} for y in form.p for e in form.expressions)
-        for i in form.instances:
+    for template in (*structure.templates, *structure.constraint_templates):
+        state = {*template.q, *template.p}
+        nonlinear = [k for k, x in enumerate(template.q)
+                     if any(e.diff(x).free_symbols & state for e in template.expressions)]
+        coupled = len(template.p) > 1 or any(
+            e.diff(y).free_symbols & {*template.q}
+            for y in template.p for e in template.expressions)
+        for i in template.instances:
             bound.update(i.q[k] for k in nonlinear)
             bound.update(i.p if coupled else ())
-    for form in structure.force_templates:
-        for i in form.instances if form.q or form.p else ():
+    for template in structure.force_templates:
+        for i in template.instances if template.q or template.p else ():
             bound.update(i.rows, i.q, *(block_of[a] for a in i.p))
     return frozenset(range(structure.system.n)) - bound
 
 
 def _positions(
-    structure: Structure, scheme: SparkScheme | MeanScheme, coupled: list[set[int]],
+    structure: Structure, scheme: SparkScheme | MeanScheme, elements: list[set[int]],
     constraint_entries: list[tuple[int, int]], free: frozenset[int],
 ) -> tuple[list[int], int, frozenset[int]]:
-    """Return the places of the unknowns δk, δΛ in a narrow band, how far it reaches, and ``free``.
+    """Return the places of the unknowns δk, δΛ in a narrow band, half its width, and ``free``.
 
-    The place of the rates of free coordinates is -1.
+    All stages of a coordinate, and all nodes of a constraint, are neighbours in the band. The place
+    of the rates of free coordinates is −1.
     """
     n, m = structure.system.n, structure.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     neighbours: dict[Node, set[Node]] = {**{("q", a): set() for a in range(n) if a not in free},
                                          **{("g", row): set() for row in range(m)}}
-    groups = [{("q", a) for a in coordinates} for coordinates in coupled]
-    of_free: dict[int, set[Node]] = {a: set() for a in free}
+    groups = [{("q", a) for a in coordinates} for coordinates in elements]
+    constraints_on: dict[int, set[Node]] = {a: set() for a in free}
     for row, a in constraint_entries:
         if a in free:
-            of_free[a].add(("g", row))
+            constraints_on[a].add(("g", row))
         else:
             groups.append({("g", row), ("q", a)})
-    for nodes in (*groups, *of_free.values()):
+    for nodes in (*groups, *constraints_on.values()):
         present = nodes & neighbours.keys()
         for node in present:
             neighbours[node] |= present - {node}
@@ -148,6 +246,6 @@ def _positions(
             positions[k * n + index if kind == "q" else s * n + k * m + index] = count
             count += 1
     size = {"q": s, "g": p}
-    reach = max((first[b] + size[b[0]] - 1 - first[a]
-                 for a, others in neighbours.items() for b in (a, *others)), default=0)
-    return positions, reach, free
+    band = max((first[b] + size[b[0]] - 1 - first[a]
+                for a, adjacent in neighbours.items() for b in (a, *adjacent)), default=0)
+    return positions, band, free

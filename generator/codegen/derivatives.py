@@ -78,6 +78,7 @@ def derivatives_of(
     symbols = {str(s): (s, e) for e, s in derived.constants.definitions.items()}
     constants = [symbols[name] for name in constants_c]
     times = time_columns(scheme)
+    # C has no arrays of length 0: without constants there is one column of zeros
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
     templates = [] if elements is None else element_derivatives(derived, elements)
     step = _step_kernels(derived, columns, has_templates=bool(templates))
@@ -87,7 +88,7 @@ def derivatives_of(
         names = {k.name for k in iteration.kernels}
         lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
                  for k in step.linearisation if f"lanes_{k.name}" not in names]
-        # the lanes do the rest: only these are evaluated at the end of a step, for one state
+        # all others are evaluated on lanes; these also once, at the end of a step
         of_one_state = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative",
                         *({"rates_by_constants"} if system.is_time_dependent else ())}
         kernels = [k for k in kernels if k.name in of_one_state]
@@ -127,7 +128,10 @@ def derivatives_of(
 def _step_kernels(
     derived: Derived, columns: Sequence[sp.Symbol], *, has_templates: bool
 ) -> _Kernels:
-    """Return the kernels of the derivatives of a step; element templates have kernels of theirs."""
+    """Return the kernels of the derivatives of a step, by state and by ``columns``.
+
+    Element templates have kernels of their own (``element_derivatives``).
+    """
     if has_templates:
         return _Kernels([], [], [])
     scheme = derived.scheme

@@ -51,7 +51,8 @@ _PRODUCTS: dict[str, list[tuple[str, str, bool]]] = {
 def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, Any]]:
     """Return the tables of ``elements`` with the kernels of derivatives, one dict a template.
 
-    Key ``own`` has the additional kernels, ``groups`` the matrices that are evaluated at one state.
+    Key ``own`` has the additional kernels; ``groups`` maps a group of matrices that are evaluated
+    at one state to its tables (``_group``); ``kind`` is 0 for H, 1 for g, 2 for F.
     """
     scheme, structure = derived.implicit, Structure(derived.scheme.system)
     emit, times = Emitter(derived.constants, derived.real), time_columns(scheme)
@@ -78,7 +79,12 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
 def _group(
     template: dict[str, Any], name: str, kernels: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return the matrices of a template in a group, with their sums and directions."""
+    """Return the matrix-vector products of a template in a group, as the template of C reads them.
+
+    ``calls`` are the kernels; ``matrices`` their outputs, each of which is multiplied by the
+    direction ``by`` (q, p or constants c) and added to the sum ``of``; ``outputs`` and ``inputs``
+    are these sums and directions with their lengths ``n`` and the index tables of the instances.
+    """
     sums = {"force": "q" if template["kind"] == 0 else "row", "velocity": "p",
             "out": "q" if name.endswith("force") else "row"}
     size = {"q": template["nq"], "p": template["np"], "row": template["rows"],

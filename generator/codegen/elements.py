@@ -74,6 +74,11 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
                 f"constraint{f}", mean_constraint_kernels(form, scheme.discrete))
     elimination = structure.elimination
     positions, band = _band(structure, scheme)
+    condensed = condensation_of(structure, scheme)
+    if condensed:
+        for template, table in zip((*energies, *constraints, *forces), condensed.tables,
+                                   strict=True):
+            template |= table
     symbols = list(scheme.system.parameters)
     return Elements(
         energies, constraints, forces,
@@ -94,12 +99,16 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         second=_second_derivatives(structure, energies, forces),
         positions=positions,
         band=band,
-        condensed=condensation_of(structure, scheme, energies, constraints, forces),
+        condensed=condensed,
     )
 
 
 def _form(name: str, form: ElementTemplate, index: dict[int, int]) -> dict[str, Any]:
-    """Return the tables of a template's instances, as the template of C reads them."""
+    """Return the sizes and tables of an element template, as the template of C reads them.
+
+    ``q``, ``p`` and ``row`` have, for each instance, indices of coordinates, momenta and rows of
+    g or F; ``k`` indices of constants in the C, by ``index`` from those in the system.
+    """
     return {
         "name": name,
         "nq": len(form.q), "np": len(form.p), "nk": len(form.constants),
@@ -114,13 +123,16 @@ def _form(name: str, form: ElementTemplate, index: dict[int, int]) -> dict[str, 
 
 
 class Emitter:
-    """Emits each kernel of a form twice: for numbers and for lanes."""
+    """Emits each kernel of an element template twice: for numbers and for lanes."""
 
     def __init__(self, constants: Constants, real: Real) -> None:
         self.constants, self.real = constants, real
 
     def all(self, form: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
-        """Return kernels as C of numbers and of lanes, one dict a kernel, for the template."""
+        """Return the kernels of an element template, one dict each, as the C template reads them.
+
+        ``scalar`` and ``lanes`` are the C, None where the kernel is not needed.
+        """
         emitted = []
         for kernel, where in kernels:
             named = Kernel(f"{form}_{kernel.name}", kernel.doc,
@@ -144,10 +156,11 @@ def local_inputs(
 
 
 def term_kernels(form: ElementTemplate, *, between: bool, constrained: bool) -> list[Placed]:
-    """Return the kernels of a form of H.
+    """Return the kernels of a term of H: H, (H_p, H_q), H_p, H_pp, H_t and second derivatives.
 
-    Schemes between two states need no second derivatives; H_p for numbers and H_pp belong to the
-    constraint on the momenta.
+    With ``between``, a step of IMS or EMS, whose second derivatives ``mean_term_kernels`` has. H_p
+    for numbers and H_pp serve the constraint on the momenta, G H_p + g_t = 0, of ``constrained``
+    systems.
     """
     system = form.system
     arguments = local_inputs(form)
@@ -180,7 +193,7 @@ def term_kernels(form: ElementTemplate, *, between: bool, constrained: bool) -> 
 
 
 def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
-    """Return the kernels of a form of constraints."""
+    """Return the kernels of a template of g: g, g(q + d) − g(q), G, Gᵀ λ, K = (Gᵀ λ)_q and g_t."""
     rows = len(form.expressions)
     d, lam = vector("d", len(form.q)), vector("lambda", rows)
     G = jacobian(form.expressions, form.q)
@@ -202,7 +215,7 @@ def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
 
 
 def force_kernels(form: ElementTemplate, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
-    """Return the kernels of a form of forces."""
+    """Return the kernels of a template of forces: F, and F_q and F_p if it depends on the state."""
     arguments = {"q": form.q, "p": form.p, **time, "k": form.constants}
     F = list(form.expressions)
     value = (Kernel("value", "F, which no potential has", arguments, {"F": F}), BOTH)
@@ -214,7 +227,12 @@ def force_kernels(form: ElementTemplate, time: dict[str, list[sp.Symbol]]) -> li
 
 
 def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
-    """Return the mean gradient of a form of H between two states, and its derivatives."""
+    """Return the mean gradient D of a term of H between two states, and its derivatives.
+
+    H(q₁, p₁) − H(q₀, p₀) = D_q·Δq + D_p·Δp for the discrete gradient of EMS (``discrete``); for
+    IMS D is the gradient at the midpoint. Inputs are means ``qm``, ``pm`` and increments ``dq``,
+    ``dp``; derivatives are by q₁ and p₁ at fixed q₀ and p₀, ½ ∂/∂qm + ∂/∂dq.
+    """
     nq, np = len(form.q), len(form.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
     D_q, D_p = mean_gradient_of(form.system, (qm, pm), (dq, dp), discrete)
@@ -240,7 +258,7 @@ def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
 
 
 def mean_constraint_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
-    """Return G^T lambda between two states, and its derivative by dq."""
+    """Return Gᵀ λ with the mean G between two states, its derivative by q₁, G itself, and g_t."""
     qm, dq, lam = (vector("qm", len(form.q)), vector("dq", len(form.q)),
                    vector("lambda", len(form.expressions)))
     G, rates = mean_jacobian(form, qm, dq, discrete)
@@ -262,7 +280,10 @@ def mean_constraint_kernels(form: ElementTemplate, discrete: bool) -> list[Place
 def mean_jacobian(
     form: ElementTemplate, qm: list[sp.Symbol], dq: list[sp.Symbol], discrete: bool
 ) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:
-    """Return G between two states, and g_t, of a form of constraints."""
+    """Return the mean G between two states, and g_t, of a template of constraints.
+
+    Row r is the mean gradient of g_r, as of a Hamiltonian without momenta.
+    """
     n = len(form.q)
     p, pm, dp = (vector(name, n) for name in ("unused", "pm", "dp"))
     slopes = [mean_slopes_of(ElementSystem(form.q, tuple(p), form.constants, g, time=form.time),
@@ -277,9 +298,23 @@ def _short(e: sp.Expr) -> str:
 
 
 class _Blocks:
-    """Which constraints act on which cell of momenta, and where G and W keep their entries.
+    """The entries of G and of W = G H_pp Gᵀ = Σ_c G_c H_pp,c G_cᵀ, a sum over kinetic elements c.
 
-    G is stored cell by cell, a row of a cell's momenta for each constraint that acts on it.
+    G is stored element by element: G_c has a row for each constraint that acts on the momenta of c.
+
+    Attributes
+    ----------
+    of_elements : list of dict
+        For each template of H and each instance: ``count`` rows of G_c, ``place`` of its first
+        entry in G, and ``slot``, the first of its places in ``slots``.
+    slots : list of int
+        Entries of W that the lower triangles of all G_c H_pp,c G_cᵀ are added to.
+    entries : int
+        Number of entries of G.
+    places : list
+        For each template of g and each instance, the place in G of each of its derivatives.
+    is_full : bool
+        Whether every entry of G is set, so that none has to be zeroed.
     """
 
     def __init__(self, structure: Structure) -> None:
@@ -298,8 +333,7 @@ class _Blocks:
                 for i, row in enumerate(rows):
                     entry_index |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
                     self.entries += len(instance.p)
-                    # the lower triangle of this cell's share G_c H_pp G_cᵀ of W, where the
-                    # elimination stores it
+                    # W is stored as the elimination stores its factors
                     self.slots += [slot_of[row, column] for column in rows[: i + 1]]
             self.of_elements.append(blocks)
         self.places = []
@@ -318,14 +352,17 @@ class _Blocks:
 def _second_derivatives(
     structure: Structure, energies: list[dict[str, Any]], forces: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return where the rows of H_pp and of H_qp − F_p keep their entries, and set their places.
+    """Return the tables of the entries of H_pp and of H_qp − F_p by momenta.
 
-    Row e holds what momentum e does: H_pp to the velocities of its cell, H_qp − F_p to forces.
+    Momentum e has the ``block_count[e]`` entries of column e of H_pp from ``block_first[e]`` on, in
+    rows ``block_row``, and the entries of column e of H_qp − F_p from ``mixed_first[e]`` on, in
+    rows ``mixed_row``. The tables of ``energies`` and ``forces`` get the places of the entries of
+    their instances: ``mixed``, and ``pp_start`` of the first H_pp of a template.
     """
     n = structure.system.n
     block_first, block_count = [0] * n, [0] * n
     block_row: list[int] = []
-    mixed: list[dict[int, int]] = [{} for _ in range(n)]
+    mixed: list[dict[int, int]] = [{} for _ in range(n)]  # momentum → row → place in its column
     pp = 0
     for form, energy in zip(structure.templates, energies, strict=True):
         energy |= {"pp_start": pp, "mixed": []}
@@ -342,7 +379,7 @@ def _second_derivatives(
                 for row in instance.rows:
                     mixed[a].setdefault(row, len(mixed[a]))
     first = [0]
-    # rows of different length in one array: row e begins at first[e]
+    # columns of different length in one array: column e begins at first[e]
     for entries in mixed:
         first.append(first[-1] + len(entries))
     for form, energy in zip(structure.templates, energies, strict=True):
@@ -357,14 +394,15 @@ def _second_derivatives(
 
 
 def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[int], int]:
-    """Return the place of each unknown (and its equation) in a narrow band, and how far it reaches.
+    """Return the place of each unknown, and of its equation, in a narrow band, and half its width.
 
-    Unknowns are numbered as the scheme numbers them: rates or increments of q, of p, multipliers.
+    Unknowns are numbered as the scheme numbers them: k and k̂ of all stages, or increments of q and
+    p, then multipliers.
     """
     n, m = structure.system.n, structure.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
-    # all unknowns of one coordinate stand together, s stages of k and of k̂: the band follows the
-    # coupling of coordinates, not that of stages
+    # the unknowns of one coordinate, s stages of k and of k̂, are neighbours in the band, as every
+    # stage is coupled to all others
     unknowns = {("q", a): [half * s * n + i * n + a for half in (0, 1) for i in range(s)]
                 for a in range(n)}
     unknowns |= {("g", row): [2 * s * n + node * m + row for node in range(p)]
@@ -376,7 +414,7 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
         for unknown in unknowns[node]:
             position[unknown] = len(position)
         last[node] = len(position) - 1
-    reach = 0
+    band = 0
     for nodes in structure.coupled:
-        reach = max(reach, max(last[x] for x in nodes) - min(first[x] for x in nodes))
-    return [position[u] for u in range(len(position))], reach
+        band = max(band, max(last[x] for x in nodes) - min(first[x] for x in nodes))
+    return [position[u] for u in range(len(position))], band

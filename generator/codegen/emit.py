@@ -1,6 +1,6 @@
 """Header, source and manifest of a derived stepper.
 
-    describe    Derived → Program
+    program_of  Derived → Program
     emit        Program → the text of three files, by templates
 """
 
@@ -64,7 +64,7 @@ from .solver_costs import solver_costs
 from .splitting_flows import flow_lanes, flows_of
 from .state_functions import quantity_kernel, state_functions
 
-__all__ = ["Source", "describe", "emit"]
+__all__ = ["Source", "emit", "program_of"]
 
 TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
 #: Version of the interface between generated files and ``engine/gyrospark/engine.h``.
@@ -108,7 +108,7 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     ``elements`` decides whether the C loops over the instances of the system's element templates;
     None: if that saves work.
     """
-    program = describe(derived, elements)
+    program = program_of(derived, elements)
     context = {field.name: getattr(program, field.name) for field in fields(program)}
     context |= {"full": program.profile == "full", "iteration": program.iteration,
                 "identity": _IDENTITY,
@@ -117,15 +117,23 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     header, source = (fitted(_environment().get_template(f"{kind}.{ending}.jinja").render(context))
                       for ending in "hc")
     manifest = manifest_text(derived, program, _IDENTITY)
-    if program.profile == "full":
+    if program.profile == "full":  # the cache identifies it by a key of its own
         return Source(program.name, header, source, manifest)
     files = header, amalgamate(source), manifest
     identity = hashlib.sha256("\0".join(files).encode()).hexdigest()[:32]
     return Source(program.name, *(text.replace(_IDENTITY, identity) for text in files))
 
 
-def describe(derived: Derived, elements: bool | None = None) -> Program:
-    """Return the C program of a derived stepper.
+def program_of(derived: Derived, elements: bool | None = None) -> Program:
+    """Return all that the templates print: kernels, constants, tables, sizes and formulas.
+
+    Parameters
+    ----------
+    derived : Derived
+        The scheme, its system and the kind of numbers.
+    elements : bool or None
+        Whether kernels are those of element templates, in loops over their instances; None: if
+        that saves work.
 
     Raises
     ------
@@ -136,32 +144,36 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         derived.scheme, derived.system, derived.constants, derived.real)
     if derived.second:
         refuse_second(derived)
+    # step equations and their solvers
     element_sums = _elements(derived, elements)
     flows = flows_of(derived) if isinstance(scheme, SplittingScheme) else None
     lanes, plain, refusal = _iterations(derived, element_sums, flows)
     kernels = [] if element_sums else _step_kernels(derived, flows)
     iteration_kernels, renamed = additional_kernels(kernels, plain.kernels if plain else [])
-    counted = [*kernels, *(plain.known if plain else []),
-               *(lanes.kernels if lanes else []), *(element_sums.kernels if element_sums else [])]
+    step_kernels = [*kernels, *(plain.known if plain else []), *(lanes.kernels if lanes else []),
+                    *(element_sums.kernels if element_sums else [])]
+    # functions of one state, in the parameters
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
     state_kernels = states.kernels if states else []
+    # constants of a run
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters}
                        | {START: f"par->{system.time}"},
                        explicit=derived.profile == "control")
-    definitions = _used_constants(constants, counted, element_sums)
+    definitions = _used_constants(constants, step_kernels, element_sums)
     constants_c = {str(s): printer(e) for e, s in definitions.items()}
     single_constants, constant_loops = split_constants(constants_c)
     derivatives = (derivatives_of(derived, constants_c, element_sums, lanes) if derived.derivatives
                    else None)
+    # functions of <math.h> and of the engine that the C calls
     other_functions = frozenset[str]().union(derivatives.functions if derivatives else (),
                                              *(kernel.functions for kernel in state_kernels))
     if derivatives and lanes:
         lanes = _with_functions(lanes, other_functions.union(
             *(k.functions for k in derivatives.lanes)))
-    # kernels on lanes have lists of functions of their own
+    # kernels on lanes call versions of their own, which ``LaneIteration`` lists
     functions = printer.functions.union(
-        *(k.functions for k in counted if not k.name.startswith("lanes_")),
+        *(k.functions for k in step_kernels if not k.name.startswith("lanes_")),
         quantities.functions if quantities else (), other_functions)
     index_of = {x: i for i, x in enumerate(system.q)}
     return Program(
@@ -190,12 +202,12 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         constant_loops=constant_loops,
         run_constants=plain.run_constants if plain else [],
         kernels=[*kernels, *iteration_kernels] if derived.profile == "control" else kernels,
-        compensated=any(map(sums_products, counted)),
-        cardinals=sorted(c_names_with_needs(other_functions.union(
-            *(k.functions for k in [*counted, *(derivatives.lanes if derivatives else [])])))),
+        compensated=any(map(sums_products, step_kernels)),
+        cardinals=sorted(c_names_with_needs(other_functions.union(*(
+            k.functions for k in [*step_kernels, *(derivatives.lanes if derivatives else [])])))),
         switch_functions=SWITCHES & functions,
         costs={} if derived.profile == "control" or isinstance(scheme, SplittingScheme)
-        else solver_costs(scheme, kernels if plain else counted, element_sums),
+        else solver_costs(scheme, kernels if plain else step_kernels, element_sums),
         iteration_kernels=iteration_kernels,
         renamed=renamed,
         tableau=_tableau(scheme, real) if isinstance(scheme, SparkScheme) else None,
@@ -228,7 +240,7 @@ def _sizes(derived: Derived) -> dict[str, Any]:
 
 
 def _formulas(derived: Derived, elements: Elements | None) -> dict[str, Any]:
-    """Return the formulas in comments of the C; those of element templates stand with these."""
+    """Return the formulas in comments of the C; element templates have comments of their own."""
     scheme, system = derived.scheme, derived.system
     legendre = system if isinstance(system, LagrangianSystem) else None
     hidden = hidden_constraints(derived, elements)
@@ -383,7 +395,11 @@ def operations_text(operations: dict[str, int]) -> str:
 
 
 def _frame(derived: Derived) -> FrameTransformation | None:
-    """Return the transformation of states from the co-moving frame to the frame of the user."""
+    """Return the transformation of states from the co-moving frame to the frame of the user.
+
+    A state is rotated about each axis by the angle ω t, which is computed as a double word: the
+    rate of a group of symmetries is a linear combination of the parameters ``omega_…``.
+    """
     frame, system, real = derived.frame, derived.system, derived.real
     if frame is None:
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from ...core.real_types import Real
@@ -10,7 +11,7 @@ from ..kernels.c_printer import ON_LANES, CPrinter
 from ..kernels.kernel import EmittedKernel, Target, emit_kernel, sums_products
 from ..schemes.fast_path import fast_system
 from ..schemes.fast_tableau import FastTableau
-from ..schemes.step_equations import MeanScheme, SparkScheme
+from ..schemes.step_equations import SparkScheme
 from ..systems.repeated_structure import Structure
 from .program import Derived, Elements, LaneIteration, Table
 
@@ -20,11 +21,13 @@ __all__ = ["called_functions", "lane_iteration"]
 def lane_iteration(
     derived: Derived, elements: Elements | None
 ) -> tuple[LaneIteration | None, str]:
-    """Return the iteration and "", or None and the reason why there is none."""
+    """Return the fixed-point iteration of a step on SIMD lanes, of stages or of trajectories.
+
+    The second entry is "", or the reason why there is none: Newton's method takes every step then.
+    """
     scheme, real = derived.implicit, derived.real
     tables: dict[str, list[list[Fraction]]] = {}
     even_odd: dict[str, list[list[Fraction]]] = {}
-    m = scheme.system.m
     if scheme.system.velocity_count:
         return None, "reactions of velocity constraints are found by Newton's method"
     if isinstance(scheme, SparkScheme):
@@ -34,27 +37,37 @@ def lane_iteration(
         if tableau.refusal is not None:
             return None, tableau.refusal
         tables, even_odd = tableau.tables(real), tableau.even_odd_tables(real)
-        if not m:
+        if not scheme.system.m:
             tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
             even_odd = {name: rows for name, rows in even_odd.items() if name in tables}
-    literals, even_odd_literals = _literals(tables, real), _literals(even_odd, real)
-    # the recurrence of IMS and EMS uses 16 past steps, the least-squares predictor more
-    history = 32 if scheme.tableau else 16
-    if elements is not None:
-        # W of a sum over elements is factorised at each node: no constant or scalar W is detected
-        kernels = [k for k in elements.kernels if k.name.startswith("lanes_")]
-        structure = Structure(scheme.system)
-        constants, factor = len(elements.used_constants), elements.elimination["entries"]
-        return LaneIteration(
-            kernels=[], folded={}, **called_functions(kernels),
-            tables=literals, even_odd_tables=even_odd_literals,
-            compensated=any(sums_products(k, "lanes_") for k in kernels),
-            factors=bool(m), constant_schur=False, scalar_schur=False,
-            separable=structure.is_separable, shared=0, affine=structure.is_quadratic,
-            history=history,
-            memory=_memory(scheme, real, history, constants, factor, single=True),
-            batch_memory=_memory(scheme, real, history, constants, factor, single=False),
-        ), ""
+    iteration = _of_kernels(derived) if elements is None else _of_elements(derived, elements)
+    return replace(iteration, tables=_literals(tables, real),
+                   even_odd_tables=_literals(even_odd, real)), ""
+
+
+def _of_elements(derived: Derived, elements: Elements) -> LaneIteration:
+    """Return the iteration with kernels of element templates, without tables.
+
+    W = G H_pp Gᵀ of a sum over elements is factorised at each node: whether it is constant, or a
+    multiple of the identity, is not examined.
+    """
+    structure = Structure(derived.scheme.system)
+    constant_count = len(elements.used_constants)
+    factor_length = elements.elimination["entries"]
+    kernels = [k for k in elements.kernels if k.name.startswith("lanes_")]
+    return LaneIteration(
+        kernels=[], folded={}, **called_functions(kernels), tables={}, even_odd_tables={},
+        compensated=any(sums_products(k, "lanes_") for k in kernels),
+        factors=derived.scheme.system.m > 0, constant_schur=False, scalar_schur=False,
+        separable=structure.is_separable, shared=0, affine=structure.is_quadratic,
+        history=_history(derived),
+        memory=_memory(derived, constant_count, factor_length, single=True),
+        batch_memory=_memory(derived, constant_count, factor_length, single=False))
+
+
+def _of_kernels(derived: Derived) -> LaneIteration:
+    """Return the iteration with kernels of the whole system, without tables."""
+    scheme, real, m = derived.implicit, derived.real, derived.scheme.system.m
     system = fast_system(scheme.system)
     fast_kernels = (system.spark_kernels() if isinstance(scheme, SparkScheme)
                     else system.mean_kernels(scheme))
@@ -62,25 +75,25 @@ def lane_iteration(
              for symbol in system.folds.definitions.values()}
     kernels = [emit_kernel(k, derived.constants, real, Target.lanes(folds)) for k in fast_kernels]
     printer = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
-    constants = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
-    is_constant = bool(m) and system.schur_inverse is not None
+    constant_count = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
+    is_constant = m > 0 and system.schur_inverse is not None
     return LaneIteration(
         kernels=kernels,
         folded={symbol.name.lstrip("_"): printer(e)
                 for e, symbol in system.folds.definitions.items()},
         **called_functions(kernels),
-        tables=literals, even_odd_tables=even_odd_literals,
+        tables={}, even_odd_tables={},
         compensated=any(sums_products(k, "lanes_") for k in kernels),
-        factors=bool(m) and (derived.is_spark or not is_constant),
+        # a constant W is inverted once a run; SPARK factorises it too, for the momentum
+        factors=m > 0 and (derived.is_spark or not is_constant),
         constant_schur=is_constant,
-        scalar_schur=bool(m) and system.correction is not None,
+        scalar_schur=m > 0 and system.correction is not None,
         separable=system.is_separable,
         shared=len(system.shared),
         affine=system.is_affine,
-        history=history,
-        memory=_memory(scheme, real, history, constants, m * m, single=True),
-        batch_memory=_memory(scheme, real, history, constants, m * m, single=False),
-    ), ""
+        history=_history(derived),
+        memory=_memory(derived, constant_count, m * m, single=True),
+        batch_memory=_memory(derived, constant_count, m * m, single=False))
 
 
 def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, Table]:
@@ -94,15 +107,18 @@ def called_functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
     return {"functions": sorted(called - ON_LANES), "switches": sorted(called & ON_LANES)}
 
 
-def _memory(
-    scheme: SparkScheme | MeanScheme, real: Real, history: int, constants: int, factor: int, *,
-    single: bool,
-) -> int:
+def _history(derived: Derived) -> int:
+    """Return the number of past steps that predict the next one: more for least squares (SPARK)."""
+    return 32 if derived.implicit.tableau else 16
+
+
+def _memory(derived: Derived, constants: int, factor: int, *, single: bool) -> int:
     """Return an upper bound of the bytes of the iteration's state; the C checks it.
 
     ``factor`` is the number of entries of the factors of W at a node. ``single``: the lanes are
     stages of one trajectory; else they are trajectories.
     """
+    scheme, real, history = derived.implicit, derived.real, _history(derived)
     n, m = scheme.system.n, scheme.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     lanes = 64 // real.bytes if not real.wide else 1

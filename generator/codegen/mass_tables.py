@@ -35,7 +35,8 @@ def composed_operations(
 ) -> dict[str, dict[str, int]]:
     """Return the operations of the derivatives of H, by the names of the kernels of other systems.
 
-    H_p takes the factors of M and one solve, H_pq n solves; (n³ operations) Newton's n × n system.
+    With p = M v + b: H_p = v takes the factors of M and one solve, H_q = −L_q(q, v) one kernel
+    more, each of the 2 n columns of second derivatives d(L_q) and a solve, and Newton's system n³.
     """
     counts = defaultdict(Counter[str], {k.name.removeprefix("lanes_"): Counter(k.operations)
                                         for k in kernels})
@@ -48,7 +49,7 @@ def composed_operations(
     newton = Counter({name: 2 * n * count for name, count in column.items()}
                      ) + Counter(mul=n**3, add=n**3)
     composed = {"velocity": factor + solve, "force": solve + counts["generalised_force"],
-                    "gradient": factor + solve + counts["generalised_force"],
+                "gradient": factor + solve + counts["generalised_force"],
                 "hessian": factor + newton}
     mean = {"mean_velocity": composed["velocity"], "mean_force": composed["gradient"],
             "mean_gradient": composed["gradient"], "mean_jacobian": composed["hessian"]}

@@ -1,6 +1,6 @@
 """The C program of a stepper as one typed description: the context of the templates.
 
-``emit.describe`` turns a ``Derived`` into a ``Program``. All profiles have the same fields; a field
+``emit.program_of`` turns a ``Derived`` into a ``Program``. All profiles have the same fields; one
 that a profile or a system does not have is None.
 """
 
@@ -19,6 +19,7 @@ from ..schemes.start_kernels import StartKernels
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.system import System
+from .condensation import Condensation
 from .constant_loops import ConstantLoop
 from .profiles import ProfileName
 
@@ -133,7 +134,7 @@ class Elements:
     positions: list[int]
     band: int
     #: Pattern of Newton's system without the rates of momenta (``condensation``), or None.
-    condensed: dict[str, Any] | None
+    condensed: Condensation | None
 
     @property
     def all(self) -> list[dict[str, Any]]:

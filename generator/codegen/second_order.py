@@ -21,8 +21,6 @@ from .program import Derived, DualKernels
 
 __all__ = ["dual_kernels", "refuse_second"]
 
-#: Coordinates up to which systems of element templates are written out in full.
-
 #: The derivative of each function of <math.h> at x, where f is its value; "MATH(...)" of the type.
 _SLOPES = {
     "sin": "MATH(cos)(x)", "cos": "-MATH(sin)(x)", "tan": "1 + f*f",
@@ -62,7 +60,9 @@ def dual_kernels(
 ) -> DualKernels:
     """Return kernels on dual numbers, and the functions that they call.
 
-    ``slopes`` are the nonzero derivatives of constants by parameters.
+    A function of dual numbers is f(a + b ε) = f(a) + f'(a) b ε, with f' from ``_SLOPES``.
+    ``slopes`` are the nonzero derivatives dc_i/dθ_j of constants by parameters, which are
+    differentiated again.
     """
     real = derived.real
     emitted = [emit_kernel(replace(k, compensated=False), derived.constants, real, Target.duals())

@@ -78,7 +78,9 @@ def solver_costs(
 ) -> dict[str, int]:
     """Return costs of a stage and of a constraint node in an iteration, a residual and a Jacobian.
 
-    Of an iteration, ``*_lanes`` counts once for all lanes, ``*_calls`` for each stage or node.
+    By these and measured numbers of iterations, the engine selects the solver of a step. Costs are
+    in additions; of an iteration, ``*_lanes`` is arithmetic, which costs as much for all lanes as
+    for one, and ``*_calls`` are functions of <math.h>, which cost this for each stage or node.
     """
     kind = "spark" if isinstance(scheme, SparkScheme) else "mean"
     recipe = (_DENSE if elements is None else _ELEMENTS)[kind]
@@ -103,6 +105,7 @@ def solver_costs(
 
 
 def _dense_cost(operations: Mapping[str, Mapping[str, int]]) -> tuple[Any, Any]:
+    """Return two equal functions name → cost of a kernel, as ``_elements_cost`` does."""
     def cost(name: str) -> Cost:
         return Cost.of(operations.get(name, {}))
 

@@ -27,7 +27,7 @@ _LANE_BYTES, _REGISTERS = 64, 4
 
 
 def flows_of(derived: Derived) -> Flows:
-    """Return the kernels, tables and weights of a splitting."""
+    """Return the kernels, tables and weights of a splitting; ``Flows`` explains the tables."""
     scheme, real = derived.scheme, derived.real
     assert isinstance(scheme, SplittingScheme)
     bodies = scheme.splitting.bodies
@@ -132,7 +132,8 @@ def _axis_number(axis: AxisRotation) -> int:
 def _composition(composition: Composition, stages: int, real: Real) -> CompositionText:
     """Return the weights as double words: drifts a_0, a_1 .. a_(s-1), a_s + a_0 and kicks b_i.
 
-    The last drift of a step joins the first of the next one. Tables are padded to ``stages``.
+    The last drift of a step joins the first of the next one. Kick i takes place at the time
+    a_0 + … + a_(i-1) of the step, in units of h. Tables are padded to ``stages``.
     """
     a, b = composition.drifts, composition.kicks
     times = list(accumulate(a))[:-1]

@@ -33,9 +33,9 @@ class _Node:
     ) -> None:
         self.function, self.arguments = function, arguments
         self.expression: Any = expression
-        #: Another form of the expression, or None.
+        #: An equal expression that is built and searched in place of it, or None.
         self.form: _Node | None = None
-        #: Whether a form has been looked for; whether it has occurred; whether it has recurred.
+        #: Whether a form has been sought; whether the node has occurred; whether it has recurred.
         self.is_tracked = self.is_visited = self.is_shared = False
         #: Its temporary.
         self.symbol: sp.Symbol | None = None
@@ -67,7 +67,7 @@ def common_subexpressions(
     graph = _Graph()
     roots = [graph.node(e) for e in expressions]
     for root in roots:
-        graph.find_forms(root)
+        graph.set_forms(root)
     _share_arguments(sp.Add, list(graph.sums))
     _share_arguments(sp.Mul, list(graph.products))
     for root in roots:
@@ -115,13 +115,18 @@ class _Graph:
             node = self.nodes[e] = _Node(e.func, [self.node(a) for a in e.args], e)
         return node
 
-    def find_forms(self, node: _Node) -> None:
-        """Find the forms of a node and of what it consists of; collect sums and products."""
+    def set_forms(self, node: _Node) -> None:
+        """Set the forms of a node and of its subexpressions, and collect sums and products.
+
+        A node with a minus sign becomes (−1) · positive, xⁿ with n < 0 becomes (x⁻ⁿ)⁻¹: the
+        positive expressions may recur. A product of a number and a sum is not collected, as SymPy
+        multiplies the number into the sum.
+        """
         if node.is_tracked or not node.arguments:
             return
         node.is_tracked = True
         for argument in node.arguments:
-            self.find_forms(argument)
+            self.set_forms(argument)
         e = node.expression
         if node.has_minus and not (opposite := negative(e)).is_Atom:
             positive = self.node(opposite)
@@ -137,7 +142,10 @@ class _Graph:
             node.form = _Node(sp.Pow, [self.node(e.base**-e.exp), self.node(sp.S.NegativeOne)])
 
     def in_order(self, node: _Node) -> list[_Node]:
-        """Return the arguments of a sum or product in canonical order."""
+        """Return the arguments of a sum or product in canonical order: short ones first.
+
+        A factor such as −2 counts as (−1) · 2, as in ``sympy.cse``.
+        """
         if node.expression is None or not (node.expression.is_Mul or node.expression.is_Add):
             return node.arguments
         first, *others = node.arguments
@@ -172,9 +180,10 @@ def _mark_shared(node: _Node) -> None:
 
 
 def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
-    """Give sums, or products, that have arguments in common forms with that part as an argument.
+    """Set the forms of sums, or products, with common arguments: a + b + c = (a + b) + c.
 
-    Smaller functions first; the part of two is looked for in all that have as many in common.
+    Short sums come first. The common part of two is also taken out of all longer ones that have it.
+    Sets of numbers stand for the arguments, so that intersections are fast.
     """
     nodes.sort(key=lambda node: len(node.arguments))
     number_of: dict[_Node, int] = {}
@@ -212,7 +221,7 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
             part = arguments_of[i] & arguments_of[j]
             if len(part) < 2:
                 continue
-            # all of i is a part of j: i recurs as it is
+            # if j contains all arguments of i, i itself becomes an argument of j
             if len(part) == len(arguments_of[i]):
                 shared = number(node)
             else:
@@ -224,5 +233,5 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
                     replace(k, part, shared)
         if i in changed:
             node.form = part_of(arguments_of[i])
-        for a in arguments_of[i]:
+        for a in arguments_of[i]:  # i is done: later functions are not compared with it
             functions_of[a].discard(i)

@@ -102,13 +102,17 @@ class Constants:
         return self._hoisted[e]
 
     def _hoist(self, e: sp.Expr) -> sp.Expr:
-        """Replace constant subexpressions: whole ones, and the constant part of sums, products."""
+        """Replace constant subexpressions: whole ones, and the constant part of sums, products.
+
+        A number in front stays a number, 2 c: the kernel may use c elsewhere. aᵘ with a constant a
+        becomes exp(u log a).
+        """
         symbols = self._free_symbols(e)
         if not symbols or e.is_Symbol:
             return e
         if symbols <= self._constant_symbols:
-            coefficient, other_args = e.as_coeff_Mul()
-            return coefficient * self._symbol(other_args)
+            coefficient, constant = e.as_coeff_Mul()
+            return coefficient * self._symbol(constant)
         if not e.is_Add and self._has_piecewise(e):
             return e  # with constants hoisted, continuity at the switches could not be proved
         if e.is_Mul or e.is_Add:
@@ -197,7 +201,11 @@ class Target:
 def emit_kernel(
     kernel: Kernel, constants: Constants, real: Real, target: Target | None = None
 ) -> EmittedKernel:
-    """Return the C of a kernel: shared subexpressions first, then one line an output entry."""
+    """Return the C of a kernel: shared subexpressions first, then one line an output entry.
+
+    ``target`` is the type of numbers, by default one number of type ``real``. Symbols become
+    entries of input arrays, constants ``c->name``, temporaries local variables.
+    """
     target = target or Target.scalar(real)
     names = constants.names() | dict(target.names)
     for array, symbols in kernel.inputs.items():
@@ -211,6 +219,7 @@ def emit_kernel(
              for t, e in statements.shared]
     lines += map(wrap, _assignments(statements, printer))
     used = symbols_of(e for _, e in (*statements.shared, *statements.outputs))
+    # the templates print (void)a for arguments that a kernel does not read
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
     # functions of single lanes take the number of lanes from the constants
@@ -251,7 +260,11 @@ def _emit_compensated(
     names: dict[sp.Symbol, str],
     target: Target,
 ) -> EmittedKernel:
-    """Return a kernel that adds the products of each polynomial with ``add_product``."""
+    """Return a kernel of polynomials Σ a Π x_iⁿⁱ, with each product and sum as a double word.
+
+    The engine's ``add_product`` adds one product to the double word ``sum``. Products of exact
+    coefficients and inputs then cancel without loss, as in |q|² − 1.
+    """
     printer = CPrinter(real, names, target.prefix)
     zero = "splat(0)" if target.prefix else "0"
     lines = [f"{target.value} sum[2];"]

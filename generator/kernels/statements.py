@@ -70,7 +70,12 @@ class Statements:
 
 
 def statements_of(kernel: Kernel) -> Statements:
-    """Return the statements of a kernel."""
+    """Return the statements of a kernel: common subexpressions become temporaries.
+
+    1. ``Shared`` parts become symbols, so that they are computed once in any case.
+    2. Common subexpressions of their definitions and of the outputs are found.
+    3. Bases of powers get temporaries: x² is x*x in C.
+    """
     targets = entries(kernel)
     if not kernel.factors:
         shared, reduced = _name_recurring([e for _, e in targets])
@@ -82,7 +87,7 @@ def statements_of(kernel: Kernel) -> Statements:
         expressions, sp.numbered_symbols("_t", real=True),
         sort=tree_size(expressions) <= _LARGEST_TREE)
     shared_definitions, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
-    if definitions:
+    if definitions:  # a temporary of step 2 may use one of step 1, and the other way round
         shared = _sort_definitions(shared, dict(zip(definitions, shared_definitions, strict=True)))
         shared, reduced = _drop_unused(shared, reduced)
     shared, reduced = _name_bases(shared, reduced)

@@ -140,7 +140,10 @@ def _integer_power(u: DiscreteDifference, n: int) -> DiscreteDifference:
 
 
 def _quotient(u: DiscreteDifference, n: int) -> sp.Expr:
-    """Return (u₁ⁿ − u₀ⁿ)/(u₁ − u₀), with about 2 log₂ n terms for large n."""
+    """Return (u₁ⁿ − u₀ⁿ)/(u₁ − u₀) without a division, with about 2 log₂ n terms for large n.
+
+    u₁²ᵏ − u₀²ᵏ = (u₁ᵏ − u₀ᵏ)(u₁ᵏ + u₀ᵏ) halves n.
+    """
     u0, u1 = u.ends
     if n == 1:
         return sp.Integer(1)
@@ -178,7 +181,10 @@ def _geometric(u: DiscreteDifference) -> tuple[sp.Expr, sp.Expr]:
 
 
 def _real_power(u: DiscreteDifference, c: sp.Expr) -> DiscreteDifference:
-    """Return exp(c log u), with powers of g in place of the exponential of the mean."""
+    """Return the difference of uᶜ = exp(c log u), with gᶜ in place of exp(c mean(log u)).
+
+    With z = Δu/(2g): ½ Δ log u = z asinhc(z) =: ℓ, mean gᶜ cosh(cℓ), Δ(uᶜ) = 2 gᶜ sinh(cℓ).
+    """
     g, z = _geometric(u)
     growth = share(c * z * Asinhc(z))  # ½ Δ(c log u)
     mean = g**c * sp.cosh(growth)
@@ -322,7 +328,7 @@ def _tilt(u: DiscreteDifference) -> sp.Expr:
 
 
 def absolute(u: DiscreteDifference) -> DiscreteDifference:
-    """Return the difference of |u|, whose mean is max(|ū|, |h|)."""
+    """Return the difference of |u|: Δ|u| = τ Δu with the tilt τ, mean max(|ū|, |Δu/2|)."""
     u = u.shared()
     difference = u.apply(Max(sp.Abs(u.mean), sp.Abs(u.half)), _tilt(u))
     return difference.with_ends(*map(sp.Abs, u.ends))

@@ -67,7 +67,7 @@ class FastSystem:
 
     @cached_property
     def forces(self) -> list[list[sp.Expr]]:
-        """H_pp Gᵀ, n × m: the change of the velocity by constraint forces."""
+        """H_pp Gᵀ, n × m: the velocity changes by H_pp Gᵀ λ if the momentum changes by Gᵀ λ."""
         system = self.system
         return [
             [shortest(sum((a * b for a, b in zip(row, g, strict=True)), sp.Integer(0)))
@@ -106,12 +106,12 @@ class FastSystem:
         if square == 0 or not self._is_constant(square):
             return None
         c = sp.cancel(self.schur[0][0] / square)  # from one entry; all others are checked
-        entries = [
+        differences = [
             force - c * row[a]
             for a, forces in enumerate(self.forces)
             for force, row in zip(forces, self.system.G, strict=True)
         ]
-        return c if all(self.reduced(e) == 0 for e in entries) else None
+        return c if all(self.reduced(e) == 0 for e in differences) else None
 
     @cached_property
     def shared(self) -> list[sp.Expr]:
@@ -162,7 +162,10 @@ class FastSystem:
 
     @cached_property
     def gradients(self) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr]]:
-        """H_p, H_q − F in terms of w, and the shared w, each times its constant factor."""
+        """H_p, then H_q − F in terms of w, then w_j = a_j u_j of the shared sums u_j.
+
+        a_j is the constant that u_j is multiplied by wherever it occurs: one product less.
+        """
         H_p, H_q = ([self.folds(e) for e in side]
                     for side in (self.system.H_p, self.system.minus_p_rate))
         w = []
@@ -187,7 +190,8 @@ class FastSystem:
     def spark_kernels(self, *, separate: bool = False) -> list[Kernel]:
         """Return the kernels of the fixed-point iteration of SPARK methods, on lanes.
 
-        ``separate``: the kernel of H_q never evaluates H_p as well.
+        After a correction of P by constraint forces, the kernel of H_q evaluates H_p again, unless
+        H_pp Gᵀ = c Gᵀ gives its change; with ``separate``, the kernel of H_p is called instead.
         """
         system = self.system
         state = {"q": list(system.q), "p": list(system.p)}
@@ -216,11 +220,12 @@ class FastSystem:
         inputs = {"qm": scheme.means[0], "pm": scheme.means[1],
                   "dq": scheme.differences[0], "dp": scheme.differences[1]}
         D_q, D_p = ([self.folds(e) for e in side] for side in scheme.mean_rates)
-        less = " - F(qm, pm, t)" if self.system.forces else ""
+        minus_forces = " - F(qm, pm, t)" if self.system.forces else ""
         kernels = [
             *self._common(projected=False),
             Kernel("mean_velocity", "D_p", inputs, {"D_p": D_p}),
-            Kernel("mean_force", f"D_q{less}", inputs | time_input(self.system), {"D_q": D_q}),
+            Kernel("mean_force", f"D_q{minus_forces}", inputs | time_input(self.system),
+                   {"D_q": D_q}),
         ]
         return [*kernels, *self._mean_constraint(scheme), *scheme.energy_rate_kernels(),
                 *scheme.constraint_rate_kernels(), *self._multiplier_kernels()]

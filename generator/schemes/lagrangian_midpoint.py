@@ -78,9 +78,10 @@ class LagrangianEMS(LagrangianIMS):
 
     @cached_property
     def between(self) -> sp.Expr:
-        """Λ(q, t), the discrete Lagrangian.
+        """The discrete Lagrangian Λ(q, t) = ½ v₀ᵀ M v₁ + b·v̄ − V.
 
-        For a long L, whose M is longer still, L(v̄) − L(δ) + bᵀδ − V with δ = (v₁ − v₀)/2.
+        M of a long L is longer still: then Λ = L(v̄) − L(δ) + b·δ − V with δ = (v₁ − v₀)/2, since
+        v₀ᵀ M v₁ = v̄ᵀ M v̄ − δᵀ M δ.
         """
         system, (v0, v1) = self.system, self.ends
         if system.is_long:
@@ -135,7 +136,10 @@ class LagrangianEMS(LagrangianIMS):
         return super()._backwards | dict(zip([*v0, *v1], [*v1, *v0], strict=True))
 
     def balance(self) -> IdentityCheck:
-        """Whether ΔH = D_pH·Δp + D_qH·Δq + D_tH Δt, for all v₀ and v₁."""
+        """Whether ΔH = D_pH·Δp + D_qH·Δq + D_tH Δt, for all v₀ and v₁.
+
+        With H = p·v − L and p = L_v at both ends.
+        """
         system = self.system
         variables = with_time(system.q, self.means[0], self.differences[0], system.clock)
         momenta, energies = [], []
@@ -156,8 +160,8 @@ class LagrangianEMS(LagrangianIMS):
     def motion_kernels(self) -> list[Kernel]:
         """Return D_qΛ + F, and D_tH, at the velocities of both ends."""
         arguments = self._arguments
-        less = " + F at the means" if self.system.forces else ""
-        kernels = [Kernel("mean_generalised_force", f"R = D_q(v0^T M v1/2 + b.v - V){less}",
+        plus_forces = " + F at the means" if self.system.forces else ""
+        kernels = [Kernel("mean_generalised_force", f"R = D_q(v0^T M v1/2 + b.v - V){plus_forces}",
                           arguments | time_input(self.system), {"R": self.mean_generalised_force})]
         if self.system.is_time_dependent:
             kernels.append(Kernel("mean_energy_rate_of_velocities",
@@ -166,7 +170,10 @@ class LagrangianEMS(LagrangianIMS):
         return self._as_long(kernels)
 
     def newton_kernels(self) -> list[Kernel]:
-        """Return d(dL/dq) of an end, and its effect on ``mean_generalised_force``."""
+        """Return d(L_q) at one end, and dR of the mean force R, along (wq, wv) of q₁ and v₁.
+
+        q̄ moves by wq/2, Δq by wq.
+        """
         n = self.system.n
         wq, wv = vector("wq", n), vector("wv", n)
         variables = [*self.means[0], *self.differences[0], *self.ends[1]]

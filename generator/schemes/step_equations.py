@@ -315,9 +315,10 @@ class MeanScheme:
         D_q, D_p = self.mean_rates
         kind = "discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly" \
             if self.discrete else "gradient at the midpoint"
-        less = "; from D_q, F(qm, pm, t) is subtracted" if system.forces else ""
+        minus_forces = "; from D_q, F(qm, pm, t) is subtracted" if system.forces else ""
         kernels = [
-            Kernel("mean_gradient", f"D_q, D_p: {kind}{less}", inputs, {"D_q": D_q, "D_p": D_p}),
+            Kernel("mean_gradient", f"D_q, D_p: {kind}{minus_forces}", inputs,
+                   {"D_q": D_q, "D_p": D_p}),
             Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
                    {f"D_{a}{b}": by_increment(D, mean, difference)
                     for a, D in (("q", D_q), ("p", D_p)) for b, mean, difference in zip(
@@ -369,12 +370,14 @@ def constraint_rate_kernels(system: System) -> list[Kernel]:
 
 
 def velocity_kernels(system: System) -> list[Kernel]:
-    """Return the kernels of velocity constraints, as functions of q and of v = H_p."""
+    """Return the kernels of velocity constraints A v + a = 0, as functions of q and of v = H_p.
+
+    A, K = (Aᵀ μ)_q, and the defects (g_q v + g_t, A v + a) with their derivatives by q.
+    """
     if not system.velocity_count:
         return []
     q, v, mu = list(system.q), list(system.velocities), vector("mu", system.velocity_count)
-    # the rows of g come along: with velocity constraints g_q v + g_t = 0 is solved for at the end
-    # of the step too
+    # T1 also solves g_q v + g_t = 0 at the end of the step, so that the rows of g come first
     defects = [sp.Add(offset, *(a * b for a, b in zip(row, v, strict=True)))
                   for row, offset in zip([*system.G, *system.A], [*system.g_t, *system.a],
                                       strict=True)]
@@ -402,7 +405,10 @@ def with_work_of_time(system: System) -> System:
 
 
 def hoisted(system: System) -> tuple[System, Constants]:
-    """Return the system with its parameter-only subexpressions as constants of the run."""
+    """Return the system with constants of the run for subexpressions of parameters alone.
+
+    The second value has their definitions. In the first, ``parameters`` are these constants.
+    """
     time = () if system.time is None else (system.time,)
     # t = t0 + τ with τ small: constants of the run contain t0, and kernels τ, so that no digit is
     # lost at a late time
