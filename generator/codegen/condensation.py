@@ -42,7 +42,12 @@ class Condensation:
     rows, columns : list of int
         Row and column of each entry, row by row.
     constraint_rows, constraint_columns : list of int
-        Constraint and coordinate of each entry of G.
+        Constraint and coordinate of each entry of G that is not always 0, those of eliminated
+        coordinates first.
+    constraint_places : list of int
+        Index of each of them in the matrices G of all instances, row by row.
+    constraint_size, eliminated_entries : int
+        Number of all entries of these matrices, and of the entries of eliminated coordinates.
     pairs : list of (int, int)
         Entries of G in the column of one eliminated coordinate, for G m⁻¹ Gᵀ.
     largest : int
@@ -53,7 +58,8 @@ class Condensation:
         Half the bandwidth, and the number of unknowns.
     tables : list of dict
         Of each template of energies, constraints and forces in turn: ``condensed`` has the places
-        of the second derivatives of each instance, ``condensed_start`` the first entry of its G.
+        of the second derivatives of each instance, ``condensed_start`` the first entry of its G,
+        ``curved`` the entries of K that are not always 0, to which its places belong.
     """
 
     first: list[int]
@@ -62,6 +68,9 @@ class Condensation:
     columns: list[int]
     constraint_rows: list[int]
     constraint_columns: list[int]
+    constraint_places: list[int]
+    constraint_size: int
+    eliminated_entries: int
     pairs: list[tuple[int, int]]
     largest: int
     positions: list[int]
@@ -89,10 +98,11 @@ class _Couplings(NamedTuple):
 
 
 def condensation_of(
-    structure: Structure, scheme: SparkScheme | MeanScheme
+    structure: Structure, scheme: SparkScheme | MeanScheme, constraints: list[dict[str, Any]]
 ) -> Condensation | None:
     """Return the pattern of the condensed system.
 
+    ``constraints`` has the templates of constraints with their kernels.
     None if some block of H_pp has a zero row, or a momentum belongs to no block: H_pp is singular.
     """
     block_of = {a: {*i.q, *i.p} for template in structure.templates for i in template.instances
@@ -105,13 +115,23 @@ def condensation_of(
     columns, by_momenta, elements = _couplings(structure, block_of, free)
     entries = [(a, b) for a in range(structure.system.n)
                for b in (*sorted(by_momenta[a]), *sorted(columns[a] - by_momenta[a]))]
-    constraint_entries = [entry for template in structure.constraint_templates
-                          for i in template.instances for entry in product(i.rows, i.q)]
+    all_entries = [entry for template in structure.constraint_templates
+                   for i in template.instances for entry in product(i.rows, i.q)]
+    nonzero = {(i.rows[k // len(i.q)], i.q[k % len(i.q)])
+               for template, tables in zip(structure.constraint_templates, constraints, strict=True)
+               for k in _nonzero(tables, "jacobian") for i in template.instances}
+    constraint_entries = [entry for entry in all_entries if entry in nonzero]
     # Without free coordinates, the multipliers of all joints of a body are coupled to each other,
     # which widens the band of a body with many joints.
     positions, band, eliminated = min(
         (_positions(structure, scheme, elements, constraint_entries, candidates)
          for candidates in (free, frozenset())), key=lambda choice: choice[1])
+    constraint_entries.sort(key=lambda entry: entry[1] not in eliminated)
+    by_column: dict[int, list[int]] = {a: [] for a in sorted(eliminated)}
+    for e, (_, a) in enumerate(constraint_entries):
+        if a in eliminated:
+            by_column[a].append(e)
+    place_of = {entry: k for k, entry in enumerate(all_entries)}
     first = [0]
     for row in columns:
         first.append(first[-1] + len(row))
@@ -122,14 +142,16 @@ def condensation_of(
         columns=[b for _, b in entries],
         constraint_rows=[mu for mu, _ in constraint_entries],
         constraint_columns=[b for _, b in constraint_entries],
-        pairs=[(e, f) for e, (_, a) in enumerate(constraint_entries) if a in eliminated
-               for f, (_, b) in enumerate(constraint_entries) if a == b],
+        constraint_places=[place_of[entry] for entry in constraint_entries],
+        constraint_size=len(all_entries),
+        eliminated_entries=sum(map(len, by_column.values())),
+        pairs=[pair for column in by_column.values() for pair in product(column, column)],
         largest=max(len(template.p) * max(len(template.p), len(template.q))
                     for template in structure.templates),
         positions=positions,
         band=band,
         unknowns=max(positions) + 1,
-        tables=_tables(structure, entries, free),
+        tables=_tables(structure, entries, free, constraints),
     )
 
 
@@ -164,7 +186,8 @@ def _couplings(
 
 
 def _tables(
-    structure: Structure, entries: list[tuple[int, int]], free: frozenset[int]
+    structure: Structure, entries: list[tuple[int, int]], free: frozenset[int],
+    constraints: list[dict[str, Any]],
 ) -> list[dict[str, Any]]:
     """Return, for each template, the indices of the entries of its instances."""
     index_of = {entry: k for k, entry in enumerate(entries)}
@@ -179,15 +202,22 @@ def _tables(
                         for pair in product(rows, columns)] for i in template.instances]}
         for template in structure.templates]
     start = 0
-    for template in structure.constraint_templates:
-        tables.append({"condensed": [[index_of[pair] for pair in product(i.q, i.q)]  # of K
+    for template, constraint in zip(structure.constraint_templates, constraints, strict=True):
+        curved, n = _nonzero(constraint, "curvature"), len(template.q)
+        tables.append({"condensed": [[index_of[i.q[k // n], i.q[k % n]] for k in curved]  # of K
                                      for i in template.instances],
-                       "condensed_start": start})
+                       "curved": curved, "condensed_start": start})
         start += sum(len(i.rows) * len(i.q) for i in template.instances)
     tables += [{"condensed": [[index_of[pair] for pair in product(i.rows, i.q)]  # of F_q
                               for i in template.instances]}
                for template in structure.force_templates]
     return tables
+
+
+def _nonzero(constraint: dict[str, Any], name: str) -> list[int]:
+    """Return the entries of G or K, row by row, that are not 0 for every state."""
+    return sorted({k for kernel in constraint["kernels"] if kernel["name"] in (name, f"mean_{name}")
+                   for k in kernel["nonzero"]})
 
 
 def _free_coordinates(structure: Structure, block_of: dict[int, set[int]]) -> frozenset[int]:

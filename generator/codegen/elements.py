@@ -74,7 +74,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
                 f"constraint{f}", mean_constraint_kernels(form, scheme.discrete))
     elimination = structure.elimination
     positions, band = _band(structure, scheme)
-    condensed = condensation_of(structure, scheme)
+    condensed = condensation_of(structure, scheme, constraints)
     if condensed:
         for template, table in zip((*energies, *constraints, *forces), condensed.tables,
                                    strict=True):
@@ -142,10 +142,19 @@ class Emitter:
             lanes = emit_kernel(named, self.constants, self.real, Target.lanes({}))
             emitted.append({"name": kernel.name, "inputs": list(named.inputs),
                             "outputs": list(named.outputs),
+                            "nonzero": [place for place, entry in enumerate(
+                                _entries([*named.outputs.values()])) if entry != 0],
                             "scalar": scalar if where != LANES else None,
                             "lanes": lanes if where != NUMBERS else None,
                             "operations": scalar.operations})
         return emitted
+
+
+def _entries(output: Any) -> list[sp.Expr]:
+    """Return the entries of nested lists, in order."""
+    if not isinstance(output, (list, tuple)):
+        return [output]
+    return [entry for row in output for entry in _entries(row)]
 
 
 def local_inputs(

@@ -45,10 +45,10 @@ static inline real sum_products(int count, const real *restrict x, const real *r
 }
 
 /*
- * LU factorisation in place; J is 0 outside of the band. Candidates for pivots are compared
- * relative to the norms of their rows at the start, so that units do not matter. Threshold pivoting
- * (Duff, Erisman and Reid) exchanges rows only if another entry is ten times the diagonal one:
- * exchanges fill the band. `pivots` has three parts: the row exchanged with each row, the last
+ * LU factorisation in place; entries beyond the band need no value. Candidates for pivots are
+ * compared relative to the norms of their rows at the start, so that units do not matter. Threshold
+ * pivoting (Duff, Erisman and Reid) exchanges rows only if another entry is ten times the diagonal
+ * one: exchanges fill the band. `pivots` has three parts: the row exchanged with each row, the last
  * column of each row of U, the last row of each column of L. `products` counts the multiplications,
  * whose number depends on the zeros; `scales` and `rows` are work space.
  */
@@ -117,8 +117,8 @@ static inline int band_factorise(int count, int band, real *restrict J, int *res
             const real factor = lower[rows[e]] = row[k]*inverse;
             if (factor == 0)
                 continue;
-            if (last_column[rows[e]] < last)
-                last_column[rows[e]] = last;
+            while (last_column[rows[e]] < last)
+                row[++last_column[rows[e]]] = 0;
             *products += last - k;
             for (int j = k + 1; j <= last; ++j)
                 row[j] -= factor*upper[j];

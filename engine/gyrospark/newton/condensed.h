@@ -131,24 +131,32 @@ static inline int is_free(int a)
     return condensed_position[a] < 0;
 }
 
-static inline real *condensed_entry(real *J, int equation, int unknown)
+#if GS_CONSTRAINED
+/* Entry e of G at a constraint node */
+static inline real constraint_entry(const condensed_t *m, int node, int e)
 {
-    return band_row(J, CONDENSED_BAND, condensed_position[equation])
-        + condensed_position[unknown];
+    return m->constraint_by_q[node][constraint_place[e]];
 }
+#endif
 
-/* Assembles the condensed band from the matrices of stages and constraint nodes. */
+/*
+ * Assembles the condensed band from the matrices of stages and constraint nodes. Places of stages
+ * follow one another, and those of nodes: blocks of S or P rows and columns.
+ */
 static void assemble_condensed(work_t *w, real dt)
 {
     condensed_t *m = &w->condensed;
     real *J = w->J, by_q[S][S], by_force[S][S], by_stage[S][S][S];
-    for (size_t e = 0; e < (size_t)CONDENSED*(3*CONDENSED_BAND + 1); ++e)
-        J[e] = 0;
+    for (int r = 0; r < CONDENSED; ++r) {
+        real *row = band_row(J, CONDENSED_BAND, r);
+        for (int e = r - CONDENSED_BAND; e <= r + CONDENSED_BAND; ++e)
+            row[e] = 0;
+    }
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a)
             m->mobility[i][a] = is_free(a) ? 1/m->momentum_by_rate[i][coupling_first[a]] : 0;
 #if GS_CONSTRAINED
-    real by_curvature[S][S][P], by_mobility[P][P][S];
+    real by_curvature[S][P][S], by_mobility[P][P][S];
     for (int l = 0; l < P; ++l)
         for (int n = 0; n < P; ++n)
             for (int i = 0; i < S; ++i)
@@ -159,55 +167,60 @@ static void assemble_condensed(work_t *w, real dt)
             by_q[i][j] = dt*STAGE(i, j);
             by_force[i][j] = dt*HAT(i, j);
             for (int k = 0; k < S; ++k)
-                by_stage[i][j][k] = dt*HAT(i, k)*(dt*STAGE(k, j));
+                by_stage[i][k][j] = dt*HAT(i, k)*(dt*STAGE(k, j));
 #if GS_CONSTRAINED
             for (int l = 0; l < P; ++l)
-                by_curvature[i][j][l] = dt*TILDE(i, l)*(dt*BAR(l, j));
+                by_curvature[i][l][j] = dt*TILDE(i, l)*(dt*BAR(l, j));
 #endif
         }
     for (int a = 0; a < N; ++a)
-        for (int e = coupling_first[a]; e < coupling_first[a + 1] && !is_free(a); ++e)
-            for (int j = 0; j < S; ++j) {
-                const int column = condensed_position[j*N + coupling_column[e]];
-                for (int i = 0; i < S; ++i) {
-                    real sum = 0;
-                    if (e < moved_end[a]) {
-                        sum = by_q[i][j]*m->momentum_by_q[i][e]
-                            + by_force[i][j]*m->force_by_rate[j][e];
-                        sum += i == j ? m->momentum_by_rate[i][e] : 0;
-                    }
-                    for (int k = 0; k < S; ++k)
-                        sum += by_stage[i][j][k]*m->force_by_q[k][e];
+        for (int e = coupling_first[a]; e < coupling_first[a + 1] && !is_free(a); ++e) {
+            const int column = condensed_position[coupling_column[e]];
+            for (int i = 0; i < S; ++i) {
+                real *restrict block = band_row(J, CONDENSED_BAND, condensed_position[a] + i) + column;
+                real sums[S] = { 0 };
+                for (int k = 0; k < S; ++k)
+                    for (int j = 0; j < S; ++j)
+                        sums[j] += by_stage[i][k][j]*m->force_by_q[k][e];
 #if GS_CONSTRAINED
-                    for (int l = 0; l < P; ++l)
-                        sum += by_curvature[i][j][l]*m->curvature[l][e];
+                for (int l = 0; l < P; ++l)
+                    for (int j = 0; j < S; ++j)
+                        sums[j] += by_curvature[i][l][j]*m->curvature[l][e];
 #endif
-                    band_row(J, CONDENSED_BAND, condensed_position[i*N + a])[column] = sum;
+                if (e < moved_end[a]) {
+                    for (int j = 0; j < S; ++j)
+                        sums[j] += by_q[i][j]*m->momentum_by_q[i][e]
+                            + by_force[i][j]*m->force_by_rate[j][e];
+                    sums[i] += m->momentum_by_rate[i][e];
                 }
-            }
-#if GS_CONSTRAINED
-    for (int e = 0; e < CONSTRAINT_COUPLINGS; ++e)
-        for (int l = 0; l < P; ++l) {
-            const int multiplier = S*N + l*M + constraint_coupling_row[e],
-                column = constraint_coupling_column[e];
-            for (int i = 0; i < S && !is_free(column); ++i) {
-                *condensed_entry(J, multiplier, i*N + column) =
-                    dt*BAR(l + 1, i)*m->constraint_by_q[l + 1][e];
-                *condensed_entry(J, i*N + column, multiplier) =
-                    dt*TILDE(i, l)*m->constraint_by_q[l][e];
+                for (int j = 0; j < S; ++j)
+                    block[j] = sums[j];
             }
         }
+#if GS_CONSTRAINED
+    for (int e = FREE_COUPLINGS; e < CONSTRAINT_COUPLINGS; ++e) {
+        const int multiplier = condensed_position[S*N + constraint_coupling_row[e]],
+            coordinate = condensed_position[constraint_coupling_column[e]];
+        for (int l = 0; l < P; ++l)
+            for (int i = 0; i < S; ++i) {
+                band_row(J, CONDENSED_BAND, multiplier + l)[coordinate + i] =
+                    dt*BAR(l + 1, i)*constraint_entry(m, l + 1, e);
+                band_row(J, CONDENSED_BAND, coordinate + i)[multiplier + l] =
+                    dt*TILDE(i, l)*constraint_entry(m, l, e);
+            }
+    }
     for (int e = 0; e < FREE_PAIRS; ++e) {
         const int one = free_pair[e][0], other = free_pair[e][1],
-            a = constraint_coupling_column[one];
+            a = constraint_coupling_column[one],
+            row = condensed_position[S*N + constraint_coupling_row[one]],
+            column = condensed_position[S*N + constraint_coupling_row[other]];
         for (int l = 0; l < P; ++l)
             for (int n = 0; n < P; ++n) {
                 real sum = 0;
                 for (int i = 0; i < S; ++i)
                     sum += by_mobility[l][n][i]*m->mobility[i][a];
-                *condensed_entry(J, S*N + l*M + constraint_coupling_row[one],
-                    S*N + n*M + constraint_coupling_row[other]) -=
-                    sum*m->constraint_by_q[l + 1][one]*m->constraint_by_q[n][other];
+                band_row(J, CONDENSED_BAND, row + l)[column + n] -=
+                    sum*constraint_entry(m, l + 1, one)*constraint_entry(m, n, other);
             }
     }
 #endif
@@ -222,17 +235,16 @@ static void eliminate_free(const work_t *w, real dt, int is_solved, real *restri
     real *restrict z)
 {
     const condensed_t *m = &w->condensed;
-    for (int e = 0; e < CONSTRAINT_COUPLINGS; ++e) {
+    for (int e = 0; e < FREE_COUPLINGS; ++e) {
         const int a = constraint_coupling_column[e];
-        for (int l = 0; l < P && is_free(a); ++l) {
-            real *multiplier = z + condensed_position[S*N + l*M + constraint_coupling_row[e]];
+        real *multipliers = z + condensed_position[S*N + constraint_coupling_row[e]];
+        for (int l = 0; l < P; ++l)
             for (int i = 0; i < S; ++i)
                 if (is_solved)
-                    b[i*N + a] -= dt*TILDE(i, l)*m->constraint_by_q[l][e]*m->mobility[i][a]
-                        **multiplier;
+                    b[i*N + a] -= dt*TILDE(i, l)*constraint_entry(m, l, e)*m->mobility[i][a]
+                        *multipliers[l];
                 else
-                    *multiplier -= dt*BAR(l + 1, i)*m->constraint_by_q[l + 1][e]*b[i*N + a];
-        }
+                    multipliers[l] -= dt*BAR(l + 1, i)*constraint_entry(m, l + 1, e)*b[i*N + a];
     }
 }
 #endif

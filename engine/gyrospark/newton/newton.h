@@ -131,9 +131,20 @@ static int iterate(work_t *w, const options_t *options, real dt, const real q[N]
 {
     const int first = *iterations + 1;
     real size = 0, ratio = 0;
+#if GS_CONDENSED
+    int has_factors = 0;
+#endif
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
+#if GS_CONDENSED
+        /* The last factors contract by ratio^2; the next increment is size ratio^2, as below. */
+        has_factors = ratio > 0 && ratio < (real)0.5
+            && (has_factors || size*ratio*ratio*ratio*ratio < epsilon/64);
+        int status = has_factors ? OK : factorise_jacobian(w, dt, q, p, x);
+        w->effort -= has_factors ? JACOBIAN_COST + w->products/2 : 0;
+#else
         int status = factorise_jacobian(w, dt, q, p, x);
+#endif
         if (status == OK)
             status = solve_jacobian(w, dt, w->r);
         if (status != OK)
