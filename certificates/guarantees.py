@@ -16,7 +16,7 @@ import sympy as sp
 from ..generator.schemes.named_schemes import scheme_named
 from ..generator.schemes.step_equations import MeanScheme
 from ..generator.schemes.system_differences import with_time
-from ..generator.splitting.find import split
+from ..generator.splitting.decomposition import split
 from ..generator.splitting.parts import Splitting
 from ..generator.symbolic.derivatives import derivative
 from ..generator.symbolic.finite_fields import identically_zero

@@ -89,7 +89,7 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
             **_lagrangian(system),
             **_bodies(system),
             **_numbers(derived, program),
-            **Switching(system).said(
+            **Switching(system).manifest_fields(
                 scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
         ),
         scheme=SchemeManifest(

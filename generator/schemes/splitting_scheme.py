@@ -20,7 +20,7 @@ import sympy as sp
 from ...core.errors import InputError
 from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
-from ..splitting.find import split
+from ..splitting.decomposition import split
 from ..splitting.parts import AxisRotation, Kick, Splitting
 from ..systems.jacobians import jacobian
 from ..systems.system import System

@@ -2,10 +2,10 @@
 
 In: a system of bodies without joints.
 Out: a ``Splitting``: H = T₁ + … + V, each part with an exact flow.
-Open first: ``find.split``.
+Open first: ``decomposition.split``.
 
-    find      derivation of the splitting of a system from its H
-    parts     the parts: rotations, translations, kicks, and their flows
-    kicks     torques of potentials and forces in space axes
-    quotient  normal forms modulo |q|² = 1
+    decomposition  the splitting of a system, derived from its H
+    parts          the parts: rotations, translations, kicks, and their flows
+    kicks          torques of potentials and forces in space axes
+    quotient       normal forms modulo |q|² = 1
 """

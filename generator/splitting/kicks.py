@@ -47,7 +47,10 @@ def derivatives_along(
     expressions: Sequence[sp.Expr], quaternions: Mapping[tuple[sp.Symbol, ...], Vector],
     points: Mapping[sp.Symbol, sp.Expr],
 ) -> list[sp.Expr]:
-    """Return derivatives along angular velocities in space axes and velocities of points."""
+    """Return the derivatives Σ e_q·½ Λ(q)ᵀ W + Σ e_r ṙ along the motion of bodies and points.
+
+    ``quaternions`` has W in space axes of each q, ``points`` the velocity ṙ of each coordinate.
+    """
     rate = dict(points)
     for q, W in quaternions.items():
         rate |= dict(zip(q, space_matrix(q).T * sp.Matrix(W) / 2, strict=True))

@@ -234,7 +234,7 @@ class KickTemplate:
 
     @cached_property
     def slope(self) -> Kick:
-        """−2 times the derivative of ``kick`` along ``rates``.
+        """−2 times the derivative of ``kick`` along ``rates``, a term of the force gradient.
 
         With W = R S Rᵀ N of the whole torque on each body and the velocity M⁻¹ times the whole
         force on points, the slopes of all instances add up to the kick of G.
@@ -368,7 +368,9 @@ class Splitting:
 
     @cached_property
     def gradient(self) -> Kick:
-        """N_G of each body and −G_r of each point: −2 times the derivative of ``kick`` along W.
+        """The kick of the force gradient: N_G of each body and −G_r of each point.
+
+        It is −2 times the derivative of ``kick`` along W.
 
         W = R S Rᵀ N and the velocity M⁻¹ F are computed from the kick itself. It is the field of
         −[F, [T, F]] for any forces F; if F is the force of a potential V, G is its potential.

@@ -24,16 +24,16 @@ from ..symbolic.numeric_evaluation import Evaluator, mp_context
 from ..symbolic.switching_functions import on_side, switches_of
 from .system import System
 
-__all__ = ["Meeting", "Switching", "meeting", "on_any_side", "refuse_kinks"]
+__all__ = ["Continuity", "Switching", "continuity", "on_any_side", "refuse_kinks"]
 
 _DIGITS = 50
 _POINTS, _TRIES = 3, 20
-#: Most switching places that are tried: a system of many bodies repeats them.
-_MOST_PLACES = 20
+#: Most switching functions that are examined: a system of many bodies repeats them.
+_MOST_SWITCHES = 20
 
 
-class Meeting(IntEnum):
-    """How two sides of an expression meet."""
+class Continuity(IntEnum):
+    """Continuity of an expression where it switches from one side to the other."""
 
     JUMP = 0
     KINK = 1
@@ -49,7 +49,7 @@ def refuse_kinks(system: System) -> None:
                          strict=True):
         for w in switches_of([row]):
             if not w.free_symbols.isdisjoint(system.q) and (
-                    meeting(row, w, [*system.q, *system.velocities]) is Meeting.JUMP):
+                    continuity(row, w, [*system.q, *system.velocities]) is Continuity.JUMP):
                 raise InputError(
                     f"The velocity constraint {name!r} of {system.name!r} jumps where "
                     f"{_place(w)}: velocities would jump, too. Write it continuously.")
@@ -57,41 +57,49 @@ def refuse_kinks(system: System) -> None:
         for w in switches_of([g]):
             if w.free_symbols.isdisjoint(system.q):
                 continue
-            kind = meeting(g, w, system.q)
-            if kind < Meeting.SMOOTH:
-                verb = "jumps" if kind is Meeting.JUMP else "has a kink"
+            kind = continuity(g, w, system.q)
+            if kind < Continuity.SMOOTH:
+                verb = "jumps" if kind is Continuity.JUMP else "has a kink"
                 raise InputError(
                     f"The constraint {name!r} of {system.name!r} {verb} where {_place(w)}: it has "
                     "no tangent there, and no multiplier. Write it with a continuous derivative, "
                     "or as a stiff force.")
 
 
-def meeting(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Meeting:
-    """Return how e, as a function of the symbols, passes through w = 0; seen at random points."""
+def continuity(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Continuity:
+    """Return the continuity of e, as a function of the symbols, at w = 0.
+
+    Both sides and their first derivatives are compared at random points of w = 0: a jump or a kink
+    may be missed, a difference is none of rounding.
+    """
     if any(isinstance(node, sp.floor) and node.args[0] == w for node in sp.preorder_traversal(e)):
-        return Meeting.JUMP
+        return Continuity.JUMP
+    # terms without this switch are the same on both sides
     terms = [t for t in sp.Add.make_args(e) if not {w, -w}.isdisjoint(switches_of([t]))]
     e = sp.Add(*terms)
     both = [on_side(e, partial(_weight, w=w, above=above)) for above in (0, 1)]
     moving = [x for x in symbols if x in w.free_symbols]
-    worst = Meeting.SMOOTH
-    for walk in _points_on(w, moving, e.free_symbols | w.free_symbols):
-        if not _same(walk, *both):
-            return Meeting.JUMP
-        if not all(_same(walk, *(derivative(side, x) for side in both)) for x in symbols):
-            worst = Meeting.KINK
-    return worst
+    result = Continuity.SMOOTH
+    for evaluator in _points_on(w, moving, e.free_symbols | w.free_symbols):
+        if not _are_equal(evaluator, *both):
+            return Continuity.JUMP
+        if not all(_are_equal(evaluator, *(derivative(side, x) for side in both))
+                   for x in symbols):
+            result = Continuity.KINK
+    return result
 
 
 def _weight(expression: sp.Expr, w: sp.Expr, above: int) -> sp.Expr | None:
+    """Return the weight of the side > 0 of ±w: 1 or 0; None for other switching functions."""
     if expression == w:
         return sp.Integer(above)
     return sp.Integer(1 - above) if -expression == w else None
 
 
-def _same(walk: Evaluator, below: sp.Expr, above: sp.Expr) -> bool:
+def _are_equal(evaluator: Evaluator, below: sp.Expr, above: sp.Expr) -> bool:
+    """Whether the values of both sides agree to half of the digits."""
     try:
-        a, b = walk(below), walk(above)
+        a, b = evaluator(below), evaluator(above)
         return bool(abs(a - b) <= 10.0 ** (-_DIGITS // 2) * max(1, abs(a), abs(b)))
     except (ArithmeticError, ValueError):
         return False  # an infinite slope
@@ -100,7 +108,7 @@ def _same(walk: Evaluator, below: sp.Expr, above: sp.Expr) -> bool:
 def _points_on(
     w: sp.Expr, moving: Sequence[sp.Symbol], symbols: set[sp.Symbol]
 ) -> Iterator[Evaluator]:
-    """Yield random points where w = 0, found by moving one of the symbols."""
+    """Yield evaluators at random points of w = 0, by a root of w along one of ``moving``."""
     context, draw, count = mp_context(_DIGITS), random.Random(3), 0
     for attempt in range(_TRIES):
         x = moving[attempt % len(moving)]
@@ -129,7 +137,7 @@ def _place(w: sp.Expr) -> str:
 
 @dataclass(frozen=True)
 class Switching:
-    """Where H and the forces of a system switch."""
+    """The switching functions w of H and the forces of a system, and the continuity at w = 0."""
 
     system: System
 
@@ -139,50 +147,56 @@ class Switching:
         return {*self.system.q, *self.system.p} | time
 
     @cached_property
-    def places(self) -> list[sp.Expr]:
-        """Every w of H and of the forces."""
+    def switches(self) -> list[sp.Expr]:
+        """Every w of H and of the forces that depends on the state or the time."""
         return [w for w in switches_of([self.system.H, *self.system.forces])
                 if not w.free_symbols.isdisjoint(self._moving)]
 
     @cached_property
-    def _of_H(self) -> dict[sp.Expr, Meeting]:
+    def _continuity_of_H(self) -> dict[sp.Expr, Continuity]:
+        """The continuity of H at the zeros of each of its switching functions."""
         symbols = [*self.system.q, *self.system.p]
         switches = switches_of([self.system.H])
-        return {w: meeting(self.system.H, w, symbols) for w in self.places[:_MOST_PLACES]
+        return {w: continuity(self.system.H, w, symbols) for w in self.switches[:_MOST_SWITCHES]
                 if not {w, -w}.isdisjoint(switches)}
 
     @cached_property
     def jumps_of_H(self) -> list[sp.Expr]:
-        """Where H is not continuous."""
-        return [w for w, kind in self._of_H.items() if kind is Meeting.JUMP]
+        """The w at whose zeros H is not continuous."""
+        return [w for w, kind in self._continuity_of_H.items() if kind is Continuity.JUMP]
 
     def jumps_of_forces(self, *, discrete: bool) -> list[sp.Expr]:
-        """Where −H_q + F or H_p is discontinuous in q or p; a discrete gradient is continuous."""
+        """Return the w at whose zeros −H_q + F or H_p jumps: a kink of H, or a jump of F.
+
+        A kink of H does no harm to a ``discrete`` gradient, which is continuous there.
+        """
         symbols = [*self.system.q, *self.system.p]
         jumps = []
-        for w in self.places[:_MOST_PLACES]:
+        for w in self.switches[:_MOST_SWITCHES]:
+            # w and −w are one switch; ``switches_of`` returns one of them
             forces = [f for f in self.system.forces if not {w, -w}.isdisjoint(switches_of([f]))]
-            kink = not discrete and self._of_H.get(w) is Meeting.KINK
+            kink = not discrete and self._continuity_of_H.get(w) is Continuity.KINK
             if not w.free_symbols.isdisjoint(symbols) and (
-                    kink or any(meeting(f, w, symbols) is Meeting.JUMP for f in forces)):
+                    kink or any(continuity(f, w, symbols) is Continuity.JUMP for f in forces)):
                 jumps.append(w)
         return jumps
 
     @property
     def named(self) -> str:
-        """The places, as text."""
-        return _listed(self.places)
+        """The zeros of all w, as text."""
+        return _listed(self.switches)
 
     def named_jumps(self, *, discrete: bool) -> str:
-        """The jumps of forces, as text."""
+        """The zeros at which forces jump, as text."""
         return _listed(self.jumps_of_forces(discrete=discrete))
 
-    def said(self, order: int, *, discrete: bool) -> dict[str, Any]:
-        """Return the facts about a method of some order on the system, {} if there are none.
+    def manifest_fields(self, order: int, *, discrete: bool) -> dict[str, Any]:
+        """Return the fields of the manifest about switches; {} without any.
 
-        ``remarks``: list of str; ``jumps``: where forces jump, for the message of a failed step.
+        ``remarks``: list of str, about a method of this order; ``jumps``: where forces jump, for
+        the message of a failed step.
         """
-        if not self.places:
+        if not self.switches:
             return {}
         remarks = [f"order {order} holds for steps that do not cross {self.named}"]
         if self.jumps_of_H:
@@ -195,13 +209,13 @@ class Switching:
 
 
 def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
-    """Return a system whose H and forces are sums of all their sides, and the weights in them.
+    """Return a system with s (side w > 0) + (1 − s) (side w < 0) for each switch, and all s.
 
-    What holds of it for any weights holds of the system on each of its sides. Raises InputError if
-    a constraint switches sides: there is no manifold for any weights.
+    A statement that is true of it for all s, such as a symmetry, is true of the system on each
+    side. Raises InputError if a constraint switches: g = 0 is no manifold then for 0 < s < 1.
     """
-    if places := switches_of(system.constraints):
-        raise InputError(f"A constraint of {system.name!r} switches at {_listed(places)}; what "
+    if switches := switches_of(system.constraints):
+        raise InputError(f"A constraint of {system.name!r} switches at {_listed(switches)}; what "
                          "turns with both of its sides is not searched for.")
     symbols: dict[sp.Expr, sp.Symbol] = {}
     reserved = {str(s) for s in (*system.q, *system.p, *system.parameters, system.time)}
@@ -222,6 +236,7 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
                    parameters=(*system.parameters, *weights)), weights
 
 
-def _listed(places: Sequence[sp.Expr]) -> str:
-    suffix = f" and {len(places) - 3} more such places" if len(places) > 3 else ""
-    return ", ".join(map(_place, places[:3])) + suffix
+def _listed(switches: Sequence[sp.Expr]) -> str:
+    """Return w = 0 of the first three switches, and the number of the others."""
+    suffix = f" and {len(switches) - 3} more such places" if len(switches) > 3 else ""
+    return ", ".join(map(_place, switches[:3])) + suffix

@@ -13,7 +13,7 @@ import gyrospark as gs
 from gyrospark.certificates import splitting_proofs as proofs
 from gyrospark.generator.multibody.body import Body
 from gyrospark.generator.multibody.rigid_body import heavy_top, p, q
-from gyrospark.generator.splitting.find import split
+from gyrospark.generator.splitting.decomposition import split
 from gyrospark.generator.splitting.kicks import space_matrix
 from gyrospark.generator.splitting.parts import Kick
 from gyrospark.generator.splitting.quotient import Quotient, unit_quaternions

@@ -17,7 +17,7 @@ import sympy as sp
 import gyrospark as gs
 from gyrospark.certificates.momentum_maps import momentum_maps
 from gyrospark.generator.symbolic.switching_functions import as_switches, switches_of
-from gyrospark.generator.systems.smoothness import Meeting, Switching, meeting
+from gyrospark.generator.systems.smoothness import Continuity, Switching, continuity
 from strategies import EPS
 from time_lagrangians import kinked
 
@@ -25,7 +25,7 @@ x, y, u, v, t = sp.symbols("x y u v t", real=True)
 k, a = sp.symbols("k a", positive=True)
 P, H = sp.Piecewise, sp.Heaviside
 LENGTH, T = sp.sqrt(x**2 + y**2), (u**2 + v**2) / 2
-JUMP, KINK, SMOOTH = Meeting.JUMP, Meeting.KINK, Meeting.SMOOTH
+JUMP, KINK, SMOOTH = Continuity.JUMP, Continuity.KINK, Continuity.SMOOTH
 
 
 @pytest.mark.parametrize(("e", "wanted"), [
@@ -38,7 +38,7 @@ JUMP, KINK, SMOOTH = Meeting.JUMP, Meeting.KINK, Meeting.SMOOTH
 ])
 def test_how_sides_meet(e, wanted):
     e = as_switches(e)
-    assert [meeting(e, w, (x, y)) for w in switches_of([e])] == wanted
+    assert [continuity(e, w, (x, y)) for w in switches_of([e])] == wanted
 
 
 # ---------------------------------------------------------------- constraints
@@ -83,14 +83,15 @@ def test_remarks():
     system = gs.System(
         (x, y), (u, v), (k,), T + k * sp.Max(0, LENGTH - 1) ** 2 + sp.Abs(x) + k * H(y), time=t,
         forces=(-sp.Abs(u) * u, -sp.sign(v) + P((1, (t > 0.5) & (t < 1)), (0, True))))
-    found = Switching(system).said(4, discrete=False)
+    found = Switching(system).manifest_fields(4, discrete=False)
     order, potential, forces = found["remarks"]
     assert re.search(r"order 4 .* y = 0, t - 0\.5 = 0, sqrt\(x\*\*2 \+ y\*\*2\) - 1 = 0 .*4", order)
     assert potential.startswith("H jumps at y = 0")
     assert forces.startswith("forces jump at v = 0, x = 0")
     assert found["jumps"] == "v = 0, x = 0"
-    assert Switching(system).said(2, discrete=True)["jumps"] == "v = 0"
-    assert Switching(gs.System((x, y), (u, v), (k,), T + k * LENGTH)).said(2, discrete=True) == {}
+    assert Switching(system).manifest_fields(2, discrete=True)["jumps"] == "v = 0"
+    smooth = Switching(gs.System((x, y), (u, v), (k,), T + k * LENGTH))
+    assert smooth.manifest_fields(2, discrete=True) == {}
 
 
 def rubbing(friction, name):

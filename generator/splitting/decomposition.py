@@ -1,4 +1,4 @@
-"""The search for a splitting of a Hamiltonian into parts with closed flows (``parts``).
+"""Decomposition of a Hamiltonian into parts with closed flows (``parts``).
 
 1. V is H at p = 0; H − V has to be a polynomial of degree 2 at most in p.
 2. With p = 2 L(q)ᵀ m, which holds modulo (|q|² − 1, qᵀp), H − V is a polynomial in q, r, m and p_r
@@ -84,8 +84,8 @@ _Coefficients = dict[tuple[Any, ...], sp.Expr]
 
 
 @dataclass(frozen=True)
-class _Slots:
-    """A term of H in local symbols, with all coordinates of its bodies.
+class _LocalTerm:
+    """A term of H in local symbols, with all coordinates of its bodies (slots 0, 1, …).
 
     Attributes
     ----------
@@ -112,7 +112,25 @@ class _Slots:
 
 
 class _Search:
-    """The search in one system."""
+    """The decomposition of one system.
+
+    Attributes
+    ----------
+    quaternions : list of tuple of int
+        Indices in q of the quaternion of each body.
+    body_of : dict of int to (int, int)
+        Index in q → body and component of its quaternion.
+    points : tuple of int
+        Indices in q of the coordinates of points.
+    m, l : list of tuple of Symbol
+        Angular momenta of each body, in body axes and in space axes.
+    total : dict
+        The coefficients of H − V, in these symbols (``_Coefficients``).
+    potentials : list of Expr
+        The terms of V.
+    kicks : dict of KickTemplate to list of KickInstance
+        The terms of V that depend on q, and their instances.
+    """
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -134,10 +152,10 @@ class _Search:
         """Add the coefficients and the potential of each template of H."""
         for template in Structure(self.system).templates:
             for pattern, instances in self._patterns(template).items():
-                self._add_template(_slots(template, pattern), instances)
+                self._add_template(_local_term(template, pattern), instances)
 
     def splitting(self, symmetric: bool) -> Splitting:
-        """Return the splitting."""
+        """Return the splitting; ``symmetric`` as for ``split``."""
         torques = [self._force_on(b) for b in range(len(self.names))]
         forces = [self._force_at(i) for i in self.points]
         bodies = [self._body(b, k) for b, (_, k) in enumerate(torques)]
@@ -154,6 +172,7 @@ class _Search:
             tuple(replace(kick, instances=tuple(places)) for kick, places in self.kicks.items()),
             applied, tuple(conditions),
             any(e.free_symbols & momenta for e in (*applied.forces, *chain(*applied.torques))))
+        # body → (template, slot) of the terms of V that depend on its attitude
         slots: dict[int, set[tuple[int, int]]] = defaultdict(set)
         for k, template in enumerate(splitting.templates):
             for instance in template.instances:
@@ -171,10 +190,11 @@ class _Search:
     # ------------------------------------------------------------ terms of H
 
     def _patterns(self, template: ElementTemplate) -> dict[tuple[Any, ...], list[KickInstance]]:
-        """Return pattern → instances.
+        """Return pattern → instances with this pattern.
 
-        The pattern has a pair for each q and p of the template: slot and component of a body, or
-        −1 and the number of a point coordinate.
+        A pattern has a pair for each q and p of the template: slot of a body and component of its
+        quaternion, or −1 and the number of a coordinate of points. Slots and coordinates are
+        numbered in the order in which they occur.
         """
         instances_of: dict[tuple[Any, ...], list[KickInstance]] = defaultdict(list)
         for instance in template.instances:
@@ -191,7 +211,7 @@ class _Search:
                 KickInstance(tuple(bodies), tuple(points), instance.constants))
         return instances_of
 
-    def _add_template(self, slots: _Slots, instances: Sequence[KickInstance]) -> None:
+    def _add_template(self, slots: _LocalTerm, instances: Sequence[KickInstance]) -> None:
         """Add the coefficients, the potential and the kick of a template of H."""
         V = slots.e
         if V.free_symbols & slots.momenta:
@@ -210,7 +230,7 @@ class _Search:
             self.kicks.setdefault(kick, []).extend(instances)
 
     def _instance_symbols(
-        self, slots: _Slots, instance: KickInstance
+        self, slots: _LocalTerm, instance: KickInstance
     ) -> dict[sp.Symbol, sp.Symbol]:
         """Return slot symbol → symbol of the system, for one instance."""
         q, p, parameters = self.system.q, self.system.p, self.system.parameters
@@ -224,7 +244,7 @@ class _Search:
         return symbol_of
 
     def _coefficients(
-        self, slots: _Slots, V: sp.Expr, symbol_of: Mapping[sp.Symbol, sp.Symbol]
+        self, slots: _LocalTerm, V: sp.Expr, symbol_of: Mapping[sp.Symbol, sp.Symbol]
     ) -> _Coefficients:
         """Return the coefficients of H − V, by the symbols of the slots.
 
@@ -268,7 +288,7 @@ class _Search:
                 "as 'G-L'.")
         return coefficients
 
-    def _monomial_coefficients(self, slots: _Slots, e: sp.Expr) -> dict[Monomial, sp.Expr]:
+    def _monomial_coefficients(self, slots: _LocalTerm, e: sp.Expr) -> dict[Monomial, sp.Expr]:
         """Return monomial → coefficient of the normal form of e, a polynomial in q, r, m and y.
 
         Coefficients are expressions of constants that are not 0.
@@ -316,14 +336,18 @@ class _Search:
                         condition)
 
     def _translation(self, drag: Sequence[sp.Expr]) -> Translation | None:
-        """Return the translation of the points; ``drag`` has k of each coordinate."""
+        """Return the translation of the points, with T = ½ p_rᵀ M⁻¹ p_r + v·p_r.
+
+        ``drag`` has k of ṗ = −k p for each coordinate of points. None without points.
+        """
         if not self.points:
             return None
         entries = {kind: {tuple(map(self._momentum_index, y)): e
                           for (kind_, *y), e in self.total.items() if kind_ == kind and e != 0}
                    for kind in "Mv"}
-        mass = {pair: e for (i, j), e in entries["M"].items() for pair in ((i, j), (j, i))}
-        return Translation(self.points, mass, {i: e for (i,), e in entries["v"].items()},
+        # ``total`` has one entry of each pair of equal ones
+        inverse_mass = {pair: e for (i, j), e in entries["M"].items() for pair in ((i, j), (j, i))}
+        return Translation(self.points, inverse_mass, {i: e for (i,), e in entries["v"].items()},
                            {i: k for i, k in zip(self.points, drag, strict=True) if k != 0})
 
     def _space(self) -> tuple[SpaceRotation, ...]:
@@ -360,12 +384,13 @@ class _Search:
         p = self.system.p
         skew = all(_is_zero(A.get((i, j), _ZERO) + A.get((j, i), _ZERO))
                    for i, j in combinations_with_replacement(indices, 2))
-        mass = [self.total[("M", p[i], p[i])] for i in indices]
+        inverse_masses = [self.total[("M", p[i], p[i])] for i in indices]
         momenta = {p[i] for i in indices}
-        mixed = any(kind == "M" and y != z[0] and {y, z[0]} & momenta and e != 0
-                    for (kind, y, *z), e in self.total.items())
-        drifts = any(self.total.get(("v", p[i]), _ZERO) != 0 for i in indices)
-        return skew and not mixed and not drifts and all(_is_zero(e - mass[0]) for e in mass)
+        coupled = any(kind == "M" and y != z[0] and {y, z[0]} & momenta and e != 0
+                      for (kind, y, *z), e in self.total.items())
+        has_velocity = any(self.total.get(("v", p[i]), _ZERO) != 0 for i in indices)
+        return skew and not coupled and not has_velocity and all(
+            _is_zero(e - inverse_masses[0]) for e in inverse_masses)
 
     # ------------------------------------------------------------ forces
 
@@ -388,7 +413,10 @@ class _Search:
         return [self.system.q[i] for i in indices]
 
     def _force_on(self, b: int) -> tuple[Vector, sp.Expr]:
-        """Return the torque on a body without its isotropic drag, and k of the drag."""
+        """Return the torque N = ½ R L F on a body in space axes, without its drag −k l, and k.
+
+        F is the generalised force on its quaternion, L(q) F/2 the torque in body axes.
+        """
         indices, q = self.quaternions[b], self._q(self.quaternions[b])
         force = [self.system.forces[i] for i in indices] if self.system.forces else []
         if not any(force):
@@ -412,9 +440,9 @@ class _Search:
     def _drag(
         self, force: Sequence[sp.Expr], momenta: Sequence[sp.Symbol], q: Sequence[sp.Symbol]
     ) -> tuple[sp.Expr, list[sp.Expr]]:
-        """Return (k, F + k m), where F + k m depends on none of the momenta m and k is constant.
+        """Return (k, F + k m) for a force F = −k m + …, with F + k m without momenta m, k constant.
 
-        If no such k exists, k is 0.
+        F is reduced modulo |q|² = 1 of the quaternion ``q`` before. If no such k exists, k is 0.
         """
         quotient = Quotient(unit_quaternions([q] if q else []))
         try:
@@ -456,8 +484,12 @@ def _quaternions(system: System) -> list[tuple[int, ...]]:
     return quaternions
 
 
-def _slots(template: ElementTemplate, pattern: Sequence[tuple[int, int]]) -> _Slots:
-    """Return a template in local symbols, with all coordinates of its bodies and m for p."""
+def _local_term(template: ElementTemplate, pattern: Sequence[tuple[int, int]]) -> _LocalTerm:
+    """Return a template in local symbols, with all coordinates of its bodies and m for p.
+
+    ``pattern`` has, for each q, then each p of the template, (slot, component) of a body, or
+    (−1, k) for coordinate k of points; see ``_Search._patterns``. p = 2 L(q)ᵀ m of bodies.
+    """
     body_count = 1 + max((slot for slot, _ in pattern), default=-1)
     point_count = 1 + max((k for slot, k in pattern if slot < 0), default=-1)
     q = tuple(sp.symbols(f"_q{slot}_0:4", real=True) for slot in range(body_count))
@@ -465,19 +497,22 @@ def _slots(template: ElementTemplate, pattern: Sequence[tuple[int, int]]) -> _Sl
     r, y = (tuple(sp.Symbol(f"_{letter}{k}", real=True) for k in range(point_count))
             for letter in "ry")
     p = [list(2 * left_matrix(a).T * sp.Matrix(b)) for a, b in zip(q, m, strict=True)]
-    symbols = (*template.q, *template.p)
-    names = {x: (r if position < len(template.q) else y)[k] if slot < 0
-             else (q if position < len(template.q) else p)[slot][k]
-             for position, (x, (slot, k)) in enumerate(zip(symbols, pattern, strict=True))}
-    return _Slots(template.expressions[0].xreplace(names), q, m, r, y, template.constants)
+    count = len(template.q)
+    local = {x: r[k] if slot < 0 else q[slot][k]
+             for x, (slot, k) in zip(template.q, pattern[:count], strict=True)}
+    local |= {x: y[k] if slot < 0 else p[slot][k]
+              for x, (slot, k) in zip(template.p, pattern[count:], strict=True)}
+    return _LocalTerm(template.expressions[0].xreplace(local), q, m, r, y, template.constants)
 
 
 def _axes(
     system: str, body: str, S: Mapping[tuple[int, int], sp.Expr], c: Sequence[sp.Expr]
 ) -> tuple[sp.Expr, tuple[AxisRotation, ...], tuple[AxisRotation, ...]]:
-    """Return a, the axis rotation that commutes with ½ a |m|² (or none), and the further ones.
+    """Return a, and the rotations ½ d (e·m)² + c e·m about axes: the first, and the further ones.
 
-    Raises InputError if S is neither diagonal nor a I + b e eᵀ.
+    ½ mᵀ S m + c·m is their sum and ½ a |m|². Each commutes with ½ a |m|², but not with the others,
+    so that only the first (or none) belongs to the flow of free rotation. Raises InputError if S is
+    neither diagonal nor a I + b e eᵀ.
     """
     a, axes = _eigenaxes(system, body, S)
     rates = [AxisRotation(e, d, _inner(e, c)) for e, d in axes]

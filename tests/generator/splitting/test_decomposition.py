@@ -22,7 +22,7 @@ from gyrospark.generator.multibody.rigid_body import (
     rotation_matrix,
 )
 from gyrospark.generator.normal_forms.canonical_system import canonical
-from gyrospark.generator.splitting.find import split
+from gyrospark.generator.splitting.decomposition import split
 from gyrospark.generator.symmetry.frame_symmetries import frame_of
 from gyrospark.generator.systems.system import System
 from splitting_systems import SYSTEMS, UNIT, molecules
