@@ -45,7 +45,10 @@ class Elimination:
 
 
 def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
-    """Return the unions of sets that overlap, by their least element."""
+    """Return the connected components of overlapping sets, in the order of their least elements.
+
+    By a union-find forest: ``parent`` leads from each element to the root of its component.
+    """
     parent: dict[int, int] = {}
 
     def root(a: int) -> int:
@@ -69,24 +72,25 @@ def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
 
 
 def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
-    """Return the elimination without fill where there is one, as for chains and trees of bodies.
+    """Return the elimination of a symmetric matrix, without fill for chains and trees of bodies.
 
-    The next pivot is the first row whose neighbours all know each other, so that no entry is new;
-    where there is none, in a loop, the one with fewest neighbours.
+    ``neighbours`` has, for each row, the columns of its nonzero entries off the diagonal. The next
+    pivot is the first row whose neighbours are all coupled to each other, so that no entry is new;
+    if there is none, as in a loop, the row with fewest neighbours (minimum degree).
     """
     graph = {row: set(neighbourhood) for row, neighbourhood in neighbours.items()}
-    order, below = [], []
+    order, below = [], []  # pivots, and the rows that are coupled to each when it is eliminated
     heap = sorted((len(neighbourhood), row) for row, neighbourhood in graph.items())
     while graph:
-        passed: list[tuple[int, int]] = []
+        examined: list[tuple[int, int]] = []
         while heap:
             size, row = heappop(heap)
             if row in graph and size == len(graph[row]):  # else its neighbours have changed since
-                passed.append((size, row))
+                examined.append((size, row))
                 if _is_clique(graph, graph[row]):
                     break
-        pivot = passed[-1][1] if _is_clique(graph, graph[passed[-1][1]]) else passed[0][1]
-        for entry in passed:
+        pivot = examined[-1][1] if _is_clique(graph, graph[examined[-1][1]]) else examined[0][1]
+        for entry in examined:
             heappush(heap, entry)
         neighbourhood = graph.pop(pivot)
         order.append(pivot)
@@ -116,28 +120,29 @@ def _is_clique(neighbours: dict[int, set[int]], rows: set[int]) -> bool:
 
 
 def reverse_cuthill_mckee(neighbours: dict[Node, set[Node]]) -> list[Node]:
-    """Return the nodes in an order with a narrow band.
+    """Return the nodes of a graph in an order in which its matrix has a narrow band.
 
-    Breadth first from an end of each component, neighbours of few neighbours first, reversed.
+    Breadth first from a peripheral node of each component, neighbours of low degree first, reversed
+    (Cuthill, McKee, 1969).
     """
     order: list[Node] = []
     visited: set[Node] = set()
     number = {node: i for i, node in enumerate(neighbours)}
 
     def breadth_first(start: Node) -> list[Node]:
-        queue, met = [start], {start}
+        queue, queued = [start], {start}
         for node in queue:
-            fresh = neighbours[node] - met
-            queue += sorted(fresh, key=lambda neighbour: (len(neighbours[neighbour]),
-                                                          number[neighbour]))
-            met |= fresh
+            new_nodes = neighbours[node] - queued
+            queue += sorted(new_nodes, key=lambda neighbour: (len(neighbours[neighbour]),
+                                                              number[neighbour]))
+            queued |= new_nodes
         return queue
 
     for node in neighbours:
         if node in visited:
             continue
         end = node
-        for _ in range(4):  # the last one found lies at an end, or nearly
+        for _ in range(4):  # the last node of a search is far from its start: nearly peripheral
             end = breadth_first(end)[-1]
         component = breadth_first(end)
         order += component

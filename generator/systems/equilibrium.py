@@ -102,6 +102,12 @@ def equilibrium(
 ) -> tuple[Array, Array]:
     """Return coordinates and multipliers of the equilibrium that the continuation reaches from q0.
 
+    With x = (q, λ), residual r and matrix J of its derivatives, each step solves
+
+        (J + diag(1/τ, 0)) (δq, −λ_new) = r − g_qᵀ λ,   q ← q − δq.
+
+    It is repeated with a smaller τ if it is long, or if δqᵀ (J + 1/τ) δq < 0.
+
     Raises
     ------
     InputError
@@ -122,11 +128,12 @@ def equilibrium(
     size, change, shifts = float(np.linalg.norm(r)), np.inf, np.arange(n)
     tau = _FIRST_TAU / max(float(np.abs(J[2][J[0] < n]).max(initial=0.0)), _TINY)
     for _ in range(_ITERATIONS):
+        # J has rows, columns and values; 1/τ is added to the diagonal of the rows of q
         rows, columns, values = (np.concatenate(arrays) for arrays in zip(
             J, (shifts, shifts, np.full(n, 1 / tau)), strict=True))
         forces = (J[0] < n) & (J[1] >= n)  # entries of g_qᵀ
-        without = r - np.bincount(J[0][forces], J[2][forces] * x[J[1][forces]], len(x))
-        step = _solve(rows, columns, values, without)
+        right_side = r - np.bincount(J[0][forces], J[2][forces] * x[J[1][forces]], len(x))
+        step = _solve(rows, columns, values, right_side)
         last, change = change, float(np.abs(step[:n]).max()) / float(np.abs(x[:n]).max())
         if not np.isfinite(change):
             break
@@ -138,6 +145,7 @@ def equilibrium(
         x = np.concatenate([x[:n] - step[:n], -step[n:]])
         r, J = statics(x)
         old, size = size, float(np.linalg.norm(r))
+        # converged: the change is round-off, which it is if it no longer falls by half
         if change <= _EPS or (change < _ROUNDING and change > last / 2 and size <= 2 * old):
             return x[:n], x[n:]
         tau *= min(max(old / max(size, _TINY), 0.5), 10.0)

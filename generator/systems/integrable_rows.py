@@ -54,9 +54,9 @@ class RowIntegral:
 
 
 def row_integrals(system: System) -> list[RowIntegral]:
-    """Return the integrals of constant combinations of the velocity constraints, as far as found.
+    """Return the integrals φ(q, t) of constant combinations Σ c_k (A_k dq + a_k dt) = dφ.
 
-    Coefficients are polynomials of q, t, and of sines and cosines of them; others are left alone.
+    Only coefficients that are polynomials of q, t and their sines and cosines are integrated.
     """
     if not system.velocity_count:
         return []
@@ -109,18 +109,21 @@ def warn_of_row_integrals(system: System) -> None:
 def _candidates(
     system: System, x: Sequence[sp.Symbol], rows: Sequence[Sequence[sp.Expr]]
 ) -> Iterator[list[sp.Rational]]:
-    """Yield coefficients c_k with which Frobenius' condition holds at all points tried.
+    """Yield coefficients c_k with which Frobenius' condition dω(X, Y) = 0 holds at random points.
 
-    Of the combinations ω whose dω vanish on the velocities that all rows allow, those are kept
-    whose dω vanish on the velocities that these combinations allow, and so on.
+    X and Y are tangents of g = 0 with ω = 0. At first all rows define the tangents; of the
+    combinations ω that satisfy the condition, those remain that satisfy it with the tangents of
+    these combinations alone, and so on, until none is lost.
     """
-    slopes = [e for row, rate in zip(system.G, system.g_t, strict=True) for e in (*row, rate)]
+    constraint_rows = [e for row, rate in zip(system.G, system.g_t, strict=True)
+                       for e in (*row, rate)]
     points = []
     for seed in range(_POINTS):
         q, values = somewhere(system, {x[-1]}, seed)
         point = np.array([*q, values[x[-1]]])
         W, curls = curls_of(rows, x, point, values)
-        G = evaluate(slopes, values | dict(zip(x, point, strict=True))).reshape(-1, len(x))
+        G = evaluate(constraint_rows,
+                     values | dict(zip(x, point, strict=True))).reshape(-1, len(x))
         if not all(np.isfinite(array).all() for array in (W, curls, G)):
             return
         points.append((G, W, curls))
@@ -129,8 +132,9 @@ def _candidates(
         conditions = []
         for G, W, curls in points:
             tangents = _null_space(np.vstack([G, basis @ W]))
-            curved = tangents.T @ np.tensordot(basis, curls, 1) @ tangents
-            conditions.append(curved.reshape(len(basis), -1).T)
+            # dω(X_i, X_j) of each ω of the basis
+            d_omega = tangents.T @ np.tensordot(basis, curls, 1) @ tangents
+            conditions.append(d_omega.reshape(len(basis), -1).T)
         smaller = _null_space(np.vstack(conditions)).T @ basis
         if len(smaller) == len(basis):
             yield from _rational(basis)
@@ -181,7 +185,10 @@ def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
 
 
 def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | None:
-    """Return φ with dφ = ω, or ω divided by one of its entries; None if there is none."""
+    """Return φ with dφ = ω, or dφ = ω/ω_i for an entry ω_i; None if there is none.
+
+    φ is integrated entry by entry: ∫ (ω_k − ∂φ/∂x_k) dx_k is added for each k, and dφ compared.
+    """
     for factor in (sp.Integer(1), *(e for e in dict.fromkeys(omega) if e.free_symbols & {*x})):
         ratios = [e / factor if e != factor else sp.Integer(1) for e in omega]
         if not all(map(is_small, ratios)):

@@ -14,7 +14,7 @@ __all__ = ["curvature", "difference", "gradient", "jacobian", "shortest", "symme
 
 
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
-    """Derivative of one expression by each symbol; of k u² + c u it is (2 k u + c) u_x.
+    """Return the derivative of one expression by each symbol; of k u² + c u it is (2 k u + c) u_x.
 
     A momentum map in a frame then costs one addition if H contains its square.
     """

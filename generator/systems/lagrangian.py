@@ -189,19 +189,19 @@ class LagrangianSystem(System):
         return str(self.H), str(self.L)
 
     def legendre(self) -> System:
-        """Return the same system with H written out, M inverted in symbols: for a few coordinates.
+        """Return the same system with H = ½ (p − b)ᵀ M⁻¹ (p − b) + V, M inverted in symbols.
 
-        The second way to everything: nothing of it is shared with the factors of M.
+        For a few coordinates. Tests compare it with the system that factorises M as numbers.
         """
         entries = dict(zip(self.mass, self._at_rest([*self.mass.values()]), strict=True))
         M = sp.Matrix(self.n, self.n,
                       lambda i, j: entries.get((max(i, j), min(i, j)), sp.Integer(0)))
         momenta = [p - b for p, b in zip(self.p, self.rest_momenta, strict=True)]
         velocities = list(M.inv() @ sp.Matrix(momenta))
-        put_in = dict(zip(self.velocities, velocities, strict=True))
-        return System(self.q, self.p, self.parameters, self.H.subs(put_in), self.constraints,
+        velocity_of = dict(zip(self.velocities, velocities, strict=True))
+        return System(self.q, self.p, self.parameters, self.H.subs(velocity_of), self.constraints,
                       name=self.name, constraint_names=self.constraint_names, time=self.time,
-                      forces=tuple(f.subs(put_in) for f in self.forces),
+                      forces=tuple(f.subs(velocity_of) for f in self.forces),
                       velocity_constraints=self.velocity_constraints, velocities=self.velocities,
                       velocity_constraint_names=self.velocity_constraint_names)
 
@@ -247,15 +247,15 @@ def from_lagrangian(
     if len(speeds) != len(coordinates):
         raise InputError(f"System {name!r} has {len(coordinates)} coordinates and {len(speeds)} "
                          "velocities; give the velocity of each coordinate, in the same order.")
-    pushes = tuple(map(as_expression, as_sequence("forces", () if forces is None else forces)))
-    bound = tuple(map(as_expression, as_sequence("constraints", constraints)))
+    F = tuple(map(as_expression, as_sequence("forces", () if forces is None else forces)))
+    g = tuple(map(as_expression, as_sequence("constraints", constraints)))
     input_symbols = _symbols("inputs", inputs, name)
-    _refuse_unknown(name, L, pushes,
+    _refuse_unknown(name, L, F,
                     {*coordinates, *speeds, *constants, *input_symbols, *filter(None, [time])})
     names = {str(s) for s in (*coordinates, *speeds, *constants, *input_symbols, time)}
     system = LagrangianSystem(
         coordinates, tuple(_momentum(x, names) for x in coordinates), constants,
-        bound, L=L, velocities=speeds, forces=pushes, time=time, name=name,
+        g, L=L, velocities=speeds, forces=F, time=time, name=name,
         constraint_names=tuple(constraint_names), inputs=input_symbols, quantities=quantities or {},
         placed=placed or {}, velocity_constraints=velocity_constraints,
         velocity_constraint_names=tuple(velocity_constraint_names))
@@ -338,19 +338,21 @@ def _refuse_switching(system: LagrangianSystem) -> None:
 
 
 def _refuse_singular(system: LagrangianSystem) -> None:
-    """Refuse a mass matrix that is singular at all sample points."""
+    """Refuse a mass matrix that is singular at all sample points, by its singular values."""
     directions = None
     for M in _masses(system, _POINTS):
-        _, sizes, directions = np.linalg.svd(M)
-        if sizes[-1] > _SMALL * sizes[0]:
+        _, singular_values, directions = np.linalg.svd(M)
+        if singular_values[-1] > _SMALL * singular_values[0]:
             return
     if directions is None:
         return
-    still = [str(v) for v, x in zip(system.velocities, directions[-1], strict=True)
-             if abs(x) > np.sqrt(_SMALL)]
+    # the last row of Vᵀ spans the null space: velocities with M v = 0
+    massless = [str(v) for v, x in zip(system.velocities, directions[-1], strict=True)
+                if abs(x) > np.sqrt(_SMALL)]
     raise InputError(f"The mass matrix of system {system.name!r} is singular: motion with "
-                     f"{', '.join(still)} costs no kinetic energy, so that momenta do not tell "
-                     f"velocities; give every coordinate a mass, or leave {shown(still[-1])} out.")
+                     f"{', '.join(massless)} costs no kinetic energy, so that momenta do not tell "
+                     f"velocities; give every coordinate a mass, or leave {shown(massless[-1])} "
+                     "out.")
 
 
 def _masses(
@@ -363,7 +365,8 @@ def _masses(
     """
     rng = np.random.default_rng(17)
     symbols = sorted(symbols_of(system.L_v) - {*system.velocities}, key=name_of)
-    one_at_a_time = dict(zip(system.velocities, np.eye(system.n, system.n + 1), strict=True))
+    # p = M v + b at v = e_1, …, e_n and 0: M are the differences
+    unit_velocities = dict(zip(system.velocities, np.eye(system.n, system.n + 1), strict=True))
     for point in range(points + wide):
         substitution = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
         if point >= points:
@@ -371,7 +374,7 @@ def _masses(
                                          10 ** rng.uniform(-decades, decades))
                             for s, x in substitution.items()}
         try:
-            momenta = evaluate(system.L_v, substitution | one_at_a_time).astype(float)
+            momenta = evaluate(system.L_v, substitution | unit_velocities).astype(float)
         except (InputError, TypeError, ArithmeticError):
             return  # a function that NumPy does not know
         M = momenta[:, :-1] - momenta[:, -1:]

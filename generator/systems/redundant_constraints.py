@@ -105,15 +105,15 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
         return Redundancy(owner, ())
     # The rank is taken where g = 0: rows dependent there may be independent elsewhere.
     point = nearest_point(constraints, q)
-    slopes = constraints.rows(q if point is None else point)
-    if not _is_finite(slopes):
-        slopes = as_dense(slopes)
-        endless = [i for i, row in enumerate(slopes) if not np.isfinite(row).all()]
+    G = constraints.rows(q if point is None else point)
+    if not _is_finite(G):
+        G = as_dense(G)
+        infinite = [i for i, row in enumerate(G) if not np.isfinite(row).all()]
         raise InputError(
-            f"The constraints {_listed(names, endless)} of {owner!r} have no finite gradient at "
+            f"The constraints {_listed(names, infinite)} of {owner!r} have no finite gradient at "
             "the start; start elsewhere, or in other units."
         )
-    involved, left_out = dependent_rows(slopes)
+    involved, left_out = dependent_rows(G)
     if not involved:
         return Redundancy(owner, tuple(names))
     if point is None or _contradict(constraints, point, left_out):
@@ -143,36 +143,37 @@ def refuse_redundant_anywhere(system: System) -> None:
     refuse_constant(system.name, system.constraints, system.constraint_names)
     if not names or len(names) * system.n > _LARGEST_SEARCH:
         return
-    # seeded: the verdict on a system does not change from call to call
+    # seeded, so that the result for a system does not change from call to call
     rng = np.random.default_rng(20)
-    on: list[tuple[list[int], list[int]]] = []  # verdicts where g = 0,
-    off: list[tuple[list[int], list[int]]] = []  # and where no such point was found
+    # dependent rows at points of g = 0, and where no such point was found
+    on_manifold: list[tuple[list[int], list[int]]] = []
+    off_manifold: list[tuple[list[int], list[int]]] = []
     try:
-        while len(on) < 3 and len(off) < _TRIES:
+        while len(on_manifold) < 3 and len(off_manifold) < _TRIES:
             constraints = NumericConstraints(
                 system.q, system.constraints, system.constraint_names, _draw(system, rng),
                 system.A, system.a, system.velocity_constraint_names, system.g_t)
             q = rng.standard_normal(system.n)
             point = nearest_point(constraints, q)
-            slopes = constraints.rows(q if point is None else point)
-            if not _is_finite(slopes):
+            G = constraints.rows(q if point is None else point)
+            if not _is_finite(G):
                 return
-            involved, left_out = dependent_rows(slopes)
+            involved, left_out = dependent_rows(G)
             # one regular point proves independence: rank falls on a set of measure zero only
             if point is not None and not involved:
                 return
             if point is not None and _contradict(constraints, point, left_out):
                 point = None
-            (off if point is None else on).append((involved, left_out))
+            (off_manifold if point is None else on_manifold).append((involved, left_out))
     except (InputError, TypeError, ArithmeticError, np.linalg.LinAlgError):
         return  # a function that NumPy does not know, or not off the real axis
-    if on:
-        Redundancy.of(system.name, names, *on[-1]).refuse()
-    if all(involved for involved, _ in off):
+    if on_manifold:
+        Redundancy.of(system.name, names, *on_manifold[-1]).refuse()
+    if all(involved for involved, _ in off_manifold):
         raise InputError(
-            f"The constraints {_listed(names, off[-1][0])} of {system.name!r} depend on each other "
-            "everywhere, and no state was found that meets them all: they contradict each other."
-        )
+            f"The constraints {_listed(names, off_manifold[-1][0])} of {system.name!r} depend on "
+            "each other everywhere, and no state was found that meets them all: they contradict "
+            "each other.")
 
 
 def refuse_constant(owner: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
@@ -186,9 +187,10 @@ def refuse_constant(owner: str, constraints: Sequence[sp.Expr], names: Sequence[
 
 
 def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
-    """Whether expressions have clearly different values at random places: then none is a constant.
+    """Return, of each expression, whether values at random points differ by more than round-off.
 
-    That is seen at once; the terms of a product of twelve sums are thousands.
+    Then it is no constant, which expansion would take long to show: twelve factors that are sums
+    have thousands of terms.
     """
     rng = np.random.default_rng(21)
     point = {x: rng.uniform(0.5, 1.5, 4)
@@ -206,7 +208,10 @@ def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
 
 
 def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
-    """Return a q with g(q) = 0 to round-off, by Gauss-Newton steps; None where they end above."""
+    """Return a q with g(q) = 0 to round-off, by Gauss-Newton steps; None if they do not reach it.
+
+    q ← q − f G⁺ g with the pseudoinverse G⁺ and f halved until |g| falls.
+    """
     if not constraints.expressions:
         return q
     with np.errstate(all="ignore"):
@@ -284,10 +289,10 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> b
     rng = np.random.default_rng(21)
     largest = np.abs(q).max() or 1.0  # taken out of the root of squares, which may be beyond 1e308
     mean_size = largest * np.linalg.norm(q / largest) / np.sqrt(len(q))
-    slopes = as_dense(constraints.G(q))
+    G = as_dense(constraints.G(q))
     for _ in range(3):
         direction = rng.standard_normal(len(q))
-        direction -= np.linalg.lstsq(slopes, slopes @ direction, rcond=1e-10)[0]  # along g = 0
+        direction -= np.linalg.lstsq(G, G @ direction, rcond=1e-10)[0]  # tangent to g = 0
         direction *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(direction), EPS)
         neighbour = nearest_point(constraints, q + direction)
         if neighbour is not None:

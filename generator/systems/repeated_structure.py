@@ -175,7 +175,11 @@ class Structure:
     def _templates_of(
         self, parts: Iterable[tuple[tuple[sp.Expr, ...], tuple[int, ...]]]
     ) -> list[ElementTemplate]:
-        """Return the templates of parts: parts that are equal in local symbols share one."""
+        """Return the templates of parts: parts that are equal in local symbols share one.
+
+        A part has expressions, and the rows of g or F that they belong to. Templates with momenta
+        come first.
+        """
         instances_of: dict[tuple[sp.Expr, ...], list[Instance]] = {}
         for expressions, rows in parts:
             local_expressions, instance = self._canonical(expressions, rows)
@@ -191,7 +195,11 @@ class Structure:
     def _canonical(
         self, expressions: tuple[sp.Expr, ...], rows: tuple[int, ...]
     ) -> tuple[tuple[sp.Expr, ...], Instance]:
-        """Return the expressions in local symbols, and their instance."""
+        """Return the expressions in local symbols x, y and k, and the indices that these stand for.
+
+        Coordinates and momenta are numbered by their order in the system, constants by their order
+        in the expressions.
+        """
         q, p = ([of[s] for s in sorted({s for e in expressions for s in e.free_symbols if s in of},
                                        key=of.__getitem__)] for of in (self._q, self._p))
         names = dict(zip((self.system.q[i] for i in q), local("x", len(q)), strict=True))
@@ -296,10 +304,10 @@ class Structure:
 
     @cached_property
     def coupled(self) -> list[set[Node]]:
-        """Coordinates and constraints coupled by a row of the Jacobian of a step.
+        """Sets of coordinates ("q", a) and constraints ("g", row) that an element couples.
 
-        A constraint force changes the momenta of its coordinates, and with them the velocity of
-        everything in their kinetic blocks: a constraint is coupled to whole blocks.
+        The constraint force Gᵀ λ changes the momenta of its coordinates, and H_pp Gᵀ λ the
+        velocities of their kinetic blocks: a constraint is coupled to whole blocks.
         """
         block_of = {a: set(i.q) | set(i.p)
                     for template in self.templates for i in template.instances for a in i.p}

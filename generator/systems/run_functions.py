@@ -59,11 +59,11 @@ def sum_over_states(
         if str(symbol) not in columns_of:
             raise unknown("symbol of a loss", str(symbol), columns_of)
         values[symbol] = columns_of[str(symbol)]
-    walk = Evaluator(values)
+    evaluator = Evaluator(values)
 
     def of_rows(body: sp.Expr) -> Any:
         with np.errstate(all="ignore"):  # what is not finite is refused as a cotangent
-            return np.broadcast_to(walk(body), (rows,))
+            return np.broadcast_to(evaluator(body), (rows,))
 
     # ∂ℓ/∂x in each row: the cotangent of x there; those of parameters are summed over the rows
     slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
@@ -85,10 +85,11 @@ def sum_over_states(
 def slopes_over_states(
     expression: Any, run: Any
 ) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    """Return how the cotangents of ``sum_over_states`` change along directions of the states.
+    """Return a function: direction d of states and parameters → Σ_y ∂²ℓ/∂x∂y d_y.
 
-    The function that is returned takes directions {"q", "p", "t", "parameters"} of the same shapes.
-    Raises InputError for symbols of other numbers; multipliers have no second derivatives.
+    Directions and results are {"q", "p", "t", "parameters"} in the shapes of the cotangents of
+    ``sum_over_states``. Raises InputError for symbols of other numbers; multipliers have no second
+    derivatives.
     """
     e = as_expression(expression)
     system = run.manifest.system
@@ -100,8 +101,9 @@ def slopes_over_states(
         if str(symbol) not in columns_of:
             raise unknown("symbol of a loss with second derivatives", str(symbol), columns_of)
         values[symbol] = columns_of[str(symbol)]
-    walk = Evaluator(values)
-    second = [(str(x), str(y), np.broadcast_to(walk(derivative(derivative(e, x), y)), run.t.shape))
+    evaluator = Evaluator(values)
+    second = [(str(x), str(y),
+               np.broadcast_to(evaluator(derivative(derivative(e, x), y)), run.t.shape))
               for x in values for y in values]
 
     def slopes(along: dict[str, Any]) -> dict[str, Any]:

@@ -47,18 +47,18 @@ class FrameMotion:
         return sp.Add(*map(self._energy_of, bodies))
 
     def _energy_of(self, body: Any) -> sp.Expr:
-        """Return ½ m v·v + ½ Ω·J·Ω, with Ω in the axes of the body."""
+        """Return T = ½ m v·v + ½ Ω·J·Ω, with Ω in the axes of the body; 0 for a body at rest."""
         v = self.velocity(body.masscenter)[0]
         rates = self.turning(body.frame) if isinstance(body, me.RigidBody) else []
         if not any(isinstance(subexpression, AppliedUndef)
                    for subexpression in parts_of([*v, *rates])):
             return sp.Integer(0)
-        moving = body.mass * sp.Add(*(e**2 for e in v)) / 2 if any(v) else sp.Integer(0)
+        of_translation = body.mass * sp.Add(*(e**2 for e in v)) / 2 if any(v) else sp.Integer(0)
         if not any(rates):
-            return moving
-        turning = sp.Matrix(rates)
+            return of_translation
+        Omega = sp.Matrix(rates)
         J = body.central_inertia.to_matrix(body.frame)
-        return moving + (turning.T * J * turning)[0] / 2
+        return of_translation + (Omega.T * J * Omega)[0] / 2
 
     def turning(self, axes: Any) -> list[sp.Expr]:
         """Return the angular velocity of a frame in its own axes."""
@@ -84,8 +84,8 @@ class FrameMotion:
             return self._moved(position, velocity, axes), axes
         axes = self._last(path)
         short, long = self._moved(path, 0 * velocity, axes), self._moved(position, velocity, axes)
-        apart = [a - b for a, b in zip(short, long, strict=True)]
-        return short if vanish(substitute(apart, self.speeds)) else long, axes
+        differences = [a - b for a, b in zip(short, long, strict=True)]
+        return short if vanish(substitute(differences, self.speeds)) else long, axes
 
     def contradictions(self, bodies: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         """Yield pairs of points whose velocities differ by another rate than their places do."""
@@ -134,7 +134,11 @@ class FrameMotion:
         return self.components(velocity + rates, axes)
 
     def components(self, vector: Any, axes: Any) -> list[sp.Expr]:
-        """Return the components of a vector in some axes."""
+        """Return the components of a vector in some axes.
+
+        Along the path of frames to these axes, the sum of the components so far is rotated into the
+        next frame, and the components that are given there are added.
+        """
         numbers_in = {frame: list(numbers) for numbers, frame in vector.args}
         path = self._path(axes)
         if not {*numbers_in} <= {*path}:

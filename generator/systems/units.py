@@ -45,7 +45,11 @@ class _Solver:
         return DIMENSIONLESS
 
     def assign(self, e: sp.Expr, dimensions: Dimensions | None) -> None:
-        """Find unknowns of an expression of these dimensions."""
+        """Derive the dimensions of the symbols in an expression of these dimensions, if it has any.
+
+        Terms of a sum have the dimensions of the sum; a single unknown factor of a product has the
+        remaining ones; arguments of functions have none.
+        """
         if e.is_Symbol:
             if dimensions is not None:
                 self.known.setdefault(e, dimensions)
@@ -117,7 +121,10 @@ def units_of(system: System, given_units: Mapping[str, str]) -> dict[str, str | 
 
 
 def _solve(solver: _Solver, system: System) -> None:
-    """Go through the equations until nothing new is found."""
+    """Derive dimensions from the equations of a system until no unknown one is left to derive.
+
+    H is an energy, q p an action, F q an energy; the terms of a sum have one dimension.
+    """
     energy, count = base_units("J"), -1
     while len(solver.known) > count:
         count = len(solver.known)
