@@ -5,6 +5,7 @@ Out: derivatives, factors, equalities; each is proved, or said to be sampled.
 Open first: ``derivatives``, then ``identities``.
 
     bounded_algebra        bounds of the size of an expansion or a factorisation
+    polynomials            expansion of polynomials with rational coefficients
     derivatives            derivatives by SymPy's rules, in fewer operations
     construction           sums and products that need no simplification
     shared_subexpressions  expressions as directed acyclic graphs

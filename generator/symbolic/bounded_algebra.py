@@ -11,6 +11,8 @@ from functools import lru_cache
 
 import sympy as sp
 
+from .polynomials import expanded_polynomial
+
 __all__ = ["can_be_factored", "expanded", "is_small"]
 
 #: Largest number of symbols of an expanded expression.
@@ -21,7 +23,10 @@ MAX_NUMERATOR_TERMS = 1000
 
 def expanded(e: sp.Expr) -> sp.Expr:
     """Return the expanded expression; a long one unchanged."""
-    return sp.expand(e) if is_small(e) else e
+    if not is_small(e):
+        return e
+    polynomial = expanded_polynomial(e)
+    return sp.expand(e) if polynomial is None else polynomial
 
 
 def is_small(e: sp.Expr) -> bool:

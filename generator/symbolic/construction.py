@@ -12,10 +12,10 @@ from functools import cmp_to_key
 
 import sympy as sp
 
-__all__ = ["applied", "has_minus", "negative", "product_of", "rebuilt", "sum_of"]
+__all__ = ["ORDER", "applied", "has_minus", "negative", "product_of", "rebuilt", "sum_of"]
 
 #: The order of arguments in sums and products.
-_ORDER = cmp_to_key(sp.Basic.compare)
+ORDER = cmp_to_key(sp.Basic.compare)
 
 
 def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
@@ -43,7 +43,7 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
         multiples.add(multiple)
     if len(multiples) < len(others):
         return sp.Add(*terms)
-    others.sort(key=_ORDER)
+    others.sort(key=ORDER)
     if number:
         others.insert(0, number)
     return sp.Add._from_args(others, True)
@@ -74,7 +74,7 @@ def product_of(factors: Sequence[sp.Expr]) -> sp.Expr:
     # a number times a sum is a sum, or none, by rules of SymPy
     if len(bases) < len(others) or (len(others) == 1 and others[0].is_Add):
         return sp.Mul(*factors)
-    others.sort(key=_ORDER)
+    others.sort(key=ORDER)
     if number is not sp.S.One:
         others.insert(0, number)
     return sp.Mul._from_args(others, True)

@@ -1,0 +1,114 @@
+"""Expansion of polynomials with rational coefficients: SymPy's result in a fraction of its time.
+
+SymPy builds and sorts every intermediate product. Here a monomial Π x_k^(n_k) is the number
+Σ n_k 2^(16 k), so that a product of monomials is the sum of two numbers, and only the terms of the
+result become expressions. Exponents of symbols may be negative: 1/m is a power of m.
+"""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from .construction import ORDER
+
+__all__ = ["expanded_polynomial"]
+
+#: Bits of an exponent, of which one is its sign.
+_BITS = 16
+_HALF = 1 << (_BITS - 1)
+
+#: Monomials with their coefficients, and the common denominator of these.
+_Polynomial = tuple[dict[int, int], int]
+
+
+class _OtherExpressionError(Exception):
+    """An expression is no polynomial with rational coefficients."""
+
+
+def expanded_polynomial(e: sp.Expr) -> sp.Expr | None:
+    """Return ``sympy.expand(e)`` of a polynomial in symbols and their inverses; else None.
+
+    Exponents must be below 2¹⁵ = 32768.
+    """
+    places: dict[sp.Symbol, int] = {}
+    try:
+        terms, denominator = _polynomial(e, places, {})
+    except _OtherExpressionError:
+        return None
+    symbols = list(places)
+    bias = sum(_HALF << (_BITS * k) for k in range(len(symbols)))
+    rows = [(sp.Rational(a, denominator), _exponents(m + bias)) for m, a in terms.items() if a]
+    powers = {(k, n) for _, exponents in rows for k, n in exponents}
+    power_of = {(k, n): symbols[k] if n == 1 else symbols[k] ** n for k, n in powers}
+    # the order of arguments, as ranks: each two powers and numbers are compared once
+    ordered = sorted({*power_of.values(), *(a for a, _ in rows)}, key=ORDER)
+    rank = {x: i for i, x in enumerate(ordered)}
+    products: list[tuple[sp.Expr, ...]] = []
+    for a, exponents in rows:
+        factors = sorted((power_of[power] for power in exponents), key=rank.__getitem__)
+        products.append((*factors,) if a == 1 and factors else (a, *factors))
+    products.sort(key=lambda factors: (len(factors), [rank[x] for x in factors]))
+    summands = [factors[0] if len(factors) == 1 else sp.Mul._from_args(factors, True)
+                for factors in products]
+    summands.sort(key=ORDER)  # nearly sorted
+    summands.sort(key=lambda term: not term.is_Number)  # a number is the first
+    return sp.Add._from_args(summands, True)
+
+
+def _exponents(biased: int) -> list[tuple[int, int]]:
+    """Return the places and exponents of the symbols of a monomial."""
+    data = biased.to_bytes((biased.bit_length() + 7) // 8 + 1, "little")
+    numbers = (int.from_bytes(data[i:i + 2], "little") - _HALF for i in range(0, len(data) - 1, 2))
+    return [(k, n) for k, n in enumerate(numbers) if n]
+
+
+def _polynomial(
+    e: sp.Expr, places: dict[sp.Symbol, int], known: dict[sp.Expr, _Polynomial]
+) -> _Polynomial:
+    """Return the terms of an expression; ``places`` of symbols, results of subexpressions are kept.
+    """
+    if e.is_Symbol:
+        return {1 << (_BITS * places.setdefault(e, len(places))): 1}, 1
+    if e.is_Rational:
+        return ({0: int(e.p)} if e else {}), int(e.q)
+    if e in known:
+        return known[e]
+    if e.is_Add:
+        parts = [_polynomial(term, places, known) for term in e.args]
+        denominator = math.lcm(*(d for _, d in parts))
+        total: dict[int, int] = {}
+        for terms, d in parts:
+            for m, a in terms.items():
+                total[m] = total.get(m, 0) + a * (denominator // d)
+        known[e] = total, denominator
+    elif e.is_Mul:
+        factors = sorted((_polynomial(factor, places, known) for factor in e.args),
+                         key=lambda factor: len(factor[0]))
+        product = factors[0]
+        for factor in factors[1:]:
+            product = _product(product, factor)
+        known[e] = product
+    elif e.is_Pow and e.exp.is_Integer and (e.base.is_Symbol or e.exp > 0):
+        base, d = _polynomial(e.base, places, known)
+        if len(base) == 1:
+            (m, a), = base.items()
+            known[e] = {m * int(e.exp): a ** abs(int(e.exp))}, d ** abs(int(e.exp))
+        else:
+            power = {0: 1}, 1
+            for _ in range(int(e.exp)):
+                power = _product(power, (base, d))
+            known[e] = power
+    else:
+        raise _OtherExpressionError
+    return known[e]
+
+
+def _product(a: _Polynomial, b: _Polynomial) -> _Polynomial:
+    product: dict[int, int] = {}
+    get = product.get
+    for m, x in a[0].items():
+        for n, y in b[0].items():
+            product[m + n] = get(m + n, 0) + x * y
+    return product, a[1] * b[1]
