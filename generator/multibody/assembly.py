@@ -170,7 +170,10 @@ class Assembly:
         return tuple(v for body in self.components.bodies for v in body.velocities)
 
     def _poses(self) -> dict[Frame, Pose]:
-        """Return the poses of the description, propagated from body to body along the joints."""
+        """Return the poses of the description, in which all angles and travels are 0.
+
+        Positions and points that are not given are propagated from body to body along the joints.
+        """
         poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
         poses |= {body: start.pose() for body, start in self.components.bodies.items()}
         for point in self.components.moving_points:
@@ -195,7 +198,10 @@ class Assembly:
         return [link for link in self.links if isinstance(link, Coordinate | BallFlywheel)]
 
     def _start(self) -> dict[Frame, Pose]:
-        """Return poses and velocities at the start."""
+        """Return poses and velocities at the start, with the given angles, travels and rates.
+
+        The described poses move along a tree of joints, loops are closed, then rates propagate.
+        """
         start_values = [value for link in self.links
                         for value in link.start_values(self.poses, self.store)]
         poses = dict(self.poses)
@@ -221,7 +227,10 @@ class Assembly:
         return poses
 
     def _equations(self, without: set[str]) -> tuple[list[Equation], list[Equation]]:
-        """Return the constraints, each with the later of its bodies, and those on velocities."""
+        """Return the constraints without those named, and the velocity constraints.
+
+        Constraints of a joint follow |q|² = 1 of the later of its bodies.
+        """
         order = {body: index for index, body in enumerate(self.components.bodies)}
         # |q|² − 1 = 0 first, then the joints of each body with bodies before it: G M⁻¹ Gᵀ of a
         # chain is block-tridiagonal
@@ -255,21 +264,22 @@ class Assembly:
         equations, slips = ([e for e in candidates if e.name not in left_out]
                             for candidates in (self.equations, self.velocity_equations))
         store = self.store
-        pushes = [*self.components.forces, *(push for link in self.links
-                                             for push in link.forces(self.poses, store))]
+        generalised_forces = [*self.components.forces, *(
+            force for link in self.links for force in link.forces(self.poses, store))]
         H = self._hamiltonian()
         measures = {symbol: self.connections[joint].measure(measure, self.poses, store)
                     for symbol, (joint, measure) in self.components.measures.items()}
         # forces of several connections on one coordinate are added once, in the order of the
         # connections, so that C does not depend on the order of sets
-        acting: dict[sp.Symbol, list[sp.Expr]] = {x: [] for xs, _ in pushes for x in xs}
-        for xs, force in pushes:
+        forces_on: dict[sp.Symbol, list[sp.Expr]] = {
+            x: [] for xs, _ in generalised_forces for x in xs}
+        for xs, force in generalised_forces:
             for x, e in zip(xs, force, strict=True):
-                acting[x].append(e)
+                forces_on[x].append(e)
         scales = [] if self.components.time_scale is None else [self.components.time_scale]
         counted = self._counted_joints(set().union(*(e.free_symbols for e in (
-            H, *(e for _, force in pushes for e in force), *self.components.quantities.values(),
-            *scales))))
+            H, *(e for _, force in generalised_forces for e in force),
+            *self.components.quantities.values(), *scales))))
         H = H.xreplace(measures)
         scales = [e.xreplace(measures) for e in scales]
         quantities = {name: e.xreplace(measures) for name, e in self.components.quantities.items()}
@@ -279,7 +289,8 @@ class Assembly:
         if clash is not None:
             raise InputError(f"{str(clash)!r} in Multibody {self.components.name!r} is both a "
                              "coordinate of a body and a parameter; rename one of the two.")
-        forces = tuple(sp.Add(*acting.get(x, ())).xreplace(measures) for x in p) if acting else ()
+        forces = tuple(sp.Add(*forces_on.get(x, ())).xreplace(measures)
+                       for x in p) if forces_on else ()
         constraints = tuple(equation.expression for equation in equations)
         rows = tuple(equation.expression for equation in slips)
         velocities = self._velocities if rows else ()
@@ -425,7 +436,10 @@ class Assembly:
         return np.concatenate(p)
 
     def _poses_at(self, q: Array, of: Mapping[Frame, Pose] | None = None) -> dict[Frame, Pose]:
-        """Return poses at coordinates, with the velocities of others: those described."""
+        """Return poses at coordinates q, with the velocities of the poses ``of``.
+
+        By default these are the described poses. Angular velocities keep their body axes.
+        """
         poses, offset = dict(self.poses if of is None else of), 0
         for body in self.components.bodies:
             old, described = poses[body], self.poses[body]

@@ -354,6 +354,7 @@ def frames_along(
         q = _twisted(q, math.atan2(y, x))
     frames = [q]
     for k, (a, b) in enumerate(pairwise(t)):
+        # the quaternion of the shortest rotation from a to b, not normalised
         half = np.array([1 + a @ b, *np.cross(a, b)])
         angle = twist * (arc[k + 1] - arc[k])
         if half[0] < 1e-6 or abs(angle) > math.pi / 2:

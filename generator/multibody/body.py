@@ -164,7 +164,10 @@ class Body(Frame):
         cls, name: str, rep: Rep, x: tuple[sp.Symbol, ...], p_x: tuple[sp.Symbol, ...],
         origin: Vector, centre: Vector, tensor: bool,
     ) -> Body:
-        """Return a body whose symbols begin with its name."""
+        """Return a body whose symbols begin with its name: NAME_q0, NAME_m, NAME_I1, NAME_gamma.
+
+        With ``tensor`` it has the entries K11 … K33 of J⁻¹ in place of the three moments.
+        """
         inertia = tensor_symbols(f"{name}_") if tensor else sp.symbols(f"{name}_I1:4",
                                                                        positive=True)
         inverse = tuple(sp.Symbol(f"{name}_{entry}", real=True) for entry in INVERSE)

@@ -280,7 +280,11 @@ class Arm(Connection):
     MEASURES: ClassVar[tuple[str, ...]] = ("angle", "rate")
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
-        """Return the angle or the rate."""
+        """Return the angle of the arm e about its joint from the start, or its rate e·(ω_b − ω_a).
+
+        With the mark m of the other body and e, the angle is atan2((e × m₀)·m, m₀·m), m₀ being m at
+        the start in the frame of the arm.
+        """
         frame, partner = (self.a, self.b) if self.own == 0 else (self.b, self.a)
         e = self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store)
         if quantity == "rate":
@@ -372,7 +376,12 @@ class Chain(Joint):
         return velocity
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield the constraints: attitude and point of b follow from a by the chain of joints.
+
+        From the last joint to the first, ``turned`` is the quaternion of b in a, and ``point`` its
+        point in axes of a: a joint rotates both by cos(φ/2), sin(φ/2) e about its axis e, or moves
+        the point by s e. Values of parameters go into ``store``.
+        """
         a, b = poses[self.a], poses[self.b]
         assert a.x is not None
         on_a, on_b = self.places(store)

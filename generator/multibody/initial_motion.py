@@ -62,10 +62,13 @@ _RANK = 1e-10
 
 
 def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dict[Frame, Pose]:
-    """Return poses at the start: each joint moves what is beyond it, from the ground outward.
+    """Return poses at the start: each joint of a spanning tree moves the bodies beyond it.
 
-    Joints with given coordinates are taken first; bodies that only rods join move with these.
+    The tree grows from the ground outward, along joints with given coordinates first; bodies that
+    only rods join move with these. With the motion M_a of the body before a joint and its own
+    motion J in the described pose, the next body moves by M_b = M_a J.
     """
+    # False sorts before True: joints with given coordinates come first
     joints = sorted((link for link in links if isinstance(link, Joint | Align)),
                     key=lambda link: not any(link.start_values(poses, {})))
     rods = [link for link in links if isinstance(link, Rod)]
@@ -73,13 +76,11 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
     bodies = [frame for frame in poses if isinstance(frame, Body)
               and not isinstance(frame, FlywheelBody)]
     while any(body not in start for body in bodies):
-        # the next link with one end placed: the links that are taken form a spanning tree of the
-        # bodies
+        # the next link of the tree has one end that is placed
         joint = next((link for link in (*joints, *rods) if (link.a in start) != (link.b in start)),
                      None)
         if joint is None:
-            # no link leads to it: a body that floats, or the first of several that do, stays as
-            # described
+            # a floating body, or the first of several that are joined, stays as described
             root = next(body for body in bodies if body not in start)
             start[root] = replace(poses[root])
             continue
@@ -114,22 +115,22 @@ def close_loops(
     InputError
         For angles and travels that contradict the constraints, with the nearest possible ones.
     """
-    pins, cosines = _numbers_of(constraints.symbols, constraints.values, targets)
+    sines, cosines = _numbers_of(constraints.symbols, constraints.values, targets)
     size = ROUNDING * max(float(np.abs(start).max()), 1.0)
-    if max(np.abs(constraints.g(start)).max(initial=0.0), np.abs(pins.g(start)).max()) <= size:
+    if max(np.abs(constraints.g(start)).max(initial=0.0), np.abs(sines.g(start)).max()) <= size:
         return start
-    # the tree's start may belong to another assembly mode: the loops are followed from the
-    # description to the start in small parts, each of them closed
+    # The start of the tree may belong to another assembly mode. Therefore the given values grow in
+    # small parts from those of the description, and the loops are closed after each.
     q = described
     for stage in range(_PARTS + 1):
-        pins.set_value(FRACTION, stage / _PARTS)
-        q = _closest(constraints, pins, q)
+        sines.set_value(FRACTION, stage / _PARTS)
+        q = _closest(constraints, sines, q)
     g = np.abs(constraints.g(q))
     if not g.max(initial=0.0) <= size:
         worst = constraints.constraint_names[int(np.argmax(g))]
         raise InputError(f"No start with the given angles and travels of joints meets {worst!r}: "
                          f"it stays at |g| = {g.max():.3e}; leave out some of them.")
-    offsets = _offsets(targets, pins, cosines, q)
+    offsets = _offsets(targets, sines, cosines, q)
     if max(map(abs, offsets)) <= size:
         return q
     nearest = _listed(targets, offsets)
@@ -147,7 +148,10 @@ def close_loops(
 def _numbers_of(
     symbols: Sequence[sp.Symbol], values: Mapping[str, float], targets: Sequence[StartValue]
 ) -> tuple[NumericConstraints, NumericConstraints]:
-    """Return sines, and cosines of those that have one, as functions of q."""
+    """Return the sines of the differences from the given values, and their cosines, as g(q).
+
+    A travel has its difference itself in place of a sine, and no cosine.
+    """
     constants = {**values, str(FRACTION): 1.0}
     sines = NumericConstraints(
         symbols, [e.sine for e in targets], [e.joint for e in targets], constants)
@@ -159,7 +163,7 @@ def _numbers_of(
 def _offsets(
     targets: Sequence[StartValue], sines: NumericConstraints, cosines: NumericConstraints, q: Array
 ) -> list[float]:
-    """Return by how much each coordinate is off."""
+    """Return by how much each coordinate exceeds its given value: an angle in ±π, or a travel."""
     cosine = iter(cosines.g(q).tolist() if cosines.expressions else [])
     return [sine if e.cosine is None else float(np.arctan2(sine, next(cosine)))
             for e, sine in zip(targets, sines.g(q).tolist(), strict=True)]
@@ -197,11 +201,14 @@ def _as_given(link: Connection) -> Connection:
     return link
 
 
-def _closest(constraints: NumericConstraints, pins: NumericConstraints, q: Array) -> Array:
-    """Return the q with g(q) = 0 and the least |r(q)| that Gauss-Newton steps reach."""
+def _closest(constraints: NumericConstraints, sines: NumericConstraints, q: Array) -> Array:
+    """Return the q with g(q) = 0 and the least |r(q)|, by Gauss-Newton steps; r are the sines.
+
+    Each step δ has G δ = −g and, of these, the least |r_q δ + r|.
+    """
     for _ in range(_STEPS):
         step = nearest_step(as_dense(constraints.G(q)), constraints.g(q),
-                            as_dense(pins.G(q)), pins.g(q))
+                            as_dense(sines.G(q)), sines.g(q))
         largest = float(np.abs(step).max())
         # a longer step could leave the assembly mode of q
         q = q + min(1.0, _LONGEST / (largest or 1.0)) * step
@@ -211,19 +218,19 @@ def _closest(constraints: NumericConstraints, pins: NumericConstraints, q: Array
 
 
 def nearest_step(G: Array, g: Array, R: Array, r: Array) -> Array:
-    """Return the shortest x with G x = −g and, of these, the least |R x + r|."""
+    """Return the x with the least |R x + r| of those with G x = −g; of several, the shortest."""
     if not len(G):
         return -np.asarray(np.linalg.lstsq(R, r, rcond=_RANK)[0])
     # the rows of V beyond the rank of G span its null space
-    _, sizes, V = np.linalg.svd(G)
-    rank = int(np.sum(sizes > _RANK * sizes.max(initial=0.0)))
-    onto = -np.linalg.lstsq(G, g, rcond=_RANK)[0]
-    free = V[rank:].T
-    if not free.shape[1] or not len(R):
-        return np.asarray(onto)
-    # x = onto + free y has G x = −g for every y: what remains is an unconstrained problem in y
-    along = np.linalg.lstsq(R @ free, -(r + R @ onto), rcond=_RANK)[0]
-    return np.asarray(onto + free @ along)
+    _, singular_values, V = np.linalg.svd(G)
+    rank = int(np.sum(singular_values > _RANK * singular_values.max(initial=0.0)))
+    particular = -np.linalg.lstsq(G, g, rcond=_RANK)[0]
+    null_space = V[rank:].T
+    if not null_space.shape[1] or not len(R):
+        return np.asarray(particular)
+    # x = particular + null_space y has G x = −g for every y: least squares for y remain
+    y = np.linalg.lstsq(R @ null_space, -(r + R @ particular), rcond=_RANK)[0]
+    return np.asarray(particular + null_space @ y)
 
 
 def warn_of_moved_bodies(
@@ -254,7 +261,7 @@ def _text(values: Array) -> str:
 
 @dataclass(frozen=True)
 class _Target:
-    """A given velocity: its name, rows of D, and value."""
+    """A given velocity: its name, rows of D and value of D u = d."""
 
     what: str
     rows: Array
@@ -272,6 +279,13 @@ class Velocities:
         At the start, with velocities along the tree.
     inertia : mapping of Body to Inertia
     masses : mapping of Body to float
+
+    Attributes
+    ----------
+    u : ndarray
+        ω ("spin") and velocity ("v") of each body in space.
+    slots : dict of (Body, str) to slice
+        Places of "spin" and "v" of a body in u.
     """
 
     def __init__(
@@ -360,6 +374,10 @@ class Velocities:
     ) -> Array:
         """Return momenta on the constraints with the given velocities and rates.
 
+        With y = S u, |y|² is twice the kinetic energy. Of the u that satisfy the constraints
+        A y + … = 0, the result has the least |D u − d| and, of these, the least |y − S u₀|, where
+        u₀ are the velocities along the tree.
+
         Raises
         ------
         InputError
@@ -367,7 +385,7 @@ class Velocities:
         """
         targets = self.list_targets(links)
         projected = project_momenta(numbers, q, p)
-        # In units of the root of twice the kinetic energy, that rows of any unit compare.
+        # R = D S⁻¹ with rows of length 1: velocities and angular velocities then compare
         R = np.concatenate([np.zeros((0, len(self.u))), *(target.rows for target in targets)])
         for _, columns, _, root in self._blocks:
             R[:, columns] = R[:, columns] @ np.linalg.inv(root)
@@ -377,15 +395,13 @@ class Velocities:
 
         y = self._scaled(self.u)
         scale = ROUNDING * max(float(np.linalg.norm(y)), float(np.abs(d).max(initial=0.0)))
-        # if the projected momenta have the given velocities already, nothing is to be done: the
-        # usual case, without a search
+        # usually the projected momenta have the given velocities already
         shift = self._scaled(self._velocities(projected - self._momenta(self.u)))
         if np.abs(R @ (y + shift) - d).max(initial=0.0) <= scale:
             return projected
         rows, total, largest = as_dense(numbers.rows(q)), y, np.inf
         momenta_by_y = self._momenta(self._unscaled(np.eye(len(y))))
-        # the constraints on p are nonlinear in u where H_p depends on p otherwise than linearly: a
-        # few Gauss-Newton steps, one where they are linear
+        # Gauss-Newton steps: one is enough if H_p is linear in p, and with it f(q, p) in u
         for _ in range(20):
             momenta = self._momenta(self._unscaled(total))
             rates = numbers.H_pp_times(q, momenta, momenta_by_y)

@@ -291,7 +291,10 @@ class Joint(PointConnection):
     at: Array | None = None
 
     def place(self, poses: Poses) -> bool:
-        """Propagate points and positions; return whether one was found."""
+        """Propagate the point of the joint and positions of bodies; return whether one was set.
+
+        x_a + R_a r_a = at = x_b + R_b r_b: each unknown follows from the others.
+        """
         changed = False
         sides = ((self.a, "on_a"), (self.b, "on_b"))
         for frame, side in sides:
@@ -835,10 +838,10 @@ class Coupling(Connection):
     offset: float = field(kw_only=True)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraint; values of its parameters go into ``store``."""
-        # a ratio z/n of few teeth is a condition on sines, which full turns leave as it is; any
-        # other ratio needs the angle itself, which the coordinates determine within a full turn
-        # only
+        """Yield c₂ − k c₁ − offset = 0; values of its parameters go into ``store``."""
+        # For a ratio z/n of few teeth it is a condition on sines of multiples of the angles, which
+        # full turns do not change. Any other ratio needs the angle itself, which the coordinates
+        # determine only within a full turn.
         ratio = Fraction(repr(self.ratio)).limit_denominator(_FEW_TEETH)
         hinged = all(isinstance(joint, Align | HingedJoint) for joint in self.joints)
         if hinged and self.what == ("angle", "angle") and float(ratio) == self.ratio and (

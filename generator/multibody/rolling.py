@@ -133,7 +133,14 @@ class Rolling(Connection):
         return unit_vector(f"{self.name}_normal", self.normal, store)
 
     def _support(self, store: Store) -> tuple[sp.Expr, list[sp.Expr]]:
-        """Return h, and ρ in space."""
+        """Return the height h of the middle over the plane, and ρ from the middle to the contact.
+
+            sphere      h = r,               ρ = −r n
+            disc        h = r |n × d|,       ρ = r (c/s (d − c n) − s n),  c = n·d, s = |n × d|
+            ellipsoid   h = √(uᵀ M u),       ρ = −R M u/h,  u = Rᵀ n, M = diag(a², b², c²)
+
+        with the axis d of the disc; ρ in space axes.
+        """
         n = self._normal(store)
         names = ("radius",) if len(self.sizes) == 1 else ("a", "b", "c")
         sizes = [sp.Symbol(f"{self.name}_{name}", positive=True) for name in names]

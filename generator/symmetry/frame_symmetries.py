@@ -109,8 +109,8 @@ class CoMovingFrame:
                                    for rate, symmetry in zip(rates, self.symmetries, strict=True)))
                           for p in system.p]
         # forces do work on the motion of the frame; without such a work C needs no frame velocity
-        power = [f * v for f,
-                 v in zip(system.forces, frame_velocity, strict=False) if f != 0 and v != 0]
+        power = [f * v for f, v in zip(system.forces, frame_velocity, strict=False)
+                 if f != 0 and v != 0]
         does_work = bool(power) and not identically_zero([power])
         fields = {x.name: getattr(system, x.name) for x in dataclasses.fields(System)}
         return CoMovingSystem(**fields | {
@@ -308,7 +308,10 @@ class _SymmetrySearch:
         return entries
 
     def _combination(self, rate: sp.Expr) -> dict[int, Fraction] | None:
-        """Return the numbers c_k with rate = Σ c_k g_k, where all are polynomials, or None."""
+        """Return the numbers c_k ≠ 0 with rate = Σ c_k g_k, by equal coefficients of all monomials.
+
+        None if there are none, or if the expressions are no polynomials.
+        """
         system = self.system
         indices = [k for k, g in enumerate(system.constraints)
                    if g.free_symbols & rate.free_symbols]
@@ -332,7 +335,7 @@ class _SymmetrySearch:
                 for k, x in zip(indices, coefficients, strict=True) if x}
 
     def _rotates_forces(self, field: LinearField) -> bool:
-        """Whether F_q A q − F_p Aᵀp + AᵀF = 0."""
+        """Whether forces rotate with the frame, F_q A q − F_p Aᵀp + AᵀF = 0 identically."""
         if not self.forces:
             return True
         q, p = self.system.q, self.system.p
@@ -356,7 +359,10 @@ def _independent(fields: Sequence[LinearField]) -> bool:
 
 
 def _bracket_coefficients(system: System, field: LinearField) -> list[sp.Expr] | None:
-    """Return the coefficients of {J, H}, a polynomial in q and p; None if it is no polynomial."""
+    """Return the coefficients of {J, H} = J_q·H_p − J_p·H_q; None if it is no polynomial in q, p.
+
+    Term by term of H, as whole brackets are long. Coefficients are expressions of parameters.
+    """
     J = field.momentum(system.q, system.p)
     slopes = {s: sp.diff(J, s) for s in (*system.q, *system.p)}
     coefficients: dict[tuple[sp.Expr, ...], sp.Expr] = {}

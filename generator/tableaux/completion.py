@@ -90,7 +90,11 @@ def matrix(rows: Rows) -> Any:
 def _constraint_parts(
     A: Rows, b: list[sp.Expr], c: list[sp.Expr], has_zero: bool, rounding: Rounding | None
 ) -> Iterator[dict[str, Rows]]:
-    """Yield candidates for Ā, Ã, b̃ and c̃, in the order in which they are tried."""
+    """Yield candidates for Ā, Ã, b̃ and c̃, in the order in which they are tried.
+
+    Stages as constraint nodes, if possible; then Lobatto nodes, as many as stages allow and fewer;
+    then the two ends of the step, which are always possible.
+    """
     def vanish(entries: Any) -> bool:
         return all(vanishes_to(entry, rounding) for entry in entries)
 

@@ -119,7 +119,11 @@ def _load_compositions() -> dict[str, Composition]:
 
 
 def _from_record(name: str, record: dict[str, Any], bases: dict[str, Composition]) -> Composition:
-    """Return a composition from its record, which has one half of palindromic coefficients."""
+    """Return a composition from its record, which has one half of palindromic coefficients.
+
+    A record with ``base`` has the weights w_i of a composition of steps of another one,
+    Ψ(w₁ h) ⋯ Ψ(w_k h), from which drifts and kicks are computed.
+    """
     size, halves = record["stages"], {
         key: [Fraction(text) for text in record.get(key, ())]
         for key in ("weights", "drifts", "kicks", "gradients")}

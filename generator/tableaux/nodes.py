@@ -118,7 +118,7 @@ def _upper_bound(integer: list[int]) -> Any:
 
 
 def _next_root(integer: list[int], roots: list[Any], start: Any) -> Any:
-    """Return the largest root that is not in ``roots``."""
+    """Return the largest root that is not in ``roots``: x ← x − 1/(f′/f − Σ 1/(x − root))."""
     x = start
     for _ in range(500):
         value, slope = mp.polyval(integer, x, derivative=True)
@@ -166,7 +166,11 @@ def exact_roots(polynomial: sp.Poly) -> tuple[sp.Expr, ...]:
 
 
 def _short_radicals(factor: sp.Poly) -> list[sp.Expr] | None:
-    """Return the roots of an irreducible factor with square roots alone; None if there are none."""
+    """Return the roots of an irreducible factor as square roots; None if they have other radicals.
+
+    With the mean of the roots as the origin, a polynomial in y² of degree 4 at most has roots
+    y = ±√u.
+    """
     if factor.degree() == 1:
         return [-factor.all_coeffs()[1] / factor.all_coeffs()[0]]
     y, u = sp.symbols("y u")

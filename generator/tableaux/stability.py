@@ -164,7 +164,10 @@ def _is_nonnegative(polynomial: sp.Poly) -> bool:
 
 
 def _roots_have_positive_real_part(polynomial: sp.Poly) -> bool:
-    """Whether all roots have Re z > 0, by the Routh array of P(−z)."""
+    """Whether all roots have Re z > 0, by the Routh array of P(−z).
+
+    P(−z) is stable if and only if the first column of the array has one sign.
+    """
     mirrored = polynomial.compose(sp.Poly(-z, z, domain="QQ")).all_coeffs()
     previous, row = mirrored[::2], mirrored[1::2]
     signs = [previous[0]]
