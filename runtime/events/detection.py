@@ -64,23 +64,30 @@ class Levels:
                    np.array([column + first_column[kind] for kind, column in columns], np.intc),
                    levels.astype(binding.dtype))
 
-    def values(self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array) -> Array:
-        """Return the values of rows of states, a column an event; with times where ``timed``."""
+    def differences(
+        self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array
+    ) -> Array:
+        """Return x − level of each event (columns) at each state (rows).
+
+        An event happens where its difference changes its sign. ``t`` has the times of the states;
+        it is needed only if quantities depend on t, as ``timed`` says.
+        """
         quantities = (self.binding.quantities(parameters, self._times(t), q, p)
                       if self._of_quantities else q)
         arrays = {"": quantities, "q": q, "p": p}
-        quantity_values = np.empty((len(q), len(self.events)), self.binding.number_type)
+        observed = np.empty((len(q), len(self.events)), self.binding.number_type)
         for i, (kind, column) in enumerate(self.columns):
-            quantity_values[:, i] = arrays[kind][:, column]
-        differences: Array = quantity_values - self.levels
+            observed[:, i] = arrays[kind][:, column]
+        differences: Array = observed - self.levels
         return differences
 
     def near(
         self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array, last: Array
     ) -> tuple[int, int] | None:
-        """Return the first and last row of the states after one that is near its level, or None.
+        """Return the first and last row whose state is near a level, |x − level| ≤ change; or None.
 
-        ``last`` has the values at the two states before, at first ``no_past``.
+        ``last`` has the values at the two states before the rows, at first ``no_past``; those of
+        the last two rows replace them.
         """
         return self.binding.near(parameters, self._times(t), q, p, self.numbered, self.rounded,
                                  last)
@@ -133,7 +140,7 @@ class Brackets:
                      for name in names))
 
     def of(self, chosen: Array) -> Brackets:
-        """Return some of them."""
+        """Return the brackets of these indices, or of a mask."""
         return Brackets(self.event[chosen], self.step[chosen], self.q[chosen], self.p[chosen],
                         self.before[chosen], self.after[chosen], self.turning[chosen],
                         self.on_level[chosen], self.past[chosen])
@@ -142,12 +149,13 @@ class Brackets:
 def _turning(
     differences: Array, start: int, end: int, *, begins: bool, ends: bool
 ) -> tuple[Array, Array]:
-    """Return the steps from row ``start`` up to ``end`` in which a value may touch 0, and which.
+    """Return the steps in which a value may touch 0: rows from ``start`` up to ``end``, and events.
 
-    Of the states about a place where a smooth value turns, the one with the least |value| has
-    larger ones on both sides: the step before it and the step behind it are returned, unless the
-    value is further from 0 than it moves in both. ``begins`` and ``ends`` say whether the first
-    and the last row are the run's, which then lack a neighbour, and are looked at in any case.
+    ``differences`` has a row for each state and a column for each event. Of the states about a
+    place where a smooth value turns, the one with the least |value| has larger ones on both sides:
+    the step before it and the step behind it are returned, unless the value is further from 0 than
+    it moves in both. ``begins`` and ``ends`` say whether the first and the last row are the run's,
+    which then lack a neighbour, and are looked at in any case.
     """
     size, sides = abs(differences), np.sign(differences.astype(float))
     nearest = np.zeros(differences.shape, bool)
@@ -182,8 +190,9 @@ class EventDetector:
     def __init__(self, levels: Levels, parameters: ParameterStruct, t0: Any, dt: Any) -> None:
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
         self._tail: tuple[Array, Array] | None = None
-        self._done = 0
-        #: What the values were at the last two states, and whether these may be near their levels.
+        #: Steps before the last state that was examined.
+        self._last_step = 0
+        #: The values at the last two states, and whether these may be near their levels.
         self._last = levels.no_past
         self._near = False
         self._parts: list[Brackets] = []
@@ -191,39 +200,45 @@ class EventDetector:
         self._closed = np.zeros(len(levels.events), bool)
         #: The step within which a terminal event happens; None as long as there is none.
         self.ends_in: int | None = None
-        self._room: Rows | None = None
-        #: How many of the parts have none of terminal events any more.
+        self._scratch: Rows | None = None
+        #: How many of the first parts have been freed of the brackets of terminal events.
         self._split = 0
         self.terminal = any(event.terminal for event in levels.events)
         self._directions = np.array([event.direction for event in levels.events])
         self._is_terminal = np.array([event.terminal for event in levels.events])
 
-    def room(self, steps: int) -> Rows:
+    def scratch_rows(self, steps: int) -> Rows:
         """Return rows for the states of so many steps that are not stored."""
-        if self._room is None or len(self._room.iterations) < steps:
-            self._room = Rows.allocate(self._levels.binding, steps)
-        return self._room
+        if self._scratch is None or len(self._scratch.iterations) < steps:
+            self._scratch = Rows.allocate(self._levels.binding, steps)
+        return self._scratch
 
-    def _times(self, done: int, q: Array) -> Array | None:
+    def _times(self, first_step: int, q: Array) -> Array | None:
+        """Return the times of rows q, states after ``first_step`` steps and on; None if unused."""
         if not self._levels.timed:
             return None
-        return self._levels.binding.times(self._t0, self._dt, np.arange(done, done + len(q)))
+        steps = np.arange(first_step, first_step + len(q))
+        return self._levels.binding.times(self._t0, self._dt, steps)
 
-    def _values(self, done: int, q: Array, p: Array) -> Array:
-        return self._levels.values(self._parameters, self._times(done, q), q, p)
+    def _differences(self, first_step: int, q: Array, p: Array) -> Array:
+        return self._levels.differences(self._parameters, self._times(first_step, q), q, p)
 
-    def detect(self, done: int, q: Array, p: Array) -> None:
-        """Examine the states after ``done``, ``done`` + 1, … steps; the first may be known already.
+    def detect(self, first_step: int, q: Array, p: Array) -> None:
+        """Examine the states after ``first_step``, ``first_step`` + 1, … steps, rows of q and p.
+
+        The first of them may have been examined before: the last state of one piece is the first of
+        the next.
         """
-        if self._tail is not None and done == self._done:
-            done, q, p = done + 1, q[1:], p[1:]
+        if self._tail is not None and first_step == self._last_step:
+            first_step, q, p = first_step + 1, q[1:], p[1:]
         if not len(q):
             return
         # C looks for states near a level in one pass; NumPy sees only the rows about these
-        candidate_rows = self._levels.near(self._parameters, self._times(done, q), q, p, self._last)
+        candidate_rows = self._levels.near(self._parameters, self._times(first_step, q), q, p,
+                                           self._last)
         old_q, old_p = self._tail or (q[:0], p[:0])
         old, (low, high) = len(old_q), candidate_rows or (0, 0)
-        self._done = done + len(q) - 1
+        self._last_step = first_step + len(q) - 1
         self._tail = (np.concatenate([old_q, q[-TAIL:]])[-TAIL:],
                       np.concatenate([old_p, p[-TAIL:]])[-TAIL:])
         if candidate_rows or self._near:
@@ -231,25 +246,35 @@ class EventDetector:
             # piece ended near a level
             start = 0 if self._near else max(old + low - TAIL - 1, 0)
             new = slice(max(start - old, 0), high + TAIL + 1)
-            self._look_at(done - old + start, max(old - 1 - start, 0),
+            self._bracket(first_step - old + start, max(old - 1 - start, 0),
                           np.concatenate([old_q[start:], q[new]]),
                           np.concatenate([old_p[start:], p[new]]))
         self._closed[:] = False
         self._near = candidate_rows is not None and high >= len(q) - TAIL
 
-    def _look_at(self, done: int, first: int, q: Array, p: Array) -> None:
-        """Bracket events in steps from row ``first`` on, between states near a level."""
-        differences = self._values(done, q, p)
+    def _bracket(self, first_step: int, first: int, q: Array, p: Array) -> None:
+        """Bracket events in steps from row ``first`` on, between states near a level.
+
+        Row 0 is the state after ``first_step`` steps; rows before ``first`` were examined, and
+        are the past of the others.
+        """
+        differences = self._differences(first_step, q, p)
         if len(differences) < 2:
             return
-        self._crossings(done, first, q, p, differences)
+        self._bracket_crossings(first_step, first, q, p, differences)
         if self.ends_in is not None:  # the run ends in this step
-            q, p, differences = (array[: self.ends_in - done + 2] for array in (q, p, differences))
-            self._done, self._tail = self.ends_in + 1, (q[-TAIL:], p[-TAIL:])
-        self._turnings(done, first, q, p, differences)
+            q, p, differences = (array[: self.ends_in - first_step + 2]
+                                 for array in (q, p, differences))
+            self._last_step, self._tail = self.ends_in + 1, (q[-TAIL:], p[-TAIL:])
+        self._bracket_turnings(first_step, first, q, p, differences)
 
-    def _crossings(self, done: int, first: int, q: Array, p: Array, differences: Array) -> None:
-        """Bracket the steps from row ``first`` on in which a value changes its sign."""
+    def _bracket_crossings(
+        self, first_step: int, first: int, q: Array, p: Array, differences: Array
+    ) -> None:
+        """Bracket the steps from row ``first`` on in which a value changes its sign.
+
+        The first of a terminal event, if its sign change is certain, sets ``ends_in``.
+        """
         before, after = differences[first:-1], differences[first + 1:]
         falls = (before > 0) & (after < 0) & (self._directions <= 0)
         rises = (before < 0) & (after > 0) & (self._directions >= 0)
@@ -259,7 +284,7 @@ class EventDetector:
         on_level = np.where(before == 0, (after != 0) | nonzero_before[first : first + len(before)],
                             after == 0)
         # the start of a run may be off its level by rounding: the first change decides
-        if not done + first:
+        if not first_step + first:
             on_level[0] |= (falls | rises)[0] & (
                 abs(before[0]) <= _AT_START * abs(after[0] - before[0]))
         row, event = np.nonzero(falls | rises | on_level)
@@ -267,36 +292,42 @@ class EventDetector:
         certain = ~on_level[row, event]
         if (self._is_terminal[event] & certain).any():
             end = int(row[self._is_terminal[event] & certain].min())
-            self.ends_in = done + first + end
+            self.ends_in = first_step + first + end
             up_to_end = row <= end
             row, event, certain = row[up_to_end], event[up_to_end], certain[up_to_end]
         for kind in (True, False):
-            self._note(done, row[certain == kind] + first, event[certain == kind], q, p,
-                       differences, on_level=not kind)
+            self._add_brackets(first_step, row[certain == kind] + first, event[certain == kind],
+                               q, p, differences, on_level=not kind)
 
-    def _turnings(self, done: int, first: int, q: Array, p: Array, differences: Array) -> None:
+    def _bracket_turnings(
+        self, first_step: int, first: int, q: Array, p: Array, differences: Array
+    ) -> None:
         """Bracket the steps in which a value may touch its level, with a neighbour on either side.
 
         The last step waits for the next one.
         """
         # the step before ``first`` is looked at once more: it has a neighbour on either side only
         # now
-        row, event = _turning(differences, max(first - 1, 0), len(differences) - 2, begins=not done,
-                              ends=False)
+        row, event = _turning(differences, max(first - 1, 0), len(differences) - 2,
+                              begins=not first_step, ends=False)
         new = (row >= first) | ~self._closed[event]
-        self._note(done, row[new], event[new], q, p, differences, turning=True)
+        self._add_brackets(first_step, row[new], event[new], q, p, differences, turning=True)
 
-    def _note(self, done: int, row: Array, event: Array, q: Array, p: Array, differences: Array, *,
-              turning: bool = False, on_level: bool = False) -> None:
+    def _add_brackets(
+        self, first_step: int, row: Array, event: Array, q: Array, p: Array, differences: Array, *,
+        turning: bool = False, on_level: bool = False,
+    ) -> None:
+        """Add the steps that begin at these rows as brackets of these events, one for each pair."""
         if len(row):
             earlier = row[:, None] - [1, 2]  # the tail has both, unless the run begins there
             past = np.where(earlier < 0, np.nan, differences[earlier, event[:, None]].astype(float))
-            self._parts.append(Brackets(event, done + row, q[row], p[row], differences[row, event],
-                                        differences[row + 1, event], np.full(len(row), turning),
-                                        np.full(len(row), on_level), past))
+            self._parts.append(Brackets(
+                event, first_step + row, q[row], p[row], differences[row, event],
+                differences[row + 1, event], np.full(len(row), turning),
+                np.full(len(row), on_level), past))
 
     def close(self, ahead: tuple[Array, Array] | None = None) -> None:
-        """Examine the last step without a next one.
+        """Bracket turnings in the last step, which has no next one yet.
 
         ``ahead`` is the state after the next step, if it is known: a row of q and of p.
         """
@@ -304,14 +335,14 @@ class EventDetector:
             return
         q, p = self._tail
         last = len(q) - 1
-        differences = self._values(self._done - last, q, p)
+        differences = self._differences(self._last_step - last, q, p)
         with_next = differences if ahead is None else np.concatenate(
-            [differences, self._values(self._done + 1, *ahead)])
-        row, event = _turning(with_next, max(last - 1, 0), last, begins=self._done == last,
+            [differences, self._differences(self._last_step + 1, *ahead)])
+        row, event = _turning(with_next, max(last - 1, 0), last, begins=self._last_step == last,
                               ends=ahead is None)
         row, event = row[~self._closed[event]], event[~self._closed[event]]
         self._closed[event] = True
-        self._note(self._done - last, row, event, q, p, differences, turning=True)
+        self._add_brackets(self._last_step - last, row, event, q, p, differences, turning=True)
 
     @property
     def memory(self) -> Memory:
@@ -320,17 +351,17 @@ class EventDetector:
         q, p = self._tail or (no_states, no_states)
         return Memory(q, p, self._closed.copy(), self._levels.binding.new(0))
 
-    def go_on(self, done: int, memory: Memory) -> None:
-        """Resume after ``done`` steps."""
-        self._done, self._closed = done, memory.closed.copy()
+    def go_on(self, step: int, memory: Memory) -> None:
+        """Resume after ``step`` steps."""
+        self._last_step, self._closed = step, memory.closed.copy()
         if len(memory.q):
             self._tail, self._near = (memory.q, memory.p), True  # examined again without effect
-            times = self._times(done + 1 - len(memory.q), memory.q)
+            times = self._times(step + 1 - len(memory.q), memory.q)
             self._levels.near(self._parameters, times, memory.q, memory.p, self._last)
 
     @property
-    def noted(self) -> int:
-        """The number of brackets."""
+    def bracket_count(self) -> int:
+        """The number of brackets that are not located yet."""
         return sum(map(len, self._parts))
 
     def forget(self) -> None:

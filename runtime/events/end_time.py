@@ -73,7 +73,11 @@ class EndTimeObserver:
         return 0
 
     def _end(self, constants: RunConstants, state: RunState, row: Rows) -> TerminalEvent:
-        """Return the end between a state and the row of the whole step from there."""
+        """Return the end of the run between a state and the row of the whole step from there.
+
+        t(τ) = t_end by the inverse cubic through the two nearest points (τ, t − t_end, dτ/dt =
+        1/σ), which a partial step of τ then corrects; bisection where that leaves the bracket.
+        """
         binding, run, t_end = self._stepper.binding, self._run, self._t
         work, low, high = binding.works.take(), 0 * run.dt, run.dt
         scales = binding.time_scales(constants.parameters, np.stack([state.q, row.q[0]]),
@@ -89,7 +93,7 @@ class EndTimeObserver:
                 tau = (low + high) / 2
             row = self._partial_step(constants, state, tau, work)
             beyond = row.q[0, -1] - t_end
-            if not abs(beyond) < nearest[0]:  # at round-off
+            if not abs(beyond) < nearest[0]:  # no nearer than before: round-off
                 break
             nearest = abs(beyond), (tau, row)
             if abs(beyond) <= resolution:
@@ -133,7 +137,7 @@ class EndTimeObserver:
 
 
 def _zero(a: tuple[Any, Any, Any], b: tuple[Any, Any, Any]) -> Any:
-    """Return τ at t = 0 by the cubic through (τ, t, dτ/dt) of two points."""
+    """Return τ(0) by the cubic τ(t) through (τ, t, dτ/dt) of two points: Hermite interpolation."""
     (tau, t, slope), (other_tau, other_t, other_slope) = a, b
     width = other_t - t
     x = -t / width

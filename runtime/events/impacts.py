@@ -118,15 +118,19 @@ class ImpactObserver:
         """Do nothing: no impact waits for a next step."""
 
     def settle(self, _stop: Any = None) -> dict[str, Impacts]:
-        """Return the impacts since the last call."""
+        """Return the impacts since the last call, event's name → impacts.
+
+        C gives a pair (gap, step) and a row (time since the start of the step, μ, lost energy,
+        work, q, p⁻, p⁺) for each impact.
+        """
         binding, run = self._own, self._run
         places = np.concatenate([np.zeros((0, 2), np.dtype("l")), *self._places])
-        hits = np.concatenate([binding.new(0, 4 + 3 * binding.n), *self._hits])
+        impact_rows = np.concatenate([binding.new(0, 4 + 3 * binding.n), *self._hits])
         self._places, self._hits = [], []
         impacts: dict[str, Impacts] = {}
         for i, event in enumerate(self.events):
             selected = places[:, 0] == i
-            steps, rows = places[selected, 1], hits[selected]
+            steps, rows = places[selected, 1], impact_rows[selected]
             since, impulse, lost, work = rows[:, :4].T.astype(binding.number_type)
             q, before, after = (rows[:, 4 + k * binding.n : 4 + (k + 1) * binding.n].copy()
                                 for k in range(3))

@@ -65,7 +65,10 @@ def joined_with_part(
     stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact], trajectory: Trajectory,
     last: Trajectory,
 ) -> Trajectory:
-    """Return a run of whole steps and, in place of its last row, the end of ``last``."""
+    """Return a run of whole steps and, behind it, the end of ``last``, the run of a partial step.
+
+    The last row of the whole steps is left out where ``every`` or ``t_eval`` does not store it.
+    """
     last_elapsed, grid = trajectory.elapsed[-1], trajectory[len(trajectory) - 1]
     if ends_within(events, last, run.dt):
         times = last.t[-1:], last_elapsed + last.elapsed[-1:]
@@ -114,8 +117,9 @@ def counted_from_start(
 ) -> CrossingsType:
     """Return the crossings of the last part of a step, counted from the start of the run.
 
-    ``steps``, ``elapsed`` and ``work`` are those of the whole steps, ``latest`` is when the last
-    crossing before was: one at the end of the last whole step is that one.
+    ``steps``, ``elapsed`` and ``work`` are those of the whole steps, ``latest`` the time since the
+    start of the last crossing in them. A crossing at the end of the last whole step is in both: it
+    counts once.
     """
     new = np.array(last.elapsed != 0 * elapsed, bool) | (latest is None or latest != elapsed)
     last = replace(last._selected(new), steps=last.steps[new] + steps,

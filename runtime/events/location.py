@@ -36,7 +36,10 @@ def crossings_of(
     stepper: Stepper, levels: Levels, runs: EnsembleArguments,
     brackets: Sequence[Brackets | None], fill: Callable[[EnsembleStates], None],
 ) -> list[dict[str, Crossings]]:
-    """Return the crossings of each run by the events' names, from its brackets."""
+    """Return the crossings of each run, event's name → crossings, from its brackets.
+
+    ``fill`` integrates the runs of an ensemble, whose rows it fills: that takes partial steps.
+    """
     if runs.inputs is not None:  # they are held throughout, as parameters are
         each = [runs[i] for i in range(len(runs))]
         runs = replace(EnsembleArguments.of(each, stepper.binding.number_type), inputs=runs.inputs)
@@ -95,7 +98,7 @@ class TerminalEvent:
 
 @dataclass(frozen=True)
 class _Work:
-    """Brackets of runs, and steps of parts of Δt in them."""
+    """Brackets of runs, and partial steps in them; bracket i is of the run ``owner[i]``."""
 
     stepper: Stepper
     levels: Levels
@@ -120,11 +123,11 @@ class _Work:
     def states(
         self, share: Array, indices: Array, end: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array, Array, Array]:
-        """Return times, states and the events' values after shares of a step in brackets.
+        """Return (times, q, p, x − level) after partial steps share · Δt in brackets.
 
-        Times are those since the start of the step.
-
-        The shares count from the start of the step, or from its ``end``, whose states are given.
+        ``share`` and ``indices`` have an entry for each state; times count from the start of the
+        step. Shares count from there too, or from the end of the step if ``end`` has the states
+        there.
         """
         owner, start = self.owner[indices], self.brackets
         q, p = (start.q[indices], start.p[indices]) if end is None else end
@@ -140,10 +143,11 @@ class _Work:
         return since + dt, q, p, self._values(indices, t + dt, q, p)
 
     def slopes(self, indices: Array, ahead: int, end: tuple[Array, Array] | None = None) -> Array:
-        """Return value over share just behind (−1: before) a state on the level; 0 where it rests.
+        """Return the limit of (x − level)/share beside a state on the level; 0 where x rests there.
 
-        Of shares from 2⁻⁵ to 2⁻⁸⁰ the least three are taken over which the value falls as a power
-        does, of the first order to the third: rounding does not.
+        ``ahead`` is 1 just behind the state, −1 just before it. The limit is an estimate: of shares
+        from 2⁻⁵ to 2⁻⁸⁰ the least three are taken over which the value falls as a power does, of
+        the first order to the third: rounding does not.
         """
         no_time = 0 * self.tolerance(indices)
         y = np.column_stack([self.states(no_time + ahead * share, indices, end)[3]
@@ -169,9 +173,9 @@ class _Work:
         for group in np.split(order, starts) if len(order) else ():
             run = self.runs[int(owner[group[0]])]
             parameters = self.stepper.binding.parameters(run.parameters, run.t0)
-            all_values = self.levels.values(parameters, t[group], q[group], p[group])
-            event_values[group] = all_values[np.arange(len(group)),
-                                             self.brackets.event[indices[group]]]
+            differences = self.levels.differences(parameters, t[group], q[group], p[group])
+            event_values[group] = differences[np.arange(len(group)),
+                                              self.brackets.event[indices[group]]]
         return event_values
 
 
@@ -192,7 +196,10 @@ class _Roots:
 
 
 class _BestStates:
-    """The state with the least |value| so far for each root, sought in a part of a step."""
+    """The state with the least |x − level| so far for each root, sought in a part of a step.
+
+    Called as a function of x in [0, 1] along that part, it takes the partial steps there.
+    """
 
     def __init__(
         self, work: _Work, indices: Array, low: Array, high: Array, known_zeros: Array | None = None
@@ -206,7 +213,7 @@ class _BestStates:
         self._size = self.since - 1  # none yet
 
     def __call__(self, x: Array, roots: Array) -> Array:
-        """Return the values at x from 0 to 1 within those parts."""
+        """Return x − level after the partial steps to the places x of the roots ``roots``."""
         share = self._low[roots] + x * self._width[roots]
         since, q, p, event_values = self._work.states(share, self.indices[roots])
         at_start, at_end = self._known[roots].T
@@ -391,7 +398,7 @@ def _selected(roots: _Roots, mask: Array) -> _Roots:
 def _by_run(
     stepper: Stepper, levels: Levels, parts: list[_Roots], runs: EnsembleArguments
 ) -> list[dict[str, Crossings]]:
-    """Return the crossings of each run by the events' names, along the run."""
+    """Return the crossings of each run, event's name → crossings in the order of the run."""
     roots = _joined(parts) if parts else _none(stepper)
     crossings_of_runs: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
     for event_index, event in enumerate(levels.events):

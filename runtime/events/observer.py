@@ -120,9 +120,9 @@ def with_events(
 def with_row(
     stepper: Stepper, trajectory: Trajectory, row_count: int, times: tuple[Array, Array], row: Rows
 ) -> Trajectory:
-    """Return the first rows of a trajectory and after them one more.
+    """Return a trajectory of the first ``row_count`` rows of another and one more, ``row``.
 
-    ``times`` are its time and the time since the start, in scaled time both τ.
+    ``times`` are the time of that row and its time since the start, in scaled time both τ.
     """
     binding, states, steps = stepper.binding, slice(row_count), row_count - 1
     (t, elapsed), (q, p) = times, full_states(trajectory)
@@ -172,7 +172,7 @@ class Observer:
     @property
     def full(self) -> bool:
         """Whether the brackets should be located before the run continues."""
-        return self._detector.noted >= _MOST
+        return self._detector.bracket_count >= _MOST
 
     @property
     def memory(self) -> Memory:
@@ -188,6 +188,7 @@ class Observer:
         self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
     ) -> int:
         """Advance as ``binding.integrate`` does, up to the step before a terminal event."""
+        # two starts of pieces: the detector looks one step back, which may lie in the piece before
         if self.terminal:
             piece_start = self._begun.pop(0) if len(self._begun) == 2 else state.copy(self._binding)
             piece_start.assign(self._binding, state)

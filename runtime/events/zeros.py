@@ -65,8 +65,9 @@ def zeros(
 def cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
     """Return a zero in (0, 1) of the cubic through f(−2), f(−1), f(0), f(1), else the secant's.
 
-    ``past`` has f(−1) and f(−2), NaN where they are unknown.
+    ``past`` has f(−1) and f(−2), NaN where they are unknown; ``f0`` and ``f1`` are f(0) and f(1).
     """
+    # the cubic a x³ + b x² + c x + d
     previous, d, next_value = past[:, 0], f0.astype(float), f1.astype(float)
     x = secant = d / (d - next_value)
     with np.errstate(all="ignore"):  # an infinite or NaN result is not used
@@ -80,7 +81,11 @@ def cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
 
 
 def _fraction(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) -> Array:
-    """Return the next point as a fraction of x2 − x1: by inverse quadratic interpolation, or ½."""
+    """Return the next point as a fraction of x2 − x1: by inverse quadratic interpolation, or ½.
+
+    Chandrupatla's test: with ξ = (x1 − x2)/(x3 − x2) and φ = (y1 − y2)/(y3 − y2) the interpolation
+    is monotonic, and safe, if φ² < ξ and (1 − φ)² < 1 − ξ.
+    """
     flat = (y3 == y2) | (y3 == y1) | (x3 == x2)
     y3 = np.where(flat, y2 - (y1 - y2), y3)  # any number that divides: half is taken there
     x3 = np.where(flat, x2 - (x1 - x2), x3)
@@ -88,8 +93,8 @@ def _fraction(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) 
     safe = (phi * phi < xi) & ((1 - phi) * (1 - phi) < 1 - xi) & ~flat
     fraction = (y1 / (y2 - y1) * (y3 / (y2 - y3))
                 + (x3 - x1) / (x2 - x1) * (y1 / (y3 - y1)) * (y2 / (y3 - y2)))
-    half: Array = np.where(safe, fraction, 0 * fraction + 0.5)
-    return half
+    next_fraction: Array = np.where(safe, fraction, 0 * fraction + 0.5)
+    return next_fraction
 
 
 def _clamped(fraction: Array, margin: Array) -> Array:

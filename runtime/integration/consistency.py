@@ -66,7 +66,7 @@ class Defects:
 def defects_of_starts(
     binding: Binding, keeps_f: bool, parameters: ParameterStruct, q: Array, p: Array, dt: Array
 ) -> Defects:
-    """Return the defects of rows of q and p; there must be a constraint.
+    """Return |g| and |f| of rows of q and p with their bounds; there must be a constraint.
 
     ``parameters`` are those of all rows, or ``Binding.parameter_sets`` with one set for each.
     ``keeps_f`` says whether the scheme keeps the momentum constraint; ``dt`` is used if not.
@@ -74,8 +74,8 @@ def defects_of_starts(
     If all rows are within lower bounds, which take O(n) numbers, the bounds are these; otherwise
     the sums over all coordinates, which take O(n²) and are left out for thousands of coordinates.
     """
-    for make in (_draws, _each):
-        defects = _judged(binding, keeps_f, parameters, q, p, dt, make(binding.n))
+    for moves_of in (_draws, _each):
+        defects = _judged(binding, keeps_f, parameters, q, p, dt, moves_of(binding.n))
         within = (defects.g <= defects.g_bound) & (defects.f <= defects.f_bound)
         if within.all() or binding.n > _MOST_COORDINATES:
             break
@@ -162,10 +162,10 @@ def _refuse_off_constraints(
 def _cure(
     binding: Binding, manifest: Manifest, parameters: ParameterStruct, run: RunArguments
 ) -> str:
-    """Return how a start gets onto the constraints, or why it does not."""
+    """Return the cure of the error: how to move the start onto the constraints, or why not."""
     q, p = run.q.copy(), run.p.copy()
-    # the projection of the compiled code says whether there is one; this one says which constraints
-    # are in its way
+    # the compiled projection moves q and p in place, and returns a status that is not 0 if it
+    # fails; that in NumPy, for doubles alone, names the constraints that cannot be met
     if binding.project(parameters, q, p) and binding.dtype is np.float64 and not binding.rows:
         try:
             with np.errstate(all="ignore"):
@@ -176,21 +176,22 @@ def _cure(
     timed = binding.is_timed or binding.clocked
     cure = (f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * timed})` "
             "moves it onto them.")
-    state1, moved = (np.concatenate([x[: binding.shown] for x in state]).astype(float)
-                     for state in ((run.q, run.p), (q, p)))
+    start, moved = (np.concatenate([x[: binding.shown] for x in state]).astype(float)
+                    for state in ((run.q, run.p), (q, p)))
     # a start that was once an array of float32 is off by its round-off: a frequent mistake
     single = float(np.finfo(np.float32).eps)
-    if binding.epsilon < single and (state1.astype(np.float32) == state1).all() and (
-            np.abs(moved - state1).max() <= 8 * single * np.abs(state1).max()):
+    if binding.epsilon < single and (start.astype(np.float32) == start).all() and (
+            np.abs(moved - start).max() <= 8 * single * np.abs(start).max()):
         cure += (" All its numbers are of single precision: compute them from arrays of doubles, "
                  "x.astype(float).")
     return cure
 
 
 def refuse_singular_mass(binding: Binding, manifest: Manifest, run: RunArguments) -> None:
-    """Refuse a start where the M of a Lagrangian has no inverse, or not the sign it was seen with.
+    """Refuse a start where the mass matrix M of a Lagrangian is singular, or has a wrong sign.
 
-    Its columns are what momenta gain by one velocity each.
+    p = M(q) v + p(q, 0), so that column i of M is p(q, e_i) − p(q, 0). M is scaled to entries of at
+    most 1 before its eigenvalues are compared.
     """
     system = manifest.system
     if not system.velocity_names:
@@ -203,15 +204,17 @@ def refuse_singular_mass(binding: Binding, manifest: Manifest, run: RunArguments
     sizes = np.sqrt(np.abs(M).max(axis=1, initial=0))
     if not np.isfinite(M).all():
         return  # the first step fails, and says why
-    still = next((name for name, size in zip(system.velocity_names, sizes, strict=True)
-                  if not size), "")
-    values = np.linalg.eigvalsh(M / np.outer(sizes, sizes)) if not still else np.zeros(1)
-    small = 8 * n * np.finfo(float).eps * np.abs(values).max()
-    if np.abs(values).min() <= small:
-        where = f": motion with {still} costs no kinetic energy there" if still else ""
+    massless = next((name for name, size in zip(system.velocity_names, sizes, strict=True)
+                     if not size), "")
+    eigenvalues = (np.linalg.eigvalsh(M / np.outer(sizes, sizes)) if not massless
+                   else np.zeros(1))
+    round_off = 8 * n * np.finfo(float).eps * np.abs(eigenvalues).max()
+    if np.abs(eigenvalues).min() <= round_off:
+        where = f": motion with {massless} costs no kinetic energy there" if massless else ""
         raise InputError("The mass matrix has no inverse at the start, so that momenta do not tell "
                          f"velocities{where}; start elsewhere, or take other coordinates.")
-    if values[0] < 0 and not system.indefinite:
+    # the generator has seen M only positive definite, and factorises it without pivots
+    if eigenvalues[0] < 0 and not system.indefinite:
         raise InputError("The mass matrix is not positive definite at the start, and it was at "
                          "every place where it was looked at, so that it is factorised without "
                          "pivots; write the numbers of its parameters into L.")
@@ -313,7 +316,12 @@ def _judged(
     binding: Binding, keeps_f: bool, parameters: ParameterStruct, q: Array, p: Array, dt: Array,
     moves: _Moves
 ) -> Defects:
-    """Return |g| and |f| of each row, and their bounds by these moves."""
+    """Return |g| and |f| of each row, and their bounds by these moves.
+
+    The bound of g is its change by a move of 64 ε |q|, computed with a larger move and scaled down;
+    that of f likewise, with what forces add to p in a step (``keeps_f``), or with the change of f
+    in an explicit Euler step. Only rows beyond the first bound take the second, which costs a call.
+    """
     nudge, epsilons = _scales(binding)
     dq, dp = (nudge * np.sqrt(np.einsum("ij,ij->i", x, x))
               for x in (x.astype(float, copy=False) for x in (q, p)))

@@ -56,8 +56,8 @@ def between(
         raise InputError(f"trajectory = {shown(trajectory)} is none; give what integrate returned.")
     threads = threads_of(workers)
     with catch_ctrl_c() as interrupts:
-        states = _states_at(stepper, trajectory, times, lambda computed: fill_ensemble(
-            computed, threads, lambda: interrupts.requested))
+        states = _states_at(stepper, trajectory, times, lambda ensemble: fill_ensemble(
+            ensemble, threads, lambda: interrupts.requested))
     if interrupts.requested:
         raise Stopped("Stopped between the steps of a run that is complete; it is in .trajectory.",
                       interrupts.signal, trajectory=trajectory)
@@ -68,7 +68,11 @@ def _states_at(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike,
     fill: Callable[[EnsembleStates], None],
 ) -> Trajectory:
-    """Return the states of a run at times: rows of it, or real steps from the rows before them."""
+    """Return the states of a run at times: rows of it, or real steps from the rows before them.
+
+    Each time belongs to the known state before it, a stored row or the state after an impact. From
+    there go, for all times together: from an impact to the end of its step; whole steps; the rest.
+    """
     refuse_of_another(stepper, trajectory)
     refuse_impacts(trajectory)
     refuse_forgotten(stepper, trajectory)
@@ -87,34 +91,38 @@ def _states_at(
     ended = steps_ended > 0  # on a state that a step of the run ends at: what that step found
     multipliers[ended] = of_steps[steps_ended[ended] - 1]
     iterations[ended] = trajectory.iterations[steps_ended[ended] - 1]
-    targets = _Made(q, p, work, multipliers, iterations)
-    begun, done = begin[places.rows], known_states.steps[places.rows]
+    targets = _Targets(q, p, work, multipliers, iterations)
+    begin_times, step_counts = begin[places.rows], known_states.steps[places.rows]
     after = np.flatnonzero(known_states.is_impact[places.rows])
     if len(after):  # from an impact, first to the end of its step
         since, of_t = elapsed[places.rows[after]], t[after] - trajectory.t[0]
-        ends = stepper.binding.times(0 * since, dt, done[after] + 1)
+        ends = stepper.binding.times(0 * since, dt, step_counts[after] + 1)
         reach = _reach(stepper, trajectory.t[0], elapsed[-1])
         steps, remainders = _counted(stepper, ends, dt, of_t, reach)
         passed = np.array((1 if dt > 0 else -1) * (of_t - ends) >= -reach, bool)
         leaving = after[passed]
         if len(leaving):
-            _go(stepper, trajectory, fill, targets, leaving, begun[leaving], (ends - since)[passed],
-                begun=done[leaving], steps=np.ones(len(leaving), int), step_limit=1)
-        begun[leaving], done[leaving] = trajectory.t[0] + ends[passed], done[leaving] + 1
+            _advance(stepper, trajectory, fill, targets, leaving, begin_times[leaving],
+                     (ends - since)[passed], step_counts=step_counts[leaving],
+                     steps=np.ones(len(leaving), int), step_limit=1)
+        begin_times[leaving] = trajectory.t[0] + ends[passed]
+        step_counts[leaving] += 1
         places.steps[after] = np.where(passed, steps, 0)
         places.rest[after] = np.where(
             passed, remainders, np.where(abs(of_t - since) <= reach, 0 * since, of_t - since))
+    # whole steps, then the parts of a step
     for limit, group in _parts(trajectory, places):
-        _go(stepper, trajectory, fill, targets, group, begun[group], np.full(len(group), dt),
-            begun=done[group], steps=places.steps[group], step_limit=limit)
+        _advance(stepper, trajectory, fill, targets, group, begin_times[group],
+                 np.full(len(group), dt), step_counts=step_counts[group],
+                 steps=places.steps[group], step_limit=limit)
     remaining = np.flatnonzero(places.rest != 0)
-    begun = stepper.binding.times(begun, dt, places.steps)
+    begin_times = stepper.binding.times(begin_times, dt, places.steps)
     if len(remaining):
-        _go(stepper, trajectory, fill, targets, remaining, begun[remaining], places.rest[remaining],
-            begun=(done + places.steps)[remaining],
-            steps=np.ones(len(remaining), dtype=int), step_limit=1)
+        _advance(stepper, trajectory, fill, targets, remaining, begin_times[remaining],
+                 places.rest[remaining], step_counts=(step_counts + places.steps)[remaining],
+                 steps=np.ones(len(remaining), dtype=int), step_limit=1)
     if clocked:
-        targets.q[:, -1], t = t, begun + places.rest  # the same but for rounding, and τ
+        targets.q[:, -1], t = t, begin_times + places.rest  # the same but for rounding, and τ
     return _trajectory(stepper, trajectory, t, targets)
 
 
@@ -137,6 +145,7 @@ class _KnownStates:
 
 
 def _known_states(trajectory: Trajectory, clocked: bool) -> _KnownStates:
+    """Return the stored rows and the states after impacts, from which steps may be taken."""
     begin, elapsed = ((trajectory.tau, trajectory.tau) if clocked else
                       (trajectory.t, trajectory.elapsed))
     steps = np.rint((elapsed / trajectory.dt).astype(float)).astype(int)
@@ -163,10 +172,11 @@ def _known_states(trajectory: Trajectory, clocked: bool) -> _KnownStates:
 def stored_steps_at(
     stepper: Stepper, run: RunArguments, times: ArrayLike, remainder: Any = 0
 ) -> Array | None:
-    """Return the steps of a run after which times are, with its last one; None where all may be.
+    """Return the steps of a run that lie just before the times, rising, and its last one.
 
-    The run ends ``remainder`` seconds after its last step. Raises InputError for times outside of
-    the run; where it shall store each so many steps as well.
+    None in scaled time, where any step may be. The run ends ``remainder`` seconds after its last
+    step. Raises InputError for times outside of the run; where it shall store each so many steps as
+    well.
     """
     if run.every != 1:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
@@ -180,8 +190,8 @@ def stored_steps_at(
 
 
 @dataclass(frozen=True)
-class _Made:
-    """States on their way to the times that are asked for."""
+class _Targets:
+    """States on their way to the times asked for, a row each; they are advanced in place."""
 
     q: Array
     p: Array
@@ -190,21 +200,25 @@ class _Made:
     iterations: Array
 
 
-def _go(
+def _advance(
     stepper: Stepper, trajectory: Trajectory, fill: Callable[[EnsembleStates], None],
-    targets: _Made,
-    group: Array, t0: Array, dt: Array, *, begun: Array, steps: Array, step_limit: int,
+    targets: _Targets,
+    group: Array, t0: Array, dt: Array, *, step_counts: Array, steps: Array, step_limit: int,
 ) -> None:
-    """Take some states, after ``begun`` steps of the run, on by so many steps of dt each."""
+    """Advance the targets with the indices ``group`` by ``steps`` steps of dt each, in place.
+
+    They are the states at t0, after ``step_counts`` steps of the run, which says what inputs they
+    have. All take ``step_limit`` steps together, of which each keeps its own.
+    """
     input_rows = trajectory._inputs
-    inputs = None if input_rows is None else input_rows.taken(0 * begun, begun, step_limit)
+    inputs = None if input_rows is None else input_rows.taken(0 * step_counts, step_counts,
+                                                              step_limit)
     columns = {name: np.full(len(group), value, stepper.binding.number_type)
                for name, value in trajectory.parameters.items()}
-    computed = run_together(stepper, targets.q[group], targets.p[group], t0, dt, columns, fill,
-                            step_limit,
-                          inputs)
+    ensemble = run_together(stepper, targets.q[group], targets.p[group], t0, dt, columns, fill,
+                            step_limit, inputs)
     row = np.arange(len(group))
-    rows = computed.rows
+    rows = ensemble.rows
     targets.q[group], targets.p[group] = rows.q[row, steps], rows.p[row, steps]
     targets.work[group] += rows.work[row, steps]
     targets.multipliers[group] = rows.multipliers[row, steps]
@@ -223,15 +237,15 @@ def run_together(
     number = stepper.binding.number_type
     parameters_of_first = {name: column[0] for name, column in parameters.items()}
     first = RunArguments(q[0], p[0], dt[0], steps, 1, parameters_of_first, "auto", None, 50, t0[0])
-    computed = EnsembleStates.of(stepper, EnsembleArguments(
+    ensemble = EnsembleStates.of(stepper, EnsembleArguments(
         first, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
-    fill(computed)
-    failed = np.flatnonzero(computed.status)
+    fill(ensemble)
+    failed = np.flatnonzero(ensemble.status)
     if len(failed):
         raise InputError(
             f"From t = {float(t0[failed[0]]):.6g} s no step of {float(dt[failed[0]]):.3g} s is "
             "found, though the run has found its own; take a smaller dt.")
-    return computed
+    return ensemble
 
 
 def partial_steps(
@@ -242,15 +256,18 @@ def partial_steps(
     q, p = q.copy(), p.copy()
     moved = np.flatnonzero(dt != 0)
     if len(moved):
-        computed = run_together(stepper, q[moved], p[moved], t0[moved], dt[moved],
+        ensemble = run_together(stepper, q[moved], p[moved], t0[moved], dt[moved],
                               {name: column[moved] for name, column in parameters.items()}, fill,
                               1, None if inputs is None else inputs.taken(moved, 0 * moved))
-        q[moved], p[moved] = computed.q, computed.p
+        q[moved], p[moved] = ensemble.q, ensemble.p
     return q, p
 
 
 def _parts(trajectory: Trajectory, places: Places) -> list[tuple[int, Array]]:
-    """Return groups of times with whole steps to do: the most of them in a group, and which."""
+    """Return groups of times that whole steps lead to: (most steps in the group, its indices).
+
+    A group is as large as the memory for all its steps allows; the longest come first.
+    """
     order = np.argsort(places.steps, kind="stable")
     order = order[places.steps[order] > 0]
     groups, width = [], trajectory.q.shape[1]
@@ -387,7 +404,7 @@ def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
 
 
 def _trajectory(
-    stepper: Stepper, trajectory: Trajectory, t: Array, targets: _Made
+    stepper: Stepper, trajectory: Trajectory, t: Array, targets: _Targets
 ) -> Trajectory:
     """Return the states as a trajectory: rows at the times, the report of the whole run."""
     binding = stepper.binding

@@ -47,7 +47,11 @@ class Diagnosis:
 def diagnose(
     binding: Binding, manifest: Manifest, run: Any, status: int, q: Array, p: Array, t: Any
 ) -> Diagnosis:
-    """Return why a step from (q, p) at time t ended with this status."""
+    """Return why a step from (q, p) at time t ended with this status, and what would help.
+
+    In turn: constraints that depend on each other there, a smaller step that succeeds, parameters
+    out of range.
+    """
     # The step once more by Newton's method: its increments say more than the iteration's.
     newton_status, increment = _tried_by_newton(binding, run, q, p, t) \
         if run.solver != "fixed-point" and binding.solves else (status, None)
@@ -117,7 +121,11 @@ def _smaller_step(
 def _dependent_constraints(
     binding: Binding, manifest: Manifest, run: Any, q: Array
 ) -> str:
-    """Return the names of constraints whose slopes are dependent at q; empty if none are."""
+    """Return the names of constraints whose gradients are dependent at q; empty if none are.
+
+    Of G with rows of length 1, the left singular vector of the least singular value says which
+    combination of the rows vanishes.
+    """
     if binding.m < 2:
         return ""
     numeric = CompiledConstraints(binding, manifest, binding.parameters(run.parameters, run.t0),

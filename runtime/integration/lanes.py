@@ -63,7 +63,7 @@ class EnsembleStates:
     def of(
         cls, stepper: Evaluation, runs: EnsembleArguments, detectors: Sequence[EventDetector] = ()
     ) -> EnsembleStates:
-        """Return room for runs, at their start."""
+        """Return the runs at their start, with memory for all their stored states."""
         count, rows, binding = len(runs), runs.first.rows + 1, stepper.binding
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
         if in_lanes:
@@ -96,9 +96,9 @@ class EnsembleStates:
     @property
     def stored(self) -> list[int]:
         """The stored states of each trajectory, its start among them; once all are done."""
-        done = [int(self.report(i).steps) for i in range(len(self.runs))]
-        rows = {steps: self.runs.first.stored(steps) + 1 for steps in set(done)}
-        return [rows[steps] for steps in done]
+        step_counts = [int(self.report(i).steps) for i in range(len(self.runs))]
+        rows = {steps: self.runs.first.stored(steps) + 1 for steps in set(step_counts)}
+        return [rows[steps] for steps in step_counts]
 
     @property
     def steps_done(self) -> int:
@@ -129,8 +129,7 @@ class EnsembleStates:
         binding.works.give_back(state.work)
 
     def _fill_lanes(self, batch: int, memory: BatchMemory, stop: Callable[[], bool]) -> None:
-        """Integrate a batch of runs, one a lane, piece by piece until all are done or have stopped.
-        """
+        """Integrate a batch of runs, one a lane, in pieces until all have ended or ``stop()``."""
         binding, first = self.binding, self.runs.first
         lanes = slice(batch * self.batch, (batch + 1) * self.batch)
         rows, state = self.rows[lanes], BatchState(
@@ -139,30 +138,30 @@ class EnsembleStates:
             binding.sets_of(self.parameters[lanes]),
             binding.options(first.tolerance, first.max_iterations, first.solver), self.dt[lanes],
             None if self.runs.inputs is None else self.runs.inputs.between(lanes))
-        done, pace = 0, ChunkSize()
-        while done < first.steps and not state.status.all() and not stop():
-            row = done // first.every + 1
-            count, every = next_chunk(first, done, pace.begin(first.steps - done))
+        step_count, pace = 0, ChunkSize()
+        while step_count < first.steps and not state.status.all() and not stop():
+            row = step_count // first.every + 1
+            count, every = next_chunk(first, step_count, pace.begin(first.steps - step_count))
             previous = rows.iterations[:, row].copy()  # of earlier pieces: a row may take several
             # events are sought in every state, also in those that are not stored
             if self.detectors:
                 visited = Rows.allocate(binding, len(state.q), count + 1)
                 visited.q[:, 0], visited.p[:, 0] = state.q, state.p
                 binding.integrate_lanes(constants, count, 1, state, visited, 1, memory)
-                self._detect(lanes, done, every, visited, rows[:, row:])
+                self._detect(lanes, step_count, every, visited, rows[:, row:])
             else:
                 binding.integrate_lanes(constants, count, every, state, rows, row, memory)
             np.maximum(rows.iterations[:, row], previous, out=rows.iterations[:, row])
-            done += count
+            step_count += count
             pace.end(count)
 
-    def _detect(self, lanes: slice, done: int, every: int, visited: Rows, rows: Rows) -> None:
-        """Give the states of a batch to their detectors, and store every ``every``-th."""
+    def _detect(self, lanes: slice, first_step: int, every: int, visited: Rows, rows: Rows) -> None:
+        """Give the states of a batch to their detectors; copy every ``every``-th to ``rows``."""
         for i, detector in enumerate(self.detectors[lanes]):
-            count = int(self.report(lanes.start + i).steps) - done
+            count = int(self.report(lanes.start + i).steps) - first_step
             # a trajectory that has failed takes no more steps
             if count > 0:
-                detector.detect(done, visited.q[i, : count + 1], visited.p[i, : count + 1])
+                detector.detect(first_step, visited.q[i, : count + 1], visited.p[i, : count + 1])
                 thin(visited[i, 1:], count, every, rows[i])
 
 
@@ -182,10 +181,10 @@ def fill_ensemble(
     computed: EnsembleStates, threads: int, stop: Callable[[], bool],
     report: Callable[[int], Any] | None = None,
 ) -> None:
-    """Integrate all batches: each thread takes the next one until there is none.
+    """Integrate all batches, which fills their rows; each thread takes the next one in turn.
 
-    Where threads would cost more than they gain, the calling one takes all. It calls ``report``
-    with the number of steps that are done.
+    Where threads would cost more than they gain, the calling thread takes all batches. ``report``
+    is called in it, with the sum of the steps of all runs so far.
     """
     workers, first = min(threads, len(computed.reports)), computed.runs.first
     if workers == 1 or len(computed.runs) * first.steps * computed.binding.n < _FEW_NUMBERS:

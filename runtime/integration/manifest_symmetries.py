@@ -79,10 +79,14 @@ class Symmetry:
         return all(_value(terms, parameters) == 0 for terms in self.vanishing)
 
     def holds_plainly(self, columns: Mapping[str, Array]) -> bool:
-        """Whether many runs may move along it: where it needs parameters to be equal, they are."""
+        """Whether many runs may move along it, decided for the usual condition, x = y, alone.
+
+        ``columns`` are parameters of all runs. False where the condition fails or is another one.
+        """
         if not self.vanishing or not columns[self.name].any():
             return True
         for terms in self.vanishing:
+            # terms of a x − a y
             names = [[*powers] for _, powers in terms if [*powers.values()] == [1]]
             if len(terms) != 2 or len(names) != 2 or terms[0][0] != -terms[1][0]:
                 return False

@@ -148,19 +148,19 @@ class RunArguments:
         return replace(self, steps=steps, stored_steps=stored[stored > 0],
                        open_end=False)
 
-    def stored(self, done: int) -> int:
-        """Return how many of them there are after so many steps."""
+    def stored(self, step_count: int) -> int:
+        """Return how many states after the first are stored once ``step_count`` steps are taken."""
         if self.stored_steps is not None:
-            return int(np.searchsorted(self.stored_steps, done, side="right"))
-        return self.rows if done == self.steps else done // self.every
+            return int(np.searchsorted(self.stored_steps, step_count, side="right"))
+        return self.rows if step_count == self.steps else step_count // self.every
 
-    def steps_of_rows(self, done: int) -> Array:
-        """Return after how many steps the start and each stored state are, after so many done."""
-        stored = self.stored(done)
+    def steps_of_rows(self, step_count: int) -> Array:
+        """Return the steps before the start (0) and each state stored in ``step_count`` steps."""
+        stored = self.stored(step_count)
         if self.stored_steps is not None:
             return np.concatenate([[0], self.stored_steps[:stored]])
         rows = np.arange(stored + 1)
-        return rows if self.every == 1 else np.minimum(rows * self.every, done)
+        return rows if self.every == 1 else np.minimum(rows * self.every, step_count)
 
 
 def in_scaled_time(binding: Binding, run: RunArguments) -> RunArguments:
@@ -205,7 +205,10 @@ def step_argument(binding: Binding, dt: Any, dtau: Any) -> Any:
 def end_of_run(
     clock: ClockManifest, events: Sequence[Event], t0: Any, t_end: Any, dt: Any
 ) -> Event:
-    """Return the event that ends a run in scaled time: t is t_end."""
+    """Return the event that ends a run in scaled time, t = t_end, under a name that no other has.
+
+    Raises InputError for a t_end that dtau leads away from.
+    """
     end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t0", t0), ("dtau", dt)))
     if (end - begin) * step <= 0:
         raise InputError(f"t_end = {_text(end)} is not {'after' if step > 0 else 'before'} the "
@@ -288,9 +291,10 @@ class EnsembleArguments:
     def last_parts(
         self, binding: Binding, q: Array, p: Array, status: Array
     ) -> EnsembleArguments:
-        """Return the last parts of a step as runs, from the states after the whole steps.
+        """Return the last parts of a step as runs of one step, from the states after whole steps.
 
-        Where a step has failed it is one from the start, which nothing is made of.
+        ``status`` is not 0 for runs that have failed; in their place is a step from the start,
+        whose result is not used.
         """
         failed, steps = (status != 0)[:, None], self.first.steps
         parameters = dict(self.parameters)
@@ -333,8 +337,12 @@ class RawArguments:
 
 
 def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments:
-    """Return the runs, or raise InputError for the first that is unusable, with its number."""
-    def one(i: int) -> RunArguments:
+    """Return the checked runs, or raise InputError for the first that is unusable, with its number.
+
+    All are checked at once, as columns; only if that finds something unusual, one by one.
+    """
+
+    def checked_run(i: int) -> RunArguments:
         try:
             return stepper._checked_run(stepper._run_arguments(
                 arguments.q[i], arguments.p[i], dt=arguments.dt[i], t0=arguments.t0[i],
@@ -343,18 +351,21 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
-    first, size = one(0), len(arguments.q)
+    first, size = checked_run(0), len(arguments.q)
     runs = _plain(stepper, arguments, first) if size > 1 and not stepper.binding.clocked else None
     if runs is None or not _consistent(stepper, runs):
         number = stepper.binding.number_type
-        runs = EnsembleArguments.of([first, *(one(i) for i in range(1, size))], number)
+        runs = EnsembleArguments.of([first, *(checked_run(i) for i in range(1, size))], number)
     return runs
 
 
 def _plain(
     stepper: Stepper, arguments: RawArguments, first: RunArguments
 ) -> EnsembleArguments | None:
-    """Return the runs if all their numbers are plainly usable, else None."""
+    """Return the runs if all their numbers are finite and of plain types, else None.
+
+    ``first`` is the checked first run, with what all have in common.
+    """
     binding, size = stepper.binding, len(arguments.q)
     if binding.number_type is object or {arguments.q.dtype.kind, arguments.p.dtype.kind} - {*"fiu"}:
         return None
@@ -370,7 +381,7 @@ def _plain(
 
 
 def _numbers(column: Array | list[Any], number: Any) -> Array | None:
-    """Return a column as finite numbers of that type; None if they are not plainly such."""
+    """Return a column in the type ``number``; None if an entry is not finite or not plain."""
     if isinstance(column, list):
         kinds = {*map(type, column)}
         if not (kinds <= {float, np.float64} or kinds == {int}):
@@ -386,7 +397,7 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
 def _parameters(
     stepper: Stepper, arguments: RawArguments, first: RunArguments, size: int
 ) -> dict[str, Array] | None:
-    """Return a column for each parameter; None if one of them needs a look."""
+    """Return a column for each parameter; None if one of them is to be checked run by run."""
     column_of: dict[str, Array] = {}
     number = stepper.binding.number_type
     rates = {symmetry.name for symmetry in stepper.symmetries}
@@ -398,7 +409,7 @@ def _parameters(
     elif any({*run, *rates} != first.parameters.keys() for run in arguments.parameters):
         return None
     for name, domain in stepper.parameter_domains.items():
-        column = _numbers(_given(arguments, name, first, size, rates), number)
+        column = _numbers(_column_of(arguments, name, first, size, rates), number)
         if column is None or not _in_domain(column, domain):
             return None
         column_of[name] = column
@@ -411,12 +422,12 @@ def _parameters(
     return column_of
 
 
-def _given(
+def _column_of(
     arguments: RawArguments, name: str, first: RunArguments, size: int, rates: Collection[str]
 ) -> Array | list[Any]:
-    """Return the column of a parameter; γ and α by their rules, where these apply.
+    """Return a parameter of all runs as a column; γ and α by their rules, where these apply.
 
-    The rates of a co-moving frame are 0 where they are left out.
+    The ``rates`` of a co-moving frame are 0 where they are left out.
     """
     if isinstance(arguments.parameters, list):
         values = [run.get(name, 0.0) if name in rates else run[name]
@@ -447,7 +458,7 @@ def _in_domain(column: Array, domain: str) -> bool:
 
 
 def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
-    """Whether every start is on the constraints."""
+    """Whether every start is on the constraints; they are checked in blocks that fit in a cache."""
     binding = stepper.binding
     if not binding.conditions:
         return True
@@ -456,14 +467,14 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     shared = binding.parameters(runs.first.parameters, runs.first.t0)
     at_once = max(_JUDGED // (binding.n * (2 * binding.n + 1)), 1)
 
-    def judge(block: slice) -> bool:
+    def is_consistent(block: slice) -> bool:
         parameters = (binding.parameter_sets(runs.columns(block), runs.t0[block])
                       if varied else shared)
         return bool(defects_of_starts(binding, keeps_f, parameters, runs.q[block], runs.p[block],
                                       runs.dt[block]).consistent.all())
 
     with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
-        return all(judge(slice(i, i + at_once)) for i in range(0, len(runs), at_once))
+        return all(is_consistent(slice(i, i + at_once)) for i in range(0, len(runs), at_once))
 
 
 def as_parameters(
@@ -515,25 +526,34 @@ def with_rules(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> Map
 
 
 class ParameterCheck:
-    """``as_parameters`` of one stepper; it recalls the last parameters: loops give the same."""
+    """``as_parameters`` of one stepper, with a memory of the last call.
 
-    def __init__(self, *common: Any) -> None:
-        self._common = common
+    A control loop passes the same objects in every step, and a check takes longer than a step.
+    """
+
+    def __init__(self, *checks: Any) -> None:
+        """Take the arguments of ``as_parameters`` behind the first, the same for each call."""
+        self._checks = checks
+        #: Of the last call: names, values as they came, and the checked parameters.
         self._last: tuple[list[str], list[Any], dict[str, Any]] = [], [], {}
 
     def __call__(self, parameters: Any) -> dict[str, Any]:
-        """Return checked parameters, or raise InputError, as ``as_parameters`` does."""
-        names, values, parameters_now = self._last
-        if (type(parameters) is dict and parameters_now and len(parameters) == len(names)
+        """Return checked parameters, or raise InputError, as ``as_parameters`` does.
+
+        The result of the last call is returned again for the same objects.
+        """
+        names, values, checked = self._last
+        if (type(parameters) is dict and checked and len(parameters) == len(names)
                 and (all(map(operator.is_, parameters.values(), values))
                      or all(map(_is_same, parameters.values(), values)))
                 and [*parameters] == names):
-            return parameters_now.copy()
-        parameters_now = as_parameters(parameters, *self._common)
+            return checked.copy()
+        checked = as_parameters(parameters, *self._checks)
+        # an array may be changed in place between two calls: only immutable numbers are remembered
         if type(parameters) is dict and {*map(type, parameters.values())} <= _IMMUTABLE:
             # One assignment, so that other threads see all three of one call.
-            self._last = [*parameters], [*parameters.values()], parameters_now.copy()
-        return parameters_now
+            self._last = [*parameters], [*parameters.values()], checked.copy()
+        return checked
 
 
 def _is_same(value: Any, last: Any) -> bool:
@@ -545,9 +565,9 @@ def _is_same(value: Any, last: Any) -> bool:
 def _as_plain_parameters(
     parameters: Mapping[str, Any], domains: Mapping[str, str], number: Callable[[Fraction], Any]
 ) -> dict[str, Any] | None:
-    """Return the parameters if all are plain valid floats, else None.
+    """Return the parameters if all are finite floats in their domains, else None.
 
-    A tenth of the time, which matters to hundreds of bodies.
+    That takes a tenth of the time of the full check, which matters to hundreds of bodies.
     """
     if number is not as_double or parameters.keys() != domains.keys():
         return None
@@ -623,9 +643,11 @@ _LATE = 1000
 
 
 def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
-    """Warn of times whose rounding is no longer little of a step, where the system depends on them.
+    """Warn if ε |t0|/|dt| > √ε in a system that depends on time.
 
-    ``t0`` and ``dt`` are numbers, or one for each of many runs.
+    The rounding of times is then no small part of a step.
+    ``t0`` and ``dt`` are numbers, or one for each of many runs. A start is looked at if it is late,
+    ``_LATE`` durations of the run after t = 0.
     """
     if not steps or not (binding.time is not None or binding.quantities_take_time):
         return

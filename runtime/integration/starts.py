@@ -97,7 +97,7 @@ def merged_start(
 def events_or_own(
     start: Any, events: Event | Impact | Sequence[Event | Impact] | None
 ) -> Event | Impact | Sequence[Event | Impact]:
-    """Return the events that are given, else those of a model."""
+    """Return the caller's events, or those of a model if the caller gives none."""
     if events is not None:
         return events
     return start.start._events if has_start(start) else ()
@@ -110,7 +110,7 @@ def _impacts_of(start: Start) -> tuple[Impact, ...]:
 def span_or_own(
     binding: Binding, start: Any, span: Span
 ) -> tuple[Any, Any]:
-    """Return the step and the number of steps that are given, else those of a model.
+    """Return the step and the number of steps of the caller, or a model's if they are not given.
 
     Raises InputError as ``step_argument``.
     """
@@ -275,7 +275,11 @@ def merged_starts(
 def _rows_on_constraints(
     stepper: Evaluation, q: Array, p: Array, parameters: Any, t: Any
 ) -> tuple[Array, Array]:
-    """Return the rows of a model's start, each on the constraints of its parameters and time."""
+    """Return rows of q and p of a model's start, each moved onto its constraints.
+
+    These depend on the parameters and the time of the row. One projection serves all rows if
+    nothing that constraints depend on differs between them.
+    """
     size, deciding = len(q), stepper.manifest.system.start_parameters
     if isinstance(parameters, list):
         varied = any(row.get(name) != parameters[0].get(name)

@@ -110,18 +110,20 @@ def finished(
     return trajectory
 
 
-def ended_at(done: int, steps: int) -> str:
-    """Return a sentence that says where a signal has ended a run."""
-    if done == steps:
+def ended_at(step: int, steps: int) -> str:
+    """Return a sentence that says after which step a signal has ended a run."""
+    if step == steps:
         return f"Stopped after the last of {steps:,} steps: the run is complete."
-    return f"Stopped at step {done:,} of {steps:,}."
+    return f"Stopped at step {step:,} of {steps:,}."
 
 
 def course(
     binding: Binding, manifest: Manifest, run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, observer: Observer | None = None,
 ) -> tuple[Trajectory, int, RunState]:
-    """Return a run up to its end, to a step that fails, or until it shall stop; status and state.
+    """Return the trajectory of a run, its status (0, or that of a failed step) and its last state.
+
+    It goes up to its end, to a step that fails, to the event that ends it, or until ``stop()``.
     """
     # how many steps an open end takes is not known: ``fill`` makes room as they come
     rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
@@ -155,9 +157,9 @@ def fill(
         status = binding.integrate(constants, 0, 1, state, rows[:0])
     step_on = step_on or binding.integrate
     while state.steps < run.steps and status == 0 and not stop():
-        done = state.steps
-        row = run.stored(done) + 1
-        count, every = next_chunk(run, done, pace.begin(run.steps - done))
+        step_count = state.steps
+        row = run.stored(step_count) + 1
+        count, every = next_chunk(run, step_count, pace.begin(run.steps - step_count))
         if row + count // every > len(rows.iterations):
             # doubled, so that all copies together cost no more than the rows themselves
             rows = rows.with_room(binding, max(2 * row, row + count // every))
@@ -174,9 +176,9 @@ def failure_of(
     binding: Binding, run: RunArguments, trajectory: Trajectory, diagnosis: Diagnosis, q: Array
 ) -> StepFailed:
     """Return the error of a run whose next step, from q, has no solution."""
-    done = trajectory.report.steps
-    t = binding.time_of(q) if binding.clocked else run.t0 + done * run.dt
-    return StepFailed(step=done + 1, t=float(t), trajectory=trajectory, **asdict(diagnosis))
+    step_count = trajectory.report.steps
+    t = binding.time_of(q) if binding.clocked else run.t0 + step_count * run.dt
+    return StepFailed(step=step_count + 1, t=float(t), trajectory=trajectory, **asdict(diagnosis))
 
 
 def advance_and_detect(
@@ -184,38 +186,43 @@ def advance_and_detect(
     state: RunState, rows: Rows,
 ) -> int:
     """Advance as ``binding.integrate`` does, with an event detector on every state."""
-    done, start = state.steps, (state.q.copy(), state.p.copy())
-    visited = rows if every == 1 else detector.room(steps)
+    first_step, start = state.steps, (state.q.copy(), state.p.copy())
+    visited = rows if every == 1 else detector.scratch_rows(steps)
+    # every state is seen, also those between two stored ones
     status = binding.integrate(constants, steps, 1, state, visited)
-    count = state.steps - done
-    detector.detect(done, start[0][None], start[1][None])
-    detector.detect(done + 1, visited.q[:count], visited.p[:count])
+    count = state.steps - first_step
+    detector.detect(first_step, start[0][None], start[1][None])
+    detector.detect(first_step + 1, visited.q[:count], visited.p[:count])
     if every > 1:
         thin(visited, count, every, rows)
     return status
 
 
-def thin(visited: Rows, done: int, every: int, rows: Rows) -> None:
-    """Store every ``every``-th of the states that were seen, ``done`` of them."""
-    count = done // every
+def thin(visited: Rows, step_count: int, every: int, rows: Rows) -> None:
+    """Copy every ``every``-th of ``step_count`` visited states to ``rows``.
+
+    The iterations of a stored state are the most of its ``every`` steps.
+    """
+    count = step_count // every
     if not count:
         return
-    rows.assign(np.s_[:count], visited[every - 1 : done : every])
+    rows.assign(np.s_[:count], visited[every - 1 : step_count : every])
     rows.iterations[:count] = visited.iterations[: count * every].reshape(count, every).max(axis=1)
 
 
 def next_chunk(
-    run: RunArguments, done: int, limit: int, rows: int | None = None
+    run: RunArguments, step_count: int, limit: int, rows: int | None = None
 ) -> tuple[int, int]:
-    """Return how many steps to do next, and how often to store; the very last is stored too.
+    """Return (steps, every) of the next call of compiled code, after ``step_count`` steps.
 
-    ``limit`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
-    to the next stored state, each piece is stored in its row and the last of them stays.
+    At most ``limit`` steps at once, and ``rows`` stored states if given; the last step of the run
+    is stored, too. A call stores whole multiples of ``run.every``; if one of these takes more steps
+    than a call may, its pieces are stored in its row one after another, and the last one stays.
     """
-    remaining = run.steps - done
-    to_row = min(run.every - done % run.every, remaining)
+    remaining = run.steps - step_count
+    to_row = min(run.every - step_count % run.every, remaining)
     if run.stored_steps is not None:
-        piece = min(int(run.stored_steps[run.stored(done)]) - done, limit)
+        piece = min(int(run.stored_steps[run.stored(step_count)]) - step_count, limit)
         return piece, piece
     # within a row, or a row longer than a chunk: on to the next stored state, in pieces
     if to_row < run.every or run.every > limit:
@@ -229,13 +236,16 @@ def trajectory_of(
     binding: Binding, manifest: Manifest, run: RunArguments, rows: Rows, record: RunRecord,
     q: Array, p: Array,
 ) -> Trajectory:
-    """Return the rows that were filled; they, the record, q and p are read when asked for."""
+    """Return the trajectory of rows that were filled, which are read when they are asked for.
+
+    ``record``, q and p are those of the last state, for the report. Nothing is copied.
+    """
     values = run.parameters.copy()  # those of the trajectory are its owner's
 
     def states() -> States:
-        done = int(record.steps)
-        stored = run.stored(done)
-        steps = run.steps_of_rows(done)
+        step_count = int(record.steps)
+        stored = run.stored(step_count)
+        steps = run.steps_of_rows(step_count)
         return States(
             binding, manifest, binding.parameters(values, run.t0),
             binding.times(run.t0, run.dt, steps), rows.q[: stored + 1],
