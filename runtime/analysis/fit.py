@@ -184,7 +184,10 @@ class Fitting:
         self.clock = clock
 
     def arguments(self, point: Point, halvings: int = 0) -> tuple[RunArguments, Array]:
-        """Return the run of the first samples, and the row of each of them."""
+        """Return the run of the first samples, and the row of each of them.
+
+        Its steps are Δt/2^halvings.
+        """
         factor = 2**halvings
         # every = gcd of the samples' steps: the fewest stored rows that include all samples.
         sample_steps = self.sample_steps[: self.samples] * factor
@@ -218,7 +221,8 @@ class Fitting:
         t0, times = self.clock
         last = min(max(self.samples, 2), len(times)) - 1  # the first sample may be at the start
         start = StateStart(point.q, point.p, self.run.parameters | point.parameters, t0)
-        with capture_warnings():  # of each guess; runs of constant steps warn of nothing either
+        # each iteration would warn again; runs of constant steps warn of nothing here either
+        with capture_warnings():
             return self.step.integrate(
                 start, dtau=self.run.dt / 2**halvings, t_end=times[last],
                 t_eval=times[: self.samples], tangents=tangents)
@@ -230,7 +234,7 @@ class Fitting:
     def _observed(
         self, point: Point, q: Array, p: Array
     ) -> tuple[Array, Array, Array, dict[str, Array]]:
-        """Return residuals of the samples and their derivatives, as ``Observation`` does."""
+        """Return residuals of the samples and their derivatives: see ``Observation.residuals``."""
         return self.observation.residuals(
             self.data[: self.samples], q, p, self.run.parameters | point.parameters)
 
@@ -246,7 +250,9 @@ class Fitting:
     def derivatives(self, point: Point) -> tuple[Array, Array]:
         """Return residuals, shape (samples, c), and their derivatives J, shape (samples, c, k).
 
-        The columns of J belong to the free parameters and then to the coordinates of the start.
+            J = r_q dq + r_p dp + r_θ,   (dq, dp) the tangents of the motion at each sample
+
+        The columns of J belong to the free parameters θ and then to the coordinates y of the start.
         Sets the basis and the sizes of ``point``.
         """
         q, p = self.states(point)
@@ -278,11 +284,15 @@ class Fitting:
         return self.scaled(point, r, J, self.coordinates.units(point.parameters))
 
     def scaled(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
-        """Return residuals in standard deviations; the units of the start follow ``units``."""
+        """Return residuals in standard deviations, with the units of parameters and of the start.
+
+        The unit of a coordinate of the start is a change of the size of the state.
+        """
         jacobian = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
         relative = point.basis / point.sizes[:, None]
         units = np.concatenate([units, 1 / np.linalg.norm(relative, axis=0)])
-        without_unit = ~np.isfinite(units)  # parameters that are 0: scaled to the largest effect
+        # a parameter that is 0 has no size: its unit has the largest effect of all others' units
+        without_unit = ~np.isfinite(units)
         effects = np.linalg.norm(jacobian, axis=0)
         units[without_unit] = np.max(effects[~without_unit] * units[~without_unit],
                                      initial=0.0) / np.where(
@@ -291,7 +301,7 @@ class Fitting:
         return Linear((r / self.sigma).ravel(), jacobian, units)
 
     def moved(self, point: Point, y: Array) -> Point:
-        """Return the point at y, on the constraints."""
+        """Return the point after a step y: parameters θ(y), and z + B y on the constraints."""
         count = len(self.free)
         parameters = self.coordinates.moved(point.parameters, y[:count])
         z = np.concatenate([point.q, point.p])
@@ -308,7 +318,10 @@ class Fitting:
         return Point(parameters, np.asarray(q, dtype=float), np.asarray(p, dtype=float))
 
     def fewest(self, point: Point) -> int:
-        """Return the length of the first horizon: samples for more residuals than unknowns."""
+        """Return the length of the first horizon: samples for more residuals than unknowns.
+
+        Sets ``samples``, which the fit sets anew for each horizon.
+        """
         self.samples = 1
         columns = int(self.residuals(point).shape[1])
         unknowns = len(self.free) + 2 * (self.step.n - self.step.m) * self.start
@@ -425,7 +438,7 @@ def fit(
         step_size, sample_steps = step_argument(stepper.binding, dt, dtau), np.ones(1, int)
     else:
         step_size, sample_steps = _steps_at(times, float(t0), dt)
-    names = _free(stepper, free, fixed)
+    names = _free_names(stepper, free, fixed)
     starts = "start" in names
     names = [name for name in names if name != "start"]
     run = _first_run(stepper, first_guess, step_size, int(sample_steps[-1]), inputs)
@@ -479,7 +492,11 @@ def _refuse_unordered(times: Array, t0: float) -> None:
 
 
 def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
-    """Return dt and the number of steps to each time."""
+    """Return dt and the number of steps to each time.
+
+    Without a dt, the last sample is a whole number of the smallest distance of two samples. Raises
+    InputError for a time that is no whole number of steps, to a thousandth of a step.
+    """
     if dt is None:
         gaps = np.diff([t0, *times])
         if not times[-1] > t0:
@@ -500,8 +517,8 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
     return dt, whole_steps
 
 
-def _free(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str]) -> list[str]:
-    """Return the names that are fitted."""
+def _free_names(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str]) -> list[str]:
+    """Return the names that are fitted: ``free``, or all but γ and α, without ``fixed``."""
     parameter_names = [name for name in step.parameter_domains
                        if name not in step.binding.input_names]
     allowed = [*parameter_names, "start"]
@@ -544,7 +561,7 @@ def _first_run(
 
 
 def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
-    """Return one standard deviation for each column of residuals."""
+    """Return one standard deviation for each column of residuals; sets ``samples``."""
     fitting.samples = 1
     columns = fitting.residuals(point).shape[1]
     numbers = as_numbers("sigma", sigma)
@@ -558,7 +575,10 @@ def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
 
 
 def _horizons(horizons: Sequence[int] | None, samples: int, fewest: int) -> list[int]:
-    """Return increasing numbers of samples, the last of them all."""
+    """Return increasing numbers of samples: ``fewest``, twice as many, and so on; last all of them.
+
+    ``horizons`` are the user's, in place of these.
+    """
     if horizons is None:
         counts = [fewest * 2**k for k in range(64) if fewest * 2**k < samples]
     else:
@@ -612,11 +632,17 @@ def _start_sizes(point: Point) -> Array:
 def _combinations(
     null: Array, free: list[str], estimates: Array, basis: Array, sizes: Array
 ) -> list[dict[str, float]]:
-    """Return undetermined directions as relative changes by parameter name, and of the start."""
+    """Return undetermined directions as relative changes, name → change.
+
+    That of the "start" is the larger of those of q and of p.
+    ``null`` has them in columns, by the free parameters and the coordinates y of the start, which
+    moves by B y, ``basis``; ``sizes`` are those of q and p.
+    """
     count, n = len(free), len(sizes) // 2
     starts = basis @ null[count:] / sizes[:, None]
     relative = null[:count] / np.where(estimates == 0, 1.0, estimates)[:, None]
     combinations: list[dict[str, float]] = []
+    # in reduced echelon form a direction has few names, of which one changes by a factor 1
     for row in reduced_basis(np.concatenate([relative, starts])):
         weights = dict(zip(free, row[:count].tolist(), strict=True))
         if basis.shape[1]:

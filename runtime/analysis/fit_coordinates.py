@@ -60,21 +60,25 @@ class Inertia:
         return L
 
     def parameters_of(self, L: Array) -> tuple[list[float], Array]:
-        """Return the parameters of J(LLᵀ), and their derivatives by the moving entries of L."""
+        """Return the parameters of J(LLᵀ), and their derivatives by the moving entries of L.
+
+        dJ = tr(dΣ) 1 − dΣ with dΣ = dL Lᵀ + L dLᵀ, and dK = −K dJ K for K = J⁻¹. Shape (names,
+        entries).
+        """
         def inertia_of(sigma: Array) -> Array:
             inertia: Array = np.trace(sigma) * np.eye(3) - sigma
             return inertia
 
         J = inertia_of(L @ L.T)
-        changes = []
+        J_by_L = []
         for i, j in zip(*self.entries, strict=True):
             unit = np.zeros((3, 3))
             unit[i, j] = 1.0
-            changes.append(inertia_of(unit @ L.T + L @ unit.T))
+            J_by_L.append(inertia_of(unit @ L.T + L @ unit.T))
         if len(self.names) == 3:
-            return np.diag(J).tolist(), np.array([np.diag(dJ) for dJ in changes]).T
+            return np.diag(J).tolist(), np.array([np.diag(dJ) for dJ in J_by_L]).T
         K, upper = np.linalg.inv(J), np.triu_indices(3)
-        return K[upper].tolist(), np.array([-(K @ dJ @ K)[upper] for dJ in changes]).T
+        return K[upper].tolist(), np.array([-(K @ dJ @ K)[upper] for dJ in J_by_L]).T
 
 
 class Coordinates:
@@ -102,7 +106,11 @@ class Coordinates:
         return moved_parameters
 
     def jacobian(self, parameters: Mapping[str, float]) -> Array:
-        """Return ∂θ/∂y of the free parameters, square."""
+        """Return ∂θ/∂y of the free parameters at y = 0, square.
+
+        Columns: the entries of L of each body in turn, then the other parameters, ∂θ/∂y = θ of a
+        positive one, whose logarithm moves, and 1 of others.
+        """
         jacobian = np.zeros((len(self.free), len(self.free)))
         column = 0
         for body in self._bodies:
@@ -117,7 +125,7 @@ class Coordinates:
         return jacobian
 
     def moved(self, parameters: Mapping[str, float], y: Array) -> dict[str, float]:
-        """Return θ(y): the parameters after a step y from ``parameters``."""
+        """Return θ(y): L + y of each body, θ e^y of a positive parameter, θ + y of others."""
         moved_parameters, column = dict(parameters), 0
         for body in self._bodies:
             L = body.factor(parameters)

@@ -62,6 +62,10 @@ def minimise(
 ) -> Minimum[Point]:
     """Return the point where |r|² is least, by damped Gauss-Newton steps from ``point``.
 
+    With the singular values s_i of J in units u, J diag(u) = Q U diag(s) Vᵀ, and g = Uᵀ Qᵀ r, a
+    step is y = −u V diag(s/(s² + μ)) g, and decreases |r|² by Σ g_i² − (g_i − s_i² g_i/(s_i² + μ))²
+    as J says.
+
     Parameters
     ----------
     residuals, linearise : callable
@@ -90,6 +94,7 @@ def minimise(
         # No step along directions whose standard deviation exceeds _BEYOND units.
         within_reach = _BEYOND * s > np.sqrt(variance)
         failed = False
+        # a step that does not decrease |r|² by a thousandth of that is tried with more damping
         while True:
             damping = factor * _DAMPING * variance + (RANK * s[0]) ** 2 + np.finfo(float).tiny
             singular_step = within_reach * s * g / (s**2 + damping)
@@ -110,10 +115,11 @@ def minimise(
 
 
 def triangle(A: Array) -> Array:
-    """Return R of A = QR, at most as many rows as columns: the same singular values.
+    """Return R of A = QR, at most as many rows as columns: it has the singular values of A.
 
-    A few rows at a time, which LAPACK does on one thread: with two threads on 600 × 24 numbers, a
-    fit of a double body took 1.0 CPU seconds in place of 0.36.
+    A is factorised a few rows at a time, [R; next rows] = Q R', which LAPACK does on one thread:
+    with two threads on 600 × 24 numbers, a fit of a double body took 1.0 CPU seconds in place of
+    0.36.
     """
     block_rows = 2 * A.shape[1]
     R: Array = A[:0]
@@ -160,10 +166,12 @@ class Identifiability:
 
 
 def identify(linear: Linear, noise: float) -> Identifiability:
-    """Return the determined directions of the unknowns, for residuals with this deviation.
+    """Return the determined directions of the unknowns.
 
-    A direction is undetermined if its singular value is round-off, or if one standard deviation
-    along it exceeds 1 in the units of y.
+    ``noise`` is the standard deviation of the residuals. Along the singular direction v_i of J
+    diag(u) an estimate has the standard deviation noise/s_i in units: the direction is undetermined
+    if that exceeds 1, or if s_i is round-off. Of the determined ones the covariance is u V
+    diag(1/s²) Vᵀ u.
     """
     _, s, Vt = np.linalg.svd(triangle(linear.J * linear.units), full_matrices=True)
     singular_values = np.zeros(len(Vt))
@@ -185,11 +193,11 @@ def reduced_basis(null: Array) -> Array:
     Gauss-Jordan elimination with full pivoting. A basis of one vector has entries of size ≤ 1.
     """
     A = null.T.copy()
-    free = list(range(A.shape[1]))
+    candidates = list(range(A.shape[1]))  # columns without a pivot so far
     for i in range(len(A)):
-        sizes = np.abs(A[i:][:, free])
+        sizes = np.abs(A[i:][:, candidates])
         row, pivot_column = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
-        column = free.pop(int(pivot_column))
+        column = candidates.pop(int(pivot_column))
         A[[i, i + int(row)]] = A[[i + int(row), i]]
         A[i] /= A[i, column]
         for j in range(len(A)):

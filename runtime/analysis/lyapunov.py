@@ -193,14 +193,31 @@ def lyapunov(
     stepper._warned(run)
     benettin = Benettin(stepper, run, vector_count, with_covariant)
     with log_progress(f"exponents of {stepper.name}", run.steps, progress) as report:
-        for done in benettin.advance():
+        for steps_so_far in benettin.advance():
             if report is not None:
-                report(done)
+                report(steps_so_far)
     return benettin.result()
 
 
 class Benettin:
-    """Directions along a run, with a QR decomposition after every so many steps."""
+    """Directions along a run, with a QR decomposition after every ``run.every`` steps.
+
+    Attributes
+    ----------
+    frame : UnitaryFrame
+        Coordinates of the directions at the last decomposition.
+    unit, V : array, shapes (2 d, k) and (2 n, k)
+        The directions after the last decomposition, orthonormal coordinates; and (dq, dp), which
+        steps advance in place.
+    ends, logs, largest : list
+        At each decomposition: steps before it, log R_ii, and the logarithm of the largest singular
+        value of the product of all R.
+    volume, defect, spread : float
+        The logarithm of the change of volume, the largest change of Ω, and the largest ratio of
+        growth factors so far.
+    units, factors : list of array
+        With ``covariant``, V and R of each decomposition.
+    """
 
     def __init__(self, stepper: Stepper, run: RunArguments, count: int,
                  with_covariant: bool) -> None:
@@ -219,31 +236,32 @@ class Benettin:
         self.units, self.factors = [self.V], list[Array]()
 
     def advance(self) -> Iterator[int]:
-        """Do the run; yield how many steps are done, now and then."""
+        """Integrate the run and its directions; yield the steps so far after each piece of it."""
         every = self.run.every
         for steps in pieces(self.stepper, self.run, self._stored_run):
-            done, last = 0, steps.first + steps.count
-            while done < steps.count:
-                step = steps.first + done
-                count = min(every - step % every, steps.count - done)
-                self._carry(_sub_steps(steps, done, count))
-                done += count
+            index = 0
+            # up to the next decomposition, or to the end of the piece
+            while index < steps.count:
+                step = steps.first + index
+                count = min(every - step % every, steps.count - index)
+                self._propagate(_sub_steps(steps, index, count))
+                index += count
                 if (step + count) % every == 0 or step + count == self.run.steps:
-                    self._decompose(step + count, steps.q[done], steps.p[done])
-            yield last
+                    self._decompose(step + count, steps.q[index], steps.p[index])
+            yield steps.first + steps.count
         if self.spread > _SPREAD:
             warn(f"Between two decompositions directions grow {self.spread:.1e} times more than "
                  f"others, which leaves them fewer than half of their digits; give an every below "
                  f"{every}, or a smaller dt.")
 
-    def _carry(self, steps: KeptSteps) -> None:
-        """Propagate the directions by the derivatives of stored steps."""
-        number_type = self.binding.own
-        no_increment, no_parameters = number_type.new(self.binding.rows,
-                                                      self.V.shape[1]), number_type.new(0)
+    def _propagate(self, steps: KeptSteps) -> None:
+        """Propagate the directions V by the derivatives of stored steps, in place."""
+        own = self.binding.own
+        # parameters and times stay, and no row of the tangents is stored on the way
+        no_change, no_rows = own.new(self.binding.rows, self.V.shape[1]), own.new(0)
         status = self.binding.integrate_tangent(
-            self.run, self._stored_run.parameters, steps, no_increment,
-            steps.first + steps.count + 1, no_parameters, no_parameters, self.V)
+            self.run, self._stored_run.parameters, steps, no_change,
+            steps.first + steps.count + 1, no_rows, no_rows, self.V)
         if status:
             raise singular(steps.first, status)
 
@@ -301,7 +319,13 @@ class Benettin:
         return float(np.linalg.slogdet(V.T @ canonical_form(self.binding.n) @ V)[1]) / 2
 
     def result(self) -> Lyapunov:
-        """Return exponents, MEGNO and growth rates from the logarithms of R_ii."""
+        """Return exponents, MEGNO and growth rates from the logarithms of R_ii.
+
+            λ_i(t) = (1/t) Σ log R_ii
+            Y(t) = (2/t) Σ (t_k − Δt_k/2) log R_11,   MEGNO(t) = (1/t) Σ Y Δt_k
+
+        with the times t_k of the decompositions and the intervals Δt_k before them.
+        """
         logs, dt = np.array(self.logs), abs(float(self.run.dt))
         times = np.array(self.ends) * dt
         lengths = np.diff(times, prepend=0.0)
@@ -334,7 +358,11 @@ def _sub_steps(steps: KeptSteps, begin: int, count: int) -> KeptSteps:
 
 
 def _errors(logs: Array, lengths: Array) -> Array:
-    """Return standard errors of the means of logs over time, by means over blocks."""
+    """Return standard errors of the means of logs over time, by means over blocks.
+
+    Of B equal blocks the error is the standard deviation of their means over √B; of B = 4, 8, 16,
+    32 the largest is taken, since blocks that are too short are correlated.
+    """
     block_limit, fewest_blocks = _BLOCKS
     errors: Array = np.full(logs.shape[1], np.nan)
     blocks = fewest_blocks

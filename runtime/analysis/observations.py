@@ -102,8 +102,8 @@ class Observation:
     ) -> tuple[Array, Array, Array, dict[str, Array]]:
         """Return residuals, shape (rows, c), and their derivatives by q and p, (rows, c, n).
 
-        Last the derivatives by parameters of which the measured quantities depend beside q and p,
-        (rows, c) each.
+        The last entry is a dict, parameter → derivatives at fixed q and p, (rows, c): an angular
+        velocity depends on the inertia. The equations are in the module docstring.
         """
         if self.function is not None:
             return *self._of_function(self.function, data, q, p), {}
@@ -113,6 +113,7 @@ class Observation:
         residuals = np.zeros((sample_count, count))
         by_state = np.zeros((sample_count, count, 2 * self.n))
         for k, columns in enumerate(self.attitudes):
+            # r = 2 sign(dᵀq) L(d) q
             d, attitude = data[:, 4 * k : 4 * k + 4], q[:, columns]
             left_matrices = left_matrix(d)
             sign = 2 * np.where((d * attitude).sum(axis=1) < 0, -1.0, 1.0)
@@ -121,11 +122,11 @@ class Observation:
             rotated = (left_matrices @ attitude[:, :, None])[:, :, 0]
             residuals[:, angle_columns] = rotated * sign[:, None]
         by_parameters: dict[str, Array] = {}
-        of_data = data[:, 4 * len(self.attitudes) :]
+        other_data = data[:, 4 * len(self.attitudes) :]
         for k, body in enumerate(self.turning):
             omega, by_q, by_p, by_inertia = _turning(body, q[:, body.q], p[:, body.q], parameters)
             first = 3 * (len(self.attitudes) + k)
-            residuals[:, first : first + 3] = omega - of_data[:, 3 * k : 3 * k + 3]
+            residuals[:, first : first + 3] = omega - other_data[:, 3 * k : 3 * k + 3]
             by_state[:, first : first + 3, body.q] = by_q
             by_state[:, first : first + 3, [self.n + i for i in body.q]] = by_p
             for name, change in by_inertia.items():
@@ -133,7 +134,7 @@ class Observation:
                 derivative[:, first : first + 3] = change
         if self.columns:
             z = np.concatenate([q, p], axis=1)
-            residuals[:, first_column:] = z[:, self.columns] - of_data[:, 3 * len(self.turning) :]
+            residuals[:, first_column:] = z[:, self.columns] - other_data[:, 3 * len(self.turning):]
             by_state[:, range(first_column, count), self.columns] = 1.0
         return residuals, by_state[:, :, : self.n], by_state[:, :, self.n :], by_parameters
 
@@ -163,22 +164,27 @@ class Observation:
 def _turning(
     body: BodyAt, q: Array, p: Array, parameters: Mapping[str, float]
 ) -> tuple[Array, Array, Array, dict[str, Array]]:
-    """Return Ω, shape (rows, 3), its derivatives by q and p, and by each inertia parameter."""
+    """Return Ω = K l, l = ½ L(q) p, shape (rows, 3), with its derivatives.
+
+    By q and p, shape (rows, 3, 4), and a dict, inertia parameter → dK l, shape (rows, 3); K = J⁻¹.
+    """
     half_L, half_L_of_p = left_matrix(q) / 2, left_matrix(p) / 2
     l = np.einsum("kij,kj->ki", half_L, p)  # noqa: E741  the paper's letter
     values = np.array([parameters[name] for name in body.inertia])
     if len(values) == 3:
         K = np.diag(1 / values)
-        changes = [np.diag(row) for row in -np.diag(values**-2.0)]
+        K_by_values = [np.diag(row) for row in -np.diag(values**-2.0)]
     else:
         units = []
         for i, j in zip(*np.triu_indices(3), strict=True):
             unit = np.zeros((3, 3))
             unit[i, j] = unit[j, i] = 1.0
             units.append(unit)
-        K, changes = sum(value * unit for value, unit in zip(values, units, strict=True)), units
+        # K is linear in its six entries
+        K = sum(value * unit for value, unit in zip(values, units, strict=True))
+        K_by_values = units
     return l @ K, -K @ half_L_of_p, K @ half_L, {
-        name: l @ change for name, change in zip(body.inertia, changes, strict=True)}
+        name: l @ dK for name, dK in zip(body.inertia, K_by_values, strict=True)}
 
 
 def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Observation:

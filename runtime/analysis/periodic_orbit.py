@@ -231,7 +231,11 @@ class OrbitSearch:
     def orbit(
         self, iteration_limit: int, report: Callable[..., Any] | None = None
     ) -> PeriodicOrbit:
-        """Return the orbit; ``report`` is called with the iterations done."""
+        """Return the orbit; ``report`` is called with the number of iterations so far.
+
+        Where Newton's method stagnates close to an orbit with the phase fixed, the phase is left
+        free. Raises GyrosparkError if it does not converge, or comes to an equilibrium.
+        """
         start = self.start
         guess = self._evaluate(start.q, start.p, start.dt, dict(start.parameters))
         gaps = [guess.size]
@@ -288,7 +292,13 @@ class OrbitSearch:
         return None
 
     def _increment(self, guess: Guess) -> tuple[Array, Array]:
-        """Return (dy, dh, dθ), and the basis B."""
+        """Return the Newton increment (dy, dh, dθ), and the basis B of the tangent space.
+
+            (Bᵀ Φ' B − 1) dy + Bᵀ ∂Φ^N/∂h dh + Bᵀ (∂Φ^N/∂θ − ∂z/∂θ) dθ = −Bᵀ (Φ^N(z) − z)
+            v·B dy = 0  (if the phase is fixed),   dc = c(z_0) − c(z)  for each fixed quantity c
+
+        by least squares of least norm, with columns of length 1.
+        """
         Phi, B, by_step, by_parameter = self._tangents(guess)
         dim = B.shape[1]
         columns = [B.T @ Phi - np.eye(dim)]
@@ -301,7 +311,7 @@ class OrbitSearch:
             start_derivatives.append(by_parameter[0][:, None])
         A, D = np.hstack(columns), np.hstack(start_derivatives)
         right_side = [*(-B.T @ guess.gap.astype(float))]
-        if self.phase_fixed:
+        if self.phase_fixed:  # ∂Φ^N/∂h = N v on the orbit
             A = np.vstack([A, np.pad(by_step @ B / self.steps, (0, A.shape[1] - dim))])
             right_side.append(0.0)
         for name in self.fixed_values:
@@ -311,6 +321,7 @@ class OrbitSearch:
                                                  guess.parameters) - self.fixed_values[name]))
         norms = np.linalg.norm(A, axis=0)
         norms[norms == 0] = 1.0
+        # far from the orbit, small singular values are no more than the size of the residual
         share = _RESIDUAL_SHARE * guess.size / self._scale(guess)
         cutoff = min(max(share, _LEAST), _MOST) if self.phase_fixed else _LEAST
         return np.linalg.lstsq(A / norms, np.array(right_side), rcond=cutoff)[0] / norms, B
@@ -353,10 +364,15 @@ class OrbitSearch:
         return self.stepper.project(run.q[-1], run.p[-1], parameters=run.parameters, t=run.t[-1])
 
     def _tangents(self, guess: Guess) -> tuple[Array, Array, Array, Array]:
-        """Return Φ'B, B, ∂Φ^N/∂h, and the derivatives of start and end by the free parameter."""
+        """Return Φ'B, B, ∂Φ^N/∂h, and the derivatives of start and end by the free parameter.
+
+        Shapes (2 n, 2 (n − m)) twice, (2 n,) and (2, 2 n); without a free parameter the last is by
+        h.
+        """
         names, start = guess.tangents.names, guess.tangents.start.astype(float)
         end = np.concatenate([guess.tangents.q[-1], guess.tangents.p[-1]]).astype(float)
         dim, k = 2 * (self.stepper.n - self.stepper.m), names.index(self.free or "dt")
+        # the end of the gap is projected onto f = 0, and so are its tangents
         if not self.stepper.manifest.scheme.keeps_momentum_constraint:
             binding, n = self.stepper._derivative_binding(), self.stepper.n
             z = guess.z + guess.gap
@@ -373,6 +389,8 @@ class OrbitSearch:
 
     def _slope(self, name: str, guess: Guess, D: Array) -> Array:
         """Return the derivatives of a fixed quantity by the unknowns; of the energy by differences.
+
+        ``D`` has the derivatives of (q, p) at the start by the unknowns, a column for each.
         """
         if name != "energy":
             slope: Array = D[self._names().index(name)]

@@ -58,8 +58,8 @@ class UnitaryFrame:
         normals = (constraint_rows @ from_unit).T
         basis = np.linalg.qr(normals, mode="complete")[0][:, normals.shape[1] :]
         W = basis.T @ canonical_form(n) @ basis
-        # |W| = (WᵀW)^½ commutes with W, the symplectic form on the tangent space: J = |W|^-½ W
-        # |W|^-½ is orthogonal, and J² = −1
+        # |W| = (WᵀW)^½ commutes with W, the symplectic form on the tangent space: so
+        # J = |W|^-½ W |W|^-½ is orthogonal, and J² = −1
         _, stretches, rotations = np.linalg.svd(W)
         root = (rotations.T * np.sqrt(stretches)) @ rotations
         inverse = (rotations.T / np.sqrt(stretches)) @ rotations
@@ -132,7 +132,10 @@ def _blocks(first: Array, second: Array) -> Array:
 def _inverse_mass(
     binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array
 ) -> Array:
-    """Return H_pp by second differences, exact but for rounding where H is quadratic in p."""
+    """Return H_pp by second differences, exact but for rounding where H is quadratic in p.
+
+        H_ij = (H(p + e_i + e_j) − H(p + e_i) − H(p + e_j) + H(p)) / s²,   |e_i| = s
+    """
     primal, n = binding.primal, binding.n
     p_scale = float(np.abs(p.astype(float)).max(initial=0.0)) or 1.0
     momentum_changes = [np.zeros(n), *np.eye(n)]

@@ -96,7 +96,10 @@ class Velocities:
         self._ends = bool(stepper.manifest.scheme.unknowns_are_state)
 
     def __call__(self, q: Array, p: Array) -> Array:
-        """Return H_p, shape (n,)."""
+        """Return H_p, shape (n,): the negative residual of q at x = 0 for a step of 1 s.
+
+        Unknowns that are the state itself have its values in place of 0.
+        """
         n, x = self._stepper.n, np.zeros(self._stepper.unknowns)
         if self._ends:
             x[: 2 * n] = [*q, *p]
@@ -118,7 +121,10 @@ class Velocities:
         return np.asarray((self(end.q[-1], end.p[-1]) - self(end.q[0], end.p[0])) / h)
 
     def root_of_mass(self, q: Array, p: Array) -> Array:
-        """Return W with WᵀW = H_pp⁻¹, H_pp by differences: exact where H is quadratic in p."""
+        """Return W with WᵀW = H_pp⁻¹, H_pp by differences: exact where H is quadratic in p.
+
+        With H_pp = V diag(λ) Vᵀ, W = diag(λ^−½) Vᵀ; directions without inertia are left out.
+        """
         size = float(np.abs(p).max()) or 1.0
         steps = size * np.eye(len(p))
         H_pp = np.array([self(q, p + e) - self(q, p - e) for e in steps]) / (2 * size)
@@ -146,6 +152,7 @@ def start_rates(
 ) -> tuple[Array, list[int]]:
     """Return the least squares rates of a state, and the directions left out, with rate 0.
 
+    The acceleration in the frame is q̈ − 2 Ω q̇ + Ω² q, in the metric of the kinetic energy.
     Directions are left out one by one while this more than halves the acceleration in the frame.
     """
     position, momenta = (np.array(x, dtype=float) for x in (q, p))
@@ -153,6 +160,7 @@ def start_rates(
     columns = root @ np.stack([d.A @ position for d in directions], axis=1)
 
     def rates_without(left_out: list[int]) -> Array:
+        """Return the least squares rates of all other directions, 0 of these."""
         chosen = [i for i in range(len(directions)) if i not in left_out]
         rates = np.zeros(len(directions))
         rates[chosen] = np.linalg.lstsq(columns[:, chosen], root @ velocity, rcond=_RANK)[0]
@@ -160,9 +168,9 @@ def start_rates(
 
     def acceleration_norm(rates: Array) -> float:
         """Return the norm of the acceleration in a frame, in the metric of the kinetic energy."""
-        turn = sum((w * d.A for w, d in zip(rates, directions, strict=True)), 0 * directions[0].A)
+        Omega = sum((w * d.A for w, d in zip(rates, directions, strict=True)), 0 * directions[0].A)
         return float(np.linalg.norm(root @ (
-            acceleration - 2 * turn @ velocity + turn @ (turn @ position))))
+            acceleration - 2 * Omega @ velocity + Omega @ (Omega @ position))))
 
     left_out: list[int] = []
     rates, acceleration = rates_without(left_out), velocities.acceleration(q, p, dt)

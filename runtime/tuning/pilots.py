@@ -112,7 +112,7 @@ class Pilots:
         self._runs, self._report = 0, report
 
     def parameters(self, x: Array) -> dict[str, float]:
-        """Return the parameters of a trial."""
+        """Return the parameters of a trial x: rates by their directions' weights, γ = γ_m/u."""
         rates: dict[str, float] = {}
         if self.directions:
             rates = {symmetry.name: 0.0 for symmetry in self.stepper.symmetries}
@@ -124,14 +124,19 @@ class Pilots:
                         for (name, mean), u in zip(self.means.items(), inverse, strict=True)}
 
     def run(self, x: Array, refinement: int = 1) -> Trajectory | None:
-        """Integrate with steps of Δt/refinement; None if a step does not converge."""
+        """Return the run of a trial x, rates and γ_m/γ, with steps of Δt/refinement.
+
+        None if a step does not converge.
+        """
         self._runs += 1
         if self._report is not None:
             self._report(self._runs)
+        # rows are at the same times whatever the steps are, so that errors are differences of rows
+        arguments = replace(
+            self.arguments.refined(refinement), every=refinement * self.every,
+            parameters=self.arguments.parameters | self.parameters(x))
         try:
-            return self.stepper._run(self.stepper._checked_run(replace(
-                self.arguments.refined(refinement), every=refinement * self.every,
-                parameters=self.arguments.parameters | self.parameters(x))))
+            return self.stepper._run(self.stepper._checked_run(arguments))
         except StepFailed:
             return None
 
@@ -140,7 +145,9 @@ class Pilots:
     def set_reference(self, base: Array, start: Array) -> Trajectory:
         """Extrapolate the motion from the base and in the start's frame; return the finest run.
 
-        Raises StepFailed if the refined runs of neither converge.
+        Sets what errors are measured by: ``paths``, ``rows``, ``rounding``, the round-off of a
+        state, and ``doubt``, the uncertainty of each path's error. Raises StepFailed if the refined
+        runs of neither converge.
         """
         plain = self._reference(base)
         in_frame = None if np.array_equal(start, base) else self._reference(start)
@@ -165,7 +172,12 @@ class Pilots:
         return finest
 
     def _reference(self, x: Array) -> _Reference | None:
-        """Return the motion by Richardson's extrapolation of Δt/4 and Δt/8, and its error."""
+        """Return the motion by Richardson's extrapolation, with its last refinement.
+
+            q = q_8 + (q_8 − q_4)/(2^r − 1),   q_k by steps of Δt/k
+
+        The refinement is its distance from q_4 + (q_4 − q_2)/(2^r − 1). None if a run fails.
+        """
         runs = [self.run(x, refinement) for refinement in (2, 4, 8)]
         second, fourth, eighth = (None if run is None else np.asarray(run.q) for run in runs)
         if second is None or fourth is None or eighth is None or runs[-1] is None:
@@ -179,6 +191,10 @@ class Pilots:
                           runs[-1])
 
     def _agrees(self, plain: _Reference, in_frame: _Reference, run: Trajectory | None) -> bool:
+        """Whether two references are as near to each other as the less accurate one is refined.
+
+        Or near beside the error of a run with the base.
+        """
         distance, error = (0.0 if q is None else _total(plain.error(np.asarray(q))[1:])
                            for q in (in_frame.motion, None if run is None else run.q))
         return distance <= max(_AGREES * plain.change, _SMALL * error)
@@ -259,7 +275,7 @@ class Pilots:
                      if label != DIFFERENCE)
 
     def pilot(self, index: int) -> Pilot:
-        """Return the record of a run."""
+        """Return the record of a run: its largest path error, the worst ratio to the base's."""
         errors, label, parameters = (self._errors[index], self._labels[index],
                                      self.parameters(self.trials[index]))
         dt = float(self.arguments.dt)

@@ -59,36 +59,41 @@ class Search:
     def __init__(
         self, pilots: Pilots, velocities: Velocities, moments: Mapping[str, Any]
     ) -> None:
+        """The variables of a trial x are the rates of the frame, then u_k = γ_m/γ_k of each body.
+
+        The error is linear in u to leading order. ``moments`` maps each γ to its body's inertia.
+        """
         self.pilots, self.velocities, self.moments = pilots, velocities, moments
-        self.rates, run = len(pilots.directions), pilots.arguments
-        self.base = np.concatenate([np.zeros(self.rates), np.ones(len(moments))])
-        self.start, self.free = self.base, len(self.base)
-        if self.rates:
-            self.start = self._with(start_rates(velocities, pilots.directions, run.q, run.p,
-                                                run.dt)[0])
+        #: How many variables are rates, and how many of all, from the first on, are searched.
+        self.rate_count, run = len(pilots.directions), pilots.arguments
+        self.base = np.concatenate([np.zeros(self.rate_count), np.ones(len(moments))])
+        self.start, self.searched_count = self.base, len(self.base)
+        if self.rate_count:
+            self.start = self._with_rates(start_rates(velocities, pilots.directions, run.q, run.p,
+                                                      run.dt)[0])
         self.scale = np.ones_like(self.base)
         # rates of a body at rest have the scale of one radian over the pilot run
-        self.scale[: self.rates] = max(np.abs(self.start[: self.rates]).max(initial=0),
-                                       1 / (float(abs(run.dt)) * run.steps))
-        # the variables are u = γ_m/γ, in which the error is linear
-        means = np.array([*pilots.means.values()])
-        self.low, self.high = (
-            np.concatenate([np.full(self.rates, sign * math.inf), means / bound])
-            for sign, bound in ((-1, _REACH * np.array([*map(max, moments.values())])),
-                                (1, np.array([*map(min, moments.values())]) / _REACH)))
+        self.scale[: self.rate_count] = max(np.abs(self.start[: self.rate_count]).max(initial=0),
+                                            1 / (float(abs(run.dt)) * run.steps))
+        # rates have no bounds; γ stays between min I / _REACH and _REACH max I
+        means, no_bounds = np.array([*pilots.means.values()]), np.full(self.rate_count, math.inf)
+        largest, smallest = (np.array([*map(extreme, moments.values())]) for extreme in (max, min))
+        self.low = np.concatenate([-no_bounds, means / (_REACH * largest)])
+        self.high = np.concatenate([no_bounds, means / (smallest / _REACH)])
 
-    def _with(self, rates: Array) -> Array:
+    def _with_rates(self, rates: Array) -> Array:
+        """Return the trial with these rates and γ = γ_m."""
         return np.concatenate([rates, np.ones(len(self.moments))])
 
     def best(self) -> tuple[int, str]:
         """Return the index of the best pilot run, and the reason for it; the base is run 0."""
-        pilots, name = self.pilots, "no frame" if self.rates else self._symbol("γ_m")
+        pilots, name = self.pilots, "no frame" if self.rate_count else self._symbol("γ_m")
         finest = pilots.set_reference(self.base, self.start)
         base = pilots.measure(name, self.base)
         if pilots.is_round_off(base):
             return base, f"{name}: the error is round-off"
         trials = [base]
-        if self.rates:
+        if self.rate_count:
             trials.append(pilots.measure("least squares of the start", self.start))
             if pilots.is_round_off(trials[1]) and pilots.is_clear(trials[1]):
                 return trials[1], "least squares of the start: the error is round-off"
@@ -96,14 +101,14 @@ class Search:
         best, gamma_reason = self._choose(trials), ""
         if self.moments:
             gamma_reason = self._why_gamma_stays(best)
-            self.free = self.rates if gamma_reason else self.free
+            self.searched_count = self.rate_count if gamma_reason else self.searched_count
             if not gamma_reason:
                 trials += [pilots.measure(*pair) for pair in self._gammas(best, trials)]
             best = self._choose(trials)
         searched = [index for trial in self._search_starts(trials)
                     for index in self._levenberg_marquardt(trial, best)]
         # Rates fitted to the pilot runs may fail later: they must beat tried ones clearly.
-        best = self._choose(searched, best, _CLEARLY if self.rates else 1.0)
+        best = self._choose(searched, best, _CLEARLY if self.rate_count else 1.0)
         return best, self._reason(best, gamma_reason)
 
     def _choose(self, indices: Iterable[int], best: int = 0, factor: float = 1.0) -> int:
@@ -118,40 +123,47 @@ class Search:
     # ------------------------------------------------------------ trials
 
     def _frames(self, finest: Trajectory) -> Iterator[tuple[str, Array]]:
-        """Yield labels and trials: rates of the frame, with γ = γ_m."""
+        """Yield (label, trial) of rates of the frame, with γ = γ_m.
+
+        ``finest`` is a motion of small error, whose states are a sample for least squares and for
+        the spectrum.
+        """
         pilots = self.pilots
         sample_rows = slice(0, (len(finest.q) + 1) // 2, max(1, len(finest.q) // 24))
         q, p = (np.asarray(x, dtype=float) for x in (finest.q, finest.p))
         mean = least_squares(self.velocities, pilots.directions, q[sample_rows], p[sample_rows])
-        yield "least squares of the motion", self._with(mean)
+        yield "least squares of the motion", self._with_rates(mean)
         lines = SpectralLines(q, p, float(pilots.arguments.dt) * pilots.every,
                               [direction.A for direction in pilots.directions])
         order = pilots.stepper.order
         # an error of order r grows with a frequency about like ω^(r+1): two powers are tried
         for k in {order // 2 + 1, order + 1} if lines.resolved else ():
-            yield f"frequencies, power {2 * k}", self._with(lines.minimise(k, mean))
+            yield f"frequencies, power {2 * k}", self._with_rates(lines.minimise(k, mean))
         for factor in (0.6, 0.8, 0.9, 1.1):
-            yield f"{factor} of the least squares", self._with(factor * self.start[: self.rates])
+            yield (f"{factor} of the least squares",
+                   self._with_rates(factor * self.start[: self.rate_count]))
 
     def _gammas(self, best: int, trials: list[int]) -> Iterator[tuple[str, Array]]:
-        """Yield labels and trials: γ by each mean at the best rates, γ_m/2 and 2γ_m at all rates.
-        """
+        """Yield (label, trial): γ by each mean at the best rates, γ_m/2 and 2γ_m at all rates."""
         means = [*self.pilots.means.values()]
         for rule, symbol in MEANS.items():
             u = np.divide(means, [mean_inertia(inertia, rule) for inertia in self.moments.values()])
             yield self._symbol(symbol), np.concatenate(
-                [self.pilots.trials[best][: self.rates], u])
+                [self.pilots.trials[best][: self.rate_count], u])
         for index, factor in product(dict.fromkeys(trials), (0.5, 2.0)):
             x = self.pilots.trials[index]
             yield f"{self._symbol('γ_m')} times {1 / factor:g}", np.where(
-                np.arange(len(x)) < self.rates, x, factor)
+                np.arange(len(x)) < self.rate_count, x, factor)
 
     def _symbol(self, symbol: str) -> str:
         alpha = bool(self.moments) and all(name.endswith("alpha") for name in self.moments)
         return symbol.replace("γ", "α") if alpha else symbol
 
     def _why_gamma_stays(self, index: int) -> str:
-        """Return why the pilot runs give no γ, from the best run with γ_m; "" if they give one."""
+        """Return why the pilot runs give no γ, from the best run with γ_m; "" if they give one.
+
+        Sets ``rows`` of the pilots, from which on errors are not linear in 1/γ any more.
+        """
         pilots, steps = self.pilots, self.pilots.arguments.steps
         if pilots.aim == "energy" or pilots.errors(index) is None:
             return ""
@@ -176,7 +188,7 @@ class Search:
     def _search_starts(self, trials: list[int]) -> list[Array]:
         """Return the best trials, at most ``_SEARCHES`` of them, no two close to each other."""
         pilots, beginnings = self.pilots, list[Array]()
-        if not self.free:
+        if not self.searched_count:
             return beginnings
         for index in sorted(dict.fromkeys(trials),
                             key=lambda i: pilots.largest(i, pilots.searched_rows)):
@@ -188,7 +200,11 @@ class Search:
         return beginnings[:_SEARCHES]
 
     def _levenberg_marquardt(self, x: Array, best: int) -> list[int]:
-        """Return the indices of the runs of Levenberg-Marquardt steps from a trial."""
+        """Return the indices of the runs of Levenberg-Marquardt steps from a trial.
+
+        They minimise Σ_j w_j e_j², e_j the error of path j. A bisection towards ``best`` follows if
+        the last run makes a path less accurate.
+        """
         pilots, indices, damping = self.pilots, list[int](), 1e-3
         index = pilots.measure("search", x)
         for _ in range(_STEPS):
@@ -200,7 +216,7 @@ class Search:
             for _ in range(4):
                 change, weights = self._weighted_step(forms, damping)
                 trial = pilots.trials[index].copy()
-                trial[: self.free] += change * self.scale[: self.free]
+                trial[: self.searched_count] += change * self.scale[: self.searched_count]
                 trial_index = pilots.measure("search", np.clip(trial, self.low, self.high))
                 trial_squares = pilots.sizes(trial_index, pilots.searched_rows) ** 2
                 # accepted: less damping, towards Gauss-Newton; else ten times more, towards
@@ -239,14 +255,14 @@ class Search:
         return indices
 
     def _slopes(self, index: int) -> Array | None:
-        """Return scale · ∂e/∂x by differences, shape (rows, columns, free variables).
+        """Return scale · ∂e/∂x by differences, shape (rows, columns, searched variables).
 
         None if a run fails.
         """
         pilots, columns = self.pilots, list[Array]()
         x, base = pilots.trials[index], pilots.errors(index, pilots.searched_rows)
-        for i in range(self.free):
-            change = _CHANGE_OF_RATE if i < self.rates else _CHANGE_OF_GAMMA
+        for i in range(self.searched_count):
+            change = _CHANGE_OF_RATE if i < self.rate_count else _CHANGE_OF_GAMMA
             shifted = x.copy()
             shifted[i] += change * self.scale[i]
             errors = pilots.errors(pilots.measure(DIFFERENCE, shifted), pilots.searched_rows)
@@ -256,7 +272,10 @@ class Search:
         return np.stack(columns, axis=-1)
 
     def _square_forms(self, index: int, slopes: Array) -> Array:
-        """Return Σ e², a quadratic form in (1, change), of each path, shape (paths, n + 1, n + 1).
+        """Return the quadratic form of each path's mean square error, shape (paths, k + 1, k + 1).
+
+        With the errors e and their slopes S: e(x + change) ≈ e + S change, so that the form in
+        (1, change) is [e S]ᵀ [e S]/rows.
         """
         errors = self.pilots.errors(index, self.pilots.searched_rows)
         assert errors is not None
@@ -267,8 +286,8 @@ class Search:
     def _weighted_step(self, forms: Array, damping: float) -> tuple[Array, Array]:
         """Return the damped step that minimises Σ_j w_j e_j², and the weights w of the paths.
 
-        Weights grow until no path's error is expected above the base's: multipliers of these
-        inequalities.
+        With the sum of the weighted forms, [[c, bᵀ], [b, A]]: change = −(A + μ diag A)⁻¹ b. Weights
+        grow until no path's error is expected above the base's: multipliers of these inequalities.
         """
         pilots = self.pilots
         bound = (_PROMISE * pilots.sizes(0, pilots.searched_rows)) ** 2

@@ -37,6 +37,7 @@ class SpectralLines:
     """
 
     def __init__(self, q: Array, p: Array, dt: float, generators: list[Array]) -> None:
+        """Compute power |c_j(ν)|², frequency ν and shifts α_j of each line, in flat arrays."""
         # the generators commute: eigenvectors of a combination with irrational weights are those of
         # all
         mixed = sum((A / np.sqrt(i + 2) for i, A in enumerate(generators)),
@@ -47,8 +48,10 @@ class SpectralLines:
                                      vectors).imag for A in generators]).T
         frequencies = 2 * np.pi * np.fft.fftfreq(len(q), dt)
         window = np.kaiser(len(q), _KAISER)[:, None]
+        # modes that no frame shifts add a constant to M_k
         rotating = np.abs(shifts).max(axis=1) > 1e-9
         power, nu, alpha = [], [], []
+        # p moves by −Aᵀ: of a rotation that is A, and p has the modes of q; else it has other ones
         for x in (q, p) if all(np.array_equal(A, -A.T) for A in generators) else (q,):
             modes = (x @ inverse.T)[:, rotating]
             spectrum = np.abs(np.fft.fft(window * modes, axis=0)) ** 2
@@ -68,7 +71,11 @@ class SpectralLines:
             x[strong] for x in (self._power, self._nu, self._alpha))
 
     def minimise(self, k: int, start: Array) -> Array:
-        """Return the ω that minimises M_k, by Newton's method from ``start``."""
+        """Return the ω that minimises M_k(ω) = Σ |c|² (ν − α·ω)^2k.
+
+        Newton's method from ``start``. Frequencies are divided by the band, so that powers do not
+        overflow.
+        """
         omega = np.array(start, dtype=float)
         for _ in range(60):
             shifted = (self._nu - self._alpha @ omega) / self._band

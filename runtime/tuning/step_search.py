@@ -80,7 +80,10 @@ class StepSearch:
         return self._steps[best], self.pilots[best]
 
     def _halve(self) -> Array:
-        """Halve the step until the error is small enough, in two pilots at least; return q."""
+        """Halve the step until the error is small enough, in two pilots at least.
+
+        Return q of the finest run, with 2 n steps, at the rows.
+        """
         n, coarse_q, failure = FEWEST, None, None
         while n <= _MOST:
             fine_q, step_failure = self._run(n)
@@ -104,7 +107,7 @@ class StepSearch:
             "method of higher order.")
 
     def _run(self, n: int) -> tuple[Array | None, StepFailed | None]:
-        """Return q of a run at the rows, None where a step fails."""
+        """Return q of a run of n steps at ``FEWEST`` + 1 rows, or None and the failed step."""
         if self._report is not None:
             self._report(len(self.pilots) + 1)
         arguments, dt = self.arguments, self.stepper.binding.number(self.span / n)
@@ -129,7 +132,11 @@ class StepSearch:
         self.pilots.append(Pilot(label, {}, dt, error))
 
     def _interpolated_step_suffices(self, best: int, finest: Array) -> bool:
-        """Measure n (e/error)^(1/r) steps between two pilot runs; return whether they suffice."""
+        """Measure n (e/error)^(1/r) steps between two pilot runs; return whether they suffice.
+
+        The coarser run is ``best`` − 1, and ``finest`` has q of the finest one. If fewer steps are
+        worth a run, its pilot is added.
+        """
         coarse_error = self.pilots[best - 1].motion
         if not math.isfinite(coarse_error):
             return False
@@ -144,8 +151,8 @@ class StepSearch:
         if q is None:
             return False
         # The finest run has an error too, a share (n/n_finest)^r of the measured distance.
-        refinement = (n / (2 * self._steps[-1])) ** self.order
-        self._add(n, _distance(q, finest) / (1 - refinement))
+        finest_share = (n / (2 * self._steps[-1])) ** self.order
+        self._add(n, _distance(q, finest) / (1 - finest_share))
         return self.pilots[-1].motion <= self.bound
 
     def _refuse_round_off(self) -> None:

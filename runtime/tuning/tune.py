@@ -307,7 +307,10 @@ class _Rules:
         return parameters
 
     def tuned(self, pilot_limit: int, *, longer: bool) -> Tuned:
-        """Return numbers for the rules, by pilot runs of so many steps at most."""
+        """Return numbers for the rules, by pilot runs of so many steps at most.
+
+        ``longer``: they are for a run that continues where the pilot runs end.
+        """
         length = pilot_limit if longer else max(self.run.steps, _LEAST)
         pilot = self.stepper._checked_run(replace(self.run.pilot(length),
                                                  parameters=self.initial_parameters()))
@@ -366,7 +369,7 @@ class _Rules:
             return (*search.best(), tuple(search.pilots))
 
     def _directions(self, pilot: RunArguments, *, longer: bool) -> list[Direction]:
-        """Return the rates to search; an empty list, and a reason noted, if there are none."""
+        """Return the rates to search; if there are none, [], and ``reasons`` says why."""
         if not {*self.rates.values()} & {*AIMS}:
             return []
         directions = directions_of(self.stepper, pilot.q, pilot.p, pilot.parameters)
@@ -379,9 +382,10 @@ class _Rules:
         return directions
 
     def _least_squares(self, parameters: Mapping[str, Any]) -> dict[str, float]:
-        """Return the rates of the least squares of the start.
+        """Return the rates of the frame by least squares of the start, parameter → rad/s.
 
-        Rates of a frame that would turn faster than the motion are 0: see ``start_rates``.
+        Rates of a frame that would turn faster than the motion are 0: see ``start_rates``. The
+        reason is added to ``reasons``.
         """
         rates = dict.fromkeys(self.rates, 0.0)
         run = self.run
