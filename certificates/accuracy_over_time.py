@@ -62,9 +62,9 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
              parameters: Mapping[str, Any]) -> Accuracy:
     """Integrate a motion with the step 4 dt, halved six times, and compare its ends.
 
-    The reference is the same stepper's, with a step four times shorter than the shortest: of a
-    method of order r its own error is 4^−r of that one's. Raises StepFailed if the reference does
-    not get to its end.
+    The reference has a step four times shorter than the shortest: for a method of order r its error
+    is 4^−r of the error at the shortest step. Raises StepFailed if the reference does not get to
+    its end.
     """
     longest, count = 4 * dt, max(1, min(steps, _MOST_STEPS) // 4)
 
@@ -79,7 +79,7 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
 
     finest = longest / 2**_HALVINGS / _FINER
     reference, _ = run(finest, count * 2**_HALVINGS * _FINER)
-    _, call = fastest(finest, 1)
+    _, overhead = fastest(finest, 1)  # a call costs this without steps, and is subtracted
     measurements: list[tuple[float, float, float]] = []
     for k in range(_HALVINGS + 1):
         try:
@@ -88,7 +88,7 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
             continue
         error = max(np.abs(a[-1] - b[-1]).max() / (np.abs(b).max() or 1.0) for a, b in (
             (trajectory.q, reference.q), (trajectory.p, reference.p)))
-        measurements.append((longest / 2**k, float(error), max(seconds_spent - call, _TICK)))
+        measurements.append((longest / 2**k, float(error), max(seconds_spent - overhead, _TICK)))
     dts, errors, seconds = (list(column) for column in zip(*measurements, strict=True))
     return Accuracy(stepper.name, stepper.order, longest * count, dts, errors, seconds)
 

@@ -144,19 +144,20 @@ def certify(
         Step in s and number of steps; by default the model's own.
     dtau : float
         In place of dt, of a system with ``time_scale``: the step of scaled time. Properties are
-        those in (q, t, p, e).
+        those of the extended system in (q, t, p, e), e = −H.
     parameters : mapping, optional
         Values in place of the model's. With co-moving frames the rates too, by default the least
         squares of the start.
     progress : callable or bool, optional
-        As of ``integrate``; a function is called with the stages done, and their number, 3: the
-        stepper, its run, the properties.
+        As for ``integrate``; a function is called with the number of tasks that are done, and with
+        3, the number of tasks: the stepper, its run, the properties.
 
     Returns
     -------
     Certificate
         Lines for the loop invariant ∮p·dq, reversibility, |g|, the constraint on the momenta,
-        energy, each momentum map and the order, with ``holds`` of each and of all.
+        energy, each momentum map and the order, each with ``holds``; ``holds`` of the certificate
+        is that of all lines.
 
     Raises
     ------

@@ -18,9 +18,9 @@ from .composition_proofs import as_mpf
 
 __all__ = ["observed_composition_order"]
 
-#: V = −Σ w cos(n·q), and M.
+#: V = −Σ w cos(n·q), and the inverse mass M of T = ½ pᵀM p.
 _WEIGHTS, _WAVES = (1, 2, 1), ((1, 0), (0, 1), (2, -1))
-_MASSES = ((1, "0.25"), ("0.25", "0.5"))
+_INVERSE_MASS = ((1, "0.25"), ("0.25", "0.5"))
 #: A step, short enough for the next term to show by at most 0.05; digits and terms of the series.
 _STEP, _DIGITS, _TERMS = "0.0078125", 110, 45
 #: ε where terms with two kicks are to vanish beside those with one.
@@ -52,30 +52,37 @@ def _times(matrix: Any, vector: list[Any]) -> list[Any]:
 def _step(
     composition: Composition, q: list[Any], p: list[Any], h: Any, scale: Any
 ) -> list[Any]:
-    """Return (q, p) after one step."""
+    """Return (q, p) after one step of alternating drifts and kicks.
+
+    q ← q + a h M p,  p ← p − b h V_q + c h³ G_q,  with G = V_qᵀ M V_q and V scaled by ``scale``.
+    """
     kicks = zip(composition.kicks, composition.gradients, strict=True)
     for i, a in enumerate(composition.drifts):
         if i:
             b, c = map(as_mpf, next(kicks))
             angles = [mp.fdot(wave, q) for wave in _WAVES]
-            force = [scale * mp.fsum(w * n[k] * mp.sin(u) for w, n, u in zip(
+            V_q = [scale * mp.fsum(w * n[k] * mp.sin(u) for w, n, u in zip(
                 _WEIGHTS, _WAVES, angles, strict=True)) for k in range(2)]
-            velocity = _times(_MASSES, force)
-            slope = [2 * scale * mp.fsum(
-                w * n[k] * mp.fdot(n, velocity) * mp.cos(u) for w, n, u in zip(
-                    _WEIGHTS, _WAVES, angles, strict=True)) for k in range(2)]  # G_q
-            p = [x - b * h * f + c * h**3 * g for x, f, g in zip(p, force, slope, strict=True)]
-        q = [x + as_mpf(a) * h * v for x, v in zip(q, _times(_MASSES, p), strict=True)]
+            M_V_q = _times(_INVERSE_MASS, V_q)
+            G_q = [2 * scale * mp.fsum(
+                w * n[k] * mp.fdot(n, M_V_q) * mp.cos(u) for w, n, u in zip(
+                    _WEIGHTS, _WAVES, angles, strict=True)) for k in range(2)]
+            p = [x - b * h * v + c * h**3 * g for x, v, g in zip(p, V_q, G_q, strict=True)]
+        q = [x + as_mpf(a) * h * v for x, v in zip(q, _times(_INVERSE_MASS, p), strict=True)]
     return [*q, *p]
 
 
 def _taylor(q: list[Any], p: list[Any], h: Any, scale: Any) -> list[Any]:
-    """Return (q, p) after h from the power series of the solution."""
+    """Return (q, p) after h from the power series of the solution, term by term.
+
+    The coefficients follow from q̇ = M p, ṗ = −V_q, and for the sine s and cosine c of an angle u
+    from ṡ = c u̇ and ċ = −s u̇.
+    """
     Q, P = [[x] for x in q], [[x] for x in p]
     angles = [[mp.fdot(wave, q)] for wave in _WAVES]
     sines, cosines = [[mp.sin(u[0])] for u in angles], [[mp.cos(u[0])] for u in angles]
     for n in range(_TERMS):
-        for k, v in enumerate(_times(_MASSES, [P[0][n], P[1][n]])):
+        for k, v in enumerate(_times(_INVERSE_MASS, [P[0][n], P[1][n]])):
             Q[k].append(v / (n + 1))
         for k in range(2):
             force = mp.fsum(w * wave[k] * s[n] for w, wave, s in zip(
@@ -83,7 +90,7 @@ def _taylor(q: list[Any], p: list[Any], h: Any, scale: Any) -> list[Any]:
             P[k].append(-scale * force / (n + 1))
         for u, s, c, wave in zip(angles, sines, cosines, _WAVES, strict=True):
             u.append(mp.fdot(wave, [Q[0][n + 1], Q[1][n + 1]]))
-            rates = [(j + 1) * u[j + 1] for j in range(n + 1)]  # s' = c u', c' = −s u'
+            rates = [(j + 1) * u[j + 1] for j in range(n + 1)]  # of u̇
             s.append(mp.fdot(rates, reversed(c[: n + 1])) / (n + 1))
             c.append(-mp.fdot(rates, reversed(s[: n + 1])) / (n + 1))
     return [mp.polyval(series[::-1], h) for series in (*Q, *P)]

@@ -141,7 +141,11 @@ class OrderConditions:
     def evaluate(
         self, x: Sequence[Any], as_number: Callable[[Fraction], Any]
     ) -> tuple[list[Any], list[list[Any]]]:
-        """Return F(x) and F′(x) in the arithmetic of x: a row per word, a column per unknown."""
+        """Return F(x) and F′(x) in the arithmetic of x: a row per word, a column per unknown.
+
+        F has the coefficient of the product of all flows at each word, less its target; F′ the sum
+        of (flows before i) · (derivative of flow i) · (flows after i).
+        """
         flows = list(self.flows())
         flow_values = [[_value(affine, x, as_number) for affine in affine_numbers]
                        for _, affine_numbers in flows]
@@ -156,8 +160,8 @@ class OrderConditions:
                     for word in self.words]
         slopes = [[zero] * len(x) for _ in self.words]
         for i, (flow, affine_numbers) in enumerate(flows):
-            for by, (_, terms) in enumerate(affine_numbers):
-                slope = evaluate_flow(flow, flow_values[i], as_number, by)
+            for index, (_, terms) in enumerate(affine_numbers):
+                slope = evaluate_flow(flow, flow_values[i], as_number, index)
                 for row, word in zip(slopes, self.words, strict=True):
                     change = differentiate(left_products[i], slope, right_products[-2 - i], word,
                                            zero)
@@ -182,7 +186,11 @@ class OrderConditions:
     def enclose(self) -> list[Any] | None:
         """Return intervals of 90 digits that contain the exact solution; None without a proof.
 
-        Krawczyk's operator is applied to the box of half width 1e-40 around the stored numbers.
+        Let X be the box of half width 1e-40 around the stored numbers x. If Krawczyk's operator
+
+            K(X) = x − Y F(x) + (1 − Y F′(X)) (X − x),   Y ≈ F′(x)⁻¹,
+
+        maps X into its interior, X contains one and only one solution, and it is in K(X).
         """
         x, solved = self.unknowns, self.solved
         if len(solved) != len(self.words):
@@ -206,7 +214,7 @@ class OrderConditions:
                 for m, j in enumerate(solved):
                     slope = _dot(inverse_row, [row[j] for row in slopes])
                     image += ((k == m) - slope) * (box[j] - centre[j])
-                if not (box[i].a < image.a and image.b < box[i].b):
+                if not (box[i].a < image.a and image.b < box[i].b):  # not in the interior
                     return None
                 enclosure[i] = image
         return enclosure

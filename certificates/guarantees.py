@@ -95,9 +95,10 @@ def forces_are_gradient(system: System, parameters: Numbers) -> bool:
 def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], parameters: Numbers) -> bool:
     """Whether an expression is a polynomial of degree 2 at most: its third differences vanish."""
     steps = [sp.Dummy(real=True) for _ in symbols]
-    neighbours = [substitute([e], {x: x + k * d for x, d in zip(symbols, steps, strict=True)})[0]
-             for k in range(4)]
-    terms = [factor * x for factor, x in zip((-1, 3, -3, 1), substitute(neighbours, parameters),
+    # f(x + 3d) − 3 f(x + 2d) + 3 f(x + d) − f(x) = 0 for all x and d
+    shifted = [substitute([e], {x: x + k * d for x, d in zip(symbols, steps, strict=True)})[0]
+               for k in range(4)]
+    terms = [factor * x for factor, x in zip((-1, 3, -3, 1), substitute(shifted, parameters),
                                              strict=True)]
     return bool(identically_zero([terms]))
 
@@ -170,7 +171,8 @@ class SparkGuarantees:
         return stability(self.tableau)
 
     def loop(self) -> Guarantee:
-        """Every SPARK method that does not deny it should be symplectic, with a fixed tableau."""
+        """Return whether the map is symplectic: with the conditions of the class, a fixed tableau
+        and forces F = −∇V(q, t)."""
         if self.system.velocity_count:
             return Guarantee(False, "the motion itself is not symplectic with velocity constraints")
         if self.exact_energy:
@@ -185,8 +187,8 @@ class SparkGuarantees:
                          f"{self._digits}", self.violation)
 
     def energy(self) -> Guarantee:
-        """H is conserved if it is quadratic and the method conserves quadratic invariants, and in
-        each step that finds a θ for it."""
+        """Return whether the energy is exact: for a quadratic H and a method that conserves
+        quadratic invariants, or by a θ of the tableau that each step solves for."""
         if self.exact_energy:
             return Guarantee(True, "θ with H(q₁, p₁) = H₀ + W in each step", self._broken_energy)
         system = self.system
@@ -209,6 +211,7 @@ class SparkGuarantees:
         system = self.system
         if not self.symmetric:
             return "the tableau is not symmetric, it may drift"
+        # p → −p reverses the motion if H and F are even in p and the rates a of constraints are 0
         reversed_momenta = {x: -x for x in system.p}
         even = [[e, -f] for e, f in zip((system.H, *system.forces), substitute(
             [system.H, *system.forces], reversed_momenta), strict=True)]
@@ -224,18 +227,26 @@ class SparkGuarantees:
         return Guarantee(True, "T2 projects p in every step")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
-        """J is conserved under the conditions of the class."""
+        """Return whether J = pᵀ(A q + a) is conserved.
+
+        {J, H} = 0 is needed for every q and p. Reactions of velocity constraints A_v q̇ + a_v = 0
+        change J at the rate −μᵀ A_v X, X = J_p = A q + a, which has to be 0. With A = 0, J is
+        linear in p and then conserved by every tableau; otherwise J is bilinear in q and p, and is
+        conserved by the tableaux that are symplectic.
+        """
         if not J.everywhere:
             return _not_exact(J)
         why = f"{{J, H}} = 0{_domain(J)} ({J.proof})"
         X = [derivative(J.J, x) for x in self.system.p]
         for name, row in zip(self.system.velocity_constraint_names, self.system.A, strict=True):
-            push = [a * x for a, x in zip(row, X, strict=True)]
-            if not identically_zero([substitute(push, {} if J.any_parameters else self.numbers)]):
+            reaction_rate = [a * x for a, x in zip(row, X, strict=True)]  # of J, for μ = −1
+            if not identically_zero([substitute(
+                    reaction_rate, {} if J.any_parameters else self.numbers)]):
                 return Guarantee(False, f"{why}, but the reaction of {name} changes it: A X is not "
                                  "0")
         if not J.A.any():
             return Guarantee(True, f"{why}, and J is linear in p alone")
+        # the tableau itself says that it is not symplectic: a violation refutes nothing
         if self.disclaimed and self.violation:
             return Guarantee(False, f"{why}; {self.violation}")
         return Guarantee(True, f"{why}{self._digits}", self.violation or self._broken_energy)
@@ -324,15 +335,15 @@ class MeanGuarantees:
         return Guarantee(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
 
     def momentum_constraint(self) -> Guarantee:
-        """Δg = 0 asks for Ḡ D_p = 0: if that makes f_(k+1) = −f_k, f stays 0.
+        """Return whether f = 0 is kept: Δg = 0 needs Ḡ D_p = 0, which must imply f_(k+1) = −f_k.
 
         f is linear in p. In each row of Ḡ D_p a momentum is eliminated by f_k + f_(k+1) = 0; if
         nothing is left, the row is a multiple of f_k + f_(k+1).
         """
         scheme, system = self.scheme, self.system
-        lacking = Guarantee(False, f"{self.name} has no projection of p")
+        no_projection = Guarantee(False, f"{self.name} has no projection of p")
         if system.is_time_dependent:
-            return lacking
+            return no_projection
         (q, p), (dq, dp) = scheme.means, scheme.differences
         _, D_p = scheme.mean_gradient
         end, start = (
@@ -343,27 +354,31 @@ class MeanGuarantees:
             total = f_end + f_start
             slopes = {x: derivative(total, x) for x in p if total.has(x)}
             if not slopes or any(slope.has(*p, *dp) for slope in slopes.values()):
-                return lacking
+                return no_projection  # not linear in p
             x, slope = next(iter(slopes.items()))
             terms = substitute([a * b for a, b in zip(row, D_p, strict=True)],
                                {x: x - total / slope})
             how = self._vanish([terms])
             if not how:
-                return lacking
+                return no_projection
         return Guarantee(True, f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({how})")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
-        """p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0."""
+        """Return whether J = pᵀ(A q + a) is conserved, from the difference of J over a step.
+
+        ΔJ/Δt = p̄ᵀA D_p − (A q̄ + a)·(D_q − F) − λᵀ Ḡ (A q̄ + a) at the means q̄ and p̄: the first two
+        terms must cancel, and the last be 0 off the constraints, too.
+        """
         if not J.everywhere:
             return _not_exact(J)
         why = f"{{J, H}} = 0{_domain(J)}"
-        reach, kicks = self._field(J)
+        X, p_A = self._field(J)
         D_q, D_p = self.scheme.mean_rates
-        rate = [*(a * b for a, b in zip(kicks, D_p, strict=True)),
-                *(-a * b for a, b in zip(reach, D_q, strict=True))]
-        slides = [[a * b for a, b in zip(row, reach, strict=True)]
-                  for row in self.scheme.mean_constraint]
-        if not self._vanish(slides, J):
+        rate = [*(a * b for a, b in zip(p_A, D_p, strict=True)),
+                *(-a * b for a, b in zip(X, D_q, strict=True))]
+        constraint_rates = [[a * b for a, b in zip(row, X, strict=True)]
+                            for row in self.scheme.mean_constraint]
+        if not self._vanish(constraint_rates, J):
             return Guarantee(False, f"{why}; g_q X = 0 is not seen off the constraints, where the "
                              "midpoints are")
         how = self._vanish([rate], J)
@@ -411,9 +426,9 @@ class MeanGuarantees:
         """Return X = A q̄ + a and p̄ᵀA."""
         system, (q, p) = self.system, self.scheme.means
         at_mean = dict(zip([*system.q, *system.p], [*q, *p], strict=True))
-        reach = [derivative(J.J, x) for x in system.p]
-        kicks = [derivative(J.J, x) for x in system.q]
-        return substitute(reach, at_mean), substitute(kicks, at_mean)
+        X = [derivative(J.J, x) for x in system.p]
+        p_A = [derivative(J.J, x) for x in system.q]
+        return substitute(X, at_mean), substitute(p_A, at_mean)
 
     def _vanish(self, sums: Sequence[Sequence[sp.Expr]], J: MomentumMap | None = None) -> str:
         """Return the proof that sums vanish at these parameters, or at any that J holds for."""

@@ -89,7 +89,7 @@ def loop_integral(
     q: Array, p: Array, rounded: tuple[Array, Array] | None = None,
     epsilon: float = float(np.finfo(float).eps),
 ) -> LoopIntegral:
-    """Return the integral of a loop by the spectral derivative of its states.
+    """Return ∮ p·dq = (2π/M) Σ_k p(x_k)·q′(x_k), with the spectral derivative q′ of the states.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ def loop_integral(
     """
     M = len(q)
     modes = [np.fft.rfft(x, axis=0) for x in (q, p)]
-    order = np.arange(len(modes[0]))[:, None]
-    order[-1] = 0  # the highest mode of an even number of points has no derivative
-    slopes = [np.fft.irfft(1j * order * mode, M, axis=0) for mode in modes]
+    wave_numbers = np.arange(len(modes[0]))[:, None]
+    wave_numbers[-1] = 0  # the highest mode of an even number of points has no derivative
+    slopes = [np.fft.irfft(1j * wave_numbers * mode, M, axis=0) for mode in modes]
     # ∮ dq = 0, so p less its mean gives the same number with less round-off.
     value = ((p - p.mean(axis=0)) * slopes[0]).sum() * 2 * np.pi / M
     least_r, least_s = rounded or (np.zeros(1), np.zeros(1))

@@ -135,6 +135,7 @@ def evaluate_flow(
 ) -> Series:
     """Return the coefficients of a flow for its numbers, or their derivatives by one of them.
 
+    The coefficient of a word is Σ x Π v_i^(e_i), from exponents e to x, with the numbers v.
     ``as_number`` converts an exact constant to the type of the arguments: interval, mpmath, float.
     """
     series: Series = {}
@@ -159,6 +160,7 @@ def multiply_flows(
 ) -> list[Series]:
     """Return the products of the first 0, 1, 2, … flows, as coefficients at words.
 
+    The coefficient of a product at a word is Σ (left factor at u) (right factor at v), word = u v.
     ``words`` must contain all factors of each of its words.
     """
     zero, splits = as_number(Fraction(0)), {}

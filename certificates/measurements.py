@@ -115,10 +115,11 @@ def constraint_scales(
     n, increment, binding = stepper.binding.n, 2.0**-15, stepper.binding
     m = binding.conditions
     parameter_struct = binding.parameters(dict(parameters))
+    # row 0 is the state itself, row 1 + i has its entry i displaced
     displacements = increment * np.concatenate([np.zeros((1, 2 * n)),
                                                 np.diag(np.concatenate(sizes))])
     largest = [np.zeros(stepper.m), np.zeros(m)]
-    count = max(1, _MOST_NUMBERS // (2 * n * (n + m)))
+    count = max(1, _MOST_NUMBERS // (2 * n * (n + m)))  # states at a time: bounded memory
     run_states = np.concatenate(full_states(run), axis=1).astype(float)
     for start in range(0, len(run.q), count):
         block = slice(start, start + count)

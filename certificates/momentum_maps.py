@@ -125,6 +125,7 @@ def momentum_maps(
     points = RandomPoints(system, parameter_values, np.asarray(q0, float), np.asarray(p0, float))
     named, n = known_fields(system), system.n
     full = n <= MAX_COORDINATES
+    # one entry each of (A | a), n × (n + 1); for many coordinates fields with a name alone
     units = [LinearField("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
     exact = SymmetrySpace(system, units if full else named, exact_values)
     general = SymmetrySpace(system, exact.fields, {}, within=exact)
@@ -196,17 +197,18 @@ class _IndependentMaps:
     def accepts(self, field: LinearField, threshold: float) -> bool:
         """Add a field and return True if its J is independent of the earlier ones.
 
-        J = 0 on the constraints is not independent. ``threshold`` is the least norm of the part
-        orthogonal to the earlier J, relative to the terms of J.
+        J = p·(A q + a) is compared at random points. J = 0 on the constraints is not independent.
+        ``threshold`` is the least norm of the part orthogonal to the earlier J, relative to the
+        terms of J.
         """
-        reach = self.q @ field.A.T + field.a
-        J = np.einsum("ki,ki->k", self.p, reach)
+        X = self.q @ field.A.T + field.a
+        J = np.einsum("ki,ki->k", self.p, X)
         size = np.linalg.norm(self.p, axis=1)
         terms = size * (np.linalg.norm(self.q, axis=1) * np.linalg.norm(field.A)
                         + np.linalg.norm(field.a))
         J, weight = J / size, np.linalg.norm(terms / size)
         remainder = J - self.basis @ (self.basis.T @ J)
-        remainder -= self.basis @ (self.basis.T @ remainder)
+        remainder -= self.basis @ (self.basis.T @ remainder)  # again, against round-off
         length = np.linalg.norm(remainder)
         if not length > threshold * weight:
             return False
@@ -242,7 +244,7 @@ def _fraction(x: float) -> Fraction:
 
 def with_name(field: LinearField, system: System) -> LinearField:
     """Return a field with a name: a motion of space about or along an axis, otherwise its J."""
-    motions = motions_of_space(system)
+    motions = motions_of_space(system)  # translations, and rotations about three axes
     if sum(bool(f.A.any()) for f in motions) == 3:
         weights = [field.weights.get(entry, Fraction(0)) / x
                    for entry, x in (next(iter(f.weights.items())) for f in motions)]

@@ -121,23 +121,24 @@ class RandomPoints:
     def broken(self, field: LinearField) -> tuple[float, bool]:
         """Return |dJ/dt| relative to its terms, and whether it is that small on g = 0 only.
 
-        On the constraints in doubles, for all q and p by arithmetic of 60 digits.
+        dJ/dt = (Aᵀp)·H_p − (H_q − F)·X, X = A q + a, and g_q X = 0 is needed. They are evaluated on
+        the constraints in doubles, and for all q and p in arithmetic of 60 digits.
         """
         q, p, force, speed, G = self._on_constraints
         moved_coordinates = sorted({i for i, _ in field.weights})
-        reach = (field.A @ q + field.a[:, None])[moved_coordinates]
-        slide = max((_relative(row * reach) for row in G[:, moved_coordinates]), default=0.0)
+        X = (field.A @ q + field.a[:, None])[moved_coordinates]
+        constraint_rate = max((_relative(row * X) for row in G[:, moved_coordinates]), default=0.0)
         rotated_momenta = sorted({j for _, j in field.weights if j < field.n})
         rate = np.concatenate([(field.A.T @ p)[rotated_momenta] * speed[rotated_momenta],
-                               -force[moved_coordinates] * reach])
-        on_constraints = max(_relative(rate), slide)
+                               -force[moved_coordinates] * X])
+        on_constraints = max(_relative(rate), constraint_rate)
         if on_constraints > NEAR or not q.shape[1]:  # no claim where nothing can be evaluated
             return max(on_constraints, 1.0), True
         off_constraints = max((_relative(np.array(terms)) for terms in self._precise_terms(field)),
                               default=np.inf)
         if off_constraints > NEAR:
             return on_constraints, True
-        return max(off_constraints, slide), False
+        return max(off_constraints, constraint_rate), False
 
     def _precise_terms(self, field: LinearField) -> Iterator[list[Any]]:
         """Yield the terms of {J, H} + J_p·F at a few states, in many digits."""

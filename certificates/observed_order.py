@@ -145,7 +145,7 @@ class _Spark:
         return [*q, *p, mp.mpf(1) / 3]
 
     def step(self, y: list[Any], h: Any) -> list[Any]:
-        """Return the state one step later."""
+        """Return the state one step later; p₁ is projected along Gᵀ onto G H_p(q₁, p₁) = 0."""
         x = self._solve(y, h)
         s, q, p = self.s, y[:2], y[2:4]
         k, k_hat = self._rates(x)
@@ -179,7 +179,11 @@ class _Spark:
         return force
 
     def _residual(self, x: list[Any], y: list[Any], h: Any) -> list[Any]:
-        """Return (B.1)."""
+        """Return the residual (B.1) of the stages.
+
+        k_i = H_p(Q_i, P_i), k̂_i = −H_q(Q_i, P_i) + F(t + c_i h) without constraint forces, and
+        g = 0 at the nodes of the constraints after the first, divided by h².
+        """
         f, s, q, p = _functions(), self.s, y[:2], y[2:4]
         k, k_hat = self._rates(x)
         force = self._forces(q, k, x[4 * s :], h)
@@ -202,7 +206,10 @@ class _Spark:
         return [*by_k, *by_k_hat, *constraints]
 
     def _solve(self, y: list[Any], h: Any) -> list[Any]:
-        """Return the unknowns (B.2) by Newton with a fixed double inverse."""
+        """Return the unknowns (B.2) by Newton's method, with an inverse Jacobian in doubles.
+
+        The inverse is evaluated again only while an iteration gains less than two digits.
+        """
         f, s = _functions(), self.s
         H_p, H_q = f["H_p"](*y[:4]), f["H_q"](*y[:4])
         x = [*(list(H_p) * s), *([-e for e in H_q] * s), *([mp.mpf(0)] * self.p)]

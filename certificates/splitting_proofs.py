@@ -1,7 +1,8 @@
 """Proofs of flows, of sums and brackets of parts, and of invariants: exact algebra, no numbers.
 
-A flow is a polynomial in q, l and C, N, …, which stand for cosines, sines and exponentials of the
-time: C² + |w|² N² = 1 with Ċ = −|w|² N, Ṅ = C for a rotation vector t w. It is proved by
+A flow is a polynomial in q, l and C, Z, …, which stand for cosines, sines and exponentials of the
+time: for a rotation vector 2 t u, C = cos(t|u|) and Z = sin(t|u|)/|u|, so that C² + |u|² Z² = 1,
+Ċ = −|u|² Z and Ż = C. It is proved by
 
     (i)   its derivative by t is the field of its Hamiltonian at the flow's state,
     (ii)  at t = 0 it is the identity,
@@ -17,28 +18,28 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import chain, combinations
+from itertools import combinations
 
 import sympy as sp
 
 from ..generator.multibody.rigid_body import left_matrix, rotation_matrix
-from ..generator.splitting.kicks import space_matrix, space_torque
+from ..generator.splitting.kicks import space_matrix
 from ..generator.splitting.parts import Splitting
 from ..generator.splitting.quotient import Quotient, unit_quaternions
 from ..generator.symbolic.derivatives import derivative
-from ..generator.symbolic.shared_subexpressions import expand_shared
 from ..generator.symmetry.linear_fields import known_fields
 from ..generator.systems.elimination_order import connected
 
 __all__ = ["Proof", "bracket", "hamiltonians", "invariants", "is_invariant", "prove_flows",
-           "prove_gradient", "prove_splitting"]
+           "prove_splitting"]
 
 q, p = (sp.symbols(f"{letter}0:4", real=True) for letter in "qp")
 l = sp.symbols("l1:4", real=True)  # noqa: E741
 e = sp.symbols("e1:4", real=True)
 omega = sp.symbols("omega1:4", real=True)
 a, d, c, k = sp.symbols("a d c k", real=True)
-C, N, D, M, E, rate = sp.symbols("C N D M E rate", real=True)
+#: Cosine and sine of a rotation in space axes, of one in body axes, e^(−kt), and d (e·m) at t = 0.
+C, Z, D, Y, E, rate = sp.symbols("C Z D Y E rate", real=True)
 #: d (e·m) in q and l.
 _RATE = d * (rotation_matrix(q) * sp.Matrix(e)).dot(sp.Matrix(l))
 
@@ -59,11 +60,17 @@ class _Flow:
     Attributes
     ----------
     left, right, force : three expressions each
-        W in space axes, w in body axes, and f, in q and l.
+        The angular velocities W in space axes and w in body axes, and f, in q and l.
     q, l : expressions
         The flow.
-    along : tuple of three times three expressions
-        W, w and f at the state of the flow; ``rate`` stands for d (e·m) at t = 0.
+    along : pair of three expressions
+        W and w along the flow, in q, l and symbols of the time.
+    rates : mapping
+        Time derivatives of the symbols of the time.
+    squares : mapping
+        Squares of symbols that the ideal replaces, such as C² = 1 − |u|² Z².
+    drag : Expr
+        k of l̇ = −k l.
     """
 
     name: str
@@ -80,14 +87,14 @@ class _Flow:
     force: Sequence[sp.Expr] = (sp.S.Zero,) * 3
 
     def proofs(self) -> Iterator[Proof]:
-        """Yield the proofs (i) to (iii) of a flow: its field, its derivative, its start."""
+        """Yield the proofs that the field is that of H, and of (i) to (iii)."""
         ring = Quotient({**unit_quaternions([q]), **self.squares})
         state = {**dict(zip(q, self.q, strict=True)), **dict(zip(l, self.l, strict=True))}
 
         def equal(expressions: Sequence[sp.Expr], expected: Sequence[sp.Expr]) -> bool:
             return all(ring.vanishes(x - y) for x, y in zip(expressions, expected, strict=True))
 
-        field = [*_turning(q, self.left, self.right), *self.force]
+        field = [*_quaternion_rate(q, self.left, self.right), *self.force]
         yield Proof(self.name, "the field of H is 2q̇ = W q + q w", equal(
             _field(self.H, self.drag), field))
         yield Proof(self.name, f"W and w along {self.equation}", equal(
@@ -96,7 +103,7 @@ class _Flow:
         time_derivative = [sp.Add(*(derivative(x, y) * r for y, r in self.rates.items()))
                            for x in (*self.q, *self.l)]
         yield Proof(self.name, f"d/dt {self.equation} = (½ W q + ½ q w, f)", equal(
-            time_derivative, [*_turning(self.q, *self.along),
+            time_derivative, [*_quaternion_rate(self.q, *self.along),
                               *(x.xreplace(state) for x in self.force)]))
         start = {x: sp.Integer(x in (C, D, E)) for x in self.rates}
         yield Proof(self.name, f"{self.equation} = (q, l) at t = 0", equal(
@@ -104,7 +111,7 @@ class _Flow:
         yield Proof(self.name, "|q|² = 1", ring.vanishes(sp.Add(*(x**2 for x in self.q), -1)))
 
 
-def _turning(x: Sequence[sp.Expr], W: Sequence[sp.Expr], w: Sequence[sp.Expr]
+def _quaternion_rate(x: Sequence[sp.Expr], W: Sequence[sp.Expr], w: Sequence[sp.Expr]
              ) -> list[sp.Expr]:
     """Return ½ W x + ½ x w."""
     return [(u + v) / 2 for u, v in zip(_product([0, *W], x), _product(x, [0, *w]),
@@ -133,32 +140,36 @@ def _flows() -> Iterator[_Flow]:
     m = left_matrix(q) * sp.Matrix(p) / 2
     space = space_matrix(q) * sp.Matrix(p) / 2
     zero, half = [sp.S.Zero] * 3, sp.Rational(1, 2)
-    sphere, along = a * m.dot(m) / 2, sp.Matrix(e).dot(m)
-    axis = d * along**2 / 2 + c * along
-    squared, size = (sp.Add(*(x**2 for x in v)) for v in (l, omega))
-    unit = {e[0]: 1 - e[1]**2 - e[2]**2}
-    left_quaternion, right_quaternion = [C, *(N * x for x in l)], [D, *(M * x for x in e)]
-    turned, about = [a * x for x in l], [(_RATE + c) * x for x in e]
+    sphere, e_m = a * m.dot(m) / 2, sp.Matrix(e).dot(m)
+    axis = d * e_m**2 / 2 + c * e_m
+    l_squared, omega_squared = (sp.Add(*(x**2 for x in v)) for v in (l, omega))
+    unit = {e[0]: 1 - e[1]**2 - e[2]**2}  # |e| = 1
+    left_quaternion, right_quaternion = [C, *(Z * x for x in l)], [D, *(Y * x for x in e)]
+    W, w = [a * x for x in l], [(_RATE + c) * x for x in e]
+    # C = cos(½ a t |l|), Z = sin(½ a t |l|)/|l|
     yield _Flow(
-        "sphere", "(exp(½ t a l) q, l)", sphere, turned, zero, _product(left_quaternion, q), l,
-        (turned, zero), {C: -half * a * squared * N, N: half * a * C}, {C: 1 - squared * N**2})
+        "sphere", "(exp(½ t a l) q, l)", sphere, W, zero, _product(left_quaternion, q), l,
+        (W, zero), {C: -half * a * l_squared * Z, Z: half * a * C}, {C: 1 - l_squared * Z**2})
+    # D = cos(½ t (d (e·m) + c)), Y = sin(½ t (d (e·m) + c))
     yield _Flow(
-        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, zero, about,
+        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, zero, w,
         _product(q, right_quaternion), l, (zero, [(rate + c) * x for x in e]),
-        {D: -half * (rate + c) * M, M: half * (rate + c) * D}, unit | {D: 1 - M**2})
+        {D: -half * (rate + c) * Y, Y: half * (rate + c) * D}, unit | {D: 1 - Y**2})
+    # s = (1 − e^(−kt))/k has ṡ = E = e^(−kt): both angles with s in place of t, but c t
     yield _Flow(
         "symmetric body with drag", "(exp(½ s a l) q exp(½ (s d (e·m) + c t) e), E l)",
-        sphere + axis, turned, about, _product(_product(left_quaternion, q), right_quaternion),
-        [E * x for x in l], ([E * x for x in turned], [(E * rate + c) * x for x in e]),
-        {C: -half * a * E * squared * N, N: half * a * E * C, D: -half * (rate * E + c) * M,
-         M: half * (rate * E + c) * D, E: -k * E},
-        unit | {C: 1 - squared * N**2, D: 1 - M**2}, k, [-k * x for x in l])
-    back = [C, *(-N * x for x in omega)]
+        sphere + axis, W, w, _product(_product(left_quaternion, q), right_quaternion),
+        [E * x for x in l], ([E * x for x in W], [(E * rate + c) * x for x in e]),
+        {C: -half * a * E * l_squared * Z, Z: half * a * E * C, D: -half * (rate * E + c) * Y,
+         Y: half * (rate * E + c) * D, E: -k * E},
+        unit | {C: 1 - l_squared * Z**2, D: 1 - Y**2}, k, [-k * x for x in l])
+    # C = cos(½ t |ω|), Z = sin(½ t |ω|)/|ω|
+    back = [C, *(-Z * x for x in omega)]
     velocity = [-x for x in omega]
     yield _Flow(
         "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(space), velocity, zero,
         _product(back, q), list(rotation_matrix(back) * sp.Matrix(l)), (velocity, zero),
-        {C: -half * size * N, N: half * C}, {C: 1 - size * N**2},
+        {C: -half * omega_squared * Z, Z: half * C}, {C: 1 - omega_squared * Z**2},
         force=list(-sp.Matrix(omega).cross(sp.Matrix(l))))
 
 
@@ -166,8 +177,8 @@ def _flows() -> Iterator[_Flow]:
 def prove_flows() -> tuple[Proof, ...]:
     """Prove the flows of rotations, (i) to (iii), and that those of T commute."""
     m = left_matrix(q) * sp.Matrix(p) / 2
-    along = sp.Matrix(e).dot(m)
-    sphere, axis = a * m.dot(m) / 2, d * along**2 / 2 + c * along
+    e_m = sp.Matrix(e).dot(m)
+    sphere, axis = a * m.dot(m) / 2, d * e_m**2 / 2 + c * e_m
     space = sp.Matrix(omega).dot(space_matrix(q) * sp.Matrix(p) / 2)
     names = {"½ a |m|²": sphere, "½ d (e·m)² + c (e·m)": axis, "ω·l": space}
     ring = Quotient({**unit_quaternions([q]), e[0]: 1 - e[1]**2 - e[2]**2})
@@ -183,7 +194,8 @@ def bracket(
 ) -> sp.Expr:
     """Return the canonical bracket {f, g} = f_q·g_p − f_p·g_q.
 
-    On T*S³ it is the bracket of functions of q and l, which commute with |q|² and with qᵀp.
+    For functions of q and l it is the bracket on T*S³: they commute with |q|², so that the
+    correction of the Dirac bracket for |q|² = 1 and qᵀp = 0 vanishes.
     """
     return sp.Add(*(derivative(f, x) * derivative(g, y) - derivative(f, y) * derivative(g, x)
                     for x, y in zip(q, p, strict=True)
@@ -209,7 +221,10 @@ class _Ring:
         self.vanishing: dict[sp.Expr, bool] = {}
 
     def vanishes(self, expression: sp.Expr) -> bool:
-        """Whether an expression is proved to vanish on the phase space."""
+        """Whether an expression is proved to vanish on the phase space.
+
+        Its normal form in local symbols q and m is 0, with p = 2 L(q)ᵀ m.
+        """
         symbols = expression.free_symbols
         bodies = sorted({self.body_of[x] for x in symbols if x in self.body_of})
         quaternions: list[Sequence[sp.Symbol]] = []
@@ -223,7 +238,7 @@ class _Ring:
         other_symbols = sorted((x for x in symbols if x in self.order and x not in names),
                                key=self.order.__getitem__)
         names |= {x: sp.Symbol(f"_k{k}", **x.assumptions0) for k, x in enumerate(other_symbols)}
-        local = expression.xreplace(names)
+        local = expression.xreplace(names)  # equal for bodies of equal form
         if local not in self.vanishing:
             self.vanishing[local] = Quotient(unit_quaternions(quaternions)).vanishes(local)
         return self.vanishing[local]
@@ -253,16 +268,16 @@ def hamiltonians(splitting: Splitting) -> list[tuple[str, sp.Expr]]:
         m = left_matrix(x) * sp.Matrix(y) / 2
         parts.append((f"½ a |m|² of {body.name}", body.a * m.dot(m) / 2))
         for axis in (*body.axes, *body.further):
-            along = sp.Matrix(axis.axis).dot(m)
-            parts.append((f"axis {axis.axis} of {body.name}",
-                          axis.d * along**2 / 2 + axis.c * along))
-    move = splitting.translation
-    if move is not None:
-        terms = [x * system.p[i] * system.p[j] / 2 for (i, j), x in move.inverse_mass.items()]
-        terms += [x * system.p[i] for i, x in move.velocity.items()]
+            e_m = sp.Matrix(axis.axis).dot(m)
+            parts.append((f"axis {axis.axis} of {body.name}", axis.d * e_m**2 / 2 + axis.c * e_m))
+    translation = splitting.translation
+    if translation is not None:
+        terms = [x * system.p[i] * system.p[j] / 2
+                 for (i, j), x in translation.inverse_mass.items()]
+        terms += [x * system.p[i] for i, x in translation.velocity.items()]
         parts.append(("translation", sp.Add(*terms)))
     for space in splitting.space:
-        J = sp.zeros(3, 1)
+        J = sp.zeros(3, 1)  # Σ l + Σ r × p_r
         for b in space.bodies:
             y = [system.p[i] for i in splitting.bodies[b].q]
             J += space_matrix(splitting.quaternions[b]) * sp.Matrix(y) / 2
@@ -286,11 +301,12 @@ def prove_splitting(splitting: Splitting) -> tuple[Proof, ...]:
     terms = [*H, *(-x for x in parts)]
     sums = all(ring.vanishes(sp.Add(*group)) for group in _by_momenta(terms, system.p)) or (
         ring.vanishes(sp.Add(*terms)))  # such as (p − A(q))²: part of it has no momenta
+    # rotations of asymmetric bodies are composed, and do not commute with the rest of T
     inexact_names = {f"axis {axis.axis} of {body.name}" for body in splitting.bodies
-               for axis in body.further}
+                     for axis in body.further}
     exact = [x for name, x in hamiltonians(splitting) if name not in inexact_names and name != "V"]
     commute = all(ring.vanishes(bracket(x, y, system.q, system.p))
-                  for x, y in _meeting(exact, system.p))
+                  for x, y in _pairs_with_common_momentum(exact, system.p))
     return (Proof("sum of the parts", "Σ parts = H mod (|q|² − 1, qᵀp)", sums),
             Proof("one exact flow", "{X, Y} = 0 for parts of T", commute))
 
@@ -320,10 +336,13 @@ def _solved(conditions: Sequence[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
     return solution
 
 
-def _meeting(
+def _pairs_with_common_momentum(
     parts: Sequence[sp.Expr], p: Sequence[sp.Symbol]
 ) -> Iterator[tuple[sp.Expr, sp.Expr]]:
-    """Yield pairs of parts that share a momentum: the only pairs that may not commute."""
+    """Yield the pairs of parts of T with a common momentum: the only pairs that may not commute.
+
+    A part has coordinates only of the bodies and points whose momenta it has.
+    """
     parts_with: dict[sp.Symbol, list[int]] = defaultdict(list)
     for k, x in enumerate(parts):
         for symbol in x.free_symbols.intersection(p):
@@ -331,19 +350,6 @@ def _meeting(
     for i, j in sorted({pair for indices in parts_with.values()
                         for pair in combinations(indices, 2)}):
         yield parts[i], parts[j]
-
-
-def prove_gradient(splitting: Splitting) -> Proof:
-    """Prove for systems without forces: ``gradient`` is the kick of G = −{V, {T, V}}."""
-    ring, system = _Ring(splitting), splitting.system
-    T = sp.Add(*(x for name, x in hamiltonians(splitting) if name != "V"))
-    inner = bracket(T, splitting.V, system.q, system.p)
-    G = -bracket(splitting.V, inner, system.q, system.p)
-    torques = [space_torque(x, [-derivative(G, y) for y in x]) for x in splitting.quaternions]
-    forces_of_G = [*chain(*torques), *(-derivative(G, system.q[i]) for i in splitting.points)]
-    kick_forces = [*chain(*splitting.gradient.torques), *splitting.gradient.forces]
-    return Proof("force gradient", "kick of G = −{V, {T, V}}", all(
-        ring.vanishes(x - expand_shared(y)) for x, y in zip(forces_of_G, kick_forces, strict=True)))
 
 
 def is_invariant(splitting: Splitting, J: sp.Expr) -> bool:

@@ -117,7 +117,7 @@ def _measured(tableau: Tableau) -> Condition:
 
 
 def _compiled(generated: Generated, tableau: Tableau, real_name: RealName) -> Condition:
-    """The coefficients in the compiled module against the correctly rounded exact ones."""
+    """Compare the coefficients in the compiled module with the correctly rounded exact ones."""
     stepper = Stepper(generated.source.name, generated.source.files())
     real = REALS[real_name]
     exact = tableau.map_enclosures(real.round)
@@ -136,7 +136,7 @@ def _compiled(generated: Generated, tableau: Tableau, real_name: RealName) -> Co
 
 
 def _scaled_coefficients(tableau: Tableau, real_name: RealName) -> list[Condition]:
-    """The coefficients of the fast path: scaled by the weights, rounded in pairs x, 1 − x."""
+    """Check the coefficients of the fixed-point iteration: μ_ij = a_ij/b_j in pairs x, 1 − x."""
     fast, real = FastTableau(tableau), REALS[real_name]
     if fast.refusal is not None:
         return []

@@ -57,19 +57,13 @@ class Event:
     name: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.quantity, str):
-            raise InputError(f"An event's quantity is a name, not {shown(self.quantity)}.")
+        _set_name(self, "event")
         if type(self.direction) is not int or self.direction not in (-1, 0, 1):
             raise InputError(f"direction = {shown(self.direction)} is none; give -1 (falling), 1 "
                              "(rising) or 0 (both).")
-        if not isinstance(self.terminal, bool):
-            raise InputError(f"terminal = {shown(self.terminal)} is neither True nor False.")
-        if not isinstance(self.name, str):
-            raise InputError(f"An event's name is text, not {shown(self.name)}.")
         level = exact(self.level)
         if level is None or isinstance(level, float):
             raise InputError(f"level = {shown(self.level)} is no finite number.")
-        object.__setattr__(self, "name", self.name or self.quantity)
 
 
 @dataclass(frozen=True)
@@ -104,15 +98,20 @@ class Impact:
     terminal: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.quantity, str):
-            raise InputError(f"An impact's quantity is a name, not {shown(self.quantity)}.")
-        if not isinstance(self.name, str):
-            raise InputError(f"An impact's name is text, not {shown(self.name)}.")
-        if not isinstance(self.terminal, bool):
-            raise InputError(f"terminal = {shown(self.terminal)} is neither True nor False.")
+        _set_name(self, "impact")
         if not isinstance(self.restitution, str):
             _refuse_restitution("restitution", self.restitution)
-        object.__setattr__(self, "name", self.name or self.quantity)
+
+
+def _set_name(record: Event | Impact, kind: str) -> None:
+    """Name a record after its quantity by default; refuse wrong types of what both kinds have."""
+    if not isinstance(record.quantity, str):
+        raise InputError(f"An {kind}'s quantity is a name, not {shown(record.quantity)}.")
+    if not isinstance(record.name, str):
+        raise InputError(f"An {kind}'s name is text, not {shown(record.name)}.")
+    if not isinstance(record.terminal, bool):
+        raise InputError(f"terminal = {shown(record.terminal)} is neither True nor False.")
+    object.__setattr__(record, "name", record.name or record.quantity)
 
 
 def _refuse_restitution(label: str, entry: Any) -> None:
@@ -125,7 +124,7 @@ def _refuse_restitution(label: str, entry: Any) -> None:
 def with_restitutions(
     impacts: Sequence[Impact], parameters: Mapping[str, Any]
 ) -> tuple[Impact, ...]:
-    """Return impacts with the numbers of restitutions that are parameters.
+    """Return the impacts with numbers where a restitution is the name of a parameter.
 
     Raises InputError for an unknown parameter, and one outside of [0, 1].
     """
@@ -142,13 +141,15 @@ def with_restitutions(
 def events_of_model(
     argument: Any, quantities: Sequence[str], velocities: Sequence[str]
 ) -> tuple[Event | Impact, ...]:
-    """Return the impacts and the events of a model, of quantities and of other names.
+    """Return the impacts and then the events that a model declares.
 
-    Raises InputError as ``as_impacts`` and ``as_events``.
+    Impacts watch quantities; events may also watch velocities. Raises InputError as ``as_impacts``
+    and ``as_events``.
     """
     entries = [argument] if isinstance(argument, Event | Impact) else argument
-    impacts = [entry for entry in entries if isinstance(entry, Impact)] if isinstance(
-        entries, Sequence) else []
+    if not isinstance(entries, Sequence):
+        return as_events(entries, [*quantities, *velocities])  # which says what is wrong with it
+    impacts = [entry for entry in entries if isinstance(entry, Impact)]
     events = [entry for entry in entries if entry not in impacts] if impacts else entries
     return *as_impacts(impacts, quantities), *as_events(events, [*quantities, *velocities])
 
@@ -158,7 +159,7 @@ def as_impacts(
 ) -> tuple[Impact, ...]:
     """Return a caller's impacts, each of a quantity that the system has; () of events alone.
 
-    ``model_impacts`` are the impacts of the start, of which those given take the place. Raises
+    ``model_impacts`` are the impacts of the start; impacts of the caller replace them. Raises
     InputError for impacts and events together, an unknown quantity, two impacts of one gap or one
     name.
     """

@@ -103,7 +103,7 @@ class TerminalHandler(logging.Handler):
     def __init__(self) -> None:
         super().__init__()
         self._tasks: list[str] = []
-        self._place: _Status | _Cell | _Lines | None = None
+        self._display: _Status | _Cell | _Lines | None = None
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether somebody reads a record of a task."""
@@ -118,14 +118,14 @@ class TerminalHandler(logging.Handler):
         else:
             self._tasks[len(self._tasks) - (task == "step"):] = [record.getMessage()]
         if self._tasks:
-            if self._place is None:
-                self._place = (_Cell() if _is_notebook() else
+            if self._display is None:
+                self._display = (_Cell() if _is_notebook() else
                                _Status() if _is_terminal() else _Lines())
-            self._place.show(self._tasks[-1])
-        elif self._place is not None:
+            self._display.show(self._tasks[-1])
+        elif self._display is not None:
             printed = self.results and record.levelno >= logging.INFO
-            self._place.end(record.getMessage() if printed else "")
-            self._place = None
+            self._display.end(record.getMessage() if printed else "")
+            self._display = None
 
 
 TERMINAL = TerminalHandler()

@@ -1,12 +1,12 @@
-"""Onto the constraints: a state near them is moved to g(q) = 0 and g_q H_p(q, p) = 0.
+"""Projection onto the constraints: a state is moved to g(q) = 0 and g_q H_p(q, p) = 0.
 
     q ← q − Gᵀ(GGᵀ)⁻¹ g          the shortest way, with G = g_q; halved while |g| would grow
     p ← p − Gᵀ W⁻¹ G H_p         W = G H_pp Gᵀ: the smallest change of kinetic energy
 
 Rows A of velocity constraints A q̇ + a = 0 join those of G in the second, and only there.
 
-Both rooms use this: the generator for models that are not compiled yet, ``gs.consistent`` for
-any system. Nothing here knows SymPy or compiled code.
+The generator projects the starts of models that are not compiled yet, ``gs.consistent`` the states
+of any system. Nothing here knows SymPy or compiled code.
 """
 
 from __future__ import annotations
@@ -172,17 +172,22 @@ def report(
 
 
 def project_coordinates(system: Constrained, q: Array) -> Array:
-    """Return the q with g(q) = 0 that damped Newton steps along Gᵀ reach."""
+    """Return a q with g(q) = 0 near the given one, by Newton's method with damping.
+
+    q ← q − θ Gᵀ(GGᵀ)⁻¹ g, where θ is halved until |g| falls or is round-off.
+    """
     g = system.g(q)
-    best = q
+    best = q  # the last step may raise |g| within round-off
     for _ in range(100):
         G = system.G(q)
-        step = _along(system, G, G @ G.T, g)
+        step = _newton_step(system, G, G @ G.T, g)
         q_new, g_new, fraction = q - step, system.g(q - step), 1.0
-        while not _norm(g_new) < max(_norm(g), _floor(G, q)) and fraction > 1e-6:
+        # not <: |g| may be NaN
+        while not _norm(g_new) < max(_norm(g), _round_off_of_g(G, q)) and fraction > 1e-6:
             fraction /= 2
             q_new = q - fraction * step
             g_new = system.g(q_new)
+        # a step below the round-off of q: g cannot become smaller
         settled = np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(q), EPS)
         if _norm(g_new) <= _norm(g):
             best = q_new
@@ -191,7 +196,7 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
         if fraction <= 1e-6:
             break
         q, g = q_new, g_new
-    if _norm(g) <= _floor(system.G(q), q):
+    if _norm(g) <= _round_off_of_g(system.G(q), q):
         return best
     worst = int(np.argmax(np.abs(g)))
     raise InputError(
@@ -201,14 +206,14 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
 
 
 def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
-    """Return the p with g_q H_p = 0 next to the given one, by Newton steps along Gᵀ.
+    """Return the p with g_q H_p = 0 and A H_p + a = 0 next to the given one, by Newton's method.
 
-    Likewise A H_p + a = 0, along Aᵀ.
+    p ← p − rowsᵀ W⁻¹ f with rows = (g_q, A), W = f_p rowsᵀ; one step if H is quadratic in p.
     """
     rows = system.rows(q)
     for _ in range(50):
         f = system.f(q, p)
-        step = _along(system, rows, system.W(q, p, rows), f)
+        step = _newton_step(system, rows, system.W(q, p, rows), f)
         p = p - step
         if np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(p), EPS):
             return p
@@ -239,16 +244,18 @@ def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
     if len(G) <= G.shape[1] and _is_well_conditioned(rows):
         return [], []
-    U, values, _ = np.linalg.svd(rows)
-    rank = int(np.sum(values > RANK_TOLERANCE * max(values.max(initial=0.0), RANK_TOLERANCE)))
-    null = U[:, rank:]
+    U, singular_values, _ = np.linalg.svd(rows)
+    rank = int(np.sum(singular_values > RANK_TOLERANCE * max(singular_values.max(initial=0.0),
+                                                             RANK_TOLERANCE)))
+    null = U[:, rank:]  # nullᵀ rows = 0: a column for each dependency
     involved = [i for i in range(len(G)) if np.linalg.norm(null[i]) > np.sqrt(RANK_TOLERANCE)]
     left_out: list[int] = []
-    null_rows = null[involved]  # the null vectors, seen at these rows
+    null_rows = null[involved]  # coefficients of the involved rows in each dependency
     for _ in range(null.shape[1]):
         sizes = np.linalg.norm(null_rows, axis=1)
         pivot = np.flatnonzero(sizes > SHARE * sizes.max())[-1]
         left_out.append(involved[pivot])
+        # one dependency is resolved by leaving out the pivot; go on with those without it
         direction = null_rows[pivot] / sizes[pivot]
         null_rows = null_rows - np.outer(null_rows @ direction, direction)
     return involved, sorted(left_out)
@@ -335,7 +342,7 @@ def as_dense(matrix: Array | csr_array) -> Array:
     return dense
 
 
-def _along(
+def _newton_step(
     system: Constrained, G: Array | csr_array, W: Array | csr_array, defect: Array
 ) -> Array:
     """Return Gᵀ W⁻¹ defect, or name the constraints that make W singular."""
@@ -383,7 +390,7 @@ def _listed(names: Any) -> str:
     return ", ".join(repr(name) for name in names)
 
 
-def _floor(G: Array | csr_array, q: Array) -> float:
+def _round_off_of_g(G: Array | csr_array, q: Array) -> float:
     """Return the round-off level of |g|: 16 ε times the scale of g at q."""
     return 16 * EPS * float(np.linalg.norm(abs(G) @ np.abs(q))) if G.size else 0.0
 

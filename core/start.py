@@ -93,7 +93,7 @@ class Start:
         self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number] | None = None,
         t: Number | ArrayLike = 0.0, inputs: Mapping[str, Number] | None = None,
     ) -> None:
-        # What the caller changes later changes no start.
+        # Copies: arrays that the caller changes later do not change the start.
         self.q, self.p, self.t = copy(q), copy(p), copy(t)
         self.parameters: Mapping[str, Number] = FrozenDict(
             as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}"))
@@ -110,7 +110,7 @@ class Start:
         self._nominal = False
         #: Parameters that some steppers of the system do not have.
         self._spare: frozenset[str] = frozenset()
-        #: H + e of a state in scaled time: 0 where a run starts, later what its steps made of that.
+        #: H + e of a state in scaled time: 0 at the start of a run, and changed by its steps.
         self._excess: Any = 0.0
 
     def __repr__(self) -> str:

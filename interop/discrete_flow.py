@@ -24,7 +24,7 @@ from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.inputs import InputRows
 from ..runtime.bindings.run_memory import Rows, RunState
-from ..runtime.derivatives.binding import KeptRun
+from ..runtime.derivatives.binding import KeptRun, KeptSteps
 from ..runtime.derivatives.frame import FrameMotion
 from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
 from ..runtime.derivatives.kept_steps import pieces, singular, split
@@ -59,7 +59,7 @@ class DiscreteFlow:
     input_names : list of str
         The inputs u; each step has its own.
     fields : dict of str to slice
-        The places in x of "q", "p", "parameters", "dt", "t0", "inputs".
+        The slices of x of "q", "p", "parameters", "dt", "t0", "inputs".
     size : int
         Numbers in x.
     failures : deque of str
@@ -88,12 +88,13 @@ class DiscreteFlow:
             self.fields[name] = slice(self.size, self.size + width)
             self.size += width
         self.failures: deque[str] = deque(maxlen=16)
-        #: Places of q, p, θ, Δt, t0 and of a step's inputs in a direction of the compiled code.
-        places = {name: 2 * self.n + i for i, name in enumerate(binding.parameter_names)}
-        self._rows = len(places) + 2 * self.n + 2
-        self._places = np.array([*range(2 * self.n), *(places[name] for name in self.names),
-                                 self._rows - 2, self._rows - 1])
-        self._input_places = np.array([places[name] for name in self.input_names], dtype=int)
+        # A direction of the compiled code has the rows q, p, all parameters, Δt, t0; the inputs of
+        # a step are among the parameters. These are the rows of x without inputs, and of inputs.
+        row_of = {name: 2 * self.n + i for i, name in enumerate(binding.parameter_names)}
+        self._row_count = len(row_of) + 2 * self.n + 2
+        self._fixed_rows = np.array([*range(2 * self.n), *(row_of[name] for name in self.names),
+                                     self._row_count - 2, self._row_count - 1])
+        self._input_rows = np.array([row_of[name] for name in self.input_names], dtype=int)
 
     # ------------------------------------------------------------ F, F'dx, F'ᵀw
 
@@ -139,10 +140,11 @@ class DiscreteFlow:
             """Return the difference quotient of one row, of the order of ``_DIFFERENCE``."""
             run = self._run(x)
             start = np.concatenate([run.q, run.p, x[2 * self.n :]])
-            projected = self._projected(self._stored_run(run)[1], dx[:, : self._places.size])
-            along = np.concatenate([projected.T[:, self._places],
-                                    dx[:, self._places.size :]], axis=1)
+            projected = self._projected(self._stored_run(run)[1], dx[:, : self._fixed_rows.size])
+            along = np.concatenate([projected.T[:, self._fixed_rows],
+                                    dx[:, self._fixed_rows.size :]], axis=1)
             size = self._sizes(start)
+            # ε^(1/5) of the largest relative change balances truncation ∝ h⁴ and round-off ∝ ε/h
             step = np.finfo(float).eps ** 0.2 / np.maximum(
                 (np.abs(along) / size).max(axis=1, initial=0), np.finfo(float).tiny)
             step[~along.any(axis=1)] = 1
@@ -237,18 +239,20 @@ class DiscreteFlow:
                                         self.stepper.constraint_names)
 
     def _tangent(self, x: Array, dx: Array) -> Array:
-        """Return F'(x) dx, shape (k, 2 n), for one x and k directions."""
+        """Return F'(x) dx, shape (k, 2 n), for one x and k directions: tangents step by step."""
         run, binding = self._run(x), self.stepper._derivative_binding()
         stored_run, space = self._stored_run(run)
-        fixed_count, count = self._places.size, len(dx)
-        u = dx[:, fixed_count:].reshape(count, self.steps, -1)
+        fixed_count, count = self._fixed_rows.size, len(dx)
+        input_directions = dx[:, fixed_count:].reshape(count, self.steps, -1)
         dz = self._projected(space, dx[:, :fixed_count])
         tangents = dz[: 2 * self.n].copy()
         no_entries = binding.own.new(0)
         for steps in pieces(self.stepper, run, stored_run):
             # directions of inputs change from step to step: a call of C for each
-            for step_group in split(steps, np.arange(self.steps)) if u.any() else (steps,):
-                dz[self._input_places] = u[:, step_group.first].T if u.size else 0
+            for step_group in (split(steps, np.arange(self.steps)) if input_directions.any()
+                               else (steps,)):
+                dz[self._input_rows] = (input_directions[:, step_group.first].T
+                                        if input_directions.size else 0)
                 status = binding.integrate_tangent(run, stored_run.parameters, step_group, dz,
                                                    self.steps, no_entries, no_entries, tangents)
                 if status:
@@ -260,29 +264,30 @@ class DiscreteFlow:
         return tangents.T
 
     def _adjoint(self, x: Array, w: Array) -> Array:
-        """Return F'(x)ᵀ w, shape (k, size), for one x and k cotangents."""
+        """Return F'(x)ᵀ w, shape (k, size), for one x and k cotangents: steps backwards."""
         run, binding = self._run(x), self.stepper._derivative_binding()
         stored_run, space = self._stored_run(run)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
         count, inputs = len(w), len(self.input_names)
-        z_bar, ends = binding.own.new(count, self._rows), w.copy()
+        z_bar, w = binding.own.new(count, self._row_count), w.copy()
         u_bar = binding.own.new(count, self.steps, inputs)
         is_last, no_entries = True, binding.own.new(0)
         for steps in backwards(self.stepper, run, as_bytes(DEFAULT_MEMORY), None):
             if is_last and frame.moves:
                 last = np.concatenate([steps.q[-1], steps.p[-1]])
-                z_bar += ends @ frame.own_derivatives(self.steps, last)
-                ends = np.ascontiguousarray(ends @ frame.matrix(self.steps))
+                z_bar += w @ frame.own_derivatives(self.steps, last)
+                w = np.ascontiguousarray(w @ frame.matrix(self.steps))
             is_last = False
-            for cotangent, gradient, inputs_bar in zip(ends, z_bar, u_bar, strict=True):
+            # in place: each w becomes the cotangent of the state before these steps
+            for cotangent, gradient, inputs_bar in zip(w, z_bar, u_bar, strict=True):
                 status = binding.integrate_adjoint(
                     run, stored_run.parameters, steps, no_entries, self.steps, no_entries,
                     cotangent, gradient, inputs_bar[steps.first : steps.first + steps.count])
                 if status:
                     raise singular(steps.first, status)
-        z_bar[:, : 2 * self.n] = ends
+        z_bar[:, : 2 * self.n] = w
         pulled = space.pulled_back(z_bar.T).T
-        return np.concatenate([pulled[:, self._places], u_bar.reshape(count, -1)], axis=1)
+        return np.concatenate([pulled[:, self._fixed_rows], u_bar.reshape(count, -1)], axis=1)
 
     def _second_tangent(self, x: Array, v: Array, dx: Array) -> Array:
         """Return the derivative of F'(x) v along dx: that of each entry's gradient, times v."""
@@ -292,52 +297,69 @@ class DiscreteFlow:
             for direction, along in zip(v, dx, strict=True)])
 
     def _second_adjoint(self, x: Array, w: Array, dx: Array) -> Array:
-        """Return the derivative of F'(x)ᵀ w along dx, a row for each w and dx."""
-        run, first, second = self._run(x), self.stepper._derivative_binding(), \
-            self.stepper._second_binding()
+        """Return d/dε F'(x + ε dx)ᵀ w at ε = 0, a row for each pair of w and dx.
+
+        Forward over reverse: dx is taken forwards through the steps, then w backwards together with
+        its slope along these tangents, then both through the projection of the start.
+        """
+        run, second = self._run(x), self.stepper._second_binding()
         stored_run, space = self._stored_run(run)
         steps, status = stored_run.keep(self.steps)
         if status:
             self.stepper._run(run)  # says why it fails
             raise singular(stored_run.steps_done, status)
         parameters = second.own.parameters(run.parameters, run.t0)
-        fixed_count, size = self._places.size, 2 * self.n
-        u = dx[:, fixed_count:].reshape(len(dx), self.steps, -1)
-        dz = self._projected(space, dx[:, :fixed_count])
+        fixed_count, size = self._fixed_rows.size, 2 * self.n
+        input_directions = dx[:, fixed_count:].reshape(len(dx), self.steps, -1)
+        start_directions = self._projected(space, dx[:, :fixed_count])
+        no_stored_states = np.zeros((1, size)), np.zeros((1, size))  # their cotangents and slopes
         derivatives = np.zeros((len(w), self.size))
         for j, cotangent in enumerate(w):
-            direction = dz[:, j].copy()
-            tangent_rows = np.zeros((self.steps + 1, size))
-            tangent_rows[0], tangent = direction[:size], direction[:size, None].copy()
-            for step_group in split(steps, np.arange(self.steps)) if u[j].any() else (steps,):
-                direction[self._input_places] = u[j, step_group.first]
-                status = first.integrate_tangent(
-                    run, stored_run.parameters, step_group, direction[:, None].copy(), 1,
-                    tangent_rows[step_group.first + 1 :], first.own.new(0), tangent)
-                if status:
-                    raise singular(step_group.first, status)
-            direction[self._input_places] = 0
-            no_rows = np.zeros((1, size))
-            cotangents = CotangentSlopes.at_end(second, cotangent, np.zeros(size), len(u[j]))
-            cotangents.inputs[0][:] = u[j]
+            dz = start_directions[:, j].copy()
+            tangents = self._tangents_of_steps(run, stored_run, steps, dz, input_directions[j])
+            cotangents = CotangentSlopes.at_end(second, cotangent, np.zeros(size), self.steps)
+            directions, _, input_slopes = cotangents.inputs
+            directions[:] = input_directions[j]
             status = second.integrate_second(
-                run, parameters, steps, tangent_rows, direction, (no_rows, no_rows), self.steps,
-                cotangents)
+                run, parameters, steps, tangents, dz, no_stored_states, self.steps, cotangents)
             if status:
                 raise singular(0, status)
             z_bar, slope = cotangents.z_bar
             z_bar[:size], slope[:size] = cotangents.w
-            changed = pulled_back_slope(second, space, parameters, run.q, run.p, direction, z_bar,
-                                        slope)
-            derivatives[j] = np.concatenate([changed[self._places], cotangents.inputs[2].ravel()])
+            start_slope = pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar,
+                                            slope)
+            derivatives[j] = np.concatenate([start_slope[self._fixed_rows], input_slopes.ravel()])
         return derivatives
+
+    def _tangents_of_steps(
+        self, run: RunArguments, stored_run: KeptRun, steps: KeptSteps, dz: Array,
+        input_directions: Array,
+    ) -> Array:
+        """Return the tangent of (q, p) before each step and after the last, shape (steps + 1, 2 n).
+
+        ``dz`` is a direction of the start, and ``input_directions`` has a row for each step.
+        """
+        binding, size = self.stepper._derivative_binding(), 2 * self.n
+        dz = dz.copy()
+        tangents = np.zeros((self.steps + 1, size))
+        tangents[0], tangent = dz[:size], dz[:size, None].copy()
+        # directions of inputs change from step to step: a call of C for each
+        for step_group in (split(steps, np.arange(self.steps)) if input_directions.any()
+                           else (steps,)):
+            dz[self._input_rows] = input_directions[step_group.first]
+            status = binding.integrate_tangent(
+                run, stored_run.parameters, step_group, dz[:, None].copy(), 1,
+                tangents[step_group.first + 1 :], binding.own.new(0), tangent)
+            if status:
+                raise singular(step_group.first, status)
+        return tangents
 
     # ------------------------------------------------------------ the derivative of the projection
 
     def _projected(self, space: TangentSpace, dx: Array) -> Array:
         """Return directions of the compiled code, in columns, of a start that is projected."""
-        dz = self.stepper.binding.new(self._rows, len(dx))
-        dz[self._places] = dx.T
+        dz = self.stepper.binding.new(self._row_count, len(dx))
+        dz[self._fixed_rows] = dx.T
         return np.ascontiguousarray(space.projected(dz))
 
     def _sizes(self, x: Array) -> Array:

@@ -101,16 +101,24 @@ def _batch(function: Any, size: int, axes: tuple[Any, ...], inputs: tuple[Any, .
                           *result.shape[mapped_axis + 1 :]), mapped_axis
 
 
-class _Value(Function):
+class _Batched(Function):
+    """A function of x and directions with ``setup_context`` and ``vmap``."""
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        _save(ctx, inputs)
+
+    @classmethod
+    def vmap(cls, info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
+        return _batch(cls, info.batch_size, in_dims, inputs)
+
+
+class _Value(_Batched):
     """x, shape (rows, size) → F(x), shape (rows, 2 n)."""
 
     @staticmethod
     def forward(x: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return _computed(flow.value, x)
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
-        _save(ctx, inputs)
 
     @staticmethod
     def backward(ctx: Any, w: Any) -> Any:
@@ -124,20 +132,9 @@ class _Value(Function):
         (x,) = ctx.saved_tensors
         return _Tangent.apply(x, dx[:, None], ctx.flow, ctx.has_second)[:, 0]
 
-    @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
-        return _batch(_Value, info.batch_size, in_dims, inputs)
-
-
-class _Linear(Function):
-    """x and v → F'(x) v or F'(x)ᵀ v; linear in v."""
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
-        _save(ctx, inputs)
-
 
 def _transposed(ctx: Any, transposed_function: Any, cotangent: Any) -> Any:
+    """Return the cotangent of v, of which F'(x) v and F'(x)ᵀ v are linear functions."""
     if ctx.needs_input_grad[0]:
         raise InputError("Second derivatives of steps are taken forward over reverse: use "
                          "torch.func.hessian, or jacfwd of jacrev.")
@@ -159,7 +156,7 @@ def _linear_jvp(ctx: Any, function: Any, second: Any, dx: Any, dv: Any) -> Any:
     return sum(terms[1:], terms[0]) if terms else None
 
 
-class _Tangent(_Linear):
+class _Tangent(_Batched):
     """x and dx, shape (rows, k, size) → F'(x) dx, shape (rows, k, 2 n)."""
 
     @staticmethod
@@ -174,12 +171,8 @@ class _Tangent(_Linear):
     def jvp(ctx: Any, dx: Any, dv: Any, *_: Any) -> Any:
         return _linear_jvp(ctx, _Tangent, _SecondTangent, dx, dv)
 
-    @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
-        return _batch(_Tangent, info.batch_size, in_dims, inputs)
 
-
-class _Adjoint(_Linear):
+class _Adjoint(_Batched):
     """x and w, shape (rows, k, 2 n) → F'(x)ᵀ w, shape (rows, k, size)."""
 
     @staticmethod
@@ -194,30 +187,18 @@ class _Adjoint(_Linear):
     def jvp(ctx: Any, dx: Any, dv: Any, *_: Any) -> Any:
         return _linear_jvp(ctx, _Adjoint, _SecondAdjoint, dx, dv)
 
-    @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
-        return _batch(_Adjoint, info.batch_size, in_dims, inputs)
 
-
-class _SecondTangent(_Linear):
+class _SecondTangent(_Batched):
     """x, v and dx, shape (rows, k, …) → the derivative of F'(x) v by x along dx."""
 
     @staticmethod
     def forward(x: Any, v: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return _computed(lambda *xs: flow.second(flow.tangent, *xs), x, v, dx)
 
-    @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
-        return _batch(_SecondTangent, info.batch_size, in_dims, inputs)
 
-
-class _SecondAdjoint(_Linear):
+class _SecondAdjoint(_Batched):
     """x, w and dx, shape (rows, k, …) → the derivative of F'(x)ᵀ w by x along dx."""
 
     @staticmethod
     def forward(x: Any, w: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return _computed(lambda *xs: flow.second(flow.adjoint, *xs), x, w, dx)
-
-    @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
-        return _batch(_SecondAdjoint, info.batch_size, in_dims, inputs)
