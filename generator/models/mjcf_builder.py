@@ -113,7 +113,7 @@ def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
 
 
 def _take_key(robot: MjcfRobot, start: MjcfStart, key: MjcfKey) -> None:
-    """Set coordinates, rates and controls of a keyframe."""
+    """Set coordinates, rates and controls of a keyframe: qpos and qvel are split joint by joint."""
     if key.moved:
         raise InputError(f"keyframe {shown(key.name)} places body {shown(key.moved)}, a mocap, "
                          "otherwise than the file; write its pos and quat in <body>.")
@@ -217,7 +217,11 @@ class MjcfBuilder(RobotBuilder):
                                **{effort_kind: coefficient * effort})
 
     def _cable(self, cable: MjcfCable) -> None:
-        """Add V = (2/h) Σ B_k (u_k − u°_k)² of neighbours, w + u = q̄_a q_b, as in ``beam``."""
+        """Add V = (2/h) Σ B_k (u_k − u°_k)² of neighbours, w + u = q̄_a q_b, as in ``beam``.
+
+        q_a and q_b are attitudes of the sections: a body of the file has an attitude of its own in
+        the limb that it belongs to.
+        """
         numbers = {body.name: k for k, body in enumerate(self.robot.bodies)}
         names = ("twisting", "bending1", "bending2")
         B = [self._number(f"{cable.name}_{name}", value)
@@ -299,7 +303,10 @@ class MjcfBuilder(RobotBuilder):
             rotation=fixed_rotation)
 
     def _law(self, name: str, equality: MjcfEquality) -> None:
-        """Add y₁ − y₁(0) = c₀ + c₁ (y₂ − y₂(0)) + …, of joints or tendons."""
+        """Add y₁ − y₁(0) = c₀ + c₁ (y₂ − y₂(0)) + …, where y is a joint or a tendon Σ c_i q_i.
+
+        A linear law of two joints is a coupling.
+        """
         powers = equality.data[:5].tolist()
         sums = [((end, 1.0),) if equality.kind == "joint" else self.mjcf.tendons[end].joints
                 for end in equality.ends]

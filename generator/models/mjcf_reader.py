@@ -301,7 +301,11 @@ class _Reader:
         return looks
 
     def _contacts(self) -> None:
-        """Count bodies with geoms that may touch those of another one."""
+        """Count bodies with geoms that may collide with those of another body, as extras.
+
+        Two geoms collide if the type of one is among the affinities of the other; parent and child
+        do not, unless ``filterparent`` is off.
+        """
         m = self.m
         touching = {(int(m.body_weldid[m.geom_bodyid[k]]), int(m.geom_contype[k]),
                      int(m.geom_conaffinity[k])) for k in range(m.ngeom)}

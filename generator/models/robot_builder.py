@@ -283,14 +283,14 @@ class RobotBuilder:
         return self.builder
 
     def _add_more(self) -> None:
-        """Add elements of a single format; a subclass has them."""
+        """Add the elements that a single format has, in its subclass."""
 
     def mounts(self) -> dict[str, Mount]:
         """Return the placement of each body of the file, in its rigid part and in space."""
         return {body.name: self._mount(k, IDENTITY) for k, body in enumerate(self.robot.bodies)}
 
     def _mount(self, body: int, placement: Placement) -> Mount:
-        """Return where a frame of a body, −1 for space, is in what moves and in space."""
+        """Return the poses of a frame of a body, −1 for space: in its limb, and in space."""
         limb, inner = self.robot.limb(body), self.robot.inner(body).then(placement)
         space = placement if body < 0 else self.poses.bodies[body].then(placement)
         return Mount(self.frames[limb], Placement(inner.x - self.centres[limb], inner.R), space)
@@ -336,15 +336,20 @@ class RobotBuilder:
             components.aliases |= {name: connection for name in names if name != connection.name}
 
     def _join(self, limb: int) -> None:
-        """Connect a limb to its parent by the joints of the file."""
+        """Connect a limb to its parent by the joints of the file.
+
+        A free joint, or three independent slides of the ground and a ball, need no constraint. One
+        joint is one of the builder's; several with armatures are a chain of coordinates; other
+        combinations have a joint of their own (``_special``), or are refused.
+        """
         robot, build = self.robot, self.builder
-        joints, above = robot.bodies[limb].joints, robot.limb(robot.bodies[limb].above)
+        joints, parent = robot.bodies[limb].joints, robot.limb(robot.bodies[limb].above)
         kinds = [joint.kind for joint in joints]
         first = joints[0]
-        ends = self.frames[above], self.frames[limb]
+        ends = self.frames[parent], self.frames[limb]
         axes = [self.poses.axes[joint.name] for joint in joints]
         points = [self.poses.points[joint.name] for joint in joints]
-        if kinds == ["free"] or (kinds == ["slide"] * 3 + ["ball"] and above < 0
+        if kinds == ["free"] or (kinds == ["slide"] * 3 + ["ball"] and parent < 0
                                  and abs(np.linalg.det(axes[:3])) > _SAME):
             return
         if len(joints) == 1:
@@ -397,12 +402,19 @@ class RobotBuilder:
     def _special(
         self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats], points: Sequence[Floats]
     ) -> bool:
-        """Add joints in a row as one that is known; return whether there is one."""
+        """Add several joints of a limb as one joint of the builder; return whether there is one.
+
+            two or three slides of the ground               constraints of attitude and position
+            two slides of the ground and a hinge            planar joint
+            hinge and slide along one axis                  cylindrical joint
+            two hinges at right angles whose axes meet      universal joint
+            three hinges through one point                  ball joint
+        """
         joints, build = self.robot.bodies[limb].joints, self.builder
         kinds = [joint.kind for joint in joints]
         value = [float(self.start.coordinates[joint.name][0]) for joint in joints]
         slides = kinds.index("hinge") if "hinge" in kinds else len(kinds)
-        inert = any(joint.armature for joint in joints)
+        has_armature = any(joint.armature for joint in joints)
         name = self.joint_name[joints[-1].name]
         if set(kinds[:slides]) == {"slide"} and ends[0] is GROUND and len(kinds) <= 3 and (
                 len(kinds) - slides <= 1):
@@ -412,10 +424,10 @@ class RobotBuilder:
             link = build.cylindrical(name, *ends, axis_in_space=axes[hinge], at=points[hinge],
                                      angle=value[hinge], travel=value[slide])
             self.coordinates[joints[slide].name] = link
-            return not inert
-        if kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and not inert:
+            return not has_armature
+        if kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and not has_armature:
             return self._cross(name, limb, ends, axes, points)
-        if kinds == ["hinge"] * 3 and not inert and all(
+        if kinds == ["hinge"] * 3 and not has_armature and all(
                 np.allclose(points[0], point, rtol=0, atol=_SAME) for point in points):
             build.ball(name, *ends, at=points[0])
             return True
@@ -425,15 +437,19 @@ class RobotBuilder:
         self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats]
     ) -> bool:
-        """Add two or three slides of the ground; the last may be a hinge normal to them."""
+        """Add two or three slides of the ground; the last may be a hinge normal to them.
+
+        A travel s_i of d = Σ s_i e_i is measured along the dual direction of e_i. Returns False if
+        the directions e_i are dependent, or the hinge is not normal to them.
+        """
         joints, build = self.robot.bodies[limb].joints, self.builder
-        hinge = joints[-1].kind == "hinge"
-        along = np.array(axes[:-1] if hinge else axes)
+        has_hinge = joints[-1].kind == "hinge"
+        directions = np.array(axes[:-1] if has_hinge else axes)
         point = points[-1]
-        if len(along) < 2 or np.linalg.svd(along)[1][-1] < _SAME:
+        if len(directions) < 2 or np.linalg.svd(directions)[1][-1] < _SAME:
             return False
-        normal = unit(np.cross(along[0], along[1])) if len(along) == 2 else None
-        if hinge:
+        normal = unit(np.cross(directions[0], directions[1])) if len(directions) == 2 else None
+        if has_hinge:
             if normal is None or abs(normal @ axes[-1]) < 1 - _SAME:
                 return False
             angle = float(self.start.coordinates[joints[-1].name][0])
@@ -441,7 +457,7 @@ class RobotBuilder:
                                                 angle=angle))
         else:
             build._join(Translation(name, *ends, at=point, normal=normal))
-        duals = np.linalg.pinv(along).T  # d = Σ s_i e_i has s_i = d · dual_i
+        duals = np.linalg.pinv(directions).T  # d = Σ s_i e_i has s_i = d · dual_i
         for joint, dual in zip(joints, duals, strict=False):
             label = self.joint_names.free(f"{joint.name}_slide")
             self._know(joint, build._join(Slide(
@@ -456,10 +472,10 @@ class RobotBuilder:
     ) -> bool:
         """Add two hinges at right angles whose axes meet as a universal joint, and its angles."""
         joints, build = self.robot.bodies[limb].joints, self.builder
-        apart = points[1] - points[0]
-        if abs(np.cross(axes[0], axes[1]) @ apart) > _SAME:
+        offset = points[1] - points[0]
+        if abs(np.cross(axes[0], axes[1]) @ offset) > _SAME:  # the axes do not meet
             return False
-        point = points[0] + (axes[0] @ apart) * axes[0]
+        point = points[0] + (axes[0] @ offset) * axes[0]  # where they meet
         build.universal(name, *ends, axis_a=axes[0], axis_b=axes[1], at=point)
         for k, joint in enumerate(joints):
             self.coordinates[joint.name] = build._join(Arm(
@@ -518,16 +534,16 @@ class RobotBuilder:
         return self.builder.parameter(self.parameter_names.free("restitution"), 1.0)
 
     def _ball_damper(self, joint: RobotJoint) -> None:
-        """Add the torque −c ω of the relative angular velocity."""
+        """Add the torque −c (ω_b − ω_a) on the limb b, in its body axes, and its opposite on a."""
         limb = joint.body
         a, b = self.frames[self.robot.limb(self.robot.bodies[limb].above)], self.frames[limb]
         c = self.builder.parameter(
             self.parameter_names.free(f"{joint.name}_damping"), joint.damping)
-        apart = [y - x for x, y in zip(a.direction(a.angular_velocity),
-                                       b.direction(b.angular_velocity), strict=True)]
+        relative = [y - x for x, y in zip(a.direction(a.angular_velocity),
+                                          b.direction(b.angular_velocity), strict=True)]
         for frame, sign in ((b, -1), (a, 1)):
             if isinstance(frame, Body):
-                self.builder.torque(frame, [sign * c * dot(frame.rotation.col(k), apart)
+                self.builder.torque(frame, [sign * c * dot(frame.rotation.col(k), relative)
                                             for k in range(3)])
 
     def _compensate_gravity(self) -> None:

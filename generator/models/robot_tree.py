@@ -156,7 +156,7 @@ class LoopJoint:
     damping: float = 0.0
 
     def close(self, builder: Multibody, name: str, mounts: Mapping[str, Mount]) -> None:
-        """Add the joint."""
+        """Add the joint: points in the axes of the bodies of the model, axes in space."""
         a, b = (mounts[body] for body in self.bodies)
         inner_a, inner_b = (mount.inner.then(placement)
                             for mount, placement in zip((a, b), self.places, strict=True))
@@ -255,7 +255,11 @@ def turn(axis: Floats, angle: float) -> Floats:
 
 
 def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Floats, Floats]:
-    """Return mass, centre of mass, and inertia about it, of links that move as one."""
+    """Return mass, centre of mass, and inertia about it, of links that move as one.
+
+    J = Σ (R_i J_i R_iᵀ + m_i (|d_i|² − d_i d_iᵀ)) with d_i from the common centre to that of link i
+    (Steiner), in the axes of the placements.
+    """
     mass = sum(link.mass for _, link in parts)
     centres = [placement.x + placement.R @ link.centre for placement, link in parts]
     centre: Floats = sum((link.mass * c for (_, link), c in zip(parts, centres, strict=True)),
@@ -281,15 +285,19 @@ class Poses:
 
 
 def place_bodies(robot: Robot, coordinates: Mapping[str, Floats]) -> Poses:
-    """Return where bodies are at the coordinates of their joints."""
+    """Return the poses of bodies, and axes and points of joints in space, at given coordinates.
+
+    Parents come before their children in ``robot.bodies``. The joints of a body move it one after
+    the other, each with its axis and point as those before it have left them.
+    """
     poses = Poses()
     for body in robot.bodies:
-        above = IDENTITY if body.above < 0 else poses.bodies[body.above]
-        placement = above.then(body.place)
+        parent = IDENTITY if body.above < 0 else poses.bodies[body.above]
+        placement = parent.then(body.place)
         for joint in body.joints:
             value, name = coordinates[joint.name], joint.name
             if joint.kind == "free":
-                placement = above.then(Placement(value[:3], rotation(value[3:])))
+                placement = parent.then(Placement(value[:3], rotation(value[3:])))
             axis, point = placement.R @ joint.axis, placement.x + placement.R @ joint.point
             poses.axes[name] = axis
             if joint.kind == "slide":
@@ -298,7 +306,7 @@ def place_bodies(robot: Robot, coordinates: Mapping[str, Floats]) -> Poses:
             elif joint.kind != "free":
                 R = (turn(axis, value[0] - joint.ref) @ placement.R if joint.kind == "hinge"
                      else placement.R @ rotation(value))
-                placement = Placement(point - R @ joint.point, R)
+                placement = Placement(point - R @ joint.point, R)  # its point stays in place
             poses.points[name] = point
         poses.bodies.append(placement)
     return poses
@@ -307,7 +315,11 @@ def place_bodies(robot: Robot, coordinates: Mapping[str, Floats]) -> Poses:
 def body_velocities(
     robot: Robot, poses: Poses, rates: Mapping[str, Floats]
 ) -> list[tuple[Floats, Floats]]:
-    """Return the velocity of the origin of each body and its angular velocity, in space."""
+    """Return the velocity of the origin of each body and its angular velocity, in space.
+
+    v = v_parent + ω_parent × (x − x_parent), ω = ω_parent, and of each joint ė e or ω_j, with
+    ω_j × (x − point of the joint).
+    """
     velocities: list[tuple[Floats, Floats]] = []
     for body, pose in zip(robot.bodies, poses.bodies, strict=True):
         v, w = np.zeros(3), np.zeros(3)
@@ -322,9 +334,9 @@ def body_velocities(
             if joint.kind == "free":
                 v, w = rate[:3], pose.R @ rate[3:]
                 continue
-            turning = pose.R @ rate if joint.kind == "ball" else rate[0] * poses.axes[joint.name]
-            w = w + turning
-            v = v + np.cross(turning, pose.x - poses.points[joint.name])
+            w_joint = pose.R @ rate if joint.kind == "ball" else rate[0] * poses.axes[joint.name]
+            w = w + w_joint
+            v = v + np.cross(w_joint, pose.x - poses.points[joint.name])
         velocities.append((v, w))
     return velocities
 

@@ -66,7 +66,8 @@ def derivative_kernels(
 def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the transposed derivatives of the kernels of a step of a splitting.
 
-    Cotangents of the outputs come in, those of the inputs and of the constants go out.
+    For y = f(x, c), a kernel takes the cotangent ȳ and returns x̄ = f_xᵀ ȳ and c̄ = f_cᵀ ȳ, with the
+    constants c of ``columns``.
     """
     constants = {"c": list(columns)}
     kernels = {k.name: k for k in (*scheme.kernels(), *scheme.flow_kernels(work=False))}
@@ -84,9 +85,10 @@ def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> li
 def _transposed(
     kernel: Kernel, by: Mapping[str, Sequence[sp.Symbol]], *, value: bool = False
 ) -> Kernel:
-    """Return the kernel of Σ w ∂(output)/∂x for each x, by reverse differentiation.
+    """Return the kernel of Σ w ∂(output)/∂x for each x in ``by``, by reverse differentiation.
 
-    ``value`` adds Σ w (output). Weights w of an output are in the array ``<output>_bar``.
+    ``value`` adds Σ w (output). Weights w of an output y are in the array ``y_bar``, the results of
+    an array x in ``x_bar``.
     """
     rows = {name: _flat(e) for name, e in kernel.outputs.items()}
     weights = {f"{name}_bar": vector(f"_w_{name}", len(e)) for name, e in rows.items()}
@@ -109,9 +111,8 @@ def _flat(e: Sequence[Any]) -> list[sp.Expr]:
 def quantity_derivatives(system: System) -> Kernel | None:
     """Return the kernel of the derivatives of quantities by q, p, the parameters and the time.
 
-    In scaled time those of H follow, of which the start of the time's momentum is made. None where
-    there are no quantities, or so many that their derivatives would cost more than those of the
-    steps.
+    In scaled time the last row is H: the momentum of the time starts at −H. None without
+    quantities, or if their derivatives would cost more than the derivatives of the steps.
     """
     expressions = list(system.quantities.values())
     time = [sp.Dummy() if system.time is None else system.time]
@@ -145,9 +146,9 @@ def quantity_rates(system: System) -> Kernel | None:
 def impact_derivatives(system: System) -> Kernel | None:
     """Return the kernel from which the derivatives of the law of impacts are assembled.
 
-    Of the gaps φ, quantities of q and the time, it has the derivatives of φ_qᵀ μ + g_qᵀ λ by q, the
-    parameters and the time, and those of φ_q H_p + φ_t by q, p, the parameters and the time; None
-    without gaps, or where they are too long.
+    The gaps φ are the quantities of q and the time. ``forces`` are the derivatives of
+    φ_qᵀ μ + g_qᵀ λ by q, the parameters and the time, ``rates`` the derivatives of φ_q H_p + φ_t by
+    q, p, the parameters and the time. None without gaps, or if they are too long.
     """
     moving = {*system.p, *system.inputs}
     gaps = [e if e.free_symbols.isdisjoint(moving) else sp.Integer(0)
@@ -155,6 +156,7 @@ def impact_derivatives(system: System) -> Kernel | None:
     time = sp.Dummy() if system.time is None else system.time
     columns = [*system.parameters, time]
     velocities = [derivative(system.H, p) for p in system.p]
+    # φ_q H_p + φ_t of each gap
     rates = [sp.Add(derivative(e, time), *(derivative(e, x) * v for x, v in zip(
         system.q, velocities, strict=True))) for e in gaps]
     if not any(gaps) or tree_size(rates) * len(columns) > _LARGEST_QUANTITIES:

@@ -370,15 +370,19 @@ def _is_finite(e: sp.Expr) -> bool:
 def chosen(
     a: DiscreteDifference, b: DiscreteDifference, x: DiscreteDifference, y: DiscreteDifference
 ) -> DiscreteDifference:
-    """Return the difference of x where a < b and y elsewhere, for constant a and b."""
-    def pick(yes: sp.Expr, no: sp.Expr) -> sp.Expr:
-        return Where(a.mean, b.mean, yes, no)
+    """Return the difference of x where a < b and y elsewhere, for constant a and b.
+
+    Mean, slopes, change and ends are those of the selected expression.
+    """
+    def select(below: sp.Expr, above: sp.Expr) -> sp.Expr:
+        return Where(a.mean, b.mean, below, above)
 
     zero = sp.Integer(0)
-    slope = {i: pick(x.slope.get(i, zero), y.slope.get(i, zero))
+    slope = {i: select(x.slope.get(i, zero), y.slope.get(i, zero))
              for i in sorted(x.slope.keys() | y.slope.keys())}
-    difference = DiscreteDifference(pick(x.mean, y.mean), slope, x.steps, pick(x.change, y.change))
-    return difference.with_ends(*(pick(*ends) for ends in zip(x.ends, y.ends, strict=True)))
+    difference = DiscreteDifference(select(x.mean, y.mean), slope, x.steps,
+                                    select(x.change, y.change))
+    return difference.with_ends(*(select(*ends) for ends in zip(x.ends, y.ends, strict=True)))
 
 
 def piecewise(
@@ -386,7 +390,8 @@ def piecewise(
 ) -> DiscreteDifference:
     """Return the difference of f(s) = Σ_i f_i(c_i) + constant, where c_i is s clamped to piece i.
 
-    If both ends of s are in one piece, all c_i but one are constant.
+    Δf = Σ_i (Df_i)(Δc_i/Δs) Δs. If both ends of s are in one piece, all other Δc_i are 0, and
+    their slopes, which may be infinite there, are not used.
     """
     s = s.shared()
     step = (s.change,)

@@ -321,13 +321,13 @@ def splitting_scheme(
         raise InputError(f"Composition {plain.name} has force gradients, with which the work of "
                          f"the forces of system {system.name!r} has order 2 only; give an order "
                          "instead.")
-    if splitting.is_exact:  # for all parameters: one composition is enough
+    if splitting.is_exact:  # T is one exact flow for all parameters: one composition is enough
         return SplittingScheme(reduced, splitting, splitting, constants, (symmetric_composition,))
     if named and not _of_strang_steps(plain):
         raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
                          f"system {system.name!r} has others; give an order instead, or choose a "
                          "composition of Strang steps such as KL8.")
-    if not named:
+    if not named:  # a step K(h/2) R K(h/2) of an asymmetric body is symmetric, and no more
         plain = next(stored for stored in COMPOSITIONS.values()
                      if stored.order == order and _of_strang_steps(stored))
     # with two compositions, a run selects by ``symmetric.conditions`` at its parameters

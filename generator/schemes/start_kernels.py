@@ -92,7 +92,7 @@ class StartKernels:
 
     @cached_property
     def _mass(self) -> tuple[sp.Matrix, list[sp.Expr]]:
-        """D and a."""
+        """D = Cᵀ H_pp C, symmetric, and a = Cᵀ H_p(q, 0), both modulo |q| = 1."""
         H_pp, H_p = self.system.H_pp, self.system.H_p
         at_rest = {x: sp.Integer(0) for x in self.system.p}
         D = sp.zeros(len(self._columns))

@@ -70,42 +70,46 @@ def since_start(
         return bool(x.free_symbols <= constants)
 
     def linear(x: sp.Expr, *, periodic: bool) -> sp.Expr | None:
-        """Return a sum a t + b + … as a τ + φ + …; None if no term is linear in the time."""
-        slopes, shifts, other_terms = [], [], []
+        """Return a sum a t + b + … as a τ + φ + …; None if no term is linear in the time.
+
+        φ = a t0 + b is a constant of the run, reduced modulo 2π (``Phase``) if ``periodic``.
+        """
+        rates, offsets, other_terms = [], [], []
         for term in sp.Add.make_args(x):
             rate, time_factor = term.as_independent(time, as_Add=False)
             if time_factor == time and is_constant(rate):
-                slopes.append(rate)
+                rates.append(rate)
             elif is_constant(term):
-                shifts.append(term)
+                offsets.append(term)
             else:
                 other_terms.append(term)
-        if not slopes:
+        if not rates:
             return None
-        slope, shift = sp.Add(*slopes), sp.Add(*shifts)
+        a, b = sp.Add(*rates), sp.Add(*offsets)
         if periodic:
-            factor, symbols = slope.as_independent(*constants, as_Add=False)
-            shift = constant(Phase(factor, symbols, START, shift))
+            # the number in a = number · symbols is given to ``phase`` with twice the digits
+            number, symbols = a.as_independent(*constants, as_Add=False)
+            phi = constant(Phase(number, symbols, START, b))
         else:
-            shift = constant(slope * START + shift)
-        return sp.Add(slope * time, shift, *map(walk, other_terms))
+            phi = constant(a * START + b)
+        return sp.Add(a * time, phi, *map(in_elapsed_time, other_terms))
 
-    def walk(x: Any) -> Any:
+    def in_elapsed_time(x: Any) -> Any:
         if x not in replacement:
-            replacement[x] = _walk(x)
+            replacement[x] = rebuilt(x)
         return replacement[x]
 
-    def _walk(x: Any) -> Any:
+    def rebuilt(x: Any) -> Any:
         if time not in x.free_symbols:
             return x
         if isinstance(x, _PERIODIC):
             argument = linear(x.args[0], periodic=True)
-            return x.func(walk(x.args[0]) if argument is None else argument)
+            return x.func(in_elapsed_time(x.args[0]) if argument is None else argument)
         if x == time or x.is_Add or x.is_Mul:
             result = linear(x, periodic=False)
             if result is not None:
                 return result
-        return x.func(*map(walk, x.args))
+        return x.func(*map(in_elapsed_time, x.args))
 
-    result: sp.Expr = walk(e)
+    result: sp.Expr = in_elapsed_time(e)
     return result

@@ -120,7 +120,10 @@ def _comparisons(expressions: Iterable[sp.Expr], symbols: set[sp.Symbol]) -> Ite
 
 
 def _split(w: sp.Expr, symbols: set[sp.Symbol]) -> tuple[sp.Expr, sp.Expr, bool]:
-    """Return (s, b, c > 0) for w = c (s − b), where the sign of c is known."""
+    """Return (s, b, c > 0) for w = c (s − b), where the sign of c is known.
+
+    s has the terms of w with the symbols, divided by the coefficient c of the first.
+    """
     terms = sp.Add.make_args(sp.expand(w))
     variable_terms = [t for t in terms if not t.free_symbols.isdisjoint(symbols)]
     factor, variable = variable_terms[0].as_independent(*symbols, as_Add=False)
@@ -156,7 +159,9 @@ def _solutions(
 ) -> Iterator[list[dict[sp.Expr, sp.Expr]]]:
     """Yield lists of substitutions that turn the variable into the symbol s.
 
-    A list has two substitutions, x = ±√…, if the variable is even in x: both must agree.
+    First s itself; then, for each symbol x in which s (or s², of a root) is linear or quadratic,
+    the solutions for x. A list has two substitutions, x = ±√…, if the variable is even in x: both
+    must agree.
     """
     yield [{variable: symbol}]
     square, target = (variable.base, symbol**2) if root else (variable, symbol)
@@ -187,6 +192,7 @@ def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
     before = _order_by_position(e, symbol)
     unsorted, ordered = list(limits), []
     while unsorted:
+        # the limit that is below all others, if the order of these is known
         lowest = [a for a in unsorted
                   if all(a == b or _is_below(a, b, before) for b in unsorted)]
         if len(lowest) != 1:
@@ -198,6 +204,7 @@ def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
 
 
 def _is_below(a: sp.Expr, b: sp.Expr, before: set[tuple[sp.Expr, sp.Expr]]) -> bool:
+    """Whether a ≤ b by the sign of b − a, or, if it is not known, by the nesting (``before``)."""
     difference = b - a
     if difference.is_positive or difference.is_negative:
         return bool(difference.is_positive)

@@ -108,12 +108,15 @@ def expand_shared(e: sp.Expr) -> sp.Expr:
 
 
 def parts_of(expressions: Iterable[sp.Basic]) -> Iterator[sp.Basic]:
-    """Yield every different subexpression once, arguments before the expressions of them."""
+    """Yield every different subexpression once, arguments before the expressions of them.
+
+    Depth first with a stack: expressions are deeper than Python's recursion.
+    """
     visited: set[sp.Basic] = set()
     stack = [(e, False) for e in expressions]
     while stack:
-        e, complete = stack.pop()
-        if complete:
+        e, has_arguments_done = stack.pop()
+        if has_arguments_done:
             yield e
         elif e not in visited:
             visited.add(e)
