@@ -17,7 +17,7 @@ __all__ = ["examples", "models"]
 
 #: What is done with an entry of each kind.
 _USES = {
-    "problem": "gyrospark run {name}",
+    "problem": "gyrospark run {name} --dt 1e-3 --t-end 1",
     "model": "gyrospark run {name}",
     "system": "generate --system {name}",
 }

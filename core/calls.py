@@ -120,7 +120,8 @@ def _refusal(
     by_name = [each.name for each in parameters
                if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)]
     takes = ", ".join(by_name) or "none by name"
-    unknown = [name for name in named if name not in by_name]
+    takes_any_name = any(each.kind is each.VAR_KEYWORD for each in parameters)
+    unknown = [] if takes_any_name else [name for name in named if name not in by_name]
     for name in unknown:
         if cure := former_argument(shown, name, {each.name for each in parameters}):
             return f"{shown} has no argument {name!r} any more; {cure}."

@@ -379,7 +379,8 @@ def _singular(system: Constrained, G: Array) -> str:
     if not involved:
         return "G H_pp Gᵀ is singular: momenta cannot meet the constraints; H needs all of p."
     return (f"The constraints depend on each other here: {_listed(names[i] for i in involved)}; "
-            f"leave out {_listed(names[i] for i in left_out)}, or start elsewhere.")
+            f"leave out {_listed(names[i] for i in left_out)} if others say the same, or start "
+            "elsewhere: where parts lie in a line, turn one of them a little.")
 
 
 def _names(system: Any) -> list[str]:

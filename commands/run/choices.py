@@ -140,8 +140,9 @@ def _whole(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
 def _span(start: RunDefaults, options: Mapping[str, str | None]) -> tuple[float, dict[str, Any]]:
     dt, steps, t_end = options["dt"], options["steps"], options["t_end"]
     if dt is None and start.dt is None:
+        ends = "" if steps or t_end or start.steps else " --t-end 1"
         raise InputError(f"--dt is not given and {start.name} names none; write for example "
-                         "--dt 1e-3.")
+                         f"--dt 1e-3{ends}.")
     if dt == "auto":
         raise InputError("--dt auto is --step-error E now, with --t-end and without --dt.")
     size = real_number("--dt", dt) if dt is not None else start.dt or 0.0

@@ -270,8 +270,10 @@ def _symbols(field: str, argument: Any, name: str) -> tuple[sp.Symbol, ...]:
     symbols = as_sequence(field, argument)
     for x in symbols:
         if not isinstance(x, sp.Symbol):
+            of_time = ("; gyrospark.from_mechanics(LagrangesMethod(L, q)) takes functions of time"
+                       if isinstance(x, sp.Function | sp.Derivative) else "")
             raise InputError(f"System {name!r} has {shown(x)} in {field}, which is no symbol; make "
-                             "it with sympy.Symbol.")
+                             f"it with sympy.Symbol{of_time}.")
     return symbols  # type: ignore[return-value]
 
 

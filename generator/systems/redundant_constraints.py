@@ -119,8 +119,9 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
     if point is None or _contradict(constraints, point, left_out):
         raise InputError(
             f"The constraints {_listed(names, involved)} of {owner!r} contradict each other near "
-            "the start: no state meets them all. Check their points, axes and lengths, or leave "
-            f"out {_listed(names, left_out)}."
+            "the start: no state near it meets them all. Check their points, axes and lengths, "
+            "turn parts that lie in a line a little, or leave out "
+            f"{_listed(names, left_out)}."
         )
     # dependent here and independent nearby: a dead centre, not a superfluous constraint
     if _is_singular(constraints, point, len(left_out)):

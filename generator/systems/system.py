@@ -398,7 +398,11 @@ class System:
         parameters: Sequence[sp.Symbol], constraints: Sequence[sp.Expr] = (),
         forces: Sequence[sp.Expr] | None = None, time: sp.Symbol | None = None, **named: Any,
     ) -> System:
-        """Return the system of L(q, v, t), forces F(q, v, t): see ``from_lagrangian`` there."""
+        """Return the system of L(q, v, t) and forces F(q, v, t), as ``LagrangianSystem`` is made.
+
+        The other arguments have names: ``name``, ``constraint_names``, ``inputs``, ``quantities``,
+        ``placed``, ``velocity_constraints`` and ``velocity_constraint_names``.
+        """
         from .lagrangian import from_lagrangian
 
         return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)

@@ -33,8 +33,11 @@ def draw_body(body: BodyMotion, run: Trajectory, path: str | os.PathLike[str] | 
     unit = "°" if degrees else "rad"
     angles = np.unwrap(body.euler(euler, degrees=degrees), axis=0,
                        period=360 if degrees else 2 * np.pi)
+    # A panel for each: the angle of spin grows by turns, beside which nutation is a straight line.
     panels: list[Panel] = [
-        (f"Euler angles {euler} [{unit}]", list(euler), angles),
+        *((f"{ordinal} Euler angle of {euler} [{unit}]", [f"about {axis}"], angle[:, None])
+          for ordinal, axis, angle in zip(("first", "second", "third"), euler, angles.T,
+                                          strict=True)),
         ("angular velocity, body axes [rad/s]", ["Ω₁", "Ω₂", "Ω₃"], body.angular_velocity()),
         ("angular momentum, space axes [kg m²/s]", ["x", "y", "z"], body.angular_momentum())]
     if body.moves:

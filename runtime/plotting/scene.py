@@ -228,8 +228,9 @@ def check_bodies(manifest: Manifest) -> None:
     InputError
     """
     if not bodies_of(manifest) and not placed_of(manifest):
-        raise InputError(f"System {manifest.system.name!r} has no rigid body to show; a plot "
-                         "draws its coordinates.")
+        raise InputError(f"System {manifest.system.name!r} has no rigid body to show; "
+                         "run.plot() draws its coordinates, and placed= of a Lagrangian says where "
+                         "bodies are.")
 
 
 def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> ScenePart:

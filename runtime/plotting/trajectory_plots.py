@@ -34,7 +34,7 @@ _NAMED = 16  # lines that a legend names
 
 
 def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> Any:
-    """Draw the axis trace on the sphere, the energy error and the constraint errors.
+    """Draw the axis trace on the sphere, the energy error and, if any, the constraint errors.
 
     With several bodies, the positions of their centres of mass replace the sphere; without bodies,
     the coordinates do.
@@ -58,7 +58,11 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
     """
     target = None if path is None else check_picture_path(path)
     output_panels = trajectory.panels()
-    row_count = 2 + len(output_panels)
+    # A system without constraints has no error of them to look at.
+    system = trajectory.manifest.system
+    is_constrained = system.constraints or system.velocity_constraint_names
+    error_panels = [_energy, _constraints] if is_constrained else [_energy]
+    row_count = max(2, len(error_panels) + len(output_panels))
     figure = figure_class()(figsize=(11, 2.3 * row_count), layout="constrained")
     grid = figure.add_gridspec(row_count, 2, width_ratios=(1, 1.4))
     if len(trajectory.bodies) == 1:
@@ -68,10 +72,13 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
         _positions(figure, grid[:, 0], trajectory)
     else:
         _coordinates(figure.add_subplot(grid[:, 0]), trajectory)
-    _energy(figure.add_subplot(grid[0, 1]), trajectory)
-    _constraints(figure.add_subplot(grid[1, 1]), trajectory)
-    for row, (title, output) in enumerate(output_panels.items(), 2):
-        _output(figure.add_subplot(grid[row, 1]), trajectory, title, output)
+    places = [grid[row, 1] for row in range(row_count)]
+    if len(error_panels) + len(output_panels) < row_count:
+        places = [grid[:, 1]]
+    panels: list[Callable[..., None]] = [*error_panels, *(
+        partial(_output, title=title, output=output) for title, output in output_panels.items())]
+    for place, panel in zip(places, panels, strict=True):
+        panel(figure.add_subplot(place), trajectory)
     figure.suptitle(f"{trajectory.manifest.name}, Δt = {trajectory.dt:g} s, "
                     f"{trajectory.report.steps:,} steps", fontsize=11)
     if target is not None:

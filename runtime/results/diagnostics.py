@@ -62,16 +62,19 @@ class Report:
         return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each"
                 f"{scaled}\n"
                 f"  largest errors: energy {self.energy_error_max:.2e}, constraint "
-                f"{self.constraint_max:.2e}, momentum {self.momentum_constraint_max:.2e}\n"
+                f"{self.constraint_max:.2e}, momentum constraint "
+                f"{self.momentum_constraint_max:.2e}\n"
                 f"  mean errors: energy {self.energy_error_mean:.2e}, constraint "
-                f"{self.constraint_mean:.2e}, momentum {self.momentum_constraint_mean:.2e}>")
+                f"{self.constraint_mean:.2e}, momentum constraint "
+                f"{self.momentum_constraint_mean:.2e}>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: iterations, and the largest and mean error of each kind."""
         errors = [(name, f"{largest:.2e}", f"{mean:.2e}") for name, largest, mean in (
             ("energy", self.energy_error_max, self.energy_error_mean),
             ("constraint", self.constraint_max, self.constraint_mean),
-            ("momentum", self.momentum_constraint_max, self.momentum_constraint_mean))]
+            ("momentum constraint", self.momentum_constraint_max,
+             self.momentum_constraint_mean))]
         iterations = ("iterations a step", self.iterations_max, f"{self.iterations_mean:.1f}")
         return card(f"Report of {self.steps:,} steps",
                     table([iterations, *errors], ("", "largest", "mean")))
