@@ -41,7 +41,8 @@ def test_a_body_in_panels(tops, tmp_path):
     assert all(axes.get_yscale() == "linear" for axes in figure.axes)
     held = tops.body("a").plot(degrees=False)
     assert len(held.axes) == 5
-    assert np.array_equal(held.axes[1].get_lines()[0].get_ydata(), tops.body("a").euler("ZYX")[:, 1])
+    middle = tops.body("a").euler("ZYX")[:, 1]
+    assert np.array_equal(held.axes[1].get_lines()[0].get_ydata(), middle)
 
 
 def test_joints_and_phases(tops):
