@@ -81,8 +81,9 @@ def _entries(array: NDArray[Any]) -> str:
 def as_numbers(name: str, value: Any) -> NDArray[Any]:
     """Return an array of real numbers of whatever type and shape they are; not a copy.
 
-    Where they are no numbers of NumPy's the array is one of objects that ``exact_numbers`` takes.
-    Raises InputError for complex, boolean or non-numeric entries.
+    Numbers that NumPy has no type for (``Fraction``, ``Decimal``, mpmath) are an array of objects,
+    each of which ``exact_numbers.exact`` takes. Raises InputError for complex, boolean or
+    non-numeric entries.
     """
     try:
         array = np.asarray(value)

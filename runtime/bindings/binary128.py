@@ -55,7 +55,7 @@ def quad(value: Any) -> Any:
 
 def rounded(value: Fraction) -> Any:
     """Return the number of binary128 next to a value; infinity beyond their range."""
-    result = _made(*nearest(value, BITS, _LEAST))
+    result = _number(*nearest(value, BITS, _LEAST))
     if abs(result) >= _CONTEXT.ldexp(1, _BIAS + 1):
         return _CONTEXT.ninf if value < 0 else _CONTEXT.inf
     return result
@@ -89,7 +89,11 @@ def unpack(data: bytes) -> list[Any]:
 
 
 def _encoded(value: Any) -> int:
-    """Return the 128 bits of a number: sign, exponent and fraction, rounded to nearest."""
+    """Return the 128 bits of a number: sign, exponent and fraction, rounded to nearest.
+
+    With the exponent u of the last bit and an integer M < 2^113 the number is M · 2^u. A normal M
+    has the hidden bit 2^112, so that (u − u_min) · 2^112 + M are exponent and fraction in one sum.
+    """
     if not hasattr(value, "_mpf_"):
         value = quad(value)
     sign, mantissa, exponent, length = value._mpf_
@@ -116,15 +120,17 @@ def _rounded(mantissa: int, shift: int) -> int:
 
 
 def _decoded(bits: int) -> Any:
+    """Return the number of 128 bits: ``_encoded`` backwards."""
     sign, exponent, fraction = bits & _SIGN, (bits & ~_SIGN) >> (BITS - 1), bits & (_FRACTION - 1)
     if exponent == _SPECIAL:
         return _CONTEXT.nan if fraction else _CONTEXT.ninf if sign else _CONTEXT.inf
     if exponent:
         fraction, exponent = fraction | _FRACTION, exponent - 1
-    return _made(-fraction if sign else fraction, exponent + _LEAST)
+    return _number(-fraction if sign else fraction, exponent + _LEAST)
 
 
-def _made(mantissa: int, exponent: int) -> Any:
+def _number(mantissa: int, exponent: int) -> Any:
+    """Return mantissa · 2^exponent, exactly."""
     return _CONTEXT.make_mpf(mpmath.libmp.from_man_exp(mantissa, exponent))
 
 

@@ -46,7 +46,10 @@ class QuadBinding(Binding):
         return binary128.EPSILON
 
     def _function(self, name: str) -> Callable[..., Any]:
-        """Return a function of the module that takes arrays and numbers as they are."""
+        """Return a function of the module that takes arrays and numbers of mpf.
+
+        Each is packed into bytes for the call, and what C has changed is read back into it.
+        """
         function = getattr(self.lib, f"{PREFIX}{self.name}_{name}")
 
         def call(*arguments: Any) -> Any:

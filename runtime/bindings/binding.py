@@ -31,7 +31,7 @@ class Binding(Compiled):
     def guess(
         self, parameters: ParameterStruct, dt: float, q: Array, p: Array, work: WorkMemory
     ) -> Array:
-        """Return the starting guess of T1."""
+        """Return the starting guess of the unknowns x of a step from (q, p)."""
         x = self.new(self.unknowns)
         self.function("guess")(parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x),
                                work)
@@ -40,7 +40,7 @@ class Binding(Compiled):
     def residual(
         self, parameters: ParameterStruct, dt: float, q: Array, p: Array, x: Array, work: WorkMemory
     ) -> Array:
-        """Return r(x) of T1."""
+        """Return the residual r(x) of the equations T1 of a step from (q, p), shape (unknowns,)."""
         r = self.new(self.unknowns)
         self.function("residual")(parameters, dt, self.pointer(q), self.pointer(p),
                                   self.pointer(x), self.pointer(r), work)
@@ -49,7 +49,7 @@ class Binding(Compiled):
     def jacobian(
         self, parameters: ParameterStruct, dt: float, q: Array, p: Array, x: Array, work: WorkMemory
     ) -> Array:
-        """Return dr/dx of T1."""
+        """Return the Jacobian dr/dx of the equations T1, shape (unknowns, unknowns)."""
         J = self.new(self.unknowns, self.unknowns)
         self.function("jacobian")(parameters, dt, self.pointer(q), self.pointer(p),
                                   self.pointer(x), self.pointer(J), work)
@@ -70,7 +70,11 @@ class Binding(Compiled):
         self, parameters: ParameterStruct, options: OptionStruct, dt: float, q: Array, p: Array,
         work: WorkMemory,
     ) -> tuple[int, float]:
-        """T1 by full Newton: return its status and the size of its last increment."""
+        """Solve r(x) = 0 of a step, its first half T1, by Newton's method.
+
+        The Jacobian is new in every iteration. x is dropped: a diagnosis asks how the iteration
+        ends. Return the status and the size of the last increment relative to the state.
+        """
         x, iterations = self.new(self.unknowns), self.ffi.new("int *")
         status = self.function("T1")(parameters, options, dt, self.pointer(q), self.pointer(p),
                                      self.pointer(x), iterations, work)
@@ -83,7 +87,10 @@ class Binding(Compiled):
     def finish(
         self, parameters: ParameterStruct, dt: float, q: Array, p: Array, x: Array, work: WorkMemory
     ) -> tuple[int, Array, Array, Array]:
-        """T2: return status, q1, p1 and multipliers."""
+        """Evaluate the second half T2 of a step, the state after it, from the solution x of T1.
+
+        Return the status, q1, p1 and the multipliers of the step.
+        """
         q1, p1 = self.new(self.n), self.new(self.n)
         multipliers = self.new(max(self.multipliers, 1))
         status = self.function("T2")(
@@ -101,19 +108,20 @@ class Binding(Compiled):
         return values
 
     def near(
-        self, parameters: ParameterStruct, t: Array, q: Array, p: Array, values: Array,
+        self, parameters: ParameterStruct, t: Array, q: Array, p: Array, columns: Array,
         levels: Array, last: Array,
     ) -> tuple[int, int] | None:
         """Return the first and the last of rows of states behind one near a level, or None.
 
-        ``values`` numbers coordinates, momenta and quantities; ``last`` is for each what it was at
-        the states before, NaN at first.
+        ``columns`` are the observed columns of (q, p, quantities), ``levels`` their levels.
+        ``last`` has their values at the two states before, NaN at first; those of the last rows
+        replace them.
         """
         times = [self.pointer(t)] if self.quantities_take_time else []
         rows = self.ffi.new("long[2]")
         is_near = self.function("near")(
-            parameters, len(q), *times, self.pointer(q), self.pointer(p), len(values),
-            self.ffi.from_buffer("int[]", values), self.pointer(levels), self.pointer(last), rows)
+            parameters, len(q), *times, self.pointer(q), self.pointer(p), len(columns),
+            self.ffi.from_buffer("int[]", columns), self.pointer(levels), self.pointer(last), rows)
         return (rows[0], rows[1]) if is_near else None
 
     def hamiltonian(
@@ -151,7 +159,7 @@ class Binding(Compiled):
     def start_in_scaled_time(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Any
     ) -> tuple[Array, Array]:
-        """Return one such state."""
+        """Return one state with t and e = −H(q, p, t), as ``in_scaled_time`` does for rows."""
         if not self.clocked:
             return q, p
         full_q, full_p = self.new(2, self.n)
@@ -174,7 +182,7 @@ class Binding(Compiled):
     def _other_rates(
         self, name: str, parameters: ParameterStruct, q: Array, rates: Array, t: Array | None
     ) -> Array:
-        """Return velocities of momenta or the way back, at the times t as of ``hamiltonian``."""
+        """Return velocities of momenta, or momenta of velocities, by the C function ``name``."""
         result = self.new(len(q), self.n)
         self.function(name)(parameters, len(q), *self._times(t),
                             *map(self.pointer, (q, rates, result)))
@@ -189,11 +197,10 @@ class Binding(Compiled):
     def defects(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return g(q), and f(q, p) and A H_p + a of each row of q and p.
+        """Return g(q), shape (rows, m), and (f(q, p), A H_p + a), shape (rows, conditions).
 
-        g has m entries a row, the others together ``conditions``.
-        The times are t, or those of the parameters. Of ``parameter_sets`` each one is that of as
-        many rows as the next.
+        The times are t, or those of the parameters. An array of parameter structs has one for each
+        group of rows, and all groups are equally long.
         """
         g, f = self.new(len(q), self.m), self.new(len(q), self.conditions)
         if not self.conditions:
@@ -210,7 +217,7 @@ class Binding(Compiled):
         return g, f
 
     def sets(self, parameters: ParameterStruct) -> int:
-        """Return of how many runs these are the parameters."""
+        """Return the number of parameter structs in an array of them, or 1 for one struct."""
         is_array = self.ffi.typeof(parameters).kind == "array"
         return len(cast(Any, parameters)) if is_array else 1
 
@@ -248,7 +255,10 @@ class CompiledConstraints:
         return f
 
     def G(self, q: Array) -> Array:
-        """Return g_q, shape (m, n), by central differences: nine digits, enough for Newton."""
+        """Return g_q, shape (m, n), by central differences: nine digits, enough for Newton.
+
+        Column j is (g(q + h e_j) − g(q − h e_j))/(2 h), all in one call.
+        """
         h = _step(q) * np.eye(len(q))
         g, _ = self._defects(np.vstack([q + h, q - h]), np.zeros((2 * len(q), len(q))))
         slopes: Array = (g[: len(q)] - g[len(q) :]).T / (2 * h[0, 0])
@@ -257,7 +267,7 @@ class CompiledConstraints:
     rows = G  # with velocity constraints compiled code alone projects
 
     def W(self, q: Array, p: Array, G: Array) -> Array:
-        """Return (∂f/∂p) Gᵀ, shape (m, m), by central differences along the rows of G."""
+        """Return W = f_p Gᵀ, shape (m, m): column j is (f(p + h G_jᵀ) − f(p − h G_jᵀ))/(2 h)."""
         h = _step(p) / max(float(np.linalg.norm(G, axis=1).max(initial=0.0)), 1e-300)
         _, f = self._defects(np.tile(q, (2 * len(G), 1)), np.vstack([p + h * G, p - h * G]))
         matrix: Array = (f[: len(G)] - f[len(G) :]).T / (2 * h)

@@ -75,6 +75,7 @@ class Compiled:
     """
 
     def __init__(self, module: Any, name: str, manifest: Manifest) -> None:
+        """Read the sizes and features of the stepper from its manifest, once."""
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
         self._from_buffer = self.ffi.from_buffer
         self._functions: dict[str, Callable[..., Any]] = {}
@@ -158,7 +159,10 @@ class Compiled:
         return lambda *arguments: function(*map(self._passed, arguments))
 
     def _passed(self, argument: Any) -> Any:
-        """Return a NumPy long double as a cffi value: cffi itself would round it to double."""
+        """Return a NumPy long double as a cffi value: cffi itself would round it to double.
+
+        Other arguments are returned as they are.
+        """
         if not isinstance(argument, np.longdouble):
             return argument
         box = self.ffi.new("long double *")
@@ -257,18 +261,21 @@ class Compiled:
 
         Every ``every``-th state is stored, from the first of the rows on; without rows none is.
         """
-        done = [self.pointer(rows.work)] if self.has_forces else []
+        work = [self.pointer(rows.work)] if self.has_forces else []
         counts = (self.ffi.NULL if rows.iterations.size == 0
                   else self.ffi.from_buffer("int[]", rows.iterations, require_writable=True))
         return int(self.function("integrate")(
             constants.parameters, constants.options, *self._fed(constants.inputs)[:2],
             constants.dt, steps, every, *map(self.pointer, (
                 state.q, state.p, rows.q, rows.p, rows.multipliers)),
-            counts, *done, state.record, state.work,
+            counts, *work, state.record, state.work,
         ))
 
     def _fed(self, inputs: InputRows | None) -> list[Any]:
-        """Return the arguments with inputs, how long they are held, and rows between runs."""
+        """Return the arguments for inputs: rows, steps that each is held, rows from run to run.
+
+        Functions of one run take the first two. No arguments of a system without inputs.
+        """
         if not self.input_names:
             return []
         if inputs is None:
@@ -301,7 +308,7 @@ class Compiled:
         """Return the numbers of ``parameter_sets``, a row for each struct."""
         fields = [*(columns[name] for name in self.parameter_names),
                   *([] if self.time is None else [times])]
-        rows = self.new(len(times), max(len(fields), 1))  # one that has none has a field too
+        rows = self.new(len(times), max(len(fields), 1))  # a struct of C has one field at least
         with np.errstate(over="ignore"):
             for column_index, column in enumerate(fields):
                 rows[:, column_index] = column
@@ -311,8 +318,11 @@ class Compiled:
         self, constants: RunConstants, steps: int, every: int, batch: BatchState, rows: Rows,
         row: int, memory: BatchMemory,
     ) -> None:
-        """Advance a batch in place by up to ``steps`` steps, stored from ``row`` of each on."""
-        done = [self.pointer(rows.work, row)] if self.has_forces else []
+        """Advance a batch in place by up to ``steps`` steps; a run that fails stays where it is.
+
+        Every ``every``-th state of each run is stored in ``rows``, from index ``row`` on.
+        """
+        work = [self.pointer(rows.work, row)] if self.has_forces else []
         counts = self.ffi.from_buffer("int[]", rows.iterations, require_writable=True)
         places = [self.pointer(array, row * width) for array, width in (
             (rows.q, self.n), (rows.p, self.n), (rows.multipliers, self.multipliers))]
@@ -320,19 +330,19 @@ class Compiled:
             len(constants.dt), constants.parameters, constants.options,
             *self._fed(constants.inputs), self.pointer(constants.dt), steps, every,
             rows.q.shape[1], self.pointer(batch.q), self.pointer(batch.p), *places, counts + row,
-            *done, batch.records,
+            *work, batch.records,
             self.ffi.from_buffer("int[]", batch.status, require_writable=True), *memory,
         )
 
     @property
     def report_type(self) -> np.dtype[Any]:
-        """The running record's fields as NumPy sees them; found once, by whoever is first."""
+        """The running record's fields as a record type of NumPy; made when first asked for."""
         if self._report_type is None:
-            self._report_type = self._seen_by_numpy()
+            self._report_type = self._record_dtype()
         return self._report_type
 
-    def _seen_by_numpy(self) -> np.dtype[Any]:
-        """Return the C struct of reports as NumPy's record type."""
+    def _record_dtype(self) -> np.dtype[Any]:
+        """Return the C struct of reports as NumPy's record type, with cffi's offsets."""
         kinds = {"long": np.dtype("l"), "int": np.dtype("i")}
         struct = self.ffi.typeof(f"{self.name}_report")
         fields = dict(struct.fields)

@@ -93,7 +93,10 @@ class InputRows:
         return replace(self, values=self.values[runs]) if len(self.values) > 1 else self
 
     def taken(self, runs: Array, steps: Array, count: int = 1) -> InputRows:
-        """Return the inputs of ``count`` steps after ``steps`` steps of each run."""
+        """Return the inputs of ``count`` steps each, a row per step.
+
+        Entry i is of run ``runs[i]`` from its step ``steps[i]`` on; behind the last row it repeats.
+        """
         step_numbers = steps[:, None] + np.arange(count)
         rows = np.minimum(step_numbers // self.hold if self.hold else 0 * step_numbers,
                           self.values.shape[1] - 1)
@@ -124,10 +127,11 @@ class InputRows:
 def as_inputs(
     inputs: Any, binding: Compiled, steps: int, runs: int | None = None
 ) -> InputRows | None:
-    """Return the inputs of a run of so many steps, or of ``runs`` of them; None for None.
+    """Return the inputs of a run of so many steps, or of ``runs`` such runs; None for None.
 
-    Inputs that are checked already are returned as they are. Raises InputError for unknown or
-    missing names, other shapes, what is no finite number.
+    The array has the shape (runs, rows, inputs), with 1 run where all have the same inputs, and 1
+    row where they stay. Inputs that are checked already are returned as they are. Raises InputError
+    for unknown or missing names, other shapes, what is no finite number.
     """
     if inputs is None or isinstance(inputs, InputRows):
         return inputs
@@ -163,7 +167,7 @@ def _named(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
 def _column(
     name: str, inputs: Mapping[str, Any], rows: int, runs: int | None
 ) -> Array:
-    """Return one input as (runs, rows), either of them 1 where one number serves all."""
+    """Return one input, shape (runs, rows), either of them 1 where one number serves all."""
     array = as_numbers(f"Input {name}", inputs[name])
     allowed = {(): (1, 1), (rows,): (1, rows)}
     if runs is not None:

@@ -31,7 +31,8 @@ def as_float(value: Fraction, dtype: Any) -> Any:
     bits = int(about.nmant) + 1
     mantissa, exponent = nearest(value, bits, int(about.minexp) - int(about.nmant))
     number = about.dtype.type(0)
-    for shift in range(0, bits + 1, 16):  # each a number of any of the types
+    # the mantissa in pieces of 16 bits, each of which any of the types holds exactly
+    for shift in range(0, bits + 1, 16):
         number += np.ldexp(about.dtype.type(abs(mantissa) >> shift & 0xFFFF), shift)
     with np.errstate(over="ignore"):
         scaled = np.ldexp(number, exponent)

@@ -85,7 +85,7 @@ class RunState:
 
     @property
     def steps(self) -> int:
-        """Steps done."""
+        """Steps so far."""
         return int(self.record.steps)
 
     def nbytes(self, binding: Compiled) -> int:

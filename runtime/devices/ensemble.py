@@ -47,7 +47,7 @@ class DeviceEnsemble:
     iterations : array of the caller's library, shape (trajectories, states)
         The most iterations of a step since the state before; 0 for the start.
     steps : array, shape (trajectories,)
-        Steps that each has done, a NumPy array.
+        Steps of each, a NumPy array.
     failures : dict of int to str
         Number of a failed trajectory → the reason.
     """
@@ -150,21 +150,26 @@ def views_of(device: Device, stepper: Stepper, q: Any, p: Any) -> tuple[View, Vi
 def shared_ensemble(
     stepper: Stepper, trajectories: Trajectories, like: Any, stop: Callable[[], bool]
 ) -> DeviceEnsemble:
-    """Take all steps, until they shall stop; return arrays of the library of ``like``."""
+    """Take all steps, or as many until ``stop()``; return arrays of the library of ``like``.
+
+    Memory on the card has the trajectory as its fastest index; strides give its arrays the shape
+    (trajectories, states, n) without a copy.
+    """
     runs, device, windows = trajectories.runs, trajectories.device, list[Window]()
-    done = trajectories.integrate(runs.first.rows + 1, windows.append, stop)
-    states, (window,) = runs.first.stored(done) + 1, windows
+    step_count = trajectories.integrate(runs.first.rows + 1, windows.append, stop)
+    states, (window,) = runs.first.stored(step_count) + 1, windows
     count, n = len(runs), stepper.n
 
-    def passed(memory: Any, shape: tuple[int, ...], strides: tuple[int, ...]) -> Any:
+    def as_array(memory: Any, shape: tuple[int, ...], strides: tuple[int, ...]) -> Any:
         return _of_library(device.share(memory, shape, strides), like)
 
-    q, p = (passed(memory, (count, states, n), (1, n * count, count))
+    q, p = (as_array(memory, (count, states, n), (1, n * count, count))
             for memory in (window.q, window.p))
     status = device.get(trajectories.status)
     return DeviceEnsemble(
-        stepper.binding.times(runs.t0[:, None], runs.dt[:, None], runs.first.steps_of_rows(done)),
-        q, p, passed(window.iterations, (count, states), (1, count)), trajectories.done,
+        stepper.binding.times(runs.t0[:, None], runs.dt[:, None],
+                              runs.first.steps_of_rows(step_count)),
+        q, p, as_array(window.iterations, (count, states), (1, count)), trajectories.steps_done,
         {i: REASONS[int(status[i])] for i in np.flatnonzero(status).tolist()}, stepper.name)
 
 

@@ -55,12 +55,12 @@ class HostDevice:
             with build_folder() as folder:
                 source, library = folder / f"{name}.cu", folder / f"{name}.so"
                 source.write_text(SHIMS + text, encoding="ascii")
-                done = subprocess.run(
+                outcome = subprocess.run(
                     [*self._command, *FLAGS, "-x", self._language, str(source), "-o", str(library),
                      "-lm"], capture_output=True, text=True, check=False)
-                if done.returncode:
+                if outcome.returncode:
                     raise CompilerError(f"The CUDA text of {name} is not {self._language}: "
-                                        f"{done.stderr.strip()}")
+                                        f"{outcome.stderr.strip()}")
                 self._programs[text] = ctypes.CDLL(str(library)), name
         return self._programs[text]
 

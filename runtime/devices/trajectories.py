@@ -81,12 +81,13 @@ class Trajectories:
     def integrate(
         self, rows: int, store: Callable[[Window], None], stop: Callable[[], bool]
     ) -> int:
-        """Take all steps, until they shall stop; return how many.
+        """Take all steps, or as many until ``stop()``; return how many.
 
-        ``store`` is called with each ``rows`` rows, the start among the first, when they are full.
+        ``store`` is called with each window of ``rows`` stored states when it is full; the start is
+        in the first one.
         """
         first, pace = self.runs.first, ChunkSize(clock=time.perf_counter)
-        done = row = 0
+        step_count = row = 0
         while True:
             # rows are copied window by window: memory of the card is the limit, not that of all
             # states
@@ -95,23 +96,26 @@ class Trajectories:
             if row == 0:
                 self._advance(0, 0, window)
             # launches of a fraction of a second, so that Ctrl-C is heard
-            while done < end and not stop():
-                count = min(pace.begin(), end - done)
-                self._advance(done, done + count, window)
-                done += count
+            while step_count < end and not stop():
+                count = min(pace.begin(), end - step_count)
+                self._advance(step_count, step_count + count, window)
+                step_count += count
                 pace.end(count)
             store(window)
-            if done < end or end == first.steps:
-                return done
+            if step_count < end or end == first.steps:
+                return step_count
             row += window.q.shape[0]
 
     @property
-    def done(self) -> Array:
+    def steps_done(self) -> Array:
         """Completed steps of each trajectory."""
         return self.device.get(self.steps)
 
     def states(self, binding: Binding, stop: Callable[[], bool]) -> DeviceStates:
-        """Take all steps, until they shall stop; return the stored states on the host."""
+        """Take all steps, or as many until ``stop()``; return the stored states on the host.
+
+        Windows of states are copied one by one, so that the card need not hold all of them.
+        """
         runs, count, n = self.runs, len(self.runs), self.n
         rows = runs.first.rows + 1
         q, p = binding.new(count, rows, n), binding.new(count, rows, n)
@@ -133,7 +137,7 @@ class Trajectories:
         return DeviceStates(
             binding, runs, False, 1, Rows(q, p, multipliers, iterations, work),
             np.ascontiguousarray(state[:n].T), np.ascontiguousarray(state[n:].T),
-            self.device.get(self.status), [], runs.dt, runs.dt, steps=self.done,
+            self.device.get(self.status), [], runs.dt, runs.dt, steps=self.steps_done,
             iterations=self.device.get(self.iterations))
 
     def _window(self, first: int, rows: int) -> Window:
@@ -176,20 +180,24 @@ class DeviceStates(EnsembleStates):
     @property
     def stored(self) -> list[int]:
         """The stored states of each trajectory, its start among them."""
-        return [self.runs.first.stored(done) + 1 for done in self.steps.tolist()]
+        return [self.runs.first.stored(step_count) + 1 for step_count in self.steps.tolist()]
 
     def report(self, i: int) -> RunRecord:
-        """Return the running record of a trajectory, whose errors are those of stored states."""
-        binding, run, done = self.binding, self.runs[i], int(self.steps[i])
-        rows = run.stored(done) + 1
+        """Return the running record of a trajectory, whose errors are those of stored states alone.
+
+        Profile control records no errors of each step. With forces, whose work it does not sum up,
+        errors of the energy are NaN.
+        """
+        binding, run, step_count = self.binding, self.runs[i], int(self.steps[i])
+        rows = run.stored(step_count) + 1
         parameters = binding.parameters(run.parameters, run.t0)
-        t = binding.times(run.t0, run.dt, run.steps_of_rows(done)).astype(binding.dtype)
+        t = binding.times(run.t0, run.dt, run.steps_of_rows(step_count)).astype(binding.dtype)
         q, p = self.rows.q[i, :rows], self.rows.p[i, :rows]
         H = binding.hamiltonian(parameters, q, p, t).astype(float)
         errors = np.abs(H - H[0] - (np.nan if binding.has_forces else 0))
         g, f = defect_sizes(binding, parameters, q, p, t)
         return cast(RunRecord, SimpleNamespace(
-            steps=done, recorded=rows, iterations=int(self.iterations[i]),
+            steps=step_count, recorded=rows, iterations=int(self.iterations[i]),
             iterations_max=int(self.rows.iterations[i, 1:rows].max(initial=0)), newton_steps=0,
             energy_start=H[0], energy_error_max=errors.max(), energy_error_sum=errors.sum(),
             constraint_max=g.max(), constraint_sum=g.sum(), hidden_max=f.max(), hidden_sum=f.sum(),

@@ -290,7 +290,10 @@ class Differentiation(Evaluation):
     def _direction(
         self, dq: ArrayLike, dp: ArrayLike, d: Mapping[str, Number] | None, count: int
     ) -> Array:
-        """Return directions with all rows, a column each."""
+        """Return directions with all rows (q, p, parameters, dt, t0), shape (rows, count).
+
+        ``d`` is the part of parameters and times, the same for all columns.
+        """
         binding, n = self._derivative_binding(), self.n
         derivatives = binding.own
         dz: Array = derivatives.new(binding.rows, count)
@@ -426,7 +429,10 @@ class Differentiation(Evaluation):
                           memory, value)
 
     def _rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
-        """Return the whole steps of a run that was integrated or stored, and what its rows are."""
+        """Return the run of the whole steps of a trajectory, with its rows sorted by their kinds.
+
+        A trajectory that was stored has no arguments: they are made from its start and its steps.
+        """
         choose("solver", solver, ["auto", "newton", "fixed-point"])
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")

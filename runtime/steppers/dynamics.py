@@ -178,14 +178,15 @@ class Dynamics(Differentiation):
         if not targets_by_name:
             raise InputError("accelerations is empty; give those of joints or bodies, as in "
                              "{'elbow': 0.5}.")
-        M, free = joint_inertia(motion, list(targets_by_name))
+        # ÿ(0), the accelerations without further forces
+        M, accelerations_now = joint_inertia(motion, list(targets_by_name))
         targets = [_row(name, value, len(rows)) for (name, value), rows
-                   in zip(targets_by_name.items(), free, strict=True)]
+                   in zip(targets_by_name.items(), accelerations_now, strict=True)]
         if inputs is not None:
             return self._inputs(state, dict(zip(targets_by_name, targets, strict=True)),
                                 self._names("inputs", inputs))
-        forces = M @ (np.concatenate(targets) - np.concatenate(free))
-        ends = np.cumsum([len(rows) for rows in free])[:-1]
+        forces = M @ (np.concatenate(targets) - np.concatenate(accelerations_now))
+        ends = np.cumsum([len(rows) for rows in accelerations_now])[:-1]
         return {name: float(force[0]) if len(force) == 1 else force
                 for name, force in zip(targets_by_name, np.split(forces, ends), strict=True)}
 
@@ -210,12 +211,17 @@ class Dynamics(Differentiation):
     def _inputs(
         self, state: StartNumbers, targets: Mapping[str, Array], names: Sequence[str]
     ) -> dict[str, Any]:
-        """Return the values of inputs, on which accelerations depend linearly, for the targets."""
+        """Return the values of inputs u with ÿ(u) = the targets, name → number.
+
+        ÿ(u) = ÿ(0) + S u if forces are linear in the inputs, with the columns S_k = ÿ(e_k) − ÿ(0).
+        Raises InputError where ÿ(u) is off the targets: S is singular, or ÿ is not linear.
+        """
         for name in names:
             if name not in self.binding.input_names:
                 raise unknown("input", name, self.binding.input_names or ["none: it has no inputs"])
 
         def reached(values: ArrayLike) -> Array:
+            """Return the accelerations with these values of the inputs."""
             inputs = dict(zip(names, map(float, np.asarray(values)), strict=True))
             motion = self._state_motion(replace(state, parameters={**state.parameters, **inputs}))
             return np.concatenate([motion.rate(name)[1] for name in targets])
@@ -231,9 +237,9 @@ class Dynamics(Differentiation):
             values = np.full(len(names), np.nan)
         size = np.abs(target).max() + np.abs(base).max()
         with np.errstate(invalid="ignore"):
-            missed = not np.isfinite(values).all() or np.abs(
+            off_target = not np.isfinite(values).all() or np.abs(
                 reached(values) - target).max() > _OFF * size
-        if missed:
+        if off_target:
             raise InputError(f"No values of {', '.join(names)} give these accelerations: their "
                              "forces do not act on the joints one by one, or are not linear in "
                              "them; leave out inputs for the forces on the joints.")

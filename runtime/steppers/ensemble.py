@@ -236,8 +236,11 @@ def integrate_members(
 ) -> Ensemble:
     """Integrate each row of starts; see ``Stepper.integrate_ensemble``.
 
-    ``end`` is t_end between two steps, and the last part of a step to it, of all or of each;
-    ``open_end`` is t_end in scaled time.
+    There are four ways: on a card; each run by itself, with impacts; each by itself up to
+    ``open_end``, t_end in scaled time, where the numbers of steps are not known before; all side by
+    side, which is the usual one. There ``end``, where t_end lies between two steps, is t_end and
+    what is left of a step behind the last whole one, one number for all or one for each run.
+    ``options`` are steps, every and solver.
     """
     as_progress(progress)
     card = device_for(device, starts.q, starts.p)
@@ -248,6 +251,7 @@ def integrate_members(
         return cast(Ensemble, _integrate_on(card, stepper, starts, dt, options, progress))
     runs, warned = _checked(stepper, starts, dt, options, inputs, end)
     impacts = as_impacts(events, stepper.manifest.system.event_quantities)
+    # impacts are refused in scaled time, so that there is no ``open_end`` with them
     if impacts:
         refuse_unusable(stepper, runs[int(np.argmin(runs.dt))], impacts,
                         tangents=tangents is not None and "tangents of an ensemble")
@@ -259,6 +263,7 @@ def integrate_members(
                                open_end)
         return ensemble if tangents is None else _with_tangents(
             stepper, ensemble, tangents, threads_of(workers), lambda: False)
+    # side by side: whole steps, events, the last part of a step, tangents
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
@@ -302,7 +307,11 @@ def _with_last_parts(
     stepper: Stepper, ensemble: Ensemble, runs: EnsembleArguments, parts: Ensemble,
     event_tuple: tuple[Event, ...],
 ) -> Ensemble:
-    """Return an ensemble of whole steps and, as its last row, the ends of the parts of a step."""
+    """Return an ensemble of whole steps and, as its last row, the ends of ``parts``, partial steps.
+
+    The row of the last whole step is left out unless ``every`` stores it. A run that fails in its
+    partial step has a row of NaN, and its failure has the trajectory of whole steps.
+    """
     count = runs.first.steps // runs.first.every + 1
     failures = dict(ensemble.failures)
     end = parts.t[:, -1:].copy()
@@ -353,9 +362,9 @@ def _checked(
     stepper: Stepper, starts: StartNumbers, dt: Any, options: dict[str, Any], inputs: Any = None,
     end: tuple[Any, Sequence[Fraction]] | None = None,
 ) -> tuple[EnsembleArguments, bool]:
-    """Return the runs of an ensemble, or raise InputError for unusable arguments.
+    """Return the checked runs of an ensemble, or raise InputError for unusable arguments.
 
-    With them comes whether a body turns too far in a step, which is warned of.
+    The flag says whether a warning of too large rotations in a step has been given, or none is due.
     """
     q, p = _rows(stepper, "q", starts.q), _rows(stepper, "p", starts.p)
     if q.ndim != 2 or q.shape != p.shape or not len(q):
@@ -403,15 +412,16 @@ def _integrate_on(
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def stop() -> bool:
             if report is not None:
-                report(int(trajectories.done.sum()))
+                report(int(trajectories.steps_done.sum()))
             return interrupts.requested
 
         ensemble = (_ensemble(stepper, trajectories.states(stepper.binding, stop), [], ())
                     if state is None else shared_ensemble(stepper, trajectories, like, stop))
         if report is not None:
-            report(int(trajectories.done.sum()))
+            report(int(trajectories.steps_done.sum()))
     if interrupts.requested:
-        stored = int(sum(runs.first.stored(done) + 1 for done in trajectories.done.tolist()))
+        stored = int(sum(runs.first.stored(step_count) + 1
+                         for step_count in trajectories.steps_done.tolist()))
         raise _stopped(interrupts, stored, ensemble, len(runs) * (runs.first.rows + 1))
     return ensemble
 
@@ -427,7 +437,11 @@ def _ensemble(
     stepper: Stepper, computed: EnsembleStates, crossings: list[dict[str, Crossings]],
     event_tuple: tuple[Event, ...],
 ) -> Ensemble:
-    """Return the stored states as arrays, NaN behind a failed step, and the failures."""
+    """Return the stored states as arrays, NaN behind a failed step, and the failures.
+
+    ``crossings`` has a dict, event's name → crossings, for each run; it is empty without events.
+    Members are made from ``computed`` when they are asked for.
+    """
     binding, runs, rows = stepper.binding, computed.runs, computed.rows
     states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
     steps = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
@@ -466,9 +480,11 @@ def _each_alone(
     stepper: Stepper, runs: EnsembleArguments, events: tuple[Any, ...], threads: int,
     progress: Progress, t_end: Any = None,
 ) -> Ensemble:
-    """Return the ensemble of runs each by itself, with the bits of ``integrate``.
+    """Integrate each run by itself on a thread, with the bits of ``integrate``.
 
-    They have impacts, as ``events``, or end at ``t_end`` in scaled time, after different steps.
+    That is for runs with different numbers of steps: with impacts (``events``), of which one may
+    end a run, where ``t_end`` is None; or up to ``t_end`` in scaled time, with other events. Rows
+    behind the end of a run are NaN.
     """
     binding, manifest, count = stepper.binding, stepper.manifest, len(runs)
     clock = manifest.system.clock if t_end is not None else None
@@ -479,7 +495,8 @@ def _each_alone(
     with (_progress_of(stepper, runs, progress, OPEN if clock else None) as report,
           catch_ctrl_c() as interrupts, warnings.catch_warnings(),
           ThreadPoolExecutor(min(threads, count)) as pool):
-        warnings.simplefilter("ignore", InputWarning)  # of gaps that stay closed: one for all
+        # each run would warn of gaps that stay closed; one warning for all follows below
+        warnings.simplefilter("ignore", InputWarning)
 
         def integrated(i: int) -> Trajectory:
             def count_steps(steps: int) -> None:
@@ -506,6 +523,7 @@ def _each_alone(
                 stepper, Origin(run.until(trajectory.report.steps), run_events))
 
         members = list(pool.map(integrated, range(count)))
+    # the arrays, with room for the longest run
     states, first = runs.first.rows + 1, members[0]
     if clock is not None:
         states = max(map(len, members))
@@ -514,6 +532,7 @@ def _each_alone(
     arrays: dict[str, Any] = {
         name: np.full((count, states - of_steps, *getattr(first, name).shape[1:]), np.nan,
                       getattr(first, name).dtype)
+        # multipliers and iterations are of a step, and the start has none
         for name, of_steps in (("t", 0), ("q", 0), ("p", 0), ("multipliers", 1))}
     iterations = np.zeros((count, states - 1), np.intc)
     closed = 0
@@ -545,7 +564,10 @@ def _with_tangents(
     stepper: Stepper, ensemble: Ensemble, tangents_asked: Tangents, threads: int,
     stop: Callable[[], bool]
 ) -> Ensemble:
-    """Return an ensemble whose trajectories have their tangents, with the bits of each alone."""
+    """Return an ensemble whose trajectories have their tangents, with the bits of each alone.
+
+    A run that has failed, or after ``stop()``, has None.
+    """
     _ = stepper._derivative_binding()  # compiled once, before threads ask for it
 
     def made(i: int) -> Trajectory | None:

@@ -174,7 +174,7 @@ class Evaluation:
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
         parameters: Mapping[str, Number] | None = None, t: Number | ArrayLike | None = None,
     ) -> Array:
-        """Return the velocities v = H_p(q, p, t): the way back of ``momenta``, raising as it."""
+        """Return the velocities v = H_p(q, p, t): the inverse of ``momenta``, with its errors."""
         self._refuse_unless_lagrangian("velocities")
         state = merged_start(self, start, p, parameters, t, impacts=True)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)

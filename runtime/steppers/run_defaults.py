@@ -132,7 +132,7 @@ class RunDefaults:
 
 
 def _mapped(content: Any, change: Any) -> Any:
-    """Return the same with everything in its tables and lists changed."""
+    """Return a JSON value with ``change`` applied to each number or text in it."""
     if isinstance(content, dict):
         return {key: _mapped(value, change) for key, value in content.items()}
     if isinstance(content, list):

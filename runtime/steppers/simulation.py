@@ -84,18 +84,18 @@ class AdvancingRun:
         return int(self._advance(self.work, steps, *self._state))
 
     def feed(self, row: Array) -> None:
-        """Go on with other inputs."""
+        """Continue with other inputs, a row of them in the order of their names."""
         self.binding.function("set_inputs")(self.work, self.binding.pointer(row))
 
     def set_inputs(self, parameters: dict[str, Any]) -> None:
-        """Go on with parameters of which inputs alone differ."""
+        """Continue with parameters of which inputs alone differ."""
         self.run = replace(self.run, parameters=parameters)
         row = self.binding.new(len(self.binding.input_names))
         row[:] = [parameters[name] for name in self.binding.input_names]
         self.feed(row)
 
     def set_parameters(self, parameters: dict[str, Any]) -> None:
-        """Go on with other values of the parameters."""
+        """Continue with other values of the parameters."""
         self.run = replace(self.run, parameters=parameters)
         self.binding.function("set_parameters")(
             self.work, self.binding.parameters(parameters, self.run.t0))
@@ -134,7 +134,7 @@ class ContinuedStep(AdvancingRun):
         *self._given, self._given_parameters = *arguments[:-1], dict(arguments[-1])
 
     def continues(self, q: Any, p: Any, t0: Any, arguments: tuple[Any, ...]) -> bool:
-        """Whether these are the end of the step before, and all else is as it was."""
+        """Whether (q, p, t0) is the end of the last step, and the other arguments are the same."""
         run = self.run
         return (
             type(q) is np.ndarray and type(p) is np.ndarray
@@ -186,12 +186,12 @@ class RecordingRun(AdvancingRun):
                                       self._run_state, self._rows[self.steps + 1 :])
 
     def _make_room(self, steps: int) -> None:
-        """Make room for so many, at least twice as many as before where there is none."""
+        """Make room for the rows of so many steps; memory that is too small is doubled at least."""
         if steps > len(self._inputs):
             self._put(max(steps, 2 * len(self._inputs)), self._rows, self._inputs)
 
     def _put(self, room: int, rows: Rows, inputs: Array) -> None:
-        """Take over the rows of all steps done, with room for so many steps."""
+        """Copy the rows of all steps so far into memory for ``room`` steps."""
         done = self.steps
         self._rows, self._inputs = (Rows.allocate(self.binding, room + 1),
                                     self.binding.new(room, inputs.shape[1]))
@@ -333,7 +333,7 @@ class Simulation:
             name: as_real(f"Input {name}", x, binding.number) for name, x in inputs.items()}
 
     def _long(self, steps: int) -> int:
-        """Take many steps, with a look at Ctrl-C now and then."""
+        """Take many steps in pieces, between which Ctrl-C stops them; return the status."""
         pace, status, done = ChunkSize(), 0, 0
         with catch_ctrl_c() as interrupts:
             while done < steps and not status and not interrupts.requested:
