@@ -173,7 +173,10 @@ def placed_of(manifest: Manifest) -> dict[str, PlacedAt]:
 
 
 def joints_of(manifest: Manifest) -> dict[str, JointAt]:
-    """Return the joints of a stepper by name; raises as ``bodies_of`` does."""
+    """Return the joints of a stepper by name; raises as ``bodies_of`` does.
+
+    ``pulls`` of a joint is None if the force of one of its constraints is not known.
+    """
     system = manifest.system
     joints = {}
     for name, joint in system.joints.items():
@@ -192,7 +195,7 @@ def joints_of(manifest: Manifest) -> dict[str, JointAt]:
 
 
 def beam_named(manifest: Manifest, name: Any) -> tuple[str, list[JointAt]]:
-    """Return a beam and its sections from its start on; None is the name of a single one.
+    """Return a beam's name and its joints, ordered by arc length; None is the name of a single one.
 
     Raises InputError where there is no beam, or several and none is named.
     """
@@ -208,7 +211,7 @@ def beam_named(manifest: Manifest, name: Any) -> tuple[str, list[JointAt]]:
 def _section(
     system: SystemManifest, path: str, section: SectionManifest | None
 ) -> SectionManifest | None:
-    """Return the section of a joint, its vectors checked."""
+    """Return the section of a joint, its vectors checked; raise UnfitError for other lengths."""
     if section is not None:
         for entries, lengths in (
                 (section.stiffness, (3,)), (section.rest, (3,)), (section.extension, (0, 3)),
@@ -289,7 +292,10 @@ def _pull(
 def _vector(
     system: SystemManifest, path: str, entries: Sequence[Entry], *lengths: int
 ) -> list[Entry]:
-    """Return a vector of so many names of parameters and numbers."""
+    """Return a vector of names of parameters and finite numbers; raise UnfitError for another.
+
+    ``lengths`` are the numbers of entries that it may have.
+    """
     if len(entries) not in lengths or not all(
             e in system.parameters if isinstance(e, str) else math.isfinite(e) for e in entries):
         raise UnfitError("has another vector", path)

@@ -69,7 +69,8 @@ def cache_folder() -> Path:
 def _usable(folder: Path) -> Path:
     """Return the folder if files can be made in it, and by no other user; else a temporary one.
 
-    The temporary one comes with a warning. A full disk raises an error where room is needed.
+    A temporary folder comes with a warning, and serves this process until it ends. A full disk
+    raises an error where room is needed.
     """
     try:
         if not folder.is_dir():
@@ -147,6 +148,7 @@ def distrusted(path: Path) -> str:
     if not is_file:
         path = path.resolve()
         status = path.stat()
+        # who may write to a folder above could put another folder in place of this one
         for above in path.parents:
             mode = above.stat().st_mode
             if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:

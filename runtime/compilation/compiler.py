@@ -201,59 +201,31 @@ def compile_module(
 ) -> tuple[Path, list[CheckFunction]]:
     """Compile a stepper in ``folder``; return the path of the extension module and its checks.
 
-    The objects of the kernel are compiled side by side under strict warnings; meanwhile cffi's
-    wrapper is written, and compiled beside them without, for it is not ours. Raises CompilerError
-    with the command and its stderr; also if a step succeeds and leaves no file; OSError if the
-    folder cannot be written.
+    ``module_kind`` names one of the modules of a stepper (``object_files.ModuleKind``): "runs" of
+    one trajectory, "lanes" of many, "newton", the library that these two call, and those of
+    derivatives and impacts. Its objects are compiled side by side under strict warnings; so is,
+    without these, its wrapper, the C that cffi writes to make functions callable from Python. The
+    checks are C functions in the objects that evaluate their kernels, for ``kernel_check``. Raises
+    CompilerError with the command and its stderr; also if a step succeeds and leaves no file;
+    OSError if the folder cannot be written.
     """
     for file, text in files.items():
         (folder / file).write_text(text, encoding="utf-8")
     declarations = read_declarations(files[f"{name}.h"])
     if is_quad(declarations):
         _refuse_without_quad(compiler, folder)
-    compile_ = [*compiler.command, *compiler.flags, *call_stack.FLAGS,
-                *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS)]
-    running, linked = [], ["wrapper.o"]
-    kernels = kernels_of(files[f"{name}.c"])
-    checks: list[CheckFunction] = []
-    apart = not (is_whole() or compiler.portable) and has_newton_apart(name, files)
-    for object_file in objects_of(name, files, module_kind, as_one=is_whole(), apart=apart):
-        inside = folder / object_file.name
-        inside.mkdir(exist_ok=True)
-        (inside / f"{name}.h").write_text(object_file.header, encoding="utf-8")
-        own_checks = check_functions(f"{name}_{object_file.name}", kernels, object_file.checks)
-        checks += own_checks
-        source = files[f"{name}.c"]
-        (inside / f"{name}.c").write_text(
-            with_inline_functions(source) if object_file.sparse
-            else source + check_text(own_checks, source), encoding="utf-8")
-        on_duals = compiler.is_gcc and "typedef _Complex" in source
-        options = [*object_file.flags, *compiler.lower_flags.get(object_file.level, ()),
-                   *more_flags,
-                   *(DUAL_FLAGS if on_duals else ())]
-        running.append(_start([*compile_, *options, "-c", f"{object_file.name}/{name}.c", "-o",
-                               f"{object_file.name}.o"], folder))
-        linked.append(f"{object_file.name}.o")
-    everything = is_whole() and module_kind in ("runs", "lanes", "newton")
-    header = files[f"{name}.h"]
-    if not everything and module_kind != "newton":
-        header = declarations_of(name, header, module_kind)
-    if module_kind == "newton":
-        wrapper = folder / "table.c"
-        (check,) = checks
-        wrapper.write_text(newton_library.table_text(name, header, check.declaration),
-                           encoding="utf-8")
-    else:
-        calls = newton_library.trampolines(
-            name, files[f"{name}.h"], public=module_kind == "runs") if (
-                apart and module_kind in _WITH_NEWTON) else ""
-        wrapper = _write_wrapper(name, header, checks, folder, calls)
+    newton_apart = not (is_whole() or compiler.portable) and has_newton_apart(name, files)
+    objects, checks = _start_objects(name, files, compiler, folder, module_kind, more_flags,
+                                     apart=newton_apart)
+    wrapper = _write_wrapper(name, files, checks, folder, module_kind, newton_apart=newton_apart)
     include = sysconfig.get_paths()["include"]
-    running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
-                           wrapper.name, "-o", "wrapper.o"], folder))
+    running = [*objects, _start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
+                                 wrapper.name, "-o", "wrapper.o"], folder)]
     _end(running)
+    # gcc may have compiled a permutation wrongly, which shows in the object alone (object_files)
     if compiler.is_gcc:
         _replace_permutations([command for command, _ in running], folder)
+    linked = ["wrapper.o", *(command[-1] for command, _ in objects)]
     target = folder / (module_name(name) + extension_suffix())
     link = [*compiler.command, *compiler.link_flags, *linked, "-lm", "-o", target.name]
     _end([_start(link, folder)])
@@ -261,6 +233,37 @@ def compile_module(
         raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
                             f"{shlex.join(link)}. {_CURE}", command=link)
     return target, checks
+
+
+def _start_objects(
+    name: str, files: dict[str, str], compiler: Compiler, folder: Path, module_kind: ModuleKind,
+    more_flags: Sequence[str], *, apart: bool,
+) -> tuple[list[_Running], list[CheckFunction]]:
+    """Start to compile the objects of a module; return the commands and the objects' checks.
+
+    Each object has a folder with a header of its own, which says what is public in it. The last
+    word of a command is the object's file. ``apart``: Newton's method is in no object of it.
+    """
+    source = files[f"{name}.c"]
+    extended = _extended(read_declarations(files[f"{name}.h"]))
+    compile_ = [*compiler.command, *compiler.flags, *call_stack.FLAGS,
+                *(EXTENDED_FLAGS if extended else STRICT_FLAGS)]
+    running, checks, kernels = list[_Running](), list[CheckFunction](), kernels_of(source)
+    for object_file in objects_of(name, files, module_kind, as_one=is_whole(), apart=apart):
+        inside = folder / object_file.name
+        inside.mkdir(exist_ok=True)
+        (inside / f"{name}.h").write_text(object_file.header, encoding="utf-8")
+        own_checks = check_functions(f"{name}_{object_file.name}", kernels, object_file.checks)
+        checks += own_checks
+        (inside / f"{name}.c").write_text(
+            with_inline_functions(source) if object_file.sparse
+            else source + check_text(own_checks, source), encoding="utf-8")
+        on_duals = compiler.is_gcc and "typedef _Complex" in source
+        options = [*object_file.flags, *compiler.lower_flags.get(object_file.level, ()),
+                   *more_flags, *(DUAL_FLAGS if on_duals else ())]
+        running.append(_start([*compile_, *options, "-c", f"{object_file.name}/{name}.c", "-o",
+                               f"{object_file.name}.o"], folder))
+    return running, checks
 
 
 def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
@@ -272,7 +275,30 @@ def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
 
 
 def _write_wrapper(
-    name: str, header: str, checks: Sequence[CheckFunction], folder: Path, calls: str = ""
+    name: str, files: dict[str, str], checks: Sequence[CheckFunction], folder: Path,
+    module_kind: ModuleKind, *, newton_apart: bool,
+) -> Path:
+    """Write the C that makes a module's functions callable from Python; return its path.
+
+    The library of Newton's method has a table of pointers, and no module of Python.
+    """
+    header = files[f"{name}.h"]
+    if module_kind == "newton":
+        table = folder / "table.c"
+        (check,) = checks
+        table.write_text(newton_library.table_text(name, header, check.declaration),
+                         encoding="utf-8")
+        return table
+    calls = (newton_library.trampolines(name, header, public=module_kind == "runs")
+             if newton_apart and module_kind in _WITH_NEWTON else "")
+    # one module has all functions at -O0
+    if not (is_whole() and module_kind in _WITH_NEWTON):
+        header = declarations_of(name, header, module_kind)
+    return _write_cffi_wrapper(name, header, checks, folder, calls)
+
+
+def _write_cffi_wrapper(
+    name: str, header: str, checks: Sequence[CheckFunction], folder: Path, calls: str
 ) -> Path:
     """Write cffi's C for a header and the functions of the check; return its path.
 
@@ -281,7 +307,7 @@ def _write_wrapper(
     declarations, functions, renamed = read_declarations(header), "", ""
     if is_quad(declarations):
         declarations, functions = wrap_declarations(declarations)
-    elif real := _extended(declarations):  # of which cffi knows only what it is the same as
+    elif real := _extended(declarations):  # cffi knows the standard type with the same numbers
         standard = _STANDARD[real.dtype]
         declarations = f"typedef {standard} {real.c_type};\n{declarations}"
         renamed = f"#define {real.c_type} {standard}\n"

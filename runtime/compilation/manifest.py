@@ -79,13 +79,16 @@ def sizes_of(manifest: Manifest) -> dict[str, Any]:
 
 
 def _declared(name: str, header: str) -> dict[str, Any]:
-    """Return the sizes that a header declares; raise if it is none of gyrospark."""
+    """Return the sizes that a header declares, by the keys of ``sizes_of``.
+
+    Raises ValueError for a header that is none of gyrospark's.
+    """
     sizes = _found(r"n = (\d+) coordinates, m = (\d+) constraints, (\d+) unknowns a step, "
                    r"order (\d+)\.", header)
     step = _found(rf"multipliers \((\d+)\n \* of them\)[^;]*\n"
                   rf"int ({name})_step\([^;]*?\n    (.+?) dt,", header)
     fields = _found(rf"typedef struct {{([^{{}}]*)}} {name}_parameters;", header)[0]
-    # A comment may stand behind a field.
+    # A comment may follow a field.
     parameters = re.findall(r"^    [^/;]*?(\w+);", fields, flags=re.MULTILINE)
     rows = re.search(r"Quantities of `count` states, in rows of (\d+):", header)
     return {

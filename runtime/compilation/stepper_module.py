@@ -54,7 +54,10 @@ def load_module(name: str, files: dict[str, str], module_kind: ModuleKind = "run
 def _load_compiled(
     name: str, files: dict[str, str], compiler: Compiler, module_kind: ModuleKind
 ) -> Any:
-    """Return a module from the cache, or compile, check and publish it there."""
+    """Return a module from the cache, or compile, check and publish it there.
+
+    A record is published beside it: its checksum, further flags, compared kernels, bytes of stack.
+    """
     path = _path_of(name, files, compiler, module_kind)
     if record := _record(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say

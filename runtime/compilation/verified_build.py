@@ -50,7 +50,7 @@ def compile_verified(
     real = REALS[manifest.real]
     # The other modules have some of the kernels, on lanes for example, or none that is checked.
     expected = set(manifest.operations) if module_kind == "runs" else set()
-    first: list[KernelMismatch] = []
+    first: list[KernelMismatch] = []  # of the usual flags, for messages
     for number, flags in enumerate(SAFER_FLAGS):
         inside = folder / str(number)
         inside.mkdir()
@@ -62,8 +62,9 @@ def compile_verified(
                 warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
                      f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
                      "agrees. Another version of the compiler may need no such flags.")
-            named = {*compared, *unchecked}
-            absent = sorted(expected - named - {k.removeprefix("lanes_") for k in named})
+            # a kernel may be in the text on lanes alone
+            listed = {*compared, *unchecked}
+            absent = sorted(expected - listed - {k.removeprefix("lanes_") for k in listed})
             unchecked |= dict.fromkeys(absent, "it is not in the text as a kernel")
             if unchecked:
                 reasons = "; ".join(f"{kernel} ({why})" for kernel, why in unchecked.items())
