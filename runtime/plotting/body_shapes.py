@@ -99,6 +99,7 @@ def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float
         return list(_top(np.zeros(3), body.axes, *body.rim, 0.0))
     hinges = [joint.axis for joint in joints if joint.axis is not None and not joint.slides]
     ordered = np.sort(half)
+    # a gimbal ring: hinges in two directions, one of them on the outside
     slim = ordered[1] < (_SLIM if joints else 0.08) * ordered[2]
     if inside and not slim and any(joint.outer for joint in joints) and any(
             np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges):
@@ -110,6 +111,7 @@ def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float
         return list(_frame(body, half))
     if any(joint.slides for joint in joints) and np.ptp(half) < _EQUAL * half.max():
         return [Shape("box", half, body.centre, body.axes)]
+    # a top: its foot is at the support, its knob at the farthest joint or above the flywheel
     support = None if slim else _support(body, joints, reach)
     if support is not None:
         foot, k = support
@@ -119,6 +121,7 @@ def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float
         axes = axes * (1 if lever @ axes[:, 2] > 0 else np.array([1, -1, -1]))
         end = max(float((joint.at - foot) @ lever) / arm for joint in joints)
         return list(_top(foot, axes, arm, half[[(k + 1) % 3, (k + 2) % 3]] * _ROUND, end))
+    # a symmetry axis: the two other half lengths are equal
     axis = next((k for k in range(3)
                  if np.ptp(np.delete(half, k)) < _EQUAL * half.max()), None)
     if axis is not None:

@@ -88,6 +88,7 @@ class _Document:
     """The JSON of a scene, and its numbers."""
 
     def __init__(self, scene: Scene, meshes: Mapping[str, IndexedMesh]) -> None:
+        """Fill the lists of the JSON; their entries refer to each other by indices."""
         self.numbers = bytearray()
         self.views: list[dict[str, Any]] = []
         self.accessors: list[dict[str, Any]] = []
@@ -132,7 +133,7 @@ class _Document:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
     def _numbers(self, array: Array, kind: str, use: int = 0) -> int:
-        """Return the accessor of an array, with its bounds."""
+        """Append an array to the numbers; return the index of its accessor, with its bounds."""
         data = np.ascontiguousarray(array, dtype=kind)
         self.views.append({"buffer": 0, "byteOffset": len(self.numbers), "byteLength": data.nbytes,
                            **({"target": use} if use else {})})

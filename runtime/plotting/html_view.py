@@ -191,7 +191,10 @@ def compact(script: str) -> str:
 def _content(
     scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]
 ) -> dict[str, Any]:
-    """Return the scene for JSON, long arrays as base64 of 32-bit floats."""
+    """Return the scene for JSON, long arrays as base64 of 32-bit floats.
+
+    view.js and scene.js read these keys. A position that stays is one row.
+    """
     mesh_numbers = {file: i for i, file in enumerate(meshes)}
 
     def shapes(shape_list: Iterable[Shape]) -> list[dict[str, Any]]:

@@ -53,7 +53,11 @@ class IndexedMesh:
         return float(np.ptp(self.points, axis=0).max())
 
     def cleaned(self) -> IndexedMesh:
-        """Return the mesh without triangles that are lines, or that are there twice."""
+        """Return the mesh without triangles that are lines, or that are there twice.
+
+        Each triangle is rotated so that its smallest vertex number comes first; equal ones are then
+        equal rows.
+        """
         t = self.triangles
         t = t[(t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])]
         first = np.argmin(t, axis=1)[:, None]

@@ -287,7 +287,9 @@ def _basis(up: Array) -> tuple[Array, Array]:
 def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
     """Return azimuth and elevation of the camera in radians, by the plane of the motion.
 
-    No azimuth for a motion in space.
+    The singular values of all displacements of points of the bodies say whether they lie in a
+    plane; the right singular vector of the least one is its normal. A vertical plane is seen from
+    beside its normal, a horizontal one from above. The azimuth is None for a motion in space.
     """
     frames = np.unique(np.linspace(0, len(scene.t) - 1, 60).astype(int))
     first, second = _basis(scene.up)
@@ -384,13 +386,17 @@ def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
 
 
 def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Array, float]]:
-    """Yield supports of joints of the ground: two posts, one post, or a plate above."""
+    """Yield supports of the bodies that the ground holds: one post, two at a hinge, a plate above.
+
+    The plate is above the point if the body hangs below it. A vertical hinge of a body that reaches
+    down to the floor has no support.
+    """
     up, metal = scene.up, colour_of(STAND)
     r = JOINT * scene.reach(frame)
     for body, pivot, axis in _pivots(scene):
         if body.own:
             continue
-        below = float(np.max(body.at(body.centre)[:, 0] @ up)) < pivot @ up
+        hangs = float(np.max(body.at(body.centre)[:, 0] @ up)) < pivot @ up
         R = rotation_matrix(body.q[frame])
         lowest = min(float((mesh_of(shape).points @ R.T @ up).min()) for shape in body.shapes)
         height = float(pivot @ up) - floor
@@ -400,7 +406,7 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
         feet = [np.zeros(3)]
         if axis is not None and abs(axis @ up) < 0.5:
             feet = [2.6 * r * side * axis for side in (-1, 1)]
-        if below:
+        if hangs:
             shapes = [Shape.bar(pivot + foot, pivot + foot + 2.4 * r * up, 0.55 * r)
                       for foot in feet]
             shapes.append(Shape("disc", np.array([4 * r, 4 * r, 0.4 * r]), pivot + 2.8 * r * up,
@@ -434,7 +440,7 @@ def _pivots(scene: Scene) -> Iterator[tuple[ScenePart, Array, Array | None]]:
 
 
 def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tuple[Mesh, str]]:
-    """Yield rails, rods and coils."""
+    """Yield the meshes of a tie in space with their colours: a rail, a rod, or a coil spring."""
     a, b = (_point_in_space(scene, frame, i, r)
             for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)))
     along = float(np.linalg.norm(b - a))
@@ -486,7 +492,11 @@ def _triangles(meshes: list[tuple[Mesh, Array, float]]) -> Triangles:
 
 def _camera(points: Array, up: Array, facing: float, tilt: float, width: int, height: int,
             ) -> tuple[Camera, float, Array]:
-    """Return a camera that sees all points, with half the size and the centre of their box."""
+    """Return a camera that sees all points, with half the diagonal and the centre of their box.
+
+    A camera with the focus 1 is moved back along the axis of sight; the focus then makes the
+    projected points fill the picture.
+    """
     low, high = points.min(axis=0), points.max(axis=0)
     centre, reach = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
     axes = _sight(up, facing, tilt)
@@ -500,7 +510,11 @@ def _camera(points: Array, up: Array, facing: float, tilt: float, width: int, he
 
 
 def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: float) -> Triangles:
-    """Return lines as strips on the screen, slightly nearer than the surfaces they touch."""
+    """Return lines as strips on the screen, slightly nearer than the surfaces they touch.
+
+    A strip has two triangles for each piece of its line, ``width`` pixels wide across it; at the
+    joints of pieces the two normals are averaged.
+    """
     corners, shades = [], []
     for line, colour in zip(lines, colours, strict=True):
         pixels = camera.project(line)
@@ -512,6 +526,7 @@ def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: fl
         step /= np.linalg.norm(step, axis=1, keepdims=True)
         across = np.stack([-step[:, 1], step[:, 0]], axis=1)
         joint = np.concatenate([across[:1], across[1:] + across[:-1], across[-1:]])
+        # the bound keeps a sharp turn, whose normals cancel, from becoming a spike
         joint /= np.maximum(np.linalg.norm(joint, axis=1, keepdims=True), 0.3)
         offset = np.column_stack([joint * width / 2, np.zeros(len(joint))])
         near = pixels * [1, 1, 1.0005]

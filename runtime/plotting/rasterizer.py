@@ -95,6 +95,9 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
               ) -> tuple[NDArray[np.int64], Array]:
     """Return the nearest triangle of each pixel, −1 for none, and its depth, larger if nearer.
 
+    Three lists grow from each other: the rows of pixels of each triangle, the span of columns of
+    each row, the fragments (pixels) of each span.
+
     Parameters
     ----------
     screen : array, shape (n, 3, 3)
@@ -111,7 +114,7 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
     row_counts = np.where(np.abs(area) > 1e-12, np.maximum(end_row - first_row, 0), 0)
     triangle = np.repeat(np.arange(len(screen)), row_counts)
     row = first_row[triangle] + _counted(row_counts)
-    # a x + b y + c ≥ 0 inside, for each edge; the row's part of it gives bounds of x.
+    # a x + b y + c ≥ 0 inside, for each edge; at the y of a row that gives a bound of x
     left_bound, right_bound = np.full(len(row), 0.0), np.full(len(row), float(width))
     sign = np.sign(area)
     for k in range(3):
@@ -200,13 +203,18 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
 def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.int64],
            screen: Array,
            drawn: Triangles, lit: NDArray[np.bool_], camera: Camera, lamp: _Lamp) -> None:
-    """Shade the pixels that triangles cover: Lambert, Blinn-Phong, and the lamp's shadow."""
+    """Shade the pixels of ``image`` that triangles cover: Lambert, Blinn-Phong, the lamp's shadow.
+
+    colour ← colour (ambient + k_d v max(n·l, 0)) + k_s max(n·h, 0)^g, with the normal n, the
+    direction l to the lamp and its visible share v, and h between l and the direction to the eye.
+    """
     pixel_rows, pixel_columns = np.nonzero(index >= 0)
     if not len(pixel_rows):
         return
     covering = triangle_numbers[index[pixel_rows, pixel_columns]]
     x, y, w = (screen[covering, :, k] for k in range(3))
     px, py = pixel_columns.astype(float) + 0.5, pixel_rows.astype(float) + 0.5
+    # barycentric coordinates on the screen, and in space: weighted by the reciprocal distance
     area = ((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0]))
     b1 = ((px - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (py - y[:, 0])) / area
     b2 = ((x[:, 1] - x[:, 0]) * (py - y[:, 0]) - (px - x[:, 0]) * (y[:, 1] - y[:, 0])) / area
@@ -308,7 +316,11 @@ def _blurred(image: Array, radius: int) -> Array:
 
 def _backdrop(camera: Camera, width: int, height: int, up: Array, floor: float | None, cell: float,
               background: BackgroundName, lamp: _Lamp, centre: Array, reach: float) -> Array:
-    """Return the background: a gradient, and the floor with its lines and shadows."""
+    """Return the background: a gradient, and the floor with its lines and shadows.
+
+    The ray of each pixel hits the floor, the plane x·up = floor, at the distance
+    (floor − eye·up)/(ray·up) along the axis of sight.
+    """
     above, below, line = (np.array(c) for c in BACKGROUNDS[background])
     s = (np.arange(height) + 0.5)[:, None, None] / height
     image = np.broadcast_to(above + (below - above) * s, (height, width, 3)).copy()

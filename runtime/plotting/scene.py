@@ -236,9 +236,10 @@ def check_bodies(manifest: Manifest) -> None:
 def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> ScenePart:
     """Return a body with the box and the ellipsoid of its inertia, its poses, and a tip to trace.
 
-    A solid with the moments J_k has the spread (J_1 + J_2 + J_3 − 2 J_k)/m along axis k, from which
-    its half lengths follow. Where no mass is known, the sizes are relative; where the weight is on
-    a principal axis, it is drawn as a top.
+    With S_i = I_j + I_k − I_i about the centre of mass, half its lengths are √(S_i/(f m)), f = 2/3
+    of a box and 2/5 of an ellipsoid. Where no mass is known, they are relative to the largest. A
+    body on a fixed point whose weight is on a principal axis is drawn as a top of that inertia and
+    weight.
     """
     motion, columns = trajectory.body(name), bodies_of(trajectory.manifest)[name]
     mass = columns.mass_of(trajectory.parameters)
@@ -251,11 +252,12 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
     # eigenvectors may be left-handed
     axes = axes * np.sign(np.linalg.det(axes))
     spread = np.maximum(moments.sum() - 2 * moments, 0.0)
-    shape = np.sqrt(spread / (1.0 if mass is None else mass))
-    shape = np.maximum(shape, _THIN * shape.max())
+    # a_i² = S_i/(factor · m); without a mass the largest is 1, of the box as of the ellipsoid
+    lengths = np.sqrt(spread / (1.0 if mass is None else mass))
+    lengths = np.maximum(lengths, _THIN * lengths.max())
     if mass is None:
-        shape = shape / shape.max()
-    sizes = {kind: shape / (np.sqrt(factor) if mass is not None else 1.0)
+        lengths = lengths / lengths.max()
+    sizes = {kind: lengths / (np.sqrt(factor) if mass is not None else 1.0)
              for kind, factor in _FACTORS.items()}
     x = trajectory.q[state_indices][:, columns.x].astype(float) if columns.x else np.broadcast_to(
         numbers(columns.origin, trajectory.parameters), (len(state_indices), 3))
@@ -284,14 +286,18 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
 
 
 def _placed_body(trajectory: Trajectory, name: str, state_indices: Any) -> ScenePart:
-    """Return a cube for a body without inertia, half its edge 1/20 of the largest coordinate."""
+    """Return a cube for a placed body, whose position alone the model gives, and no inertia.
+
+    It has no size of its own: half its edge is 1/20 of the largest coordinate of all such bodies.
+    """
     motion = trajectory.body(name)
     farthest = max(float(np.abs(trajectory.body(placed_name).position()[state_indices]).max())
                    for placed_name in placed_of(trajectory.manifest))
-    size = np.full(3, farthest / 20 or 1.0)
-    return ScenePart(name, motion.attitude[state_indices], motion.position()[state_indices],
-                     np.zeros(3), np.eye(3),
-                dict.fromkeys(_FACTORS, size), np.zeros(3), to_scale=False)
+    size = np.full(3, farthest / 20 or 1.0)  # 1 m if all are at the origin
+    return ScenePart(
+        name, q=motion.attitude[state_indices], x=motion.position()[state_indices],
+        centre=np.zeros(3), axes=np.eye(3), sizes=dict.fromkeys(_FACTORS, size), tip=np.zeros(3),
+        to_scale=False)
 
 
 def _ties(trajectory: Trajectory, parts: list[ScenePart]) -> list[Tie]:
@@ -334,9 +340,11 @@ def _up(trajectory: Trajectory) -> Array | None:
 
 
 def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None:
-    """Return m g times the centre of mass of a body on a fixed point, None for another potential.
+    """Return m g times the centre of mass of a body on a fixed point, in its principal axes.
 
-    In its principal axes. Least squares of H − T = c + w · (third row of R), of states of the run.
+    V = H − T is fitted to c + w · (third row of R) by least squares over states of the run, with T
+    = ½ Σ L_i²/I_i. None where that does not fit, so that the potential is another one, or where the
+    states determine no w.
     """
     state_indices = np.unique(np.linspace(0, len(trajectory) - 1, 60).astype(int))
     q, p = (states[state_indices].astype(float) for states in (trajectory.q, trajectory.p))
@@ -359,7 +367,11 @@ def _rolling(manifest: Manifest) -> set[str]:
 
 
 def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> list[ScenePart]:
-    """Return the bodies with their drawn shapes."""
+    """Return the bodies with their drawn shapes, which joints and neighbours decide.
+
+    For each body: its places at joints, whether another body lies within its box, the ends of rods.
+    A body that rolls is round.
+    """
     centres = np.array([body.at(body.centre)[0, 0] for body in parts])
     reach = max([float(np.linalg.norm(np.ptp(centres, axis=0)))]
                 + [2 * float(body.sizes["box"].max()) for body in parts]
@@ -375,6 +387,7 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
         if is_held(parts, ties, i):
             attachments.append(Held(np.zeros(3), None, outer=True, slides=False))
         R = rotation_matrix(body.q[:1])[0]
+        # the centres of the others along this body's principal axes
         local = (centres - centres[i]) @ R @ body.axes
         half = body.sizes["box"]
         inside = body.name not in rolling and any(
@@ -385,8 +398,8 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
         shapes = shapes_of(body, attachments, reach, inside=inside, loose=loose)
         if body.name in rolling and {shape.kind for shape in shapes} == {"box"}:
             shapes = [Shape("sphere", body.sizes["ellipsoid"], body.centre, body.axes)]
-        frame = inside and len(shapes) == 12
-        bodies.append(replace(body, shapes=shapes, glass=frame))
+        is_frame = inside and len(shapes) == 12  # the edges of a box
+        bodies.append(replace(body, shapes=shapes, glass=is_frame))
     return bodies
 
 

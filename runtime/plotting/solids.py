@@ -96,7 +96,11 @@ def encoded_solids() -> Mapping[str, list[dict[str, Any]]]:
 
 
 def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
-    """Return the triangles of a mesh in body axes, with edges sharper than 37° left sharp."""
+    """Return the triangles of a mesh in body axes, with edges sharper than 37° left sharp.
+
+    The normal of a vertex is the mean of its triangles' normals, weighted by area; where it differs
+    from that of a triangle by more, the triangle keeps its own.
+    """
     points = shape.centre + (mesh.points * shape.size) @ shape.axes.T
     corners = points[mesh.triangles]
     crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -173,7 +177,11 @@ def _grid(points: Array, normals: Array, light: Array | None = None) -> Mesh:
 
 
 def _revolved(profile: Profile, sectors: int, around: int) -> Mesh:
-    """Return a surface of revolution about the third axis; every second sector is lighter."""
+    """Return a surface of revolution about the third axis; every second sector is lighter.
+
+    ``profile`` is a line of (radius, height). Neighbouring pieces that meet at a small angle share
+    their normals, so that they look smooth.
+    """
     line = np.array(profile, float)
     step = np.diff(line, axis=0)
     distinct = step.any(axis=1)

@@ -130,7 +130,10 @@ class BeamMotion:
     # ------------------------------------------------------------ inside
 
     def _sides(self, joint: JointAt) -> list[tuple[str, Array]]:
-        """Return body and attitude of the section in its axes, before the section and after."""
+        """Return (body, attitude of the section in its axes) before the section, and after it.
+
+        At a clamp one of them is the body that holds the beam; at the start it comes first.
+        """
         section, still = _of(joint), np.array([1.0, 0.0, 0.0, 0.0])
         sides = [(joint.a, still), (joint.b, still)]
         if section.holder:
@@ -147,7 +150,7 @@ class BeamMotion:
                 for name, turn in self._sides(joint)]
 
     def _strain(self, joint: JointAt) -> tuple[Array, Array]:
-        """Return w and u, shape (N+1, 1) and (N+1, 3)."""
+        """Return w and u of w + u = q̄_a q_b in section axes, shapes (N+1, 1) and (N+1, 3)."""
         q_a, q_b = self._attitudes(joint)
         w = (q_a * q_b).sum(axis=-1, keepdims=True)
         return w, np.einsum("...ij,...j->...i", left_matrix(q_a), q_b)
@@ -155,8 +158,9 @@ class BeamMotion:
     def _moment(self, joint: JointAt) -> Array:
         """Return the moment of a section in space, shape (rows, 3), in N m.
 
-        m = (stiffness/spacing) (u − u₀ + τ u̇), and the moment is R_a (w m + u × m), with (w, u)
-        the relative rotation of the two segments.
+        R_a (w m + u × m) with m = B (f/h) (u − u° + τ u̇), where u̇ = ½ (w (Ω_b − Ω_a) + u × (Ω_a +
+        Ω_b)) with the angular velocities in the axes of their own sides. Of a joint that stretches,
+        half of the moment of its two forces about each other's points is added.
         """
         section = _of(joint)
         ratio = section.ratio / self._number(section.spacing)
@@ -175,7 +179,11 @@ class BeamMotion:
         return moment
 
     def _strained(self, joint: JointAt) -> list[Array]:
-        """Return n of a joint that stretches, the terms with the axes of a and of b."""
+        """Return n of a joint that stretches, as two terms, with the axes of a and those of b.
+
+        Each is ½ R C (Γ + τ Γ̇) with Γ = Rᵀ d/h, d = P_b − P_a: along the body's axis with the
+        stiffness ``along``, across it with ``across``; R Γ̇ = (ḋ − ω × d)/h.
+        """
         across, along, length = self._numbers(_of(joint).extension)
         tau, points = self._number(_of(joint).damping), self._points(joint)
         d = points[1] - points[0]

@@ -263,8 +263,9 @@ def turned(q: Array, vectors: Array) -> Array:
 
 
 def total_momenta(run: Trajectory) -> tuple[Array, Array]:
-    """Return Σ p and Σ (l + x × p) of the bodies of a run, shape (N+1, 3) each.
+    """Return Σ p and Σ (l + x × p) of the bodies of a run in space, shape (N+1, 3) each.
 
+    Here p is that of the centre of mass, and l = R(q) ½ L(q) p_q.
     Raises InputError where not all coordinates are those of bodies with quaternion and position.
     """
     bodies = bodies_of(run.manifest).values()
@@ -301,7 +302,8 @@ class PlacedMotion(BodyMotion):
         """Unit quaternions from body to space axes, scalar first, shape (N+1, 4), without jumps.
 
         The eigenvector of the largest eigenvalue of Bar-Itzhack's K(R) (J. Guid. Control Dyn. 23,
-        2000), whose signs are those of the state before.
+        2000), whose signs are those of the state before. The model has the first two columns of R
+        as quantities; the third is their cross product.
         """
         if not self._placed.axes:
             return np.tile([1.0, 0.0, 0.0, 0.0], (*self._run.q.shape[:-1], 1))

@@ -177,7 +177,7 @@ def of_columns(columns: dict[str, Array]) -> Crossings:
 
 @dataclass(frozen=True, eq=False)
 class CrossingsOfMany:
-    """The crossings of each trajectory of an ensemble: ``found[i]`` has those of trajectory i."""
+    """The crossings of each trajectory of an ensemble; ``crossings[i]`` are of trajectory i."""
 
     _members: list[Crossings]
 

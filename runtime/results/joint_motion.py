@@ -94,13 +94,14 @@ class JointMotion:
             return self._run.quantity(f"{self.name}_angle") * unit
         n1, n2, e, of_b = self._axes()
         q_a, q_b = self._attitudes()
+        # the model's angle, θ = 2 atan2(v, w) + turns with (w, v e) = q̄_a q_b c
         if self._at.zero:
-            *start, turns = numbers(self._at.zero, self._run.parameters)
+            *c, turns = numbers(self._at.zero, self._run.parameters)
             rotation_rows = left_matrix(q_a)  # its rows with q_a: the axes of q̄_a x
-            x = quaternion_product(q_b, np.array(start))
+            x = quaternion_product(q_b, np.array(c))
             w, v = (q_a * x).sum(1), (rotation_rows @ x[..., None])[..., 0] @ np.cross(n1, n2)
             turn: Array = turns + 2 * np.arctan2(v, w)
-        else:
+        else:  # the angle of b's image of n₁ in the plane of n₁ and n₂, which a carries
             m = turned(q_b, shortest_rotation(np.cross(n1, n2), of_b, n1) @ n1)
             turn = np.arctan2((turned(q_a, n2) * m).sum(1), (turned(q_a, n1) * m).sum(1))
         # Whole turns between two states are those that the rate between them makes.
@@ -135,7 +136,7 @@ class JointMotion:
     def rate(self) -> Array:
         """Return the angular velocity of b against a about their axis, shape (N+1,), in rad/s.
 
-        What is raised is that of ``angle``.
+        Raises the same errors as ``angle``.
         """
         if self._is_measured("rate"):
             return self._run.quantity(f"{self.name}_rate")
@@ -180,7 +181,7 @@ class JointMotion:
     def torque(self, frame: str = "space") -> Array:
         """Return the torque that a exerts on b, about the joint's point, shape (N+1, 3), in N m.
 
-        ``frame``, what is raised and how exact it is are those of ``force``.
+        Takes the same argument as ``force``, with the same errors and the same accuracy.
         """
         return self._in(frame, self._reaction()[1])
 
@@ -269,7 +270,12 @@ class JointMotion:
 
 
 def multipliers_at_states(trajectory: Trajectory) -> Array:
-    """Return λ of every constraint at each stored state, shape (N+1, m); see ``JointMotion.force``.
+    """Return λ of every constraint at each stored state, shape (N+1, m).
+
+    A state takes the mean of the ends of the two steps that meet there; the first and the last
+    state take that of their one step. Schemes with one multiplier a step, in its middle,
+    extrapolate there: λ_0 = 2 λ_1 − λ_2. If states of steps are missing, a state takes the end of
+    its step.
     """
     step_multipliers = _multipliers_of_steps(trajectory)
     state_multipliers = np.full((len(trajectory), step_multipliers.shape[2]), np.nan,
@@ -343,9 +349,10 @@ def quaternion_product(q: Array, r: Array) -> Array:
 
 
 def shortest_rotation(a: Array, b: Array, normal: Array) -> Array:
-    """Return the rotation by the shortest way that takes the unit vector a to b.
+    """Return the shortest rotation that takes the unit vector a to b, R = 1 + V + V²/(1 + c).
 
-    Where they are opposite, all ways are equally short: it turns about ``normal``, one to a.
+    V is the matrix of v × with v = a × b, and c = a·b. Where they are opposite, all ways are
+    equally short: it turns about ``normal``, one to a.
     """
     v, c = np.cross(a, b), float(a @ b)
     if c < -1 + 1e-12:

@@ -62,7 +62,10 @@ def warn_of_missed_rate(trajectory: Trajectory) -> bool:
 
 
 def _divided(z: Array, t: Array) -> Array:
-    """Return r! z[t_k, …, t_(k+r)], 0 where it is round-off."""
+    """Return r! z[t_k, …, t_(k+r)], 0 where it is round-off.
+
+    By r steps of the recursion z[t_k, …, t_(k+j)] = (z[t_(k+1), …] − z[t_k, …])/(t_(k+j) − t_k).
+    """
     differences = z
     for j in range(1, _ORDER + 1):
         differences = np.diff(differences, axis=0) * (j / (t[j:] - t[:-j]))[:, None]

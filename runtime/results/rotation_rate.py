@@ -125,7 +125,10 @@ class Rotations:
     def _largest(
         self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
     ) -> tuple[str, float, float]:
-        """Return body, |Ω Δt| and Δt of ``fastest``; "" where no body turns."""
+        """Return body, |Ω Δt| and Δt of ``fastest``; "" where no body turns.
+
+        Rows in which a co-moving frame moves are left out, and those that are not finite.
+        """
         bodies = self.bodies
         if not bodies:
             return "", -1.0, 0.0
@@ -221,11 +224,11 @@ def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:
 
 
 def phase_error(order: int, radians: float) -> float:
-    """Return the error of a phase that advances by so many rad a step, in parts of it.
+    """Return the relative error of a phase that advances by ``radians`` a step, at most 1.
 
-    That of the diagonal Padé approximation of exp(iθ), (s!)² θ^2s/((2s)! (2s + 1)!) with 2s the
-    order. A rotation by θ has the frequency θ/2 in q, and harmonics up to some θ: measured errors
-    are between a hundredth of this and a hundred times it.
+    It is the error of the diagonal Padé approximation of exp(iθ), (s!)² θ^2s/((2s)! (2s + 1)!) with
+    2s the order. A rotation by θ has the frequency θ/2 in q, and harmonics up to some θ: measured
+    errors are between a hundredth of this and a hundred times it.
     """
     logarithm = (2 * math.lgamma(order / 2 + 1) - math.lgamma(order + 1) - math.lgamma(order + 2)
                  + order * math.log(max(radians, 1e-300)))

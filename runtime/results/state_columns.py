@@ -94,7 +94,10 @@ def headings(
 
 
 def _numbered(name: str, shape: tuple[int, ...], constraints: Sequence[str]) -> list[str]:
-    """Return headings with numbers of places; of constraints, the last axis, with their names."""
+    """Return a heading for each entry, the array's name and its indices: ``multipliers0_1``.
+
+    Along the last axis, if it counts constraints of different names, these take the index's place.
+    """
     words = ["_".join(re.findall(r"\w+", constraint)) for constraint in constraints]
     named = len(shape) == 2 and shape[-1] == len({*words})
     return [name + "_".join(map(str, (*index[:-1], words[index[-1]]) if named else index))

@@ -57,7 +57,11 @@ Block = tuple[tuple[Any, ...], dict[str, Array]]
 
 @dataclass(frozen=True)
 class Table:
-    """Arrays along the same leading dimensions.
+    """Arrays along the same leading dimensions, as names, attributes and an iterator over blocks.
+
+    Of a run the leading dimension is ``time``: the array of a name has the shape (states, *inner).
+    Of an ensemble they are ``trajectory`` and ``state``. Arrays are read only when ``read()`` is
+    iterated over.
 
     Attributes
     ----------
@@ -133,7 +137,9 @@ def table_of_run(
     run: Trajectory, *, euler: str | None = None, degrees: bool = False,
     angular_velocity: FrameName | None = None, attitudes: bool = False,
 ) -> Table:
-    """Return the table of a run; ``attitudes`` adds the quaternion of each body.
+    """Return the table of a run along ``time``, a variable for each output that the system has.
+
+    ``euler`` and ``angular_velocity`` add these of each body, ``attitudes`` its quaternion.
 
     Raises InputError for another sequence of axes or another frame, and where these are asked for
     and there is no body.
@@ -167,6 +173,7 @@ def table_of_run(
             arrays = states_of(block)
             for name, (*_, function) in bodies.items():
                 arrays[name] = np.stack([function(block.body(body)) for body in run.bodies], axis=1)
+            # a block of a store has the row before it, for what its first step ends with
             yield (rows,), {name: x[len(x) - (rows.stop - rows.start):]
                             for name, x in arrays.items()}
 
@@ -200,7 +207,11 @@ def _bodies(
 
 
 def table_of_ensemble(ensemble: Ensemble) -> Table:
-    """Return the table of an ensemble; each trajectory is a block."""
+    """Return the table of an ensemble along ``trajectory`` and ``state``; a trajectory is a block.
+
+    ``parts`` are the numbers that a trajectory has once (dt, status, steps, parameters), and
+    events.
+    """
     first = table_of_run(ensemble.members[0])
     members, number_type = ensemble.members, ensemble.members[0].t.dtype
     single: dict[str, tuple[Array, str, str]] = {
@@ -284,7 +295,10 @@ def _imported(package: str, extra: str, purpose: str) -> Any:
 
 
 def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
-    """Return a table as an xarray Dataset, with names along every dimension that has some."""
+    """Return a table as an xarray Dataset, with names along every dimension that has some.
+
+    The time, and numbers with one entry a trajectory, are coordinates; all else are variables.
+    """
     package = _imported("xarray", "storage", "Datasets")
     data: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
@@ -380,7 +394,7 @@ def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) 
 
 
 def _write_netcdf(table: Table, path: Path) -> None:
-    """Write NetCDF-4: wide numbers as doubles, and whole as bytes beside them."""
+    """Write NetCDF-4 block by block: wide numbers as doubles, and with all digits as bytes."""
     import h5netcdf
     import h5py
 

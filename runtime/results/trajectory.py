@@ -214,7 +214,7 @@ class Trajectory(Shown):
             raise IndexError(f"run[{shown(row)}] is none of {len(self):,} stored states.") from None
         inputs: dict[str, Any] = {}
         if self._inputs is not None and len(self) > 1:
-            # Rows at given times lie between steps; their inputs are not known.
+            # of the step that ends at the row; a run at given times has none: they lie within steps
             step = math.ceil(float(self.elapsed[index] / self.dt) - 1e-6) - 1
             inputs = dict(zip(self._inputs.names,
                               self._inputs.at(max(step, 0)).tolist(), strict=True))
@@ -245,6 +245,8 @@ class Trajectory(Shown):
 
     def _rows(self, row_range: range) -> Trajectory:
         """Return the run of some of the states; multipliers are those of the steps that end there.
+
+        Events and impacts are those between the first and the last of them.
         """
         chosen = np.asarray(row_range)
         arrays = {output.attribute: getattr(self, output.attribute)[

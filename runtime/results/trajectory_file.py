@@ -183,7 +183,11 @@ def _trajectory(fields: dict[str, Any]) -> Trajectory:
 
 def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, ...]]
             ) -> dict[str, Any]:
-    """Return the fields of a ``Trajectory``; raise ``ValueError`` for inconsistent ones."""
+    """Return the fields of a ``Trajectory``; raise ``ValueError`` for inconsistent ones.
+
+    ``about`` is the file's JSON, ``arrays`` are its outputs by attribute, ``labels`` the names of
+    columns, which must be those of the manifest.
+    """
     manifest: Manifest = about["manifest"]
     real = manifest.real
     if REALS[real].in_mpmath:
@@ -206,7 +210,11 @@ def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, .
 
 
 def _events(about: Any, crossings: dict[str, dict[str, Array]]) -> dict[str, Any]:
-    """Return events and impacts; raise ``ValueError`` for arrays of inconsistent shapes."""
+    """Return the fields ``events`` and ``impacts`` of a ``Trajectory``, by events' names.
+
+    ``crossings`` maps each event to its arrays; one with ``p_after`` is of impacts, and is among
+    the events too. Raises ``ValueError`` for arrays of inconsistent shapes or types.
+    """
     in_binary128 = REALS[about["manifest"].real].in_mpmath
     n, events, impacts = len(about["manifest"].system.coordinates), {}, {}
     for name, columns in crossings.items():

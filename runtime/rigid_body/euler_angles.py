@@ -49,6 +49,7 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     sequence.
     """
     axes, turning = check_sequence(sequence)
+    # turns about carried axes are those about the axes of space in reverse order
     i, j, k = reversed(axes) if turning else axes
     proper_angles = i == k
     k = 3 - i - j if proper_angles else k
@@ -57,11 +58,13 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     w, x, y, z = components[0], components[1 + i], components[1 + j], sign * components[1 + k]
     if not proper_angles:  # turned by a right angle, the outer axes are the same too
         w, x, y, z = w - y, x + z, y + w, z - x
+    # w + i x = cos(θ/2) e^(i s), y + i z = sin(θ/2) e^(i d): θ is the middle angle, s and d half
+    # the sum and half the difference of the outer ones
     middle = 2 * np.arctan2(np.hypot(y, z), np.hypot(w, x))
     half_sum, half_difference = np.arctan2(x, w), np.arctan2(z, y)
     first, last = half_sum - half_difference, half_sum + half_difference
     low, high = middle < _LOCK, middle > np.pi - _LOCK
-    # Where the middle angle is at an end only the sum, or the difference, of the others is there.
+    # Where the middle angle is at an end only the sum, or the difference, of the others is defined.
     zero = np.zeros_like(first)
     outer_sum = np.where(low, 2 * half_sum, 2 * half_difference * (1 if turning else -1))
     locked = low | high

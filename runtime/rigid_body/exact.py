@@ -275,7 +275,7 @@ class FreeRotation(_PreciseMotion):
         return am, sn, cn, mp.sqrt(cn**2 + self._complement * sn**2)
 
     def _third_kind(self, am: Any, u: Any) -> Any:
-        """Return Π(n; am u) − u."""
+        """Return Π(n; am u) − u, for any am: Π grows by 2 Π(n; π/2) in each half turn."""
         mp = self._mp
         if not self._n:
             return mp.mpf(0)
@@ -319,7 +319,11 @@ def _elliptic_axes(I: list[Fraction], w: list[Fraction]) -> tuple[int, int, int]
 
 
 def _landen_ladder(mp: Any, complement: Any) -> tuple[Any, list[Any]]:
-    """Return 2^N a_N and the c_n/a_n of the arithmetic-geometric mean; rest = 1 − m."""
+    """Return 2^N a_N and the ratios c_n/a_n, n = 1..N, of the arithmetic-geometric mean.
+
+    a_0 = 1, b_0 = √(1 − m), a_(n+1) = (a_n + b_n)/2, b_(n+1) = √(a_n b_n), c_(n+1) = (a_n − b_n)/2;
+    ``complement`` is 1 − m.
+    """
     a, b, scale, ratios = mp.mpf(1), mp.sqrt(complement), mp.mpf(1), []
     while complement and a - b > 4 * mp.eps:  # a − b > 0 by round-off ends the iteration
         a, b, c = (a + b) / 2, mp.sqrt(a * b), (a - b) / 2

@@ -261,6 +261,7 @@ def _heavy_top(
     exact: ExactMotion | None,
     description: str,
 ) -> Problem:
+    """Return a heavy top that starts at the attitude q0 with the angular velocity ``omega``."""
     parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {"mgl": mgl}
     p0 = momentum(q0, omega, inertia)
     return Problem(name, parameters, q0, p0, inertia, exact=exact, description=description)
