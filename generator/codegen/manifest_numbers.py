@@ -61,7 +61,11 @@ def _rate(unit: str | None) -> str | None:
 
 
 def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dict[str, float]:
-    """Return the starting values of the numbers of a model by name."""
+    """Return the starting values of the numbers of a model by name, exact until rounded once.
+
+    γ or α of a body is the mean of its moments by the model's rule; velocities are computed from q
+    and p with 30 digits.
+    """
     system = derived.system
     start: dict[str, Any] = {name: exact(x) for name, x in model.parameters.items()}
     for name, inertia in model.bodies.items():

@@ -164,7 +164,11 @@ class _Formulas:
         return _formula([value], 1, value.terms, lambda e: 1 / e)
 
     def power(self, base: Value, exponent: Value) -> Value:
-        """Return base^exponent; refuse roots and exponents whose expansion could become long."""
+        """Return base^exponent; refuse roots and exponents whose expansion could become long.
+
+        A number to a number is evaluated; a sum of k terms to the power n counts C(k + n − 1, n)
+        terms.
+        """
         self.check_exponent(exponent)
         e = exponent.exact
         _refuse_long_root(base.exact, e)
@@ -250,22 +254,26 @@ class _Formulas:
     def evaluated(
         self, make: Callable[..., sp.Expr], number: Callable[..., Any], arguments: list[Value]
     ) -> Value:
-        """Return a function of constants, which must be a real number."""
-        places = [_number(a) for a in arguments]
-        if any(abs(x) > MAX_ARGUMENT for x in places):
+        """Return a function of constants, which must be a real number.
+
+        ``make`` is SymPy's function, ``number`` that of mpmath, which is evaluated first: SymPy
+        takes very long for some arguments.
+        """
+        argument_values = [_number(a) for a in arguments]
+        if any(abs(x) > MAX_ARGUMENT for x in argument_values):
             raise RefusedError(
-                f"A function of {mp.nstr(max(places, key=abs), 5)} is asked for, which is not "
-                f"within ±{MAX_ARGUMENT}; work the number out"
+                f"A function of {mp.nstr(max(argument_values, key=abs), 5)} is asked for, which is "
+                f"not within ±{MAX_ARGUMENT}; work the number out"
             )
         with mp.workdps(100):
             try:
-                value = number(*places)
+                value = number(*argument_values)
             except (ValueError, ZeroDivisionError):
                 value = mp.nan
             if isinstance(value, mp.mpc) or not mp.isfinite(value) or abs(value) > mp.mpf(10)**50:
                 raise RefusedError(
-                    f"This function of {', '.join(mp.nstr(x, 5) for x in places)} is no real "
-                    "number of moderate size; write another argument"
+                    f"This function of {', '.join(mp.nstr(x, 5) for x in argument_values)} is no "
+                    "real number of moderate size; write another argument"
                 )
         bits = sum(a.bits for a in arguments) + 1
         level = max(a.level for a in arguments) + 1
@@ -275,6 +283,7 @@ class _Formulas:
         if exact.is_Rational:
             return rational(exact)
         _refuse_rough(exact)
+        # an interval around the 95 digits that are certain
         return Value(exact, numbers.INTERVAL.mpf(mp.nstr(value, 95)) * numbers.NEARLY_ONE,
                      bits, level)
 
@@ -327,7 +336,11 @@ def _formula(
 
 
 def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
-    """Refuse a fractional power of numbers whose exponent has many digits."""
+    """Refuse a fractional power of numbers whose exponent has many digits.
+
+    SymPy searches such numbers for powers q, exponent = p/q, in time that grows with their bits and
+    with q and the roots inside; numbers with small prime factors are faster.
+    """
     if not exponent.is_Rational or exponent.q <= 2:
         return
     for factor in sp.Mul.make_args(base):

@@ -99,7 +99,10 @@ def _refusal(element: Element, why: str) -> InputError:
 
 
 def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Element, MjcfCable]:
-    """Return the first body of a cable, with the others below it, and what bends it."""
+    """Return the first body of a cable, with the others below it, and its stiffnesses.
+
+    B = (G J, E I_y, E I_z) of the section, about the tangent and across it, as in MuJoCo.
+    """
     values = composite.attributes
     kind, initial = values.get("type", ""), values.get("initial", "ball")
     if kind != "cable":
@@ -119,6 +122,7 @@ def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Elemen
                                  if key != "kind"}
         elif child.name not in ("plugin", "skin"):
             raise _refusal(child, "is no part of a cable; remove it.")
+    # the section: a radius, or a box whose first size is half the length, which the curve gives
     form, sizes = parts["geom"].get("type", "sphere"), parts["geom"].get("size", "")
     numbers = _numbers(composite, "size of its geom", sizes)
     count = 3 if form == "box" else 1
@@ -192,7 +196,11 @@ def _labels(count: int) -> list[str]:
 
 
 def _curve(composite: Element) -> Array:
-    """Return the points between the segments: of ``vertex``, or of ``curve`` at each s."""
+    """Return the ends of the segments in a row, shape (segments + 1, 3), as MuJoCo places them.
+
+    They are those of ``vertex``, or ``curve`` at equidistant s from 0 to 1: up to three words for
+    x, y and z, with length, radius and half turns from ``size``.
+    """
     values = composite.attributes
     numbers = {key: _numbers(composite, key, values.get(key, default), most)
                for key, default, most in (("vertex", "", math.inf), ("count", "1", 3),
@@ -217,10 +225,11 @@ def _curve(composite: Element) -> Array:
                            f"{listed(shapes)}.")
         points = np.stack([shapes[word] for word in (words + ["0"] * 3)[:3]], axis=1)
     edges = np.diff(points, axis=0)
-    size = np.linalg.norm(edges, axis=1)
-    t = edges / np.where(size, size, 1)[:, None]
-    if not (size > 1e-12 * np.abs(points).max()).all() or not all(
-            a @ b > -1 + 1e-6 for a, b in pairwise(t)):
+    lengths = np.linalg.norm(edges, axis=1)
+    tangents = edges / np.where(lengths, lengths, 1)[:, None]
+    # frames are carried along by the shortest rotations, which do not exist from t to −t
+    if not (lengths > 1e-12 * np.abs(points).max()).all() or not all(
+            a @ b > -1 + 1e-6 for a, b in pairwise(tangents)):
         raise _refusal(composite, "has points of its curve that coincide, or a curve that turns "
                        "back; write other points.")
     return points
@@ -230,7 +239,11 @@ def _bodies(
     composite: Element, initial: str, parts: Mapping[str, Mapping[str, str]], form: str,
     sizes: list[float],
 ) -> Element:
-    """Return the first body of a chain, whose x axes are tangents."""
+    """Return the first body of a chain of segments, each inside the one before it.
+
+    The x axis of a body is the tangent, its origin the beginning of its segment; ball joints are
+    at the origins, and the first body has the joint ``initial``. Sites mark both ends.
+    """
     values, line, points = composite.attributes, composite.line, _curve(composite)
     prefix, edges = values.get("prefix", ""), np.diff(points, axis=0)
     lengths = np.linalg.norm(edges, axis=1)

@@ -281,7 +281,11 @@ def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlT
 def _names(
     builder: Multibody, bodies: Mapping[str, Frame], reserved: Collection[str]
 ) -> tuple[dict[str, sp.Expr], dict[str, sp.Expr]]:
-    """Return the symbols of formulas of position, and of motion."""
+    """Return name → expression of the symbols in formulas of position, and of position and motion.
+
+    Position: coordinates, axes of bodies, angles and travels of joints. Motion: also momenta,
+    angular velocities, rates of joints and t.
+    """
     position: dict[str, sp.Expr] = {}
     motion: dict[str, sp.Expr] = {"t": builder.time}
     for name, body in bodies.items():
@@ -311,7 +315,11 @@ def join(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable,
     locate: Callable[[dict[str, Any]], dict[str, Any]] = dict,
 ) -> None:
-    """Call the method of the joint's type with the keys of its table."""
+    """Call the method of the joint's type with the keys of its table.
+
+    Its keyword arguments are the keys, and their annotations say whether they are vectors, pairs or
+    numbers. ``locate`` turns points and axes of the table into the arguments of the builder.
+    """
     keys = {kind: {key: parameter for key, parameter in parameters.items()
                    if parameter.kind is parameter.KEYWORD_ONLY}
             for kind, parameters in JOINTS.items()}

@@ -220,7 +220,11 @@ class _Scopes:
         return placement
 
     def link(self, name: str, below: tuple[str, ...] = ()) -> str:
-        """Return the link, or the world, that a link, a joint, a frame or the model moves with."""
+        """Return the link, or the world, that a link, a joint, a frame or the model moves with.
+
+        A joint moves with its child, a frame with the element it is attached to, and so on.
+        ``below`` has the names on the way, so that a cycle ends.
+        """
         if name == "world":
             return name
         if name == _MODEL:
@@ -240,7 +244,7 @@ class _Scopes:
 def _read(
     scopes: _Scopes
 ) -> tuple[dict[str, tuple[RobotLink, float]], list[PlacedJoint]]:
-    """Return links, with the share of their weight that is compensated, and joints."""
+    """Return name → link and the share of its weight that is compensated, and the joints."""
     elements = scopes.all("link")
     if not elements:
         raise InputError("it has no <link>; write one at least.")
@@ -257,7 +261,7 @@ def _read(
 
 
 def _pose(pose: Element | None) -> Placement:
-    """Return x y z, roll pitch yaw, or x y z and a quaternion x y z w."""
+    """Return the placement of a <pose>: x y z roll pitch yaw, or x y z and a quaternion x y z w."""
     if pose is None or not pose.text.strip():
         return IDENTITY
     form = pose.attributes.get("rotation_format", "euler_rpy")
@@ -265,18 +269,22 @@ def _pose(pose: Element | None) -> Placement:
     choose(f"rotation_format of {owner}", form, ("euler_rpy", "quat_xyzw"))
     degrees = _flag(pose.attributes.get("degrees", "false"), owner)
     numbers = _numbers(pose, 6 if form == "euler_rpy" else 7)
-    turned = numbers[3:]
+    attitude = numbers[3:]
     if form == "euler_rpy":
-        R = roll_pitch_yaw(np.radians(turned).tolist() if degrees else turned)
+        R = roll_pitch_yaw(np.radians(attitude).tolist() if degrees else attitude)
     elif degrees:
         raise InputError(f"{owner} has degrees and a quaternion; remove degrees.")
     else:
-        R = rotation_xyzw(turned, owner)
+        R = rotation_xyzw(attitude, owner)
     return Placement(np.array(numbers[:3]), R)
 
 
 def _link(name: str, element: Element) -> tuple[RobotLink, float]:
-    """Return a link; its mass and inertia are those of the standard where it has none."""
+    """Return a link, and the share of its weight that is compensated: 1 without gravity.
+
+    A link without <inertial> has 1 kg and 1 kg m², as SDF specifies. J is rotated from the axes of
+    the <inertial> to those of the link.
+    """
     inertial, gravity = element.first("inertial"), element.first("gravity")
     weightless = 0.0 if gravity is None or _flag(
         gravity.text, f"line {gravity.line}: <gravity>") else 1.0
@@ -297,7 +305,11 @@ def _link(name: str, element: Element) -> tuple[RobotLink, float]:
 
 
 def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
-    """Return a joint, its axis in the axes of the world and its place where it is there."""
+    """Return a joint with its axis and its pose in the world.
+
+    The axis is given in the frame ``expressed_in``; without it, in the frame of the joint, or in
+    that of the model in versions 1.3 and 1.4 and with ``use_parent_model_frame``.
+    """
     kind = element.attributes.get("type", "")
     if kind not in KINDS:
         raise InputError(f"line {element.line}: the type of joint {shown(name)} is {shown(kind)}; "
@@ -311,20 +323,20 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     xyz, dynamics = axis.first("xyz"), axis.first("dynamics")
     model = axis.first("use_parent_model_frame")
     expressed_in = "" if xyz is None else xyz.attributes.get("expressed_in", "")
-    above = model is not None and _flag(model.text, f"line {model.line}: <{model.name}>")
+    in_model = model is not None and _flag(model.text, f"line {model.line}: <{model.name}>")
     frame = scopes.seen(expressed_in, name) if expressed_in else (
-        _MODEL if above or scopes.version in ("1.3", "1.4") else name)
+        _MODEL if in_model or scopes.version in ("1.3", "1.4") else name)
     if frame not in scopes.places:
         raise InputError(f"line {axis.line}: the axis of {shown(name)} is expressed in "
                          f"{shown(frame)}, which is no link, joint or frame; correct it.")
-    along = scopes.places[frame].R @ ([0, 0, 1.0] if xyz is None else _numbers(xyz, 3))
-    if not along.any():
+    direction = scopes.places[frame].R @ ([0, 0, 1.0] if xyz is None else _numbers(xyz, 3))
+    if not direction.any():
         raise InputError(f"line {element.line}: the axis of joint {shown(name)} is zero; write its "
                          "direction.")
     damping, stiffness, rest_angle = (
         0.0 if dynamics is None else _number(dynamics, key, 0.0)
         for key in ("damping", "spring_stiffness", "spring_reference"))
-    return PlacedJoint(name, kind, parent, child, scopes.places[name], unit(along), damping,
+    return PlacedJoint(name, kind, parent, child, scopes.places[name], unit(direction), damping,
                        stiffness, rest_angle, _range(axis), _follower(name, axis))
 
 
@@ -349,9 +361,13 @@ def _tree(
     scopes: _Scopes, links: dict[str, tuple[RobotLink, float]], joints: list[PlacedJoint],
     pose: Placement, base: str | None,
 ) -> Robot:
-    """Return the robot: the first joint that has a link as its child belongs to the tree."""
+    """Return the robot: the first joint to each link as its child belongs to the tree.
+
+    All further joints to a link close loops. The root floats unless the world is in the tree or
+    ``base`` says otherwise.
+    """
     robot, places = Robot(scopes.name, "an SDF", "link"), scopes.places
-    first: dict[str, PlacedJoint] = {}
+    first: dict[str, PlacedJoint] = {}  # child → the joint of the tree
     for joint in joints:
         if joint.child != "world":
             first.setdefault(joint.child, joint)

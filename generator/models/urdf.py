@@ -146,7 +146,10 @@ def _descendants(element: Element) -> Iterator[Element]:
 
 
 def _read_all(top: Element, kind: str, read: Callable[[str, Element], Read]) -> dict[str, Read]:
-    """Return name → what ``read`` makes of each element of a kind; names are there, and once."""
+    """Return name → ``read(name, element)`` for each element of a kind.
+
+    Raises InputError, with the line, for elements without a name and for names that occur twice.
+    """
     parts: dict[str, Read] = {}
     for element in top.all(kind):
         name = element.attributes.get("name", "")
@@ -187,7 +190,7 @@ def _link(name: str, element: Element) -> RobotLink:
 
 
 def _joint(version: str, followers: list[Follower], name: str, element: Element) -> Edge:
-    """Return a joint, and add to the followers what its <mimic> says."""
+    """Return a joint as an edge of the tree; its <mimic> is added to ``followers``."""
     kind = element.attributes.get("type", "")
     if kind not in KINDS:
         raise InputError(f"its type is {shown(kind)}; choose {listed(KINDS)}"
@@ -220,7 +223,10 @@ def _range(version: str, kind: str, limit: Element | None) -> tuple[float, float
 
 
 def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> LoopJoint:
-    """Return a joint that closes a loop."""
+    """Return a joint that closes a loop: its type, links, poses in both, and axes.
+
+    Only the first axis of a universal joint and the axis of a hinge or slide are in the parent.
+    """
     kind = element.attributes.get("type", "")
     if kind not in LOOPS:
         raise InputError(f"its type is {shown(kind)}; choose {listed(LOOPS)}"

@@ -84,7 +84,11 @@ def count_extras(top: Element, schema: Schema) -> Counter[str]:
 
 
 def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterator[str]:
-    """Yield the names that would ignore parts of an element; ``owner`` begins messages."""
+    """Yield the names, for ``ignore=``, of parts of an element that have no counterpart here.
+
+    Refuses parts that the format does not have, that occur twice, or whose values no model here
+    has. ``owner`` begins messages; attributes are named with an @.
+    """
     if above and "name" in element.attributes:
         owner = f"{element.name} {shown(element.attributes['name'])}: "
     parts = schema.of(element, above)

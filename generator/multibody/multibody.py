@@ -574,7 +574,10 @@ class Multibody:
         self, name: str, frames: tuple[Frame | str, Frame | str], pair: dict[str, Any],
         q: Array | None,
     ) -> BeamJoint:
-        """Return the clamp of an end of a beam; ``q`` is the attitude of b in the axes of a."""
+        """Return the clamp of an end of a beam: half a segment that bends against the holder.
+
+        ``q`` is the attitude of b in the axes of a; by default the section stays as it starts.
+        """
         ends = [self._components.end(frame) for frame in frames]
         end = ends[0] or ends[1]
         holder = pair["b"] if ends[0] else pair["a"]
@@ -592,6 +595,7 @@ class Multibody:
         section = end.q
         if q is not None:
             section = np.array(product(holder_attitude, conjugate(q) if ends[0] else q))
+            # q and −q are one attitude: the sign that is nearer to the start
             section = section * (1 if section @ end.q >= 0 else -1)
         q_segment = self._components.bodies[end.segment].q
         rest_strain = (beam.rest_strain(end.q, q_segment, 4) if end.is_first else
@@ -925,7 +929,7 @@ class Multibody:
         return self._join(Chain(name, first, second, None, None, point, links=links))
 
     def _chain_link(self, chain: str, a: Frame, description: Any) -> Link:
-        """Return one joint of a chain."""
+        """Return one joint of a chain by its description: a coordinate, its axis and point."""
         keys = as_mapping(f"joints of {chain!r}", description, "{'name': 'hip', 'axis': (1, 0, 0)}")
         name = as_text(f"name of a joint of {chain!r}", keys.get("name"))
         kind, rate = ("travel", "speed") if {"travel", "speed"} & keys.keys() else ("angle", "rate")
@@ -1475,7 +1479,11 @@ class Multibody:
         return (value or 0.0, None) if self._describes_start else (0.0, value)
 
     def _axis(self, name: str, a: Frame, b: Frame, axes: Axes) -> Array:
-        """Return the unit vector of an axis in space at the start."""
+        """Return the unit vector of an axis in space at the start.
+
+        ``axes`` has the arguments axis, axis_on_body and axis_in_space, of which one is given.
+        ``axis`` is in space, too, but may be meant on the body: if that is tilted, it warns.
+        """
         entries = {key: e for key, e in zip(AXES, axes, strict=True) if e is not None}
         if len(entries) != 1:
             raise InputError(f"{name!r} has {' and '.join(entries) or 'no axis'}; give one of "
@@ -1485,10 +1493,10 @@ class Multibody:
         carrier = next((frame for frame in (a, b) if isinstance(frame, Body)), None)
         if carrier is None:
             return axis
-        turned: Array = rotation(self._components.bodies[carrier].q) @ axis
+        in_space: Array = rotation(self._components.bodies[carrier].q) @ axis
         if key == "axis_on_body":
-            return turned
-        if key == "axis" and carrier is a and np.abs(turned - axis).max() > _SAME_AXIS:
+            return in_space
+        if key == "axis" and carrier is a and np.abs(in_space - axis).max() > _SAME_AXIS:
             warn(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
                  f"at the start, so that its components on the body differ. Write axis_on_body= "
                  f"if they are components in the axes of {carrier.name!r}, or axis_in_space= if "

@@ -333,7 +333,11 @@ class _PowerSplitter:
     # ------------------------------------------------------------ powers of x ± y
 
     def take_pairs(self) -> None:
-        """Subtract powers of sums and differences of two bases, a (x ± y)ⁿ."""
+        """Subtract powers of sums and differences of two bases, a (x ± y)ⁿ.
+
+        ``mixed`` maps the constant factor and the degree n to the pairs (x, y), and these to the
+        coefficients of x^(n−k) yᵏ by k.
+        """
         mixed: dict[tuple[Monomial, int], dict[Pair, dict[int, Number]]]
         mixed = defaultdict(lambda: defaultdict(dict))
         for m, a in self.remainder.items():

@@ -207,7 +207,10 @@ def _spark_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]
 
 
 def _constraint_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
-    """Return the kernels of the manifold g = 0, f = 0."""
+    """Return the kernels of the manifold g = 0, f = 0: g_c, f_q, f_p and f_c by constants c.
+
+    For a Lagrangian, f = G v + g_t is a function of q and v, and its derivatives are at fixed v.
+    """
     q = {"q": list(system.q)}
     by_constants = Kernel("constraint_by_constants", "dg/dc", q,
                           {"g_c": by_each(system.constraints, columns)})
@@ -226,7 +229,10 @@ def _constraint_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Ke
 
 
 def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
-    """Return the kernels of rates at one state by constants."""
+    """Return the kernels of rates at one state by constants: (H_q − F)_c and H_pc.
+
+    For a Lagrangian L_vc and (L_q + F)_c at fixed v.
+    """
     if isinstance(system, LagrangianSystem):
         arguments = {"q": list(system.q), "v": list(system.velocities)}
         return [
@@ -244,7 +250,10 @@ def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
 
 
 def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
-    """Return the kernels of IMS and EMS: derivatives of mean rates and of the constraint force."""
+    """Return the kernels of IMS and EMS: derivatives of mean rates and of the constraint force.
+
+    By the means q̄ and p̄ at fixed increments, and by constants c: D_q, D_p and Ḡᵀ λ.
+    """
     system = scheme.system
     (qm, pm), (dq, dp) = scheme.means, scheme.differences
     if isinstance(scheme, LagrangianEMS):

@@ -89,7 +89,7 @@ class FrameRotation:
     def _kernel(
         self, name: str, doc: str, count: int, rotations: list[list[Rotation]]
     ) -> Kernel:
-        """Return the kernel of rotations by given cosines and sines, group by group."""
+        """Return the kernel y = Π_g e^{θ_g A_g} x by given cosines and sines, group after group."""
         angles, x = self.angles, vector("x", count)
         cosines, sines = vector("cosine", len(angles)), vector("sine", len(angles))
         axis, y = vector("axis", max(self.components, 1)), list[sp.Expr](x)

@@ -345,23 +345,27 @@ class Splitting:
 
     @cached_property
     def kick(self) -> Kick:
-        """N of each body and the force on each point, of V and of ``applied``."""
+        """N of each body and the force on each point, of V and of ``applied``.
+
+        The kicks of all instances of templates are added, in the symbols of the system.
+        """
         q, constants = self.system.q, self.system.parameters
         torques = [[[e] for e in N] for N in self.applied.torques]
         forces = {i: [e] for i, e in zip(self.points, self.applied.forces, strict=True)}
         for template in self.templates:
             for instance in template.instances:
-                names = dict(zip(template.coordinates, (q[i] for i in instance.coordinates),
-                                 strict=True))
-                names |= dict(zip(template.constants, (constants[i] for i in instance.constants),
-                                  strict=True))
+                # local symbol → symbol of the system
+                symbol_of = dict(zip(template.coordinates, (q[i] for i in instance.coordinates),
+                                     strict=True))
+                symbol_of |= dict(zip(template.constants,
+                                      (constants[i] for i in instance.constants), strict=True))
                 for slot, b in zip(template.bodies, instance.bodies, strict=True):
-                    names |= dict(zip(slot, self.quaternions[b], strict=True))
+                    symbol_of |= dict(zip(slot, self.quaternions[b], strict=True))
                 for b, N in zip(instance.bodies, template.kick.torques, strict=True):
                     for terms, e in zip(torques[b], N, strict=True):
-                        terms.append(e.xreplace(names))
+                        terms.append(e.xreplace(symbol_of))
                 for i, e in zip(instance.coordinates, template.kick.forces, strict=True):
-                    forces[i].append(e.xreplace(names))
+                    forces[i].append(e.xreplace(symbol_of))
         sums = [[sp.Add(*terms) for terms in body_torques] for body_torques in torques]
         return Kick(tuple((x, y, z) for x, y, z in sums),
                     tuple(sp.Add(*forces[i]) for i in self.points))

@@ -291,7 +291,10 @@ class _SymmetrySearch:
             constraint_names=())
 
     def _multiplier_matrix(self, field: LinearField) -> dict[tuple[int, int], Fraction] | None:
-        """Return −C_Aᵀ with g_q A q = C_A g, empty if g is invariant; None if there is none."""
+        """Return −C_Aᵀ with g_q A q = C_A g, by which multipliers rotate: λ' = −C_Aᵀ λ.
+
+        Empty if g is invariant, g_q A q = 0; None if there is no such matrix of numbers.
+        """
         system = self.system
         image = [sp.Add(*(sp.Rational(x.numerator, x.denominator) * system.q[j]
                           for (i, j), x in field.weights.items() if i == k))

@@ -148,7 +148,7 @@ def _unit_quaternions(system: System) -> Iterator[list[int]]:
 
 
 def _motions(n: int, blocks: _Blocks) -> list[LinearField]:
-    """Return the rigid motions that move all blocks together."""
+    """Return the rigid motions that move all blocks together: rotations, and shifts of points."""
     if blocks.size == 2:
         turns = [_turn(n, blocks, 2, "angular momentum")]
     else:

@@ -25,7 +25,10 @@ class _Solver:
         self.known = dict(dimensions)
 
     def of(self, e: sp.Expr) -> Dimensions | None:
-        """Return the dimensions of an expression; None if they are unknown."""
+        """Return the dimensions of an expression; None if they are unknown.
+
+        A fraction such as 981/100 may have dimensions; 3, ½ and other binary numbers have none.
+        """
         if e.is_Symbol:
             return self.known.get(e)
         if e.is_number:

@@ -137,7 +137,14 @@ def holds_to(residual: Callable[[int], Matrix], tableau: Tableau, limit: int) ->
 
 @cache
 def counts(tableau: Tableau) -> dict[str, int]:
-    """Return the largest k of B(k), C(k) and D(k): {"B": 6, "C_hat": 3, "D_bar": 3, …}."""
+    """Return the largest k of B(k), C(k) and D(k): {"B": 6, "C_hat": 3, "D_bar": 3, …}.
+
+        B(k)   Σ b_i c_i^(j−1) = 1/j
+        C(k)   Σ_j a_ij c_j^(l−1) = c_i^l/l
+        D(k)   Σ_i b_i c_i^(l−1) a_ij = b_j (1 − c_j^l)/l,  up to k
+
+    with the weights and nodes that belong to each of A, Â, Ã and Ā.
+    """
     t, basis = tableau, tableau.basis
     limit = 2 * max(t.s, t.p) + 2
     largest_k = {

@@ -84,7 +84,11 @@ def radau_lobatto(s: int) -> Tableau:
 
 
 def _with_lobatto(name: str, polynomial: Any, claims: dict[str, int]) -> Tableau:
-    """Return the tableau with the roots of a polynomial as stages and s + 1 Lobatto nodes."""
+    """Return the tableau with the roots of a polynomial as stages and s + 1 Lobatto nodes.
+
+    A and Ā are collocation matrices, C(s) and C̄(s). Ã has the first column b̃_0, the last 0, and
+    C̃(s − 1).
+    """
     s = polynomial.degree()
     stages, lobatto = PolynomialNodes(polynomial), PolynomialNodes(lobatto_polynomial(s + 1))
     b, b_tilde = quadrature_weights(stages), quadrature_weights(lobatto)
