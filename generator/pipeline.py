@@ -87,6 +87,7 @@ def generate(
     TableauError
         If the tableau violates required conditions.
     """
+    # 1. system and model: refuse features that exclude each other, kinks and redundant constraints
     is_users_system = system is not None or spec.model is not None
     if system is None and spec.model is not None:
         model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
@@ -108,17 +109,19 @@ def generate(
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
         warn_of_row_integrals(system)
-    # the normal form comes first: everything below depends on how H, g and F are written
+    # 2. normal form, on which everything below depends; scaled time; co-moving frame
     system = scaled(canonical(system))
     frame = frame_of(system) if framed else None
     if frame is not None:
         system = frame.moving(system)
     system = with_work_of_time(system)
+    # 3. tableau and the equations of a step, with constants of the run
     coefficients = tableau or tableau_of(spec)
     if coefficients is not None and spec.order is None and not allow_invalid:
         refuse_violations(coefficients, constrained=system.m > 0)
     reduced, constants = hoisted(system)
     scheme, method, method_name = _scheme(spec, system, reduced, constants, coefficients)
+    # 4. kernels and templates
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
     source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
                           spec.profile, frame, derivatives or second, second, model), structured)
@@ -147,7 +150,7 @@ def _scheme(
 def _refuse_features(
     spec: Spec, system: System, *, own_tableau: bool, options: Mapping[str, str | bool]
 ) -> None:
-    """Refuse features that velocity constraints or a time scale of the system exclude."""
+    """Refuse the features that exclude velocity constraints or a time scale of the system."""
     if system.velocity_count:
         refuse_together(
             velocity_constraints=f"the velocity constraints "

@@ -178,7 +178,10 @@ def _real(real: Any) -> RealName:
 
 
 def _stages(scheme: Scheme, stages: Any) -> int | None:
-    """Return the number of stages, None for a scheme without."""
+    """Return the number of stages, by default that of the scheme; None for a scheme without stages.
+
+    Raises InputError for another number than the scheme takes.
+    """
     if scheme.fewest == 0:
         if stages is not None:
             raise InputError(
@@ -198,7 +201,10 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
 
 
 def _composition(scheme: Scheme, order: Any, named: Any) -> tuple[int | None, str]:
-    """Return order and composition of a splitting, None and nothing of another scheme."""
+    """Return order and composition of a splitting; None and "" for another scheme.
+
+    Raises InputError for an order that is not the composition's, and for both with another scheme.
+    """
     if not scheme.composed:
         for option, value in (("order", order), ("composition", named)):
             if value is not None:

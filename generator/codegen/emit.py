@@ -446,6 +446,7 @@ def comment(e: sp.Expr | str) -> str:
 
 
 def _scheme_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]:
+    """Return the comment of the equations of a step."""
     if isinstance(scheme, SplittingScheme):
         return [f"Composition of exact flows: {scheme.name}.",
                 "T(a_0 h) K(b_1 h) T(a_1 h) .. K(b_s h) T(a_s h), where T are free rotations and",
@@ -482,7 +483,10 @@ def _unknowns_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[st
 
 
 def _tableau(scheme: SparkScheme, real: Real) -> TableauText:
-    """Return every coefficient of a tableau as a correctly rounded literal."""
+    """Return every coefficient of a tableau as a correctly rounded literal, row by row.
+
+    Vectors have one row. ``shapes`` are the C arrays, such as [3][3], with p + 1 nodes.
+    """
     tableau = scheme.tableau
     energy = (energy_values(tableau, constrained=scheme.system.m > 0) if scheme.exact_energy
               else {})

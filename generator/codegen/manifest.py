@@ -238,10 +238,10 @@ def _body(body: BodyLayout) -> BodyManifest:
 
 
 def _joint(joint: JointLayout) -> JointManifest:
-    pulls = {name: None if pull is None else ConstraintForceManifest(
-        kind=pull.kind, **_vectors(pull, "on_a", "on_b"))
-        for name, pull in joint.constraint_forces}
-    return JointManifest(bodies=(joint.a, joint.b), constraints=pulls,
+    forces = {name: None if force is None else ConstraintForceManifest(
+        kind=force.kind, **_vectors(force, "on_a", "on_b"))
+        for name, force in joint.constraint_forces}
+    return JointManifest(bodies=(joint.a, joint.b), constraints=forces,
                          section=None if joint.section is None else _section(joint.section),
                          **_vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero"))
 

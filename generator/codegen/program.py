@@ -71,38 +71,49 @@ class Derived:
 class Features:
     """Features of a stepper; they select the compiled branches of ``engine/gyrospark``."""
 
+    # The system: g = 0, several g, A v + a = 0.
     constrained: bool
     several_constraints: bool
     velocity_constraints: bool
+    # Stages (SPARK) or one mean value (IMS, EMS); loops over element templates; Newton's system
+    # without rates of momenta.
     spark: bool
     elements: bool
     condensed: bool
+    # Forces F, whose work is counted; time in H or g; time anywhere; a scaled time; inputs.
     forces: bool
     time_dependent: bool
     forced_by_time: bool
     clock: bool
     inputs: bool
+    # A Lagrangian, whose M the engine factorises: EMS of it; M not positive definite.
     lagrangian: bool
     energy_momentum: bool
     indefinite_mass: bool
+    # A co-moving frame: forces do work on its motion; multipliers rotate with it.
     frame: bool
     frame_work: bool
     rotating_multipliers: bool
     fixed_point: bool
+    # A composition of flows: with drag, axes that rotate in space, forces of momenta.
     splitting: bool
     drag: bool
     rotating_axes: bool
     momentum_forces: bool
+    # The fixed-point iteration: W constant; H_pp Gᵀ = c Gᵀ; W factorised in a step; H_pq = 0.
     constant_schur: bool
     scalar_schur: bool
     factors: bool
     separable: bool
+    # Functions of a start check constraints; tables in even and odd parts; H exact in every step.
     held: bool
     even_odd: bool
     exact_energy: bool
+    # Numbers that do not count all steps; numbers that no vector register has; double-word sums.
     short_real: bool
     wide_real: bool
     compensated_lanes: bool
+    # Arrays of lanes that take megabytes.
     large: bool
     profile_run: bool
     profile_control: bool
@@ -164,17 +175,22 @@ class LaneIteration:
     #: Functions that kernels call: lane by lane, and on all lanes at once.
     functions: list[str]
     switches: list[str]
+    #: Coefficients of the scaled unknowns (``FastTableau``), in full and in even and odd parts.
     tables: dict[str, Table]
     even_odd_tables: dict[str, Table]
+    #: Whether a kernel sums in double words.
     compensated: bool
+    #: W = G H_pp Gᵀ: whether it is factorised in a step, constant, and with H_pp Gᵀ = c Gᵀ.
     factors: bool
     constant_schur: bool
     scalar_schur: bool
+    #: Whether H_pq = 0.
     separable: bool
     #: Number of subexpressions that H_p shares with H_q.
     shared: int
     #: H is quadratic in p: one solve projects the momentum.
     affine: bool
+    #: Number of past steps that predict the next; bytes for one trajectory, and for all lanes.
     history: int
     memory: int
     batch_memory: int
@@ -226,10 +242,14 @@ class FrameTransformation:
 class MassTables:
     """The elimination of the mass matrix of a Lagrangian, without its zeros."""
 
+    #: Number of entries of the factors; whether M is positive definite.
     entries: int
     definite: bool
+    #: Pivots in order, and the number of rows that each changes.
     order: Sequence[int]
     counts: list[int]
+    #: For all pivots in turn: these rows, the places of their entries in the pivot's column, and
+    #: the places of the entries that change.
     flat_rows: list[int]
     flat_slots: list[int]
     flat_targets: list[int]

@@ -78,7 +78,8 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     kernels = [emit_kernel(k, derived.constants, real, Target.lanes({}))
                for k in [*recorded, *scheme.flow_kernels()]]
     constants = len(derived.constants.definitions) + 3
-    # For each register: two structs of flows with their constants, two recorded states, 16 numbers.
+    # The engine interleaves several registers of lanes, which hides the latency of operations. For
+    # each register: two structs of flows with their constants, two recorded states, 16 numbers.
     state_length = sum(_length(shape) for _, shape in flows.state)
     vectors = _REGISTERS * (2 * (flows.numbers + constants + 2 + 2 * state_length) + 16)
     wide = real.bytes if real.wide else _LANE_BYTES

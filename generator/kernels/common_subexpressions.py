@@ -73,10 +73,11 @@ def common_subexpressions(
     for root in roots:
         _mark_shared(root)
     names = {e.name for e in graph.nodes if e.is_Symbol}
-    fresh = (symbol for symbol in symbols if symbol.name not in names)
+    new_symbols = (symbol for symbol in symbols if symbol.name not in names)
     definitions: list[tuple[sp.Symbol, sp.Expr]] = []
 
     def rebuild(node: _Node) -> sp.Expr:
+        """Return the expression of a node in temporaries, and define one if the node recurs."""
         if not node.arguments:
             return node.expression
         if node.symbol is not None:
@@ -91,7 +92,7 @@ def common_subexpressions(
             result = form.expression
         if not node.is_shared:
             return result
-        node.symbol = next(fresh)
+        node.symbol = next(new_symbols)
         definitions.append((node.symbol, result))
         return node.symbol
 

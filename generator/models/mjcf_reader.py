@@ -143,7 +143,7 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom], list[MjcfC
             f"The file {str(path)!r} is MJCF, which MuJoCo's compiler reads, and it is not "
             f"installed; `pip install \"gyrospark[robots]\"` or {install('robots')} cures it."
         ) from None
-    with warnings.catch_warnings(record=True) as heard:
+    with warnings.catch_warnings(record=True) as captured:
         warnings.simplefilter("always")
         try:
             spec = mujoco.MjSpec.from_string(text, include=files)
@@ -155,7 +155,7 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom], list[MjcfC
             reason = ", ".join(" ".join(line.split()).replace("name '', id", "number").rstrip(".,")
                                for line in str(error).splitlines() if line)
             raise InputError(f"MuJoCo does not compile it: {reason}; correct it.") from None
-    for message in dict.fromkeys(str(warning.message) for warning in heard):
+    for message in dict.fromkeys(str(warning.message) for warning in captured):
         warn(f"MuJoCo warns of {str(path)!r}: {message}.")
     check_fields(fields_of(model), mujoco.__version__)
     return model, meshes, cables

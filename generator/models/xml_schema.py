@@ -92,14 +92,15 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
     if above and "name" in element.attributes:
         owner = f"{element.name} {shown(element.attributes['name'])}: "
     parts = schema.of(element, above)
-    once, read, still = parts.once.split(), parts.many.split(), parts.still.split()
+    once, repeated, without_effect = (
+        parts.once.split(), parts.many.split(), parts.still.split())
     counts = Counter(child.name for child in element.children)
     attributes = [(f"@{key}", text, element.line, None) for key, text in element.attributes.items()]
     inner = [(child.name, child.text, child.line, child) for child in element.children]
     for name, text, line, child in [*attributes, *inner]:
         label = f"{name[1:]}=" if child is None else f"<{shown(name)[1:-1]}>"
         prefix, colon, _ = name.strip("@").partition(":")
-        if name in still or ((colon or name == "@xmlns") and prefix in _XML):
+        if name in without_effect or ((colon or name == "@xmlns") and prefix in _XML):
             continue
         if colon:
             yield EXTENSION
@@ -114,7 +115,7 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
             usual = f"write {default}" if default else "remove it"
             raise InputError(f"line {line}: {owner}<{element.name}> has {item}, which no model "
                              f"here has; {cure or usual}.")
-        elif name not in once and name not in read:
+        elif name not in once and name not in repeated:
             suggestion = proposal(name.strip("@"), [key.strip("@") for key in parts.names])
             raise InputError(f"line {line}: {owner}{label} is no part of <{element.name}> in "
                              f"{schema.format}{suggestion}; remove it.")

@@ -240,16 +240,16 @@ class Assembly:
             bodies = [frame for frame in link.frames if isinstance(frame, Body)]
             rows[max(bodies, key=order.__getitem__)] += self._of_link[link]
         equations = [equation for body in self.components.bodies for equation in rows[body]]
-        slips = [equation for link in self.links if isinstance(link, Rolling)
-                 for equation in link.velocity_equations(self.store)]
-        unknown = without - {equation.name for equation in (*equations, *slips)}
+        on_velocities = [equation for link in self.links if isinstance(link, Rolling)
+                         for equation in link.velocity_equations(self.store)]
+        unknown = without - {equation.name for equation in (*equations, *on_velocities)}
         if unknown:
             raise InputError(
                 f"There is no constraint {min(unknown)!r} to leave out; the constraints are "
-                f"{', '.join(repr(equation.name) for equation in (*equations, *slips))}."
+                f"{', '.join(repr(equation.name) for equation in (*equations, *on_velocities))}."
             )
         return ([equation for equation in equations if equation.name not in without],
-                [equation for equation in slips if equation.name not in without])
+                [equation for equation in on_velocities if equation.name not in without])
 
     def _hamiltonian(self) -> sp.Expr:
         terms = []
@@ -261,8 +261,9 @@ class Assembly:
 
     def make_system(self, left_out: Collection[str]) -> System:
         """Return the system without some constraints; unused parameters leave the store."""
-        equations, slips = ([e for e in candidates if e.name not in left_out]
-                            for candidates in (self.equations, self.velocity_equations))
+        equations, on_velocities = (
+            [e for e in candidates if e.name not in left_out]
+            for candidates in (self.equations, self.velocity_equations))
         store = self.store
         generalised_forces = [*self.components.forces, *(
             force for link in self.links for force in link.forces(self.poses, store))]
@@ -292,7 +293,7 @@ class Assembly:
         forces = tuple(sp.Add(*forces_on.get(x, ())).xreplace(measures)
                        for x in p) if forces_on else ()
         constraints = tuple(equation.expression for equation in equations)
-        rows = tuple(equation.expression for equation in slips)
+        rows = tuple(equation.expression for equation in on_velocities)
         velocities = self._velocities if rows else ()
         used: set[sp.Symbol] = set().union(*(
             e.free_symbols for e in (H, *constraints, *rows, *forces, *quantities.values(),
@@ -309,7 +310,7 @@ class Assembly:
             q, p, parameters, H, constraints, name=self.components.name, forces=forces,
             constraint_names=tuple(equation.name for equation in equations),
             velocity_constraints=rows, velocities=velocities,
-            velocity_constraint_names=tuple(equation.name for equation in slips),
+            velocity_constraint_names=tuple(equation.name for equation in on_velocities),
             time=TIME if TIME in used else None, quantities=quantities,
             time_scale=scales[0] if scales else None,
             inputs=tuple(self.components.inputs),

@@ -248,7 +248,9 @@ class _Search:
     ) -> _Coefficients:
         """Return the coefficients of H − V, by the symbols of the slots.
 
-        Raises InputError if a monomial remains that has no exact flow; ``symbol_of`` translates it.
+        First δ·l = δ·R m of each body, whose monomials contain q, is subtracted; then the entries
+        of S, M, c, v and A are the coefficients of single monomials. Raises InputError if one
+        remains, which has no exact flow; ``symbol_of`` translates it.
         """
         remainder = self._monomial_coefficients(slots, slots.e - V)
         for monomial in remainder:

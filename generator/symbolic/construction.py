@@ -19,7 +19,10 @@ ORDER = cmp_to_key(sp.Basic.compare)
 
 
 def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
-    """Return Σ terms, ``Add(*terms)``."""
+    """Return Σ terms, ``Add(*terms)``.
+
+    Like terms, which SymPy combines, are equal without their numbers (``multiples``).
+    """
     number: sp.Expr = sp.S.Zero
     remaining, others, multiples = [*terms], list[sp.Expr](), set[object]()
     for term in remaining:

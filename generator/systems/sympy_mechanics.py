@@ -111,7 +111,8 @@ def from_mechanics(
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
     mechanics = reader(method)
-    astray = _warn_of_velocities(mechanics.motion, getattr(method, "bodies", None) or ())
+    has_contradictions = _warn_of_velocities(mechanics.motion,
+                                             getattr(method, "bodies", None) or ())
     mechanics.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in mechanics.q]
@@ -124,13 +125,13 @@ def from_mechanics(
                                    *mechanics.rates,
                                    *shown_of.values()], names)
     m, last = len(mechanics.constraints), len(named) - len(shown_of)
-    g, bound = named[:m], named[m:last]
+    g, velocity_constraints = named[:m], named[m:last]
     quantities = dict(zip(shown_of, named[last:], strict=True))
     q, v = [names[x] for x in mechanics.q], [names[x] for x in rates]
     _refuse_functions(name, [L, *g, *F])
     _refuse_substituted(mechanics, names, [
         body for body in getattr(method, "bodies", None) or ()
-        if astray or not mechanics.motion.is_placed(body.masscenter)])
+        if has_contradictions or not mechanics.motion.is_placed(body.masscenter)])
     input_symbols = tuple(mechanics.inputs.values())
     everything = [L, *g, *F, *quantities.values()]
     parameters = sorted(symbols_of(everything) - {*q, *v, *input_symbols, t}, key=str)
@@ -139,7 +140,7 @@ def from_mechanics(
                              inputs=input_symbols, quantities=quantities, placed=placed)
     # rates of the holonomic constraints may be among the velocity constraints: only rows that g
     # does not imply remain
-    rows = _independent(system, bound)
+    rows = _independent(system, velocity_constraints)
     _refuse_functions(name, rows)
     row_symbols = symbols_of(rows)
     # the rows may have parameters and the time, which L has not
@@ -260,14 +261,15 @@ def _generalised(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tu
             rates, axes = motion.turning(where), where
         else:
             rates, axes = motion.velocity(where)
-        for rate, pushed in zip(rates, motion.components(load, axes), strict=True):
+        for rate, component in zip(rates, motion.components(load, axes), strict=True):
             symbol = sp.Symbol(f"_w{len(magnitudes)}", real=True)
-            magnitudes[symbol] = pushed
+            magnitudes[symbol] = component
             power += symbol * rate
     (power,) = _named(mechanics, [power], names)
     forces = slopes(power, tuple(names[x.diff(me.dynamicsymbols._t)] for x in mechanics.q))
-    pushes = dict(zip(magnitudes, _named(mechanics, [*magnitudes.values()], names), strict=True))
-    return substitute(forces, pushes), potential
+    component_of = dict(zip(magnitudes, _named(mechanics, [*magnitudes.values()], names),
+                            strict=True))
+    return substitute(forces, component_of), potential
 
 
 def _potential(
@@ -368,7 +370,7 @@ def _refuse_functions(name: str, expressions: Sequence[sp.Expr]) -> None:
 
 
 def _independent(
-    system: LagrangianSystem, bound: Sequence[sp.Expr]
+    system: LagrangianSystem, velocity_constraints: Sequence[sp.Expr]
 ) -> tuple[sp.Expr, ...]:
     """Return the constraints on velocities that neither g nor those before imply.
 
@@ -376,19 +378,21 @@ def _independent(
     of others, such as (g_q, g_t). Raises InputError for one whose a is a combination of others, and
     whose a₀ is another.
     """
-    A, a = coefficients_of(bound, system.velocities)
+    A, a = coefficients_of(velocity_constraints, system.velocities)
     rows = [[*row, rate] for row, rate in zip((*system.G, *A), (*system.g_t, *a), strict=True)]
-    if not bound:
+    if not velocity_constraints:
         return ()
     flat = [e for row in rows for e in row]
     q, values = somewhere(system, symbols_of(flat))
     substitution: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
     numbers = evaluate(flat, substitution).reshape(len(rows), system.n + 1)
     implied = {*dependent_rows(numbers)[1]}
-    against = {*dependent_rows(numbers[:, :-1])[1]} - implied
-    if against:
-        row = bound[max(against) - system.m]
+    # the row depends on others without a₀ and not with it: a v = −a₀ has no solution
+    contradictory = {*dependent_rows(numbers[:, :-1])[1]} - implied
+    if contradictory:
+        row = velocity_constraints[max(contradictory) - system.m]
         raise InputError(f"The constraint {shorten(str(row), 60)} = 0 on the velocities of "
                          f"{system.name!r} contradicts the others: no velocities satisfy them all; "
                          "leave it out, or correct it.")
-    return tuple(e for i, e in enumerate(bound, start=system.m) if i not in implied)
+    return tuple(e for i, e in enumerate(velocity_constraints, start=system.m)
+                 if i not in implied)

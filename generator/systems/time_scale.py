@@ -54,7 +54,11 @@ class ScaledSystem(TransformedSystem):
 
 
 def scaled(system: System) -> System:
-    """Return the system in scaled time, or the same system without a ``time_scale``."""
+    """Return the system in scaled time, dt = σ dτ, or the same system without a ``time_scale``.
+
+    t becomes a coordinate with the momentum e, and σ (H + e) the Hamiltonian, which is 0 at the
+    start: e = −H. Forces become σ F, and e changes by their power, −σ F·H_p.
+    """
     scale = system.time_scale
     if scale is None:
         return system
