@@ -26,6 +26,9 @@ INCLUDE_CHECK = """\
 #endif
 #endif
 """
+#: A line for this preprocessor; the text between two of them stays as it is.
+_DIRECTIVE = re.compile(
+    r'\n(#(?:if|elif|else|endif|include "gyrospark/|define GS_|undef GS_|error).*)')
 _INCLUDE = re.compile(r'#include "(gyrospark/[\w./]+)"$')
 _DEFINE = re.compile(r"#define (GS_\w+)(?: (\d+))?(?: */\*.*\*/)?$")
 _CONDITIONAL = re.compile(r"#(?:(ifdef|ifndef) (GS_\w+)|(if|elif) "
@@ -41,9 +44,12 @@ def amalgamate(source: str) -> str:
     """
     if '#include "gyrospark/' not in source:
         return source
-    lines: list[str] = []
-    _process(source.replace(INCLUDE_CHECK, ""), {}, lines)
-    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)) + "\n"
+    pieces: list[str] = []
+    _process(source.replace(INCLUDE_CHECK, ""), {}, pieces)
+    text = "".join(pieces)[1:] + "\n"
+    while "\n\n\n" in text:  # blank lines around what was left out
+        text = text.replace("\n\n\n", "\n\n")
+    return text
 
 
 def complete(files: Mapping[str, str]) -> dict[str, str]:
@@ -73,50 +79,50 @@ class _Branch(NamedTuple):
     is_ours: bool
 
 
-def _process(text: str, names: dict[str, int], lines: list[str]) -> None:
-    """Append the lines of a text; ``names`` are the GS_ names defined so far."""
+def _process(text: str, names: dict[str, int], pieces: list[str]) -> None:
+    """Append the lines of a text, a line feed before each; ``names`` are the GS_ names so far."""
     branches: list[_Branch] = []
-    for line in text.rstrip("\n").split("\n"):
+    text, place = "\n" + text.rstrip("\n"), 0
+    for directive in _DIRECTIVE.finditer(text):
         is_active = all(branch.is_active for branch in branches)
-        if line.startswith("#"):
-            match = _CONDITIONAL.match(line)
-            name_test, name, keyword, condition, ending = match.groups() if match else [None] * 5
-            if condition and (keyword == "if" or branches[-1].is_ours):
-                before = keyword == "elif" and branches.pop().has_been_active
-                # #elif stands in the branch above it, which need not be active
-                chosen = (keyword == "elif" or is_active) and not before and _value(
-                    condition, names)
-                branches.append(_Branch(chosen, chosen or before, is_ours=True))
-                continue
-            if name:
-                chosen = is_active and (name in names) == (name_test == "ifdef")
-                branches.append(_Branch(chosen, chosen, is_ours=True))
-                continue
-            if line.startswith("#if"):
-                branches.append(_Branch(True, has_been_active=True, is_ours=False))
-            elif ending and branches[-1].is_ours:
-                before = branches.pop().has_been_active
-                if ending == "else":
-                    branches.append(_Branch(not before, has_been_active=True, is_ours=True))
-                continue
-            elif line.startswith("#endif"):
-                branches.pop()
-            if not is_active:
-                continue
-            if match := _INCLUDE.match(line):
-                _process(_header(match[1]), names, lines)
-                continue
-            if match := _DEFINE.match(line):
-                names[match[1]] = int(match[2] or 1)
-                continue
-            if line.startswith("#undef GS_"):
-                names.pop(line.split()[1], None)
-                continue
-            if line.startswith("#error"):
-                raise GyrosparkError(line.partition('"')[2].rstrip('"'))
         if is_active:
-            lines.append(line)
+            pieces.append(text[place : directive.start()])
+        line, place = directive[1], directive.end()
+        match = _CONDITIONAL.match(line)
+        name_test, name, keyword, condition, ending = match.groups() if match else [None] * 5
+        if condition and (keyword == "if" or branches[-1].is_ours):
+            before = keyword == "elif" and branches.pop().has_been_active
+            # #elif stands in the branch above it, which need not be active
+            chosen = (keyword == "elif" or is_active) and not before and _value(condition, names)
+            branches.append(_Branch(chosen, chosen or before, is_ours=True))
+            continue
+        if name:
+            chosen = is_active and (name in names) == (name_test == "ifdef")
+            branches.append(_Branch(chosen, chosen, is_ours=True))
+            continue
+        if line.startswith("#if"):
+            branches.append(_Branch(True, has_been_active=True, is_ours=False))
+        elif ending and branches[-1].is_ours:
+            before = branches.pop().has_been_active
+            if ending == "else":
+                branches.append(_Branch(not before, has_been_active=True, is_ours=True))
+            continue
+        elif line.startswith("#endif"):
+            branches.pop()
+        if not is_active:
+            continue
+        if match := _INCLUDE.match(line):
+            _process(_header(match[1]), names, pieces)
+        elif match := _DEFINE.match(line):
+            names[match[1]] = int(match[2] or 1)
+        elif line.startswith("#undef GS_"):
+            names.pop(line.split()[1], None)
+        elif line.startswith("#error"):
+            raise GyrosparkError(line.partition('"')[2].rstrip('"'))
+        else:
+            pieces.append(f"\n{line}")
     assert not branches
+    pieces.append(text[place:])
 
 
 def _value(expression: str, names: dict[str, int]) -> bool:

@@ -23,10 +23,10 @@ from ..core.errors import GyrosparkError, InputError
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.inputs import InputRows
-from ..runtime.bindings.run_memory import Rows, RunState
+from ..runtime.bindings.run_memory import DEFAULT_MEMORY, Rows, RunState
 from ..runtime.derivatives.binding import KeptRun, KeptSteps
 from ..runtime.derivatives.frame import FrameMotion
-from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
+from ..runtime.derivatives.gradient import as_bytes, backwards
 from ..runtime.derivatives.kept_steps import pieces, singular, split
 from ..runtime.derivatives.second_order import CotangentSlopes, pulled_back_slope
 from ..runtime.derivatives.tangent_space import TangentSpace

@@ -18,9 +18,11 @@ from .inputs import InputRows
 if TYPE_CHECKING:
     from .compiled_module import Compiled
 
-__all__ = ["BatchMemory", "BatchState", "OptionStruct", "ParameterStruct", "Rows", "RunConstants",
-           "RunRecord", "RunState", "WorkMemory"]
+__all__ = ["DEFAULT_MEMORY", "BatchMemory", "BatchState", "OptionStruct", "ParameterStruct", "Rows",
+           "RunConstants", "RunRecord", "RunState", "WorkMemory"]
 
+#: Bytes that the steps of a run may take for derivatives.
+DEFAULT_MEMORY = "256 MB"
 #: The parameters of a run, with its start time where something has t; or an array of them.
 ParameterStruct = NewType("ParameterStruct", object)
 #: Tolerance, iterations at most, solver.

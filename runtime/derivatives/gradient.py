@@ -26,7 +26,7 @@ from ...core.incompatibilities import refuse_together
 from ...core.records import dataclass
 from ...core.registry import function_of
 from ..bindings.array_checks import as_numbers, as_real
-from ..bindings.run_memory import RunState
+from ..bindings.run_memory import DEFAULT_MEMORY, RunState
 from ..integration.run_arguments import RunArguments
 from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
 from .binding import KeptSteps
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Cotangents", "Gradient", "as_bytes", "cotangents_of", "gradient_of", "names_of"]
 
-#: Bytes that the steps of a run may take.
-DEFAULT_MEMORY = "256 MB"
 #: Relative mismatch of a run and its way back, beyond which a gradient is refused.
 _MISMATCH = 1e-6
 _UNITS = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9,

@@ -30,6 +30,7 @@ from ...core.frozen_dict import NO_PARAMETERS
 from ...core.inertia import refuse_impossible_inertias
 from ...core.manifest import ClockManifest
 from ...core.records import changed, dataclass
+from ...core.registry import MEANS
 from ...core.start import GAMMA_M, Rule
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count, as_real, as_step
@@ -45,9 +46,9 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["OPEN", "EnsembleArguments", "Integration", "Origin", "ParameterCheck", "RawArguments",
-           "RunArguments", "as_parameters", "checked_runs", "end_of_run", "in_scaled_time",
-           "refuse_texts", "span_of", "step_argument", "step_count", "steps_until",
-           "warn_of_late_start", "warn_of_negative", "with_rules"]
+           "RunArguments", "as_parameters", "checked_runs", "end_of_run", "has_searches",
+           "in_scaled_time", "refuse_texts", "span_of", "step_argument", "step_count",
+           "steps_until", "warn_of_late_start", "warn_of_negative", "with_rules"]
 
 #: Steps of a run whose end is that of an event, at most: more than any run takes.
 OPEN = 2**62
@@ -625,6 +626,12 @@ def _names_with_inertia(parameters: tuple[str, ...]) -> list[str]:
     """Return the names of γ and α, of those of all parameters."""
     names = dict.fromkeys(parameters)
     return [name for name in parameters if has_inertia(name, names)]
+
+
+def has_searches(parameters: Any) -> bool:
+    """Return whether a model leaves parameters to a search or to least squares."""
+    return isinstance(parameters, Mapping) and any(
+        type(value) is Rule and value.name not in MEANS for value in parameters.values())
 
 
 def warn_of_negative(parameters: Mapping[str, Any]) -> None:

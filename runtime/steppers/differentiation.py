@@ -23,29 +23,21 @@ from ...core.solver import Solver, SolverName
 from ...core.start import HasStart
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.inputs import Inputs, as_inputs
+from ..bindings.run_memory import DEFAULT_MEMORY
 from ..compilation.stepper_module import load_module
-from ..derivatives.binding import DerivativeBinding, QuadDerivativeBinding
-from ..derivatives.gradient import (
-    DEFAULT_MEMORY,
-    Gradient,
-    cotangents_of,
-    gradient_of,
-    loss_of,
-    names_of,
-    value_of,
-)
-from ..derivatives.kept_steps import SingleStep, multiplier_shape
-from ..derivatives.points import RunRows, rows_of
-from ..derivatives.second_order import Hessian, SecondBinding, Slopes, hessian_of, step_slope
-from ..derivatives.tangent_space import TangentSpace
-from ..integration.dense_output import refuse_forgotten, refuse_of_another
 from ..integration.run_arguments import Origin, span_of
 from ..integration.starts import after_start, merged_start
 from ..results.outputs import full_states
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what calls of derivatives alone need is imported by them
+    from ..derivatives.binding import DerivativeBinding
+    from ..derivatives.gradient import Gradient
+    from ..derivatives.kept_steps import SingleStep
+    from ..derivatives.points import RunRows
+    from ..derivatives.second_order import Hessian, SecondBinding, Slopes
+    from ..derivatives.tangent_space import TangentSpace
     from ..integration.run_arguments import RunArguments
 
 __all__ = ["Derive", "Differentiation"]
@@ -95,6 +87,8 @@ class Differentiation(Evaluation):
 
     def _derivative_binding(self) -> DerivativeBinding:
         """Calls of tangents and adjoints, derived and compiled when first called."""
+        from ..derivatives.binding import DerivativeBinding, QuadDerivativeBinding
+
         with self._deriving:
             if not self._derivative_bindings:
                 module = load_module(self.name, self._derivative_files(), "derivatives")
@@ -127,6 +121,8 @@ class Differentiation(Evaluation):
 
     def _second_binding(self) -> SecondBinding:
         """Calls of derivatives of adjoints, derived and compiled when first called."""
+        from ..derivatives.second_order import SecondBinding
+
         first = self._derivative_binding()
         with self._deriving:
             if not self._second_bindings:
@@ -233,6 +229,9 @@ class Differentiation(Evaluation):
         (wq, wp). ``back(wq, wp, multipliers)`` has the cotangent of the step's multipliers in
         addition, in their shape. ``wrt`` is as of ``gradient``; the others are as of ``step``.
         """
+        from ..derivatives.gradient import Gradient, names_of
+        from ..derivatives.kept_steps import multiplier_shape
+
         run = self._single(start, p, dt, parameters, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
         single_step, space = self._kept_step(run)
@@ -270,6 +269,9 @@ class Differentiation(Evaluation):
         InputError
             As of ``jvp``; for systems that have no second derivatives.
         """
+        from ..derivatives.gradient import Gradient, names_of
+        from ..derivatives.second_order import step_slope
+
         p, dq, dp, wq, wp = after_start("dq, dp, wq, wp", directions)
         run = self._single(start, p, dt, parameters, inputs)
         binding, n = self._derivative_binding().own, self.n
@@ -323,6 +325,9 @@ class Differentiation(Evaluation):
 
     def _kept_step(self, run: RunArguments) -> tuple[SingleStep, TangentSpace]:
         """Return one step, and the tangent space at its start."""
+        from ..derivatives.kept_steps import SingleStep
+        from ..derivatives.tangent_space import TangentSpace
+
         stepper: Any = self
         single_step = SingleStep(stepper, run)
         return single_step, TangentSpace(self._derivative_binding(), single_step.parameters, run.q,
@@ -374,6 +379,8 @@ class Differentiation(Evaluation):
             For unknown names, with the nearest; for cotangents of another shape; for too little
             memory, with how much is needed.
         """
+        from ..derivatives.gradient import cotangents_of, gradient_of, names_of
+
         names = names_of(self, wrt)  # type: ignore[arg-type]
         value, cotangents = _value_and_cotangents(run, cotangents, loss)
         kinds = self._rows_of(run, solver)
@@ -412,6 +419,9 @@ class Differentiation(Evaluation):
             As of ``gradient``; for systems that have no second derivatives: those of a Lagrangian,
             in a co-moving frame, or of more than 28 coordinates.
         """
+        from ..derivatives.gradient import cotangents_of, names_of
+        from ..derivatives.second_order import hessian_of
+
         names = names_of(self, wrt)  # type: ignore[arg-type]
         self._refuse_scaled(second="second derivatives")
         refuse_together(second="second derivatives", impacts=isinstance(run, Trajectory)
@@ -433,6 +443,9 @@ class Differentiation(Evaluation):
 
         A trajectory that was stored has no arguments: they are made from its start and its steps.
         """
+        from ..derivatives.points import rows_of
+        from ..integration.dense_output import refuse_forgotten, refuse_of_another
+
         choose("solver", solver, ["auto", "newton", "fixed-point"])
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
@@ -474,6 +487,7 @@ class Differentiation(Evaluation):
             What x is made of, in this order: "start", "inputs" (all rows, row by row), parameters,
             "dt", "t0".
         """
+        from ..derivatives.gradient import names_of
         from ..derivatives.value_and_gradient import Objective
 
         stepper: Any = self
@@ -487,6 +501,8 @@ class Differentiation(Evaluation):
 
 def _value_and_cotangents(run: Trajectory, cotangents: Any, loss: Any) -> tuple[Any, Any]:
     """Return the value of a function of a run, None if it is not given, and its cotangents."""
+    from ..derivatives.gradient import loss_of, value_of
+
     if (cotangents is None) == (loss is None):
         raise InputError("Give either cotangents or loss.")
     return (None, cotangents) if loss is None else value_of(loss_of(loss), run)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +17,11 @@ from ...core.exact_numbers import Number
 from ...core.start import HasStart
 from ..bindings.array_checks import as_numbers
 from ..compilation.stepper_module import load_module
-from ..derivatives.motion import Accelerations, MotionBinding, StateMotion, joint_inertia
 from ..integration.starts import StartNumbers, after_start, merged_start
 from .differentiation import Differentiation
+
+if TYPE_CHECKING:
+    from ..derivatives.motion import Accelerations, MotionBinding, StateMotion
 
 __all__ = ["Dynamics"]
 
@@ -64,6 +66,8 @@ class Dynamics(Differentiation):
             Where constraints depend on each other, so that multipliers are not determined; for
             steppers of flows, and systems with velocity constraints.
         """
+        from ..derivatives.motion import Accelerations, StateMotion
+
         state = merged_start(self, start, p, parameters, t, impacts=True)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
         times, values = self._times(state.t, shape), self._values(state.parameters)
@@ -116,6 +120,8 @@ class Dynamics(Differentiation):
             For unknown names, with the known ones; for rates that depend on each other; where H_pp
             is singular; what ``accelerations`` raises.
         """
+        from ..derivatives.motion import joint_inertia
+
         motion = self._state_motion(merged_start(self, start, p, parameters, t, impacts=True))
         if joints is not None:
             return joint_inertia(motion, self._names("joints", joints))[0]
@@ -167,6 +173,8 @@ class Dynamics(Differentiation):
             ``mass_matrix`` raises.
         """
         p, targets_by_name = after_start("accelerations", accelerations)
+        from ..derivatives.motion import joint_inertia
+
         state = merged_start(self, start, p, parameters, t, impacts=True)
         motion = self._state_motion(state)
         if not isinstance(targets_by_name, Mapping):
@@ -252,6 +260,8 @@ class Dynamics(Differentiation):
         return names
 
     def _state_motion(self, start: StartNumbers) -> StateMotion:
+        from ..derivatives.motion import StateMotion
+
         state, values = self._state(start.q, start.p), self._values(start.parameters)
         (time,) = self._times(start.t, ())
         return StateMotion(self._motion_binding(), values, time, *state)
@@ -264,6 +274,8 @@ class Dynamics(Differentiation):
 
     def _motion_binding(self) -> MotionBinding:
         """Calls of accelerations, derived and compiled when first called."""
+        from ..derivatives.motion import MotionBinding
+
         self._refuse_scaled(accelerations="accelerations, mass matrices and inverse dynamics")
         if not self.binding.solves:
             self._refuse_unless_solving("accelerations")

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,14 +30,7 @@ from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import SOLVERS, Binding
 from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..compilation.stepper_module import load_module, provenance
-from ..derivatives.tangent_run import with_tangents
-from ..derivatives.tangent_space import Tangents
-from ..devices.ensemble import DeviceName
-from ..events.impacts import refuse_unusable
-from ..events.last_step import ended_between
-from ..events.observer import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
-from ..integration.dense_output import between, stored_steps_at
 from ..integration.linear_frequency import warn_of_frequency
 from ..integration.run_arguments import (
     OPEN,
@@ -45,6 +38,7 @@ from ..integration.run_arguments import (
     Origin,
     RunArguments,
     end_of_run,
+    has_searches,
     in_scaled_time,
     span_of,
     warn_of_late_start,
@@ -62,11 +56,14 @@ from ..integration.step_loop import integrate
 from ..results.missed_rates import warn_of_missed_rate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
-from ..tuning.tune import tuned_run
 from .differentiation import Derive
 from .dynamics import Dynamics
-from .ensemble import Ensemble, integrate_members
 from .simulation import ContinuedStep, Simulation
+
+if TYPE_CHECKING:  # what a run of steps alone does not need is imported by the calls that do
+    from ..derivatives.tangent_space import Tangents
+    from ..devices.ensemble import DeviceName
+    from .ensemble import Ensemble
 
 __all__ = ["SOLVERS", "Stepper", "stepper_of"]
 
@@ -354,16 +351,25 @@ class Stepper(Dynamics):
         run = plan.run
         observed_events: Any = plan.events
         if plan.impacts:
+            from ..events.impacts import refuse_unusable
+
             refuse_unusable(self, run, plan.impacts)
         if out is not None:
             refuse_together(stored="a stored run (out)", t_eval=t_eval is not None and "t_eval",
                             tangents=tangents is not None and "tangents")
             return self._recorded(plan, out, progress)
         if t_eval is not None:
+            from ..integration.dense_output import stored_steps_at
+
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
         warned = not run.steps or self._warned(run) or run.rows < 2
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
-            trajectory = observed(self, run, observed_events, report, plan.end_event)
+            if observed_events:
+                from ..events.observer import observed
+
+                trajectory = observed(self, run, observed_events, report, plan.end_event)
+            else:
+                trajectory = integrate(self.binding, self.manifest, run, report)
         run = run.until(trajectory.report.steps) if run.open_end else run
         if not warned:
             self.rotations.warn_of(trajectory)
@@ -373,12 +379,18 @@ class Stepper(Dynamics):
                     and not self.rotations.bodies):
                 warn_of_frequency(self.binding, run, self.order)
         if run.rest:
+            from ..events.last_step import ended_between
+
             trajectory = ended_between(self, run, observed_events, trajectory)
         trajectory = trajectory.made_by(self, Origin(
             run, () if plan.impacts else observed_events, rest=run.rest, impacts=plan.impacts))
         if t_eval is not None:
             trajectory = self._at(trajectory, t_eval)
-        return trajectory if tangents is None else with_tangents(self, tangents, trajectory)
+        if tangents is None:
+            return trajectory
+        from ..derivatives.tangent_run import with_tangents
+
+        return with_tangents(self, tangents, trajectory)
 
     def integrate_ensemble(
         self,
@@ -439,6 +451,8 @@ class Stepper(Dynamics):
 
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
+        from .ensemble import integrate_members
+
         dt, steps = span_or_own(self.binding, starts, Span(dt, dtau, t_end, steps))
         open_end = t_end if self.binding.clocked and steps is None else None
         state = merged_starts(self, starts, p, parameters, impacts=True)
@@ -513,6 +527,9 @@ class Stepper(Dynamics):
         self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None
     ) -> Trajectory:
         """Return the states of a run at times between its steps; see ``Trajectory.at``."""
+        from ..derivatives.tangent_run import with_tangents
+        from ..integration.dense_output import between
+
         states = between(self, trajectory, times, workers)
         if trajectory.tangents is None or trajectory._origin is None:
             return states
@@ -570,7 +587,11 @@ class Stepper(Dynamics):
 
     def _resolved(self, run: RunArguments) -> RunArguments:
         """Return a run with numbers for parameters that its model leaves to a search, checked."""
-        return self._checked_run(tuned_run(self, run))
+        if has_searches(run.parameters):
+            from ..tuning.tune import tuned_run
+
+            run = tuned_run(self, run)
+        return self._checked_run(run)
 
     def _checked_run(self, run: RunArguments) -> RunArguments:
         """Return a run with its parameters as numbers, or raise InputError; it is consistent."""

@@ -207,10 +207,8 @@ def tune(
 
 
 def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
-    """Return a run with numbers for the parameters that its model leaves to a search."""
-    rules = _searches(run.parameters) if isinstance(run.parameters, Mapping) else {}
-    if not rules:
-        return run
+    """Return a run with numbers for the parameters that its model leaves to searches."""
+    rules = _searches(run.parameters)
     tuned = _Rules(stepper, run, rules).tuned(PILOT_STEPS, longer=not 0 < run.steps <= PILOT_STEPS)
     return replace(run, parameters={**run.parameters, **tuned.parameters})
 
