@@ -137,6 +137,7 @@ class CPrinter:
         return f"{self.real.literal(numerator)}/{self.real.literal(divisor)}", _PRODUCT
 
     def _sum(self, e: sp.Add) -> str:
+        """Return a sum in C, terms with a minus sign last."""
         self.operations["add"] += len(e.args) - 1
         positive = [a for a in e.args if not has_minus(a)]
         negative = [a for a in e.args if has_minus(a)]

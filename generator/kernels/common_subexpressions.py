@@ -198,6 +198,7 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
             functions_of[a].add(i)
 
     def number(node: _Node) -> int:
+        """Return the number of an argument, a new one if it has none."""
         if node not in number_of:
             number_of[node] = len(arguments)
             arguments.append(node)
@@ -205,6 +206,7 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
         return number_of[node]
 
     def replace(i: int, part: set[int], by: int) -> None:
+        """Replace the arguments ``part`` of function i by one argument."""
         for a in part:
             functions_of[a].discard(i)
         arguments_of[i] = (arguments_of[i] - part) | {by}

@@ -125,6 +125,7 @@ class Constants:
         return e.func(*(self.hoist(a) for a in e.args))
 
     def _has_piecewise(self, e: sp.Basic) -> bool:
+        """Whether e contains a condition or a sign, cached for all subexpressions."""
         if e not in self._is_piecewise:
             self._is_piecewise[e] = isinstance(e, (Where, sp.sign)) or any(
                 map(self._has_piecewise, e.args))
@@ -143,6 +144,7 @@ class Constants:
         return self._symbols[e]
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:
+        """Return the constant of the run for an expression of parameters."""
         e = expand_shared(e)  # constants are printed as one expression, without temporaries
         if e not in self.definitions:
             assumptions = {"nonzero": True} if self._is_nonzero(e) else {}

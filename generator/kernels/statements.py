@@ -231,6 +231,7 @@ def _name_bases(
         return name_of_base[e]
 
     def rename(e: sp.Expr) -> sp.Expr:
+        """Return e with temporaries for the bases of its powers."""
         if e.is_Atom:
             return e
         by_root = e.is_Pow and e.base in fourth_roots and (

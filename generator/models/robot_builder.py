@@ -497,7 +497,10 @@ class RobotBuilder:
                 self.builder.quantity(f"{plain_name(joint.name)}_{measure}", symbol)
 
     def _springs(self, joint: RobotJoint) -> None:
-        """Add spring, damper and limits of a joint; refuse those of one without a coordinate."""
+        """Add spring, damper and limits of a joint; refuse those of one without a coordinate.
+
+        Limits are stops, or springs beyond the range, as the option ``limits`` says.
+        """
         build, limits = self.builder, self.robot.limits
         limited = None not in (limits, joint.range) and joint.kind != "ball"
         if joint.name in self.coordinates:
@@ -516,10 +519,12 @@ class RobotBuilder:
                     build.joint_spring(name, self.coordinates[joint.name],
                                        stiffness=limits or 0.0, rest=(lower, upper))
             return
-        alone = joint.kind in ("ball", "free") and len(self.robot.bodies[joint.body].joints) == 1
+        is_single = (joint.kind in ("ball", "free")
+                     and len(self.robot.bodies[joint.body].joints) == 1)
         elements = " and ".join(
             [key for key in ("stiffness", "damping", "armature")
-             if getattr(joint, key) and not (alone and key == "armature")] + ["range"] * limited)
+             if getattr(joint, key) and not (is_single and key == "armature")]
+            + ["range"] * limited)
         if joint.kind == "ball" and elements == "damping":
             self._ball_damper(joint)
         elif elements:

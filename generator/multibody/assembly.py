@@ -252,6 +252,7 @@ class Assembly:
                 [equation for equation in on_velocities if equation.name not in without])
 
     def _hamiltonian(self) -> sp.Expr:
+        """Return H = Σ (T − m g·x) of bodies, V of connections, and potentials."""
         terms = []
         for body in self.components.bodies:
             terms.append(body.kinetic_energy)
@@ -459,6 +460,7 @@ class Assembly:
         return poses
 
     def _body_values(self) -> dict[str, float]:
+        """Return name → value of the moments of all bodies, or of the entries of J and J⁻¹."""
         values: dict[str, float] = {}
         for body, inertia in self.components.inertia.items():
             numbers = np.ravel(inertia).tolist()
@@ -505,7 +507,10 @@ def joint_at(
 def _section(
     link: Connection, parameters: set[sp.Symbol], values: Mapping[str, float]
 ) -> SectionLayout | None:
-    """Return the section of a joint of a beam; None of another joint."""
+    """Return the section of a joint of a beam with parameters or numbers; None for other joints.
+
+    Parameters that no expression has become numbers.
+    """
     if not isinstance(link, BeamJoint):
         return None
     store: Store = {}

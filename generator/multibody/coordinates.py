@@ -346,10 +346,10 @@ class Chain(Joint):
 
     def motion(self, poses: Poses) -> RigidMotion:
         """Return the motion by all its joints."""
-        moved = RigidMotion.along(np.zeros(3))
+        motion = RigidMotion.along(np.zeros(3))
         for link in self.links:
-            moved = moved @ link.motion(link.coordinate.displacement)
-        return moved
+            motion = motion @ link.motion(link.coordinate.displacement)
+        return motion
 
     def _links_at(self, poses: Poses) -> Iterator[tuple[Coordinate, Array, Array]]:
         """Yield each joint with its axis and a point of it in space at the start."""
@@ -362,10 +362,10 @@ class Chain(Joint):
 
     def turn(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + Σ rate · axis."""
-        turning: Array = sum(((coordinate.speed or 0.0) * axis
-                              for coordinate, axis, _ in self._links_at(poses)
-                              if coordinate.kind == "angle"), np.zeros(3))
-        return propagate("spin", poses[self.a], poses[self.b], turning)
+        relative: Array = sum(((coordinate.speed or 0.0) * axis
+                               for coordinate, axis, _ in self._links_at(poses)
+                               if coordinate.kind == "angle"), np.zeros(3))
+        return propagate("spin", poses[self.a], poses[self.b], relative)
 
     def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start."""

@@ -270,11 +270,13 @@ def propagate_all(
     steps: Sequence[Callable[[Mapping[Any, Pose]], bool]],
     last: Sequence[Callable[[Mapping[Any, Pose]], bool]] = (),
 ) -> None:
-    """Propagate a quantity from body to body until nothing changes; what stays unknown is zero.
+    """Propagate a quantity of poses from body to body until none is None.
 
-    One of the ``last`` steps is taken at a time, where no other finds anything.
+    A step sets what follows from known poses, and returns whether it has set anything. One of the
+    ``last`` steps is taken at a time, if no other sets anything; then an unknown one becomes zero.
     """
     while True:
+        # a sum takes all steps, any() only up to the first that sets something
         while sum(step(poses) for step in steps) or any(step(poses) for step in last):
             pass
         unknown = next((p for p in poses.values() if getattr(p, attribute) is None), None)

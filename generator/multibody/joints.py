@@ -547,7 +547,7 @@ class Spring(PointConnection):
     damping: float = 0.0
 
     def energy(self, store: Store) -> sp.Expr:
-        """Return V; values of its parameters go into ``store``."""
+        """Return V = ½ k (|d| − l)²; values of its parameters go into ``store``."""
         k = sp.Symbol(f"{self.name}_stiffness", real=True)
         store[str(k)] = self.stiffness
         # without a rest length V = ½ k d·d is a polynomial, and smooth where the points meet
@@ -696,8 +696,8 @@ class Cylindrical(Planar):
             return named_number(f"{self.name}_offset", offset, store) + self.along(poses, store)
         if quantity == "speed":
             (in_a, _), (on_a, on_b) = self.hinge.ends(poses, store), self.places(store)
-            past = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
-            return dot(self.a.direction(in_a), past)
+            relative = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
+            return dot(self.a.direction(in_a), relative)
         return super().measure(quantity, poses, store)
 
     def generalised_forces(

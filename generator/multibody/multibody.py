@@ -950,7 +950,10 @@ class Multibody:
     def _flywheel_body(
         self, name: str, inertia: float, times: float = 1.0, numbers: Sequence[str] = ("",)
     ) -> FlywheelBody:
-        """Return coordinates with so many times an inertia."""
+        """Return the body of a flywheel: a coordinate for each of ``numbers``, T = p²/(2 a).
+
+        a is ``times`` the inertia: a ball has four coordinates with a = 4 inertia.
+        """
         body = FlywheelBody.of(name, numbers)
         self._components.claim(body.name, "body")
         self._components.values[str(body.mass)] = times * positive(f"inertia of {name!r}", inertia)
@@ -1072,10 +1075,10 @@ class Multibody:
         By default it acts at the body's origin. Its components are expressions of the bodies'
         symbols, momenta, ``time`` and parameters.
         """
-        pushed = self._components.body(body, "A force")
-        F = three_expressions(f"force on {pushed.name!r}", force)
-        r = self._point(f"point of the force on {pushed.name!r}", body, on_body)
-        self._components.forces += pushed.force_at([0, 0, 0] if r is None else r.tolist(), F)
+        target = self._components.body(body, "A force")
+        F = three_expressions(f"force on {target.name!r}", force)
+        r = self._point(f"point of the force on {target.name!r}", body, on_body)
+        self._components.forces += target.force_at([0, 0, 0] if r is None else r.tolist(), F)
 
     def torque(self, body: Body | str, torque: Sequence[Any]) -> None:
         """Let a torque (in body axes, N m) act on a body, as expressions like a force's.
@@ -1435,7 +1438,7 @@ class Multibody:
     def _pair(
         self, name: str, a: Frame | str, b: Frame | str, at: Any, on_a: Any, on_b: Any
     ) -> dict[str, Any]:
-        """Return the arguments of a joint with a common point."""
+        """Return the arguments of a joint with a common point; at an end of a beam, that end."""
         (first, second), (on_first, on_second) = self._components.frames(name, a, b), self._points(
             name, (a, b), (on_a, on_b))
         end = self._components.end(a) or self._components.end(b)

@@ -174,8 +174,8 @@ class NormalForm:
     def _sum_power(self, base: sp.Expr, exponent: sp.Rational) -> Terms:
         """Return a power of a sum, with common numbers and denominators taken out of the sum.
 
-        Roots of variable sums keep their denominators, and a factor leaves a root only if it is
-        positive.
+        (a Σ m/d)ⁿ = aⁿ d⁻ⁿ (Σ m)ⁿ. Roots of variable sums keep their denominators d, and a factor
+        leaves a root only if it is positive.
         """
         inner = self.terms(base)
         clears_denominators = exponent.is_Integer or not varies(base)

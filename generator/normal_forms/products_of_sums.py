@@ -500,6 +500,7 @@ class Echelon(Generic[Key]):
 
 
 def _subtract(vector: dict[Any, Number], a: Number, row: Mapping[Any, Number]) -> None:
+    """Subtract a · row from a sparse vector in place; entries that become 0 are removed."""
     for k, b in row.items():
         difference = vector.get(k, 0) - a * b
         if difference:

@@ -157,6 +157,7 @@ class Compact:
         return sp.Add(*(sp.Mul(term(*outer), power) for outer, power in powers), self(remainder))
 
     def _product_of(self, factors: list[tuple[Terms, int]]) -> sp.Expr:
+        """Return Π sⁿ of pairs (s, n), with all numbers in front."""
         number: Number = 1
         powers = []
         for factor, n in factors:

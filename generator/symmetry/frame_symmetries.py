@@ -204,7 +204,10 @@ class _SymmetrySearch:
 
     def _first(self, name: str, fields: Sequence[LinearField] | Iterator[LinearField]) -> Iterator[
             tuple[FrameSymmetry]]:
-        """Yield the symmetry with the fewest conditions on parameters, the first of several."""
+        """Yield the symmetry with the fewest conditions on parameters, the first of several.
+
+        Yields nothing if no field is a symmetry. The field is added to those of the frame.
+        """
         candidates = [field for field in fields if self._is_new(field)]
         symmetries: list[FrameSymmetry] = []
         # those that need no condition first; one condition, such as I1 = I2, is as few as any other

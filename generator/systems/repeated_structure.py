@@ -93,7 +93,8 @@ class Structure:
         return self._templates_of([(self._with_energy(terms), ()) for terms in groups])
 
     def _with_energy(self, terms: list[sp.Expr]) -> tuple[sp.Expr, ...]:
-        """Return the sum of terms of H, and in a co-moving frame of those that are energy."""
+        """Return the sum of terms of H̃, and in a co-moving frame the sum of those of the energy H.
+        """
         if not isinstance(self.system, CoMovingSystem):
             return (sp.Add(*terms),)
         return sp.Add(*terms), sp.Add(*(term for term in terms if term in self._energy))

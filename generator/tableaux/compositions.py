@@ -144,7 +144,10 @@ def _from_record(name: str, record: dict[str, Any], bases: dict[str, Composition
 
 
 def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fraction, ...], ...]:
-    """Return drifts, kicks and gradients of S(w₁h) S(w₂h) ⋯, with adjacent drifts added."""
+    """Return drifts, kicks and gradients of S(w₁h) S(w₂h) ⋯, with adjacent drifts added.
+
+    Gradients have the factor h³, so that a step of w h has w³ of them.
+    """
     def join(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
         return [*a[:-1], a[-1] + b[0], *b[1:]]
 

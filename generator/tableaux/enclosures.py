@@ -25,6 +25,7 @@ def enclose_part(rows: list[list[Any]], nodes: list[Nodes], bits: int) -> tuple[
         digits = bits * 3 // 10
         enclosed = [tuple(enclose_expression(entry, digits) for entry in row) for row in rows]
         return tuple(enclosed) if len(nodes) == 2 else tuple(row[0] for row in enclosed)
+    # fixed-point integers: all coefficients times their common denominator and 2^bits
     fractions = [[Fraction(int(e.numerator), int(e.denominator)) for e in row] for row in rows]
     scale = lcm(*(e.denominator for row in fractions for e in row))
     coefficients = [[(int(e * scale) << bits, 0) for e in row] for row in fractions]

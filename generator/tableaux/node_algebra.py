@@ -102,13 +102,16 @@ class PolynomialNodes:
 
     @cached_property
     def trace(self) -> Matrix:
-        """The Hankel matrix of the power sums Σ cᵏ, from Newton's identities."""
+        """The Hankel matrix T_ij = Σ c^(i+j) of power sums, from Newton's identities.
+
+            P_k = −Σ_{0<j<min(k, s+1)} e_{s−j} P_{k−j} − k e_{s−k} [k ≤ s]
+        """
         s = self.size
         e = self._coefficients  # x^s + e_{s−1} x^{s−1} + … + e_0
         sums = [QQ(s)]
         for k in range(1, 2 * s - 1):
-            product_sum = sum((e[s - j] * sums[k - j] for j in range(1, min(k - 1, s) + 1)), QQ(0))
-            sums.append(-product_sum - (QQ(k) * e[s - k] if k <= s else QQ(0)))
+            products = sum((e[s - j] * sums[k - j] for j in range(1, min(k - 1, s) + 1)), QQ(0))
+            sums.append(-products - (QQ(k) * e[s - k] if k <= s else QQ(0)))
         return DomainMatrix([[sums[i + j] for j in range(s)] for i in range(s)], (s, s), QQ)
 
     @cached_property
