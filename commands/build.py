@@ -119,7 +119,7 @@ def _write(
     target: Target, model: str, settings: tuple[str, ...], values: tuple[str, ...],
     stages: str | None, order: str | None, dt: str | None, check: bool, **given: Any,
 ) -> int:
-    """Write the artefact, and say what it is; 1 if its bits are not those of C."""
+    """Write the artefact and print its files; return the exit code, 1 if its bits differ from C."""
     with imported_for_good("sympy"), catch_termination():
         built = build_artefact(
             target.name, _model(model, settings),

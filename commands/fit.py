@@ -101,7 +101,7 @@ def _names(text: str) -> list[str]:
 
 
 def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the times and the named columns of a CSV file.
+    """Return the times (samples,) and the named columns (samples, columns) of a CSV file.
 
     Raises InputError for a file without these columns, and for entries that are no numbers.
     """

@@ -95,6 +95,7 @@ def write_stepper(
 ) -> None:
     """Generate, write, compile (where that is for Python) and report one stepper."""
     start = time.perf_counter()
+    # steppers of named systems are cached by their names, others by their content
     named = spec.tableau is None and spec.model is None and spec.system not in MODELS
     with log_task(f"making {spec.model or spec.name}"):  # the summary says how long it took
         if named and not derivatives:
@@ -163,7 +164,10 @@ def sum_operations(manifest: Manifest) -> str:
 def check_files(
     spec: Spec, out: Path, allow_invalid: bool, standalone: bool, derivatives: bool = False
 ) -> int:
-    """Compare freshly generated text with the files in ``out``; print a unified diff."""
+    """Compare freshly generated text with the files in ``out``; print a unified diff.
+
+    Return the exit code: 1 if a file differs.
+    """
     generated = _generate(spec, allow_invalid, derivatives)
     stale = 0
     for name, text in generated.source.files(standalone=standalone).items():

@@ -85,7 +85,7 @@ lyapunov.help = (lyapunov.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).re
 
 
 def _result(spectrum: Lyapunov) -> dict[str, Any]:
-    """Return the numbers; null for those that a run with --count, or a short one, has not."""
+    """Return the numbers of the report; None for those that --count or a short run leaves out."""
     def number(value: float) -> float | None:
         return None if value != value else float(value)
 

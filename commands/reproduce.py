@@ -70,7 +70,7 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
 
 
 def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path | None, str]:
-    """Return the folder of the report, and the notice where there is none: before all work.
+    """Return the folder of the report, or None and the reason; called before anything is computed.
 
     Raises InputError or MissingDependencyError if it cannot be written.
     """

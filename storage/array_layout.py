@@ -112,7 +112,7 @@ def wide_name(name: str) -> str:
 
 
 def fields_of(manifest: Manifest) -> list[StoredField]:
-    """Return the arrays of a run of the stepper with this manifest."""
+    """Return the arrays of states that a store of this stepper has, in the order of ``OUTPUTS``."""
     system, real = manifest.system, REALS[manifest.real]
     fields = []
     for output in OUTPUTS:
@@ -139,6 +139,7 @@ def fields_of_events(
              for output in OUTPUTS if output.name in ("q", "p")}
 
     def stored(name: str, column: str, text: str, unit: str = "") -> StoredField:
+        # "q", "p" and "q_after", "p_after" have the shape of a state; other columns one number
         shape, attributes = inner.get(column[:1] if column[1:] in ("", "_after") else "", ((), {}))
         kind = {"steps": "i8", "rising": "i1", "t": "f8", "elapsed": "f8"}.get(column, real.stored)
         return StoredField(f"event_{name}_{column}", shape, attributes | {"long_name": text}
@@ -172,7 +173,8 @@ def create(
 ) -> None:
     """Create an empty store: fields of states, fields of each event, checkpoint, attributes.
 
-    ``source`` has the bytes of the stepper's files.
+    Fields of states have ``rows`` rows, those of events none yet. ``source`` has the bytes of the
+    stepper's files.
     """
     group = zarr.create_group(DurableStore(path),
                               attributes=attributes | {"arrays": names_of(fields)})

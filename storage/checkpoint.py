@@ -119,6 +119,9 @@ def _packed(binding: Binding, event_progress: EventProgress | None) -> list[Arra
 def unpack(binding: Binding, data: Array, events: Events = ()) -> CheckpointState | None:
     """Return the state of packed bytes, None if nothing was packed yet.
 
+    The bytes are: digest of the rest; iterations and status; q and p; record and work memory; with
+    events, also their counters, the last states before the checkpoint, and the gaps.
+
     Raises ValueError if the bytes are damaged, or an integer is outside of its range.
     """
     digest, body = data[:_DIGEST], data[_DIGEST:]
@@ -138,21 +141,22 @@ def unpack(binding: Binding, data: Array, events: Events = ()) -> CheckpointStat
         empty = as_bytes(binding.new(*shape))
         return from_bytes(take(empty.nbytes).reshape(empty.shape), binding.dtype)
 
-    count = len(events)
+    event_count = len(events)
     iterations, status = (int(x) for x in take(16).view("<i8"))
     run = RunState.at_start(binding, numbers(binding.n), numbers(binding.n))
     for struct in (run.record, run.work):
         image = binding.image(struct)
         image[:] = take(image.size)
-    if not (0 <= iterations < 2**31 and (-count <= status <= 0 or status in REASONS)
+    if not (0 <= iterations < 2**31 and (-event_count <= status <= 0 or status in REASONS)
             and binding.function("is_valid")(run.record, run.work)):
         raise ValueError(_UNSOUND)
     if not events:
         return CheckpointState(run, iterations, status)
-    state_count, *counters = (int(x) for x in take(8 * (1 + 2 * count)).view("<i8"))
-    if not (0 <= state_count <= TAIL and min(counters) >= 0 and max(counters[count:]) <= 1):
+    state_count, *counters = (int(x) for x in take(8 * (1 + 2 * event_count)).view("<i8"))
+    if not (0 <= state_count <= TAIL and min(counters) >= 0 and max(counters[event_count:]) <= 1):
         raise ValueError(_UNSOUND)
     tail = numbers(2, TAIL, binding.n)[:, :state_count]
-    memory = Memory(tail[0], tail[1], np.array(counters[count:], bool), numbers(_gaps(events)))
+    memory = Memory(tail[0], tail[1], np.array(counters[event_count:], bool),
+                    numbers(_gaps(events)))
     return CheckpointState(run, iterations, status,
-                           EventProgress(np.array(counters[:count]), memory))
+                           EventProgress(np.array(counters[:event_count]), memory))

@@ -89,7 +89,7 @@ def record(
         raise recording.failure()
     if not warned:
         count = len(recording)
-        stride = -(-count // LOOKED_AT)  # up to the last row
+        stride = -(-count // LOOKED_AT)  # a sample of the rows, the last one included
         rows = recording._in_memory(range((count - 1) % stride, count, stride))
         stepper.rotations.warn(rows.parameters, rows.time_steps, rows.q, rows.p)
     return recording
@@ -123,6 +123,7 @@ def resume(
         As of ``Stepper.integrate``.
     """
     recording = open_recording(path)
+    # the arguments of the run, from its identity: numbers with all digits as text
     about, real = recording.attributes["run"], recording.manifest.real
     stepper = recording.stepper
 
@@ -190,6 +191,7 @@ def _existing_group(
     rest = float(from_text(begun.get("rest", 0.0), recording.manifest.real))
     longer = (run.steps, abs(float(run.rest))) > (begun["steps"], abs(rest)) and not (
         recording.status.startswith(FAILED))
+    # a longer run differs in its end alone
     spans = ("steps", "t_end", "rest")
     refuse_if_different({name: x for name, x in begun.items() if name not in spans}
                         | {name: identity[name] for name in spans if name in identity}

@@ -101,7 +101,8 @@ class Recorder:
         if checkpoint is None:
             return self._start()
         stored_states = self._states(checkpoint)
-        first = stored_states // self.block * self.block  # of the next row, which may be begun
+        # the block of the next row; its first rows may be stored already
+        first = stored_states // self.block * self.block
         block_rows = self._read(first, stored_states - first)
         if checkpoint.ended_by is not None:
             self.end = self._stored("tau" if self.binding.clocked else "time",
@@ -185,7 +186,7 @@ class Recorder:
             if stored_field.name in ("multipliers", "reactions"):
                 stored = self._stored(stored_field.name, stored_field.wide, first, count)
                 multiplier_columns.append(stored.reshape(count, int(np.prod(stored.shape[1:]))))
-            elif stored_field.name in ("q", "p"):  # of which the store has what is shown
+            elif stored_field.name in ("q", "p"):  # without t and e of scaled time
                 getattr(block_rows, stored_field.name)[:count, : self.binding.shown] = self._stored(
                     stored_field.name, stored_field.wide, first, count)
             elif self.binding.clocked and stored_field.name in ("time", "time_momentum"):
@@ -233,7 +234,7 @@ class Recorder:
         """Take all steps; commit full blocks, and every few seconds."""
         run, committed = self.run, time.monotonic()
         while self.state.steps < run.steps and not self._has_ended() and not interrupts.requested:
-            row = self.state.steps // run.every + 1 - self.first
+            row = self.state.steps // run.every + 1 - self.first  # the next row in the block
             if row == self.block:
                 self._commit(writer, reusable=True)
                 committed = time.monotonic()
@@ -269,7 +270,10 @@ class Recorder:
         self._end_at_event()
 
     def _take_last_part(self, writer: Writer) -> None:
-        """Take the part of a step to t_end, and commit its end as the last row."""
+        """Take the part of a step to t_end, and commit its end as the last row.
+
+        Events within it are counted from the start of the run; a terminal one ends the run there.
+        """
         run, state, binding = self.run, self.state.run, self.binding
         t = binding.times(run.t0, run.dt, np.array([run.steps]))[0]
         elapsed = binding.times(0 * run.t0, run.dt, np.array([run.steps]))[0]
@@ -284,7 +288,7 @@ class Recorder:
         crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, begun,
                                               self._latest.get(name))
                      for name, crossings_of_event in (last.impacts or last.events).items()}
-        block_row = run.steps // run.every + 1 - self.first
+        block_row = run.steps // run.every + 1 - self.first  # of the last row
         iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
         if block_row == self.block:
             self.first, block_row = self.first + self.block, 0
@@ -340,7 +344,7 @@ class Recorder:
         """Commit the filled part of the block, and the state of the run.
 
         The writer may give ``reusable`` rows back; whole blocks are not copied. ``crossings`` are
-        those since the last commit, by default what the observer has seen.
+        those since the last commit, by default those of the observer.
         """
         if crossings is None:
             crossings = self._commit_events()

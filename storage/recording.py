@@ -337,7 +337,7 @@ class Recording(Trajectory):
         def spans(chunk: int) -> Iterator[tuple[int, int]]:
             """Yield the first selected row and the end of each chunk: one chunk in memory at once.
             """
-            yield first, first  # the type and the width of no row
+            yield first, first  # an array without rows, so that there is one to concatenate
             for begin in range(first - first % chunk, stop, chunk):
                 row = max(begin, first)
                 row += (first - row) % stride

@@ -50,7 +50,7 @@ def save_store(run: Trajectory, path: Path) -> Path:
                fields_of_events(run.manifest, _asked(run)))
         group = open_group(fresh, write=True)
         block = array_of(group, "time").chunks[0]
-        for field in fields:
+        for field in fields:  # block by block; numbers wider than a double also as their bytes
             array = arrays[field.name]
             stored_arrays = {field.name: array.astype(field.dtype)}
             if field.wide:

@@ -66,7 +66,7 @@ def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     writer = run.get("gyrospark")
     if run["format"] != FORMAT:
         raise written_by(path, writer, f"its format is {run['format']}, and {FORMAT} is known here")
-    for complaint in _complaints(about, run, group):
+    for complaint in _complaints(about, run, group):  # the first one is reported
         raise (_damaged(path, complaint) if writer in (None, __version__) else
                written_by(path, writer, complaint))
     return about
@@ -143,8 +143,9 @@ def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> I
     elif (status == COMPLETE) is not (done == run["steps"]) and about.get("report") is not None \
             and not (done == run["steps"] and "rest" in run):  # t_end is still to be reached
         yield f"status is {status!r} after {done} of {run['steps']} steps"
+    # the start is a row, and a row that a terminal event or the last step adds
     if about.get("report") is None:
-        expected = done  # nothing is
+        expected = done  # before the first commit there are 0 steps and 0 rows
     elif done == run["steps"] and (status == COMPLETE or "rest" not in run):
         expected = rows_of(run)
     else:
@@ -250,7 +251,7 @@ def refuse_other_arrays(
         expect(stored_field, block)
     for stored_field in events:
         expect(stored_field, array_of(group, stored_field.name).chunks[0])
-    growing = set(names_of(events))
+    growing = set(names_of(events))  # an event array has a row for each crossing
     for name, (inner, chunks, dtype) in expected.items():
         lengths = {checkpoint_bytes} if name == CHECKPOINT else set(row_counts)
         try:

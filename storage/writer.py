@@ -142,11 +142,15 @@ def stored_arrays(
     binding: Binding, manifest: Manifest, run: RunArguments, parameters: ParameterStruct,
     batch: Batch
 ) -> dict[str, Array]:
-    """Return every array of a batch by the field's name."""
+    """Return every array of a batch by the name of its field in the store.
+
+    An output that is split, such as multipliers by constraint, has several fields.
+    """
     filled = slice(0, batch.count)
     batch_rows, row_numbers = batch.rows, np.arange(batch.first, batch.first + batch.count)
+    # the last row may follow fewer than ``every`` steps
     t = binding.times(run.t0, run.dt, np.minimum(row_numbers * run.every, run.steps))
-    if batch.end is not None:
+    if batch.end is not None:  # the run ended between two steps, at t_end or at a terminal event
         t[-1:] = batch.end
     states = States(binding, manifest, parameters, t, batch_rows.q[filled], batch_rows.p[filled],
                     batch_rows.multipliers[filled], batch_rows.iterations[filled],

@@ -76,7 +76,9 @@ def list_axis(name: str, columns: Mapping[str, Any]) -> Axis:
 
 
 def random_axis(name: str, ranges: Mapping[str, Any], count: Any, seed: int) -> Axis:
-    """Return points drawn at random, each column evenly in its range, or in that of its logarithm.
+    """Return random points: each column uniform in its range, or its logarithm uniform.
+
+    x = a + (b − a) u, or a (b/a)^u with log spacing, for u uniform in [0, 1).
 
     A range is a table with ``from``, ``to`` and ``spacing``. The same seed gives the same points.
     Raises InputError.

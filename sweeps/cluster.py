@@ -144,6 +144,7 @@ class _ClusterRun:
             if not self.interrupts.requested:
                 self._submit(tile)
         elif isinstance(future.exception(), KilledWorker):
+            # once more alone, at the end: another tile on the worker may have used up its memory
             (self.abandoned if tile.place in self.retried_alone else self.blamed).append(tile)
             self.shared = self._share()  # it may have been blamed as well
         else:

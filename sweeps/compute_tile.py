@@ -38,6 +38,7 @@ def compute(study: Study, fields: list[StoredField], tile: Tile) -> dict[str, Ar
     cells = cells_of(study, tile)
     arrays: dict[str, Array] = {f.name: np.full((len(cells), *f.shape), f.fill, dtype=f.dtype)
                                 for f in fields}
+    # cells of equal scheme and number of steps are integrated together; one number for the pair
     scheme_and_steps = cells.scheme.astype(np.int64) * (study.most_steps + 1) + cells.steps
     for group_key in np.unique(scheme_and_steps):
         scheme, steps = divmod(int(group_key), study.most_steps + 1)
@@ -54,13 +55,18 @@ def compute(study: Study, fields: list[StoredField], tile: Tile) -> dict[str, Ar
 def _run(
     study: Study, stepper: Stepper, steps: int, cells: Cells, group: Array
 ) -> dict[str, Array]:
-    """Return the results of a group of cells with equal scheme and number of steps."""
+    """Return the results of a group of cells with equal scheme and number of steps.
+
+    ``group`` has the indices of the cells in the tile. A cell off the constraints has the status
+    BAD_START; numbers of cells that failed are NaN.
+    """
     dtype = stepper._binding_of_many.dtype
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
     structs = _structs(study, stepper, cells, group)
     with np.errstate(all="ignore"):
-        q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)
+        q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)  # appends t and e = −H
         equal_constraints = _groups_of_constraints(study, stepper, cells, group)
+        # starts of an axis are taken as they are, but wide numbers need digits beyond doubles
         if not study.varied("q") or REALS[stepper.manifest.real].wide:
             _project_starts(study, stepper, equal_constraints, structs, q0, p0)
             q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)
@@ -87,7 +93,10 @@ def _run(
 def _run_without_events(
     study: Study, stepper: Stepper, steps: int, structs: Array, dt: Array, q0: Array, p0: Array
 ) -> CellEnds:
-    """Integrate cells in one call of compiled code."""
+    """Integrate cells in one call of compiled code; ``structs`` has a row of parameters each.
+
+    The samples are q and p at the start and after every ``study.every`` steps.
+    """
     binding, every = stepper._binding_of_many, study.every or steps
     q, p = q0.copy(), p0.copy()
     out = None

@@ -56,6 +56,7 @@ def estimate(study: Study, fields: list[StoredField]) -> Estimate:
                for tile_place, tile in distinct_tiles.items()}
     sample_seconds = [seconds[tile.place] for tile in samples]
     mean = float(np.mean(sample_seconds))
+    # two standard errors of the mean
     two_errors = 2 * float(np.std(sample_seconds, ddof=1)) / math.sqrt(len(sample_seconds))
     cell_bytes = sum(field.row_bytes for field in fields)
     tile_bytes = cell_bytes * math.prod(tile_shape(study))  # the last tile of an axis is padded

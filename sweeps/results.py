@@ -320,16 +320,19 @@ def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
 
 
 def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
-    """Return the extrema of a result and the axis values at them, reading tile by tile."""
+    """Return the extrema of a result and the axis values at them, reading tile by tile.
+
+    Keys: "least", "most", "least_at", "most_at"; None where all cells failed.
+    """
     array = array_of(open_group(path), name)
     ends: dict[str, tuple[float, tuple[int, ...]]] = {}
     for tile in tiles_of(study):
         tile_values = np.asarray(array[tile.slices], dtype=float)
         if not np.isfinite(tile_values).any():
             continue
-        for end, pick, better in (("least", np.nanargmin, np.less), ("most", np.nanargmax,
-                                                                    np.greater)):
-            index = np.unravel_index(int(pick(tile_values)), tile_values.shape)
+        for end, argument_of, better in (("least", np.nanargmin, np.less),
+                                         ("most", np.nanargmax, np.greater)):
+            index = np.unravel_index(int(argument_of(tile_values)), tile_values.shape)
             value = float(tile_values[index])
             if end not in ends or better(value, ends[end][0]):
                 ends[end] = value, tuple(s.start + int(i) for s, i in

@@ -132,9 +132,10 @@ def checked_study(study: Study) -> Study:
         for column, values in axis.columns.items():
             _check_column(study, names, column, values)
     fixed = {name: value for name, value in study.parameters.items() if not study.varied(name)}
-    trial = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
-                     for name in axis.columns if name in names}
-    doubles = as_parameters(trial, stepper.parameter_domains, symmetries=stepper.symmetries)
+    # the first cell stands for all: columns of axes are checked above
+    first_cell = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
+                          for name in axis.columns if name in names}
+    doubles = as_parameters(first_cell, stepper.parameter_domains, symmetries=stepper.symmetries)
     warn_of_negative(doubles)
     _refuse_broken_frames(study, doubles)
     if (study.steps is None) == (study.t_end is None):

@@ -95,6 +95,7 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     if name not in drawable:
         raise InputError(f"{name!r} cannot be drawn; choose {', '.join(drawable)}.")
     array = dataset[name]
+    # two axes are drawn, with at most _MOST values each; the others are held at their first value
     longest = sorted(array.dims, key=lambda d: -array.sizes[d])[:2]
     fixed = [_axis(array, str(d)) for d in array.dims if d not in longest]
     array = array.isel({axis.dimension: 0 for axis in fixed})

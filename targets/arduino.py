@@ -29,7 +29,10 @@ _MACROS = frozenset(_WORDS.split()) | {
 def files(
     manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
-    """Return the library."""
+    """Return the files of the library: sources, an example sketch, and two manifests.
+
+    library.properties is for the Arduino IDE, library.json for PlatformIO.
+    """
     refuse_names(manifest, KEYWORDS | _MACROS, "Arduino")
     template_fields = template_values(manifest, sources, options)
     name = manifest.name

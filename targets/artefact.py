@@ -174,9 +174,10 @@ def filled(template: str, **values: Any) -> str:
 def template_values(
     manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, Any]:
-    """Return the values for the templates of several targets, by name.
+    """Return the values for the templates of several targets, by the name that a template uses.
 
-    Numbers are texts of the stepper's own type, each as exact as the type holds it.
+    "parameters" are pairs of name and value, "units" has ", UNIT" or "" for each parameter. Numbers
+    are texts of the stepper's own type, each as exact as the type holds it.
     """
     system, name = manifest.system, manifest.name
     header = sources[f"{name}.h"]

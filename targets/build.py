@@ -87,8 +87,8 @@ def build(
     platforms : str or sequence of str, optional
         For which platforms the artefact holds binaries, where the target has some.
     progress : callable or bool, optional
-        As of ``integrate``; a function is called with the stages done, and their number, 2:
-        derivation, and the artefact.
+        As for ``integrate``; a function is called with the number of tasks that are done, and with
+        2, the number of tasks: derivation, and the artefact.
 
     Returns
     -------

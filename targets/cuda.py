@@ -58,22 +58,26 @@ def check(built: Built) -> str:
 
 
 def _bits(built: Built) -> str:
-    """Return the bits of the last of three trajectories, integrated by two launches."""
+    """Return the bits of the last of three equal trajectories, with the text compiled as C.
+
+    Arrays have a column for each trajectory. Two launches show that a run can be continued.
+    """
     options, device, name = built.options, HostDevice(), built.stepper.name
     real = np.float32 if built.stepper.manifest.real == "float" else np.float64
     program = device.load(name, (built.path / f"{name}.cu").read_text(encoding="ascii"))
     count, n, total = 3, len(options.q), EXAMPLE_STEPS
 
-    def of_all(values_of_one: Any) -> Any:
-        return device.put(np.repeat(np.array([*values_of_one], real)[:, None], count, axis=1))
+    def repeated(numbers: Any) -> Any:
+        return device.put(np.repeat(np.array([*numbers], real)[:, None], count, axis=1))
 
     sizes = device.zeros((2,), np.int64)
     device.launch(program, "measure", 1, sizes)
+    # "measure" writes the words of memory that one trajectory needs
     words = device.zeros((int(device.get(sizes)[0]), count), np.uint32)
-    state, status = of_all((*options.q, *options.p)), device.zeros((count,), np.intc)
+    state, status = repeated((*options.q, *options.p)), device.zeros((count,), np.intc)
     steps, iterations = (device.zeros((count,), np.int64) for _ in range(2))
     device.launch(program, "begin_trajectories", count, np.int64(count),
-                  of_all(options.parameters.values()), of_all([options.dt]), real(0),
+                  repeated(options.parameters.values()), repeated([options.dt]), real(0),
                   np.intc(options.max_iterations), state, words, status, steps, iterations)
     states = [device.zeros((2, n, count), real) for _ in range(2)]
     most_iterations = device.zeros((2, count), np.intc)

@@ -26,7 +26,10 @@ def with_options(
     step: Stepper, start: RunDefaults, gamma: str | None, alpha: str | None,
     frames: tuple[str, ...],
 ) -> tuple[RunDefaults, dict[str, Any]]:
-    """Return the numbers and rules of a run, and arguments of ``gs.tune`` where options search."""
+    """Return the numbers and rules of a run, and the arguments of ``gs.tune``.
+
+    An option such as "auto" searches a number: it is an argument of ``gs.tune`` then.
+    """
     texts = {"gamma": gamma, "alpha": alpha}
     kinds = {name: "alpha" if "alpha" in name else "gamma" for name in start.bodies
              if name in step.parameter_domains}
@@ -84,7 +87,7 @@ def tuned(
     step: Stepper, state: Start, defaults: RunDefaults, t0: float,
     options: Mapping[str, str | None], search: Mapping[str, Any]
 ) -> tuple[Start, Any, dict[str, Any], Tuned | None]:
-    """Return the start with numbers that ``gs.tune`` has found, dt, ``steps`` or t_end, and why.
+    """Return start, dt or dtau, "steps" or "t_end" of the run, and the result of ``gs.tune``.
 
     ``options`` has dt, dtau, step_error, steps and t_end, ``search`` arguments of ``gs.tune``.
     """
@@ -92,7 +95,7 @@ def tuned(
     from ...runtime.tuning.tune import tune
 
     clocked = step.binding.clocked
-    if options["step_error"] is not None:
+    if options["step_error"] is not None:  # gs.tune chooses dt
         numbers: dict[str, Any] = {
             name: (whole_number if name == "steps" else real_number)(
                 f"--{name.replace('_', '-')}", text)

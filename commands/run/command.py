@@ -117,7 +117,7 @@ def run(
     resume: bool, plot: Path | None, show: tuple[Path, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
-    (.toml); or a robot (.urdf, .xml, .sdf). Without a scheme by (DEFAULT).
+    (.toml); or a robot (.urdf, .xml, .sdf). The default scheme is (DEFAULT).
 
     \b
     gyrospark run double_pendulum --show pendulum.html
@@ -142,27 +142,28 @@ def run(
     """
     check_targets(out, plot, show, resume=resume)
     choice["frame"] = "symmetries" if frame else None
-    chosen, step, start, begin = started(problem, set, choice, scaled=True)
+    paper_problem, step, start, t0 = started(problem, set, choice, scaled=True)
     if show:
         check_bodies(step.manifest)
-    if not as_json:  # before a step is taken
+    if not as_json:  # properties of the stepper, before a step is taken
         for line in map(": ".join, step.manifest.warnings):
             click.echo(line)
     defaults, search = with_options(step, start, gamma, alpha, frame)
-    state = start_of(step, defaults, begin)
+    state = start_of(step, defaults, t0)
     method = solver_from(solver)
-    state, size, span, tuning = tuned(
-        step, state, defaults, begin,
+    # step_size: dt or dtau; length: "steps" or "t_end" of the run
+    state, step_size, length, tuning = tuned(
+        step, state, defaults, t0,
         {"dt": dt, "dtau": dtau, "step_error": step_error, "steps": steps, "t_end": t_end},
         search)
     arguments: dict[str, Any] = {
-        "dtau" if step.binding.clocked else "dt": size, **span,
+        "dtau" if step.binding.clocked else "dt": step_size, **length,
         "every": whole_number("--every", every), "solver": method,
         **events_of(events, start.events, step),
     }
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
-            count = steps_of(span, begin, None if step.binding.clocked else size)
+            count = steps_of(length, t0, None if step.binding.clocked else step_size)
             with progress_bar(count, quiet=as_json) as progress, capture_warnings() as captured:
                 done = integrate_to(step, state, out, arguments, resume=resume, progress=progress)
             trouble = done.trouble
@@ -173,11 +174,11 @@ def run(
                     trouble.add_note(message)  # a failure is one line on stderr
                 else:
                     warn(message)
-            result = result_of(start, step, done, begin)
+            result = result_of(start, step, done, t0)
             if tuning is not None:
                 result |= about_tuning(tuning)
-            if chosen is not None and chosen.exact is not None:
-                result |= axis_errors(chosen.exact, done.trajectory)
+            if paper_problem is not None and paper_problem.exact is not None:
+                result |= axis_errors(paper_problem.exact, done.trajectory)
             for key, targets in (("plot", [] if plot is None else [plot]), ("show", show)):
                 for target in targets:
                     try:
@@ -193,7 +194,7 @@ def run(
     if trouble is None and interrupts.requested:
         trouble = Stopped("Stopped while the report was made: the run is complete.",
                           interrupts.signal)
-    if isinstance(trouble, Stopped):  # to click a KeyboardInterrupt is one like another
+    if isinstance(trouble, Stopped):  # not raised: click takes it for any KeyboardInterrupt
         click.echo(f"gyrospark: {trouble}", err=True)
         return 128 + trouble.signal
     if trouble is not None:

@@ -180,7 +180,7 @@ def _stored(
         trouble, recording = error, open_recording(store)
     assert isinstance(recording, Recording)
     seconds = time.perf_counter() - started
-    shown = recording[:: -(-len(recording) // _SHOWN)]
+    shown = recording[:: -(-len(recording) // _SHOWN)]  # a sample of a long run, for plots
     last = recording[-1:]
     return RunOutcome(shown, last, seconds, recording.steps_done - before, str(store), trouble,
                 recording.ended_by,

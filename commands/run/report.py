@@ -46,7 +46,11 @@ def about_tuning(tuned: Tuned) -> dict[str, Any]:
 def result_of(
     start: RunDefaults, step: Stepper, done: RunOutcome, t0: float = 0.0
 ) -> dict[str, Any]:
-    """Return the report of a run that began at t0."""
+    """Return the report of a run that began at t0, as JSON values by name.
+
+    ``done.last`` has the end of the run and the report of all its steps, ``done.trajectory`` the
+    states that are kept. Of a stored run ``last`` is one state, which has no events.
+    """
     import numpy as np  # not for --help
 
     from ...core.real_types import REALS
@@ -87,23 +91,23 @@ def result_of(
     }
     if trajectory.has_motion_energy:
         with np.errstate(all="ignore"):  # the numbers of a failed run may be infinite
-            of_motion = abs(done.trajectory.energy_error(of_motion=True, stepper=step))
-        result["motion_energy_error_max"] = float(of_motion.max())
-        result["motion_energy_error_mean"] = float(of_motion.mean())
+            motion_errors = abs(done.trajectory.energy_error(of_motion=True, stepper=step))
+        result["motion_energy_error_max"] = float(motion_errors.max())
+        result["motion_energy_error_mean"] = float(motion_errors.mean())
     if REALS[step.manifest.real].wide:
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
         result["work"] = report.work
-    turning = fastest_rotation(done.trajectory)
-    if turning is not None:
-        result["radians_per_step"] = turning.radians
-        result["fastest_body"] = turning.body
+    rotation = fastest_rotation(done.trajectory)
+    if rotation is not None:
+        result["radians_per_step"] = rotation.radians
+        result["fastest_body"] = rotation.body
     if trajectory.quantities:
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
-    events = done.trajectory.events  # of a stored run the last state alone knows of none
+    events = done.trajectory.events
     impacts = done.trajectory.impacts
-    if impacts:
+    if impacts:  # then ``events`` are the same crossings, without impulses
         result["impacts"] = {name: {"t": [float(t) for t in hits.t],
                                     "impulse": [float(x) for x in hits.impulse],
                                     "energy_lost": [float(x) for x in hits.energy_lost]}
@@ -114,11 +118,12 @@ def result_of(
                             for name, crossings in events.items()}
     displacement = max(float(np.abs(np.subtract(x, x0)).max()) for x, x0 in (
         (done.trajectory.q[0], start.q0), (done.trajectory.p[0], start.p0)))
+    # the start was projected onto the constraints by more than round-off
     if displacement > _MOVED * max(map(abs, (*start.q0, *start.p0))):
         result["start_moved"] = displacement
     if done.ended_by is not None:
         result["ended"] = {"event": done.ended_by, "t": float(done.last.t[-1])}
-    if done.steps < report.steps:
+    if done.steps < report.steps:  # some steps of the store are from an earlier call
         result["resumed_at"] = report.steps - done.steps
         result["done_before"] = not done.steps and done.trouble is None
     if isinstance(done.trouble, StepFailed):

@@ -24,7 +24,7 @@ __all__ = ["arguments_of", "settings_of", "start_of", "started"]
 def started(
     problem: str, settings: tuple[str, ...], choice: dict[str, Any], *, scaled: bool = False
 ) -> tuple[Problem | None, Stepper, RunDefaults, float]:
-    """Return the problem if it is one of the paper's, the stepper, the numbers of the start, its t.
+    """Return the problem of the paper or None, the stepper, the defaults of the run, and t0.
 
     Systems in scaled time are refused unless ``scaled``.
     """

@@ -85,7 +85,7 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
     platform; GyrosparkError where a compiler fails.
     """
     purpose = f"Target fmu{version}"
-    compilers: dict[Platform, list[str]] = {}
+    compilers: dict[Platform, list[str]] = {}  # the one here for its own platform, else zig
     for choice in platforms:
         targets = (own_platform(version),) if choice == OWN else PLATFORMS[choice]
         targets = tuple(target for target in targets if target.folders[version - 2])

@@ -58,7 +58,7 @@ def files(
     if not bodies_of(manifest):
         raise InputError(f"The place of the bodies of {manifest.system.name!r} is a formula "
                          "of its coordinates, which a page does not evaluate; build target wasm.")
-    content = json.dumps(_content(manifest, options), allow_nan=False, ensure_ascii=False)
+    content = json.dumps(_page_data(manifest, options), allow_nan=False, ensure_ascii=False)
     page = read("page.html")
     for name, text in (("STYLE", page_file("view.css")), ("OWN_STYLE", read("page.css")),
                        ("DRAWING", compact(drawing())),
@@ -75,11 +75,15 @@ def _title(manifest: Manifest) -> str:
     return name[:1].upper() + name[1:]
 
 
-def _content(manifest: Manifest, options: Options) -> dict[str, Any]:
-    """Return the data for page.js: columns of bodies, names, numbers of the start."""
+def _page_data(manifest: Manifest, options: Options) -> dict[str, Any]:
+    """Return the data for page.js by key: schemes, start, sliders, bodies and joints to draw.
+
+    A body has the indices of its coordinates in q, "a" and "b" of a joint are indices of bodies.
+    """
     system, bodies = manifest.system, bodies_of(manifest)
     velocities, spins = [], []
     for i, quantity in enumerate(velocities_of(manifest)):
+        # names of velocities begin with the name of their body; the longest one that fits
         owner = next((name for name in sorted(bodies, key=len, reverse=True)
                       if quantity.name.startswith(f"{name}_")), "")
         text = quantity.name.removeprefix(f"{owner}_")
@@ -87,8 +91,9 @@ def _content(manifest: Manifest, options: Options) -> dict[str, Any]:
             spins.append(i)
         velocities.append({"name": quantity.name, "body": owner, "unit": _unit(quantity.unit),
                            "text": text.replace("omega", "ω").replace("_", " ")})
-    fixed = {*re.findall(r"\w+", " ".join(system.constraints))}
-    numbered = {name: i for i, name in enumerate(bodies)} | {"": -1}
+    # a slider for a parameter of a constraint would move the start off the constraint
+    in_constraints = {*re.findall(r"\w+", " ".join(system.constraints))}
+    index_of = {name: i for i, name in enumerate(bodies)} | {"": -1}  # −1: the ground
     units = {quantity.name: quantity.unit for quantity in system.numbers}
     inputs = [*system.inputs]
     sliders = sorted(system.parameters.items(), key=lambda pair: pair[0] not in inputs)
@@ -100,18 +105,19 @@ def _content(manifest: Manifest, options: Options) -> dict[str, Any]:
         "hash": [stepper.manifest.hash for stepper in options.steppers],
         "conserves": not system.forces and system.time is None,
         "schemes": schemes_of(options), "start": start_of(manifest, options),
+        # more constraints than |q|² = 1 of each body: a coordinate alone cannot be moved
         "jointed": len(system.constraints) > len(bodies),
-        "curves": 3 if system.constraints else 1,
+        "curves": 3 if system.constraints else 1,  # errors of H, g and f
         "velocities": velocities, "spins": spins,
         "numbers": [{"name": name, "domain": domain,
                      "role": "input" if name in inputs else "parameter",
                      "unit": _unit(units.get(name))}
-                    for name, domain in sliders if name not in fixed],
+                    for name, domain in sliders if name not in in_constraints],
         "bodies": [{"name": name, "q": body.q, "x": body.x, "origin": body.origin,
                     "centre": body.centre, "inertia": body.inertia, "mass": body.mass}
                    for name, body in bodies.items()],
         "ties": [{"name": name, "kind": kind, "slides": kind == "hinge" and joint.pulls is None,
-                  "a": numbered[joint.a], "b": numbered[joint.b], "onA": joint.on_a,
+                  "a": index_of[joint.a], "b": index_of[joint.b], "onA": joint.on_a,
                   "onB": joint.on_b, "axis": joint.axis_b or None}
                  for name, (kind, joint) in drawn_joints(manifest).items()],
         "meshes": encoded_solids(), "wasm": _MODULE,
