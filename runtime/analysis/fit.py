@@ -139,6 +139,7 @@ def with_sigma(value: float, sigma: float) -> str:
         return f"{value:.6g} (not determined)"
     if sigma == 0:
         return f"{value:.9g}"
+    # as many digits as lead to the second one of sigma
     digits = max(1, min(15, int(np.floor(np.log10(abs(value) or sigma))
                                 - np.floor(np.log10(sigma))) + 2))
     return f"{value:.{digits}g} ± {sigma:.2g}"
@@ -444,6 +445,7 @@ def fit(
     run = _first_run(stepper, first_guess, step_size, int(sample_steps[-1]), inputs)
     fitting = Fitting(stepper, observation, run, sample_steps, samples, np.ones(1), names, starts,
                       (t0, times) if clocked else None)
+    # a fit moves parameters in doubles; inputs that change have no one number
     guess = {name: float(x) for name, x in run.parameters.items()
              if name in stepper.parameter_domains
              and not (run.inputs is not None and name in stepper.binding.input_names)}
@@ -609,6 +611,7 @@ def _result(
     # a direction that the data fix no better than the error of Δt is not determined by them
     noise_with_truncation = float(np.hypot(noise,
                                            np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))))
+    # by the parameters themselves, not by the coordinates that steps move
     linear = fitting.scaled(point, r, J, coordinates.scales(point.parameters))
     identified = identify(linear, noise_with_truncation)
     covariance = identified.covariance * noise**2
@@ -625,6 +628,7 @@ def _start_sizes(point: Point) -> Array:
 
     At a start with q = 0 or p = 0: the largest |q| or |p| of the samples.
     """
+    # a body at rest has p = 0, and no relative change of it
     start_norms = np.repeat([np.linalg.norm(x) for x in (point.q, point.p)], len(point.q))
     return np.where(start_norms > 1e-6 * point.sizes, start_norms, point.sizes)
 

@@ -52,6 +52,7 @@ class Inertia:
             K = np.zeros((3, 3))
             K[np.triu_indices(3)] = inertia_entries
             J = np.linalg.inv(K + np.triu(K, 1).T)
+        # a J of no body has a negative second moment: it is raised to the least share
         second_moments, axes = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J)
         lowest = least_share * abs(float(np.trace(J)))
         if second_moments[0] < lowest:
@@ -101,6 +102,7 @@ class Coordinates:
         moved_parameters = dict(parameters)
         for body in self._bodies:
             L = body.factor(parameters)
+            # bodies that are well inside keep the bits of their parameters
             if not np.array_equal(L, inner := body.factor(parameters, _INSIDE)):
                 moved_parameters.update(zip(body.names, body.parameters_of(inner)[0], strict=True))
         return moved_parameters

@@ -277,6 +277,8 @@ class Benettin:
             raise InputError(f"Directions are not finite after {step:,} steps; give an every below "
                              f"{self.run.every}, or a smaller dt.")
         sizes = np.linalg.norm(c, axis=0)
+        # Ω(v_i, v_j) of the directions now, less those at the last decomposition: 0 of a symplectic
+        # map
         change = c.T @ self.frame.J @ c - before.T @ form @ before
         self.defect = max(self.defect, float(np.abs(change / np.outer(sizes, sizes)).max()))
         if self.full:
@@ -302,6 +304,7 @@ class Benettin:
             self.factors.append(R)
 
     def _frame(self, step: int, q: Array, p: Array) -> UnitaryFrame:
+        # the state after the last step has the inputs of that step
         run = self.run.at_step(min(step, self.run.steps - 1))
         t = self.run.t0 + step * self.run.dt
         return UnitaryFrame(self.binding, run.parameters, t, q, p)
@@ -328,6 +331,7 @@ class Benettin:
         """
         logs, dt = np.array(self.logs), abs(float(self.run.dt))
         times = np.array(self.ends) * dt
+        # the last interval may be shorter than the others
         lengths = np.diff(times, prepend=0.0)
         running = np.cumsum(logs, axis=0) / times[:, None]
         Y = 2 * np.cumsum(logs[:, 0] * (times - lengths / 2)) / times

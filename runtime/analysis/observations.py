@@ -70,6 +70,8 @@ class Observation:
             For data of another shape, for NaN, and for quaternions that are no attitudes.
         """
         samples = as_numbers("data", data)
+        # one number a sample is one column; bodies side by side, (rows, bodies, 4), are their
+        # columns
         if samples.ndim == 1 and rows != 1:
             samples = samples[:, None]
         elif samples.ndim == 3:
@@ -226,6 +228,7 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
                           " or a function of (q, p)")
     if not names:
         raise InputError("observe names nothing; give for example observe=\"attitude\".")
+    # in the order of the columns of data: attitudes, angular velocities, numbers of the state
     labels = [*(coordinates[i] for body in attitudes for i in body),
               *(f"{name}_omega{axis}" for name in turning for axis in (1, 2, 3)),
               *(state_names[i] for i in columns)]

@@ -254,6 +254,7 @@ class OrbitSearch:
                 gaps.append(guess.size)
         if report is not None:
             report(len(gaps) - 1)
+        # |∂Φ^N/∂h h| = |v| T: an equilibrium closes after any period
         path_length = float(np.linalg.norm(self._tangents(guess)[2]) * abs(float(guess.dt)))
         if not self.time_dependent and path_length <= _STILL * self._scale(guess):
             raise GyrosparkError("Newton's method came to an equilibrium, which is no orbit; fix "
@@ -329,6 +330,7 @@ class OrbitSearch:
     def _moved_guess(self, guess: Guess, B: Array, increment: Array) -> Guess | None:
         """Return the guess after an increment; None if dt changes sign or the run fails."""
         binding, dim = self.stepper.binding, B.shape[1]
+        # behind dy come dh, unless the period is fixed, and dθ, if a parameter is free
         further_increments = list(increment[dim:])
         dt = guess.dt
         if "period" not in self.fixed:
@@ -444,6 +446,7 @@ class OrbitSearch:
         omega = B.T @ canonical_form(self.stepper.n) @ B
         defect = float(np.abs(M.T @ omega @ M - omega).max() / max(np.abs(M).max(), 1.0) ** 2)
         multipliers = np.linalg.eigvals(M).astype(complex)
+        # rounded, so that the two of a conjugate pair stay next to each other
         order = np.lexsort((-multipliers.imag, np.round(multipliers.real, 6),
                             -np.round(np.abs(multipliers), 6)))
         return PeriodicOrbit(

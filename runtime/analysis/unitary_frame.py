@@ -91,6 +91,7 @@ def tangent_projection(
             for derivatives in binding.constraint_derivatives(parameters, q, p))
     G, unit = g[:, :n], np.eye(n)
     position_projection = unit - G.T @ np.linalg.solve(G @ G.T, G)
+    # dp ← dp − Gᵀ W⁻¹ (f_q dq + f_p dp), W = f_p Gᵀ
     lift = G.T @ np.linalg.inv(f[:, n:] @ G.T)
     projection = _blocks(position_projection, unit - lift @ f[:, n:])
     projection[n:, :n] = -lift @ f[:, :n] @ position_projection

@@ -90,6 +90,7 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
     except ValueError as error:
         raise InputError(f"{name} {_unequal_rows(value)}; give an array of numbers, with rows of "
                          "equal length.") from error
+    # numbers of NumPy's kinds, or an array of objects each of which is a number
     strange = [array.dtype] if array.dtype.kind not in "fiuO" else [
         type(x).__name__ for x in array.flat if exact(x) is None] if array.dtype == object else []
     if strange:
@@ -101,6 +102,7 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
 
 def _unequal_rows(value: Any) -> str:
     """Return how the rows of a ragged sequence differ: the first whose length is another."""
+    # None stands for a number in place of a row
     lengths = [len(row) if hasattr(row, "__len__") else None for row in value]
     row = next((i for i, length in enumerate(lengths) if length != lengths[0]), None)
     if row is None:

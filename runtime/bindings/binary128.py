@@ -97,6 +97,7 @@ def _encoded(value: Any) -> int:
     if not hasattr(value, "_mpf_"):
         value = quad(value)
     sign, mantissa, exponent, length = value._mpf_
+    # mpmath has 0, NaN and infinity without a mantissa
     if not mantissa:
         if exponent == 0:
             return 0
@@ -115,6 +116,7 @@ def _rounded(mantissa: int, shift: int) -> int:
     """Return mantissa/2^shift rounded to nearest, ties to even."""
     quotient, remainder = mantissa >> shift, mantissa & ((1 << shift) - 1)
     half = 1 << (shift - 1)
+    # ties go to the even quotient
     up = remainder > half or (remainder == half and quotient % 2 == 1)
     return quotient + 1 if up else quotient
 

@@ -126,6 +126,7 @@ class QuadBinding(Binding):
     ) -> OptionStruct:
         """Return the options struct; tolerance None means down to round-off."""
         block = _Block(self.ffi, f"{self.name}_options")
+        # the tolerance is the first field; the others have types that cffi knows
         block.write(0, binary128.pack([tolerance or 0.0]))
         block.pointer.max_iterations = min(max_iterations, 2**31 - 1)
         block.pointer.solver = SOLVERS[solver]
@@ -205,6 +206,7 @@ class _Box:
     def read_back(self) -> None:
         """Put the numbers that changed into the array."""
         after, size = self.memory.tobytes(), binary128.BYTES
+        # only what C has changed is decoded, which takes longer than most calls
         if after == self.before:
             return
         for index, i in enumerate(range(0, len(after), size)):

@@ -142,6 +142,7 @@ class Binding(Compiled):
         """
         if not self.clocked:
             return q, p
+        # H needs t in its place before e = −H can be computed
         full_q, full_p = (np.concatenate([x, self.new(len(q), 1)], axis=1) for x in (q, p))
         full_q[:, -1] = self.converted(t)
         full_p[:, -1] = -self.hamiltonian(parameters, full_q, full_p)
@@ -210,6 +211,7 @@ class Binding(Compiled):
         if sets == 1:
             function(parameters, rows, *self._times(t), *arrays)
             return g, f
+        # each struct has a group of rows of its own
         widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
         for i in range(sets):
             pointers = [array + i * width for array, width in zip(arrays, widths, strict=True)]

@@ -149,11 +149,13 @@ class Compiled:
         if function is None:
             compiled = self._function(name)
             compiled = checked(compiled) if self._newton_apart else compiled
+            # looked up once for all calls
             function = self._functions[name] = on_large_stack(compiled, self.frames)
         return function
 
     def _function(self, name: str) -> Callable[..., Any]:
         function: Callable[..., Any] = getattr(self.lib, f"{self.name}_{name}")
+        # cffi takes all other numbers as they are
         if self.dtype is not np.longdouble:
             return function
         return lambda *arguments: function(*map(self._passed, arguments))

@@ -80,6 +80,7 @@ class InputRows:
         """
         rows = self.values[0]
         first = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)
+        # NaN in the number type of the inputs
         changing = 0 * (first[0] if len(rows) else 1.0) + np.nan
         return {name: x if (rows[:, i] == first[i]).all() else changing
                 for i, (name, x) in enumerate(zip(self.names, first.tolist(), strict=True))}
@@ -98,6 +99,7 @@ class InputRows:
         Entry i is of run ``runs[i]`` from its step ``steps[i]`` on; behind the last row it repeats.
         """
         step_numbers = steps[:, None] + np.arange(count)
+        # the last row holds for all later steps
         rows = np.minimum(step_numbers // self.hold if self.hold else 0 * step_numbers,
                           self.values.shape[1] - 1)
         owner = runs[:, None] if len(self.values) > 1 else 0

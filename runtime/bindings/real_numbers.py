@@ -50,6 +50,7 @@ def from_text(value: Any, real: RealName) -> Any:
     """
     if type(value) not in (int, float) and not (REALS[real].wide and type(value) is str):
         raise ValueError(f"{value!r} is no number")
+    # a file could name an integer that takes the memory of the machine
     if type(value) is int and abs(value) >= 2**63:
         raise ValueError("an integer is huge")
     if not REALS[real].wide:

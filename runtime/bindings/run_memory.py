@@ -161,6 +161,7 @@ class Rows:
 
     def with_room(self, binding: Compiled, rows: int) -> Rows:
         """Return these rows in memory for so many."""
+        # an array that compiled code writes to cannot grow in place
         larger = Rows.allocate(binding, rows)
         larger.assign(np.s_[: len(self.iterations)], self)
         return larger

@@ -156,6 +156,7 @@ def bodies_of(manifest: Manifest) -> dict[str, BodyAt]:
             _vector(system, key, body.origin or (0.0, 0.0, 0.0), 3),
             _vector(system, key, body.centre, 0, 3),
             None if body.mass is None else _vector(system, key, [body.mass], 1)[0])
+    # a user's system with rigid_body=True has the coordinates and parameters of the paper's body
     if system.rigid_body and not bodies:
         bodies["body"] = BodyAt([0, 1, 2, 3], ["I1", "I2", "I3"], [], [0.0, 0.0, 0.0], [], None)
     return bodies
@@ -185,6 +186,7 @@ def joints_of(manifest: Manifest) -> dict[str, JointAt]:
             raise UnfitError("has other bodies", path)
         vectors = {key: _vector(system, path, getattr(joint, key), 0, length)
                    for key, length in _VECTORS.items()}
+        # a force that is not known leaves the force of the whole joint unknown
         pulls = [_pull(system, path, key, pull) for key, pull in joint.constraints.items()]
         forces = [pull for pull in pulls if pull is not None]
         a, b = joint.bodies
@@ -226,6 +228,7 @@ def built_inertias(system: SystemManifest) -> dict[str, tuple[str, ...]]:
 
     Those of another system may be effective moments, which fluid or rotors add to.
     """
+    # a system of one rigid body may have effective moments
     entries = {} if system.rigid_body else {
         name: body.inertia or body.inverse_inertia for name, body in system.bodies.items()}
     return {name: names for name, names in entries.items() if {*names} <= system.parameters.keys()}

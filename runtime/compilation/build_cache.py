@@ -80,6 +80,7 @@ def _usable(folder: Path) -> Path:
         cure = (f"a folder that only you can write to, or chown and chmod go-w "
                 f"{shlex.quote(str(folder))}")
         if not why:
+            # permissions do not tell whether files can be made: a folder that is made does
             with tempfile.TemporaryDirectory(prefix=_BUILD, dir=folder):
                 return folder
     except OSError as error:
@@ -228,6 +229,7 @@ def read_cache(name: str) -> Any:
     try:
         if not is_trusted(path):
             return None
+        # the digest finds what a damaged disk has changed
         proof, content = json.loads(path.read_text(encoding="utf-8"))
         return content if proof == digest(content) else None
     except (OSError, ValueError, TypeError, RecursionError):

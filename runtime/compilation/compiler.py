@@ -101,6 +101,7 @@ class Compiler:
         flags = [level, *SPEED_FLAGS]
         if self.portable:
             return [*flags, "-fPIC"]
+        # on ARM and POWER the option that names a CPU is -mcpu
         native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
         return [*flags, native, "-fPIC"]
 
@@ -226,6 +227,7 @@ def compile_module(
     if compiler.is_gcc:
         _replace_permutations([command for command, _ in running], folder)
     linked = ["wrapper.o", *(command[-1] for command, _ in objects)]
+    # linked once all objects are there
     target = folder / (module_name(name) + extension_suffix())
     link = [*compiler.command, *compiler.link_flags, *linked, "-lm", "-o", target.name]
     _end([_start(link, folder)])
@@ -258,6 +260,7 @@ def _start_objects(
         (inside / f"{name}.c").write_text(
             with_inline_functions(source) if object_file.sparse
             else source + check_text(own_checks, source), encoding="utf-8")
+        # second derivatives compute with dual numbers
         on_duals = compiler.is_gcc and "typedef _Complex" in source
         options = [*object_file.flags, *compiler.lower_flags.get(object_file.level, ()),
                    *more_flags, *(DUAL_FLAGS if on_duals else ())]

@@ -56,6 +56,7 @@ def prebuilt_module(files: dict[str, str], module_kind: ModuleKind) -> Path | No
     """
     for name, about in _modules().items():
         path = FOLDER / name
+        # found by the text that it was made of, whatever the stepper is called
         if (about["source"], about["part"]) == (digest(files), module_kind) and path.is_file():
             return path if about["sha256"] == _checksum(path) else None
     return None

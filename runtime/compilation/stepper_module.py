@@ -45,6 +45,7 @@ def load_module(name: str, files: dict[str, str], module_kind: ModuleKind = "run
         if path := prebuilt_module(files, module_kind):
             return import_module(name, path)
         raise
+    # at -O0 one module has all functions
     in_runs = module_kind == "lanes" and is_whole()
     module = _load_compiled(name, files, compiler, "runs" if in_runs else module_kind)
     return module if module_kind == "newton" else connect(

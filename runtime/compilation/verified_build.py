@@ -55,6 +55,7 @@ def compile_verified(
         inside = folder / str(number)
         inside.mkdir()
         built, checks = compile_module(name, files, compiler, inside, module_kind, flags)
+        # the module is loaded from its build folder, before it is published
         mismatches, compared, unchecked = differences(
             loaded(name, built, compiler, module_kind), checks, real)
         if not mismatches:

@@ -103,6 +103,7 @@ class CudaDevice:
     def view(self, array: Any) -> View:
         """Return an array of another library; what it has begun there is waited for."""
         foreign = self._cuda.view.from_any_interface(array, stream_ptr=int(self._stream.handle))
+        # in numbers, not in bytes
         strides = foreign.strides
         if strides is None:  # C order
             strides = tuple(int(np.prod(foreign.shape[k + 1:])) for k in range(len(foreign.shape)))

@@ -68,6 +68,7 @@ def cuda_text(name: str, files: Mapping[str, str]) -> str:
         Its header and source by their names.
     """
     source = complete(files)[f"{name}.c"]
+    # NVRTC compiles one text, without files beside it
     text = _INCLUDE.sub("", source.replace(f'#include "{name}.h"\n', files[f"{name}.h"]))
     of_card = Path(__file__).with_name("trajectories.cu").read_text(encoding="ascii")
     functions = re.compile(

@@ -115,6 +115,7 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
     manifest, n = stepper.manifest, stepper.n
     arguments = {name: value is not None and not (isinstance(value, tuple | list) and not value)
              and name for name, value in absent.items()}
+    # a card has the fixed-point iteration and exact flows, and no Newton's method
     iterated = manifest.fast_path.available or not stepper.binding.solves
     refuse_together(
         cuda="device = 'cuda'", **arguments, newton=solver == "newton" and f"solver {solver!r}",

@@ -94,6 +94,7 @@ class Trajectories:
             window = self._window(row, min(rows, first.rows + 1 - row))
             end = min((row + window.q.shape[0] - 1) * first.every, first.steps)
             if row == 0:
+                # no step: stores the start
                 self._advance(0, 0, window)
             # launches of a fraction of a second, so that Ctrl-C is heard
             while step_count < end and not stop():
@@ -194,6 +195,7 @@ class DeviceStates(EnsembleStates):
         t = binding.times(run.t0, run.dt, run.steps_of_rows(step_count)).astype(binding.dtype)
         q, p = self.rows.q[i, :rows], self.rows.p[i, :rows]
         H = binding.hamiltonian(parameters, q, p, t).astype(float)
+        # the work is not known, and the energy error with it
         errors = np.abs(H - H[0] - (np.nan if binding.has_forces else 0))
         g, f = defect_sizes(binding, parameters, q, p, t)
         return cast(RunRecord, SimpleNamespace(

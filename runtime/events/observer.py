@@ -259,6 +259,7 @@ class Observer:
     def _row_to(self, state: RunState, event: Crossings) -> Rows:
         """Return the row of the partial step from the state before an event to the event."""
         stepper, run, binding = self._stepper, self._run, self._binding
+        # counted from the start of the run, as the crossing's time is
         t0 = binding.times(run.t0, run.dt, event.steps)
         partial_step = event.elapsed - binding.times(0 * run.t0, run.dt, event.steps)
         parameters = {name: np.array([value], binding.number_type)

@@ -151,6 +151,7 @@ def section(
     else:  # one stored state at the end: the points are those of the events
         count, _ = steps_of_all(steps, t_end, state.t, step)
         span = {"steps": count, "every": max(count, 1)}
+    # crossings are found in every step, stored or not
     ensemble = stepper.integrate_ensemble(
         Start(state.q, state.p, t=state.t), dt=dt, dtau=dtau, **span,
         parameters=state.parameters, solver=solver, workers=workers, events=event,

@@ -112,6 +112,7 @@ def _smaller_step(
     parameters, dt = binding.parameters(run.parameters, t), run.dt
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
     for _ in range(_HALVINGS):
+        # the state is not advanced: each try starts from it
         dt = dt / 2
         if not binding.step(parameters, options, dt, q, p, binding.work())[0]:
             return float(dt), float(dt)
@@ -137,6 +138,7 @@ def _dependent_constraints(
     U, sizes, _ = np.linalg.svd(G / lengths)
     if len(sizes) == binding.m and sizes[-1] > _DEPENDENT * sizes[0]:
         return ""
+    # the combination of the gradients that vanishes
     weights = np.abs(U[:, -1])
     names = [name for name, w in zip(numeric.constraint_names, weights, strict=True) if w > 0.01]
     return ", ".join(repr(name) for name in names)

@@ -186,6 +186,7 @@ def fill_ensemble(
     Where threads would cost more than they gain, the calling thread takes all batches. ``report``
     is called in it, with the sum of the steps of all runs so far.
     """
+    # no more threads than batches
     workers, first = min(threads, len(computed.reports)), computed.runs.first
     if workers == 1 or len(computed.runs) * first.steps * computed.binding.n < _FEW_NUMBERS:
         def stop_and_report() -> bool:

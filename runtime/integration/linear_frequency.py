@@ -83,6 +83,7 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
     if not np.isfinite(tangents).all():
         return None
     U, lengths, _ = np.linalg.svd(tangents)
+    # directions that the projection removes have singular values of round-off
     basis = U[:, lengths > _SHARE * lengths[0]]
     M = np.array([basis.T @ ((end(projected(start + _NUDGE * scale * e))
                               - end(projected(start - _NUDGE * scale * e))) / scale / (2 * _NUDGE))

@@ -123,6 +123,7 @@ def refuse_broken(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any])
 
 def _value(terms: Polynomial, parameters: Mapping[str, Any]) -> Fraction | None:
     """Return the value of a polynomial; None where a parameter is not finite."""
+    # exactly: equal doubles are equal fractions
     total = Fraction(0)
     for factor, powers in terms:
         for name, power in powers.items():

@@ -236,6 +236,7 @@ def merged_starts(
         start = as_start(starts)
         if not impacts:
             _refuse_impacts(start)
+        # a list has a dict for each trajectory; one dict has numbers and columns
         rows_or_columns = ([start_parameters(stepper.parameter_domains, start, entry)
                             for entry in entries]
                            if isinstance(entries, Sequence)

@@ -31,6 +31,7 @@ def draw_exponents(lyapunov: Lyapunov, path: str | os.PathLike[str] | None) -> A
         label = rf"$\lambda_{{{i + 1}}}$ = {lyapunov.exponents[i]:.4g}"
         exponent_axes.plot(t, exponent, linewidth=1, label=label)
     exponent_axes.axhline(0, color="#7f8c8d", linewidth=0.6)
+    # the first means are far off, and must not set the scale
     largest = np.abs(lyapunov.running[len(lyapunov.times) // 20 :]).max()
     exponent_axes.set_ylim(-1.3 * largest - 1e-3, 1.3 * largest + 1e-3)
     exponent_axes.set_ylabel("exponents so far [1/s]")

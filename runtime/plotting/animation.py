@@ -70,6 +70,7 @@ def animate(
     choose("shape", shape, DRAWN)
     frames, writer = _frames(seconds, fps), _writer(target, fps)
     scene = scene_of(trajectory, max(frames, _TRACE))
+    # fewer stored states than pictures make a shorter film
     shown_frames = np.unique(np.linspace(0, len(scene.t) - 1, frames).astype(int)).tolist()
     meshes: dict[str, IndexedMesh] = {}
     if shape == "auto":
@@ -138,6 +139,7 @@ class _Stage:
 
         FigureCanvasAgg(figure)
         self.scene = scene
+        # the camera stands still: it is placed so that these frames fit
         in_view = [*frames[::max(1, len(frames) // _IN_VIEW)], frames[-1]]
         self.drawing = SceneDrawing(scene, meshes, in_view, size=_SIZE)
         self.image = figure.figimage(np.zeros((*_SIZE[::-1], 3), np.uint8), 0, _SIZE[1] // 4)

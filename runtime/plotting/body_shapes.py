@@ -104,6 +104,7 @@ def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float
     if inside and not slim and any(joint.outer for joint in joints) and any(
             np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges):
         return list(_ring(body, hinges, thick))
+    # bars from the centre to joints outside of the body
     points = np.array([joint.at for joint in joints]).reshape(-1, 3)
     arms = list(_arms(body, points, thick, body.centre))
     span = max((float(np.linalg.norm(a - b)) for a in points for b in points), default=0.0)

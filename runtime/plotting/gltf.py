@@ -164,6 +164,7 @@ class _Document:
         self.meshes.append({"name": name, "primitives": list(self._primitives(shapes, colour))})
         for path, channel in motion.items():
             node[path] = channel[0].tolist()
+            # what stays is in the node itself
             if np.ptp(channel, axis=0).any():
                 self.channels.append({"sampler": len(self.samplers), "target": {
                     "node": len(self.nodes), "path": path}})
@@ -178,6 +179,7 @@ class _Document:
             shape_colour = shape.colour or colour
             if shape.file:  # without normals it is flat
                 mesh = self.mesh_files[shape.file]
+                # a mirrored mesh has its corners in the other order
                 faces = mesh.triangles if np.prod(shape.size) > 0 else mesh.triangles[:, ::-1]
                 accessor = self._numbers(shape.centre + mesh.points * shape.size @ shape.axes.T,
                                          "<f4", _VERTICES)
@@ -203,6 +205,7 @@ class _Document:
 
 def _scalar_last(q: Array) -> Array:
     """Return unit quaternions scalar last, with signs that make them continuous in time."""
+    # viewers interpolate numbers, and between q and −q that is a full turn
     signs = np.cumprod(np.append(1.0, np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0)))
     unit: Array = q * (signs / np.linalg.norm(q, axis=1))[:, None]
     return unit[:, [1, 2, 3, 0]]

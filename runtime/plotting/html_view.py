@@ -114,6 +114,7 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     choose("shape", shape, DRAWN)
     choose("meshes", meshes, MESHES)
     target = None if path is None else check_page(path)
+    # seven floats of four bytes for the pose of a body, and two numbers a frame
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
     plain = scene_of(trajectory, count)
     scene, mesh_files = with_visuals(trajectory, plain, meshes)
@@ -161,6 +162,7 @@ def with_visuals(
 
 def _page(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> str:
     """Return the document: styles, script and scene in one."""
+    # "</script>" in a name would end the script
     content = json.dumps(_content(scene, shape, meshes), allow_nan=False).replace("<", "\\u003c")
     page = page_file("view.html")
     for name, text in (("STYLE", page_file("view.css")),

@@ -127,6 +127,7 @@ def encoded(mesh: IndexedMesh) -> Mapping[str, Any]:
     turned = np.take_along_axis(
         triangles, (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3, axis=1)
     corners = turned[np.lexsort(turned.T[::-1])].ravel()
+    # differences of sorted numbers are small, and small numbers deflate well
     data = (np.diff(points, axis=0, prepend=0).T.astype("<u2").tobytes()
             + np.diff(corners, prepend=0).astype("<u4").tobytes())
     return {"low": low.tolist(), "width": width.tolist(), "vertices": len(points),

@@ -31,6 +31,7 @@ def draw_body(body: BodyMotion, run: Trajectory, path: str | os.PathLike[str] | 
               euler: str, degrees: bool) -> Any:
     """Draw Euler angles, angular velocity, position and momentum of a body against time."""
     unit = "°" if degrees else "rad"
+    # without jumps by full turns
     angles = np.unwrap(body.euler(euler, degrees=degrees), axis=0,
                        period=360 if degrees else 2 * np.pi)
     # A panel for each: the angle of spin grows by turns, beside which nutation is a straight line.
@@ -71,6 +72,7 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
             raise InputError(f"System {run.manifest.system.name!r} has no coordinate "
                              f"{shown(name)}; it has {', '.join(run.coordinates)}"
                              f"{proposal(name, run.coordinates)}.")
+    # a coordinate that stays is one point
     moving = [name for name, q in zip(run.coordinates, run.q.T, strict=True) if (q != q[0]).any()]
     chosen = names or (moving or run.coordinates)[:_PORTRAITS]
     column_count = min(len(chosen), 3)

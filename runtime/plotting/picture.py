@@ -272,6 +272,7 @@ def _widest(scene: Scene) -> int:
     """Return the latest frame at which the extent of the scene is within 2 % of its maximum."""
     frames = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
     points = scene.points(frames)
+    # the diagonal of the box around all points
     extent = np.linalg.norm(np.ptp(points, axis=1), axis=1)
     return int(frames[np.flatnonzero(extent >= 0.98 * extent.max())[-1]])
 
@@ -368,6 +369,7 @@ def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
     for shape in (*scene.ground, *scene.joints_on(-1, reach)):
         mesh = mesh_of_file(shape, files[shape.file]) if shape.file else mesh_of(shape)
         yield replace(mesh, light=0 * mesh.light), colour_of(shape.colour or STAND), 1.0
+    # many bodies are small on the picture
     around = (COARSE,) * (sum(len(body.shapes) for body in scene.parts) > _COARSE)
     for i, body in enumerate(scene.parts):
         R, x = rotation_matrix(body.q[frame]), body.x[frame]
@@ -466,6 +468,7 @@ def _rail(scene: Scene, tie: Tie, frame: int, radius: float) -> Shape:
     R = [np.eye(3) if tie.b < 0 else rotation_matrix(scene.parts[tie.b].q[k]) for k in frames]
     axes = np.array([turn @ axis for turn in R])
     starts = np.array([_point_in_space(scene, int(k), tie.a, tie.on_a) for k in frames])
+    # along the axis, which may turn with its body
     travel = np.einsum("ij,ij->i", places - starts, axes)
     now = int(np.argmin(np.abs(frames - frame)))
     end = 4 * radius

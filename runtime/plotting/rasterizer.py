@@ -250,6 +250,7 @@ def _outline(
     edge = np.zeros(solid_of_pixel.shape, dtype=bool)
     for axis in (0, 1):
         for shift in (1, -1):
+            # −1 is the background, −2 a line without light
             neighbour = np.roll(solid_of_pixel, shift, axis)
             in_front = depth >= np.roll(depth, shift, axis)
             edge |= (solid_of_pixel >= 0) & (neighbour != solid_of_pixel) & (neighbour != -2) & (
@@ -289,6 +290,8 @@ class _Lamp:
         """Return the share of the lamp that is visible from each point, from 0 to 1."""
         shadow_pixels = self._pixels(points + normals * self._bias * 0.6)
         unshadowed = np.zeros(len(points))
+        # nine samples of the depth soften the edge of a shadow; the bias keeps a surface from its
+        # own
         offsets = [(i, j) for i in (-1.2, 0.0, 1.2) for j in (-1.2, 0.0, 1.2)]
         for i, j in offsets:
             column = np.clip((shadow_pixels[:, 0] + i).astype(np.int64), 0, _LAMP - 1)
@@ -307,6 +310,7 @@ def _blurred(image: Array, radius: int) -> Array:
     """Return means over squares of 2 radius + 1 pixels."""
     for axis in (0, 1):
         padded = np.pad(image, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)])
+        # sums over a window as differences of cumulated sums, one axis after the other
         total = np.cumsum(padded, axis=axis)
         length = image.shape[axis]
         image = (np.take(total, np.arange(2 * radius + 1, 2 * radius + 1 + length), axis)

@@ -208,6 +208,7 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
     parts = [_scene_body(trajectory, name, state_indices) if name in bodies else
              _placed_body(trajectory, name, state_indices) for name in trajectory.bodies]
     error, t = trajectory.energy_error(), trajectory.t
+    # shapes are chosen last: joints and neighbours decide them
     up, ties = _up(trajectory), _ties(trajectory, parts)
     drawn = _with_shapes(parts, ties, _rolling(trajectory.manifest))
     return Scene(
@@ -347,6 +348,7 @@ def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None
     states determine no w.
     """
     state_indices = np.unique(np.linspace(0, len(trajectory) - 1, 60).astype(int))
+    # of the whole run: one state determines no direction
     q, p = (states[state_indices].astype(float) for states in (trajectory.q, trajectory.p))
     L = (left_matrix(q) @ p[..., None])[..., 0] @ axes / 2
     V = trajectory.energy()[state_indices].astype(float) - (L**2 / moments).sum(axis=1) / 2

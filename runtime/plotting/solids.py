@@ -62,6 +62,7 @@ def mesh_of(shape: Shape, around: int = _AROUND) -> Mesh:
     if shape.kind == "box":
         unit, scale = _box(shape.size), np.ones(3)
     elif shape.kind == "sphere":
+        # from pole to pole
         angles = np.linspace(0, np.pi, around // 3 + 1)
         unit = _revolved(_column(np.sin(angles), -np.cos(angles)), 4, around)
         scale = shape.size
@@ -103,6 +104,7 @@ def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
     """
     points = shape.centre + (mesh.points * shape.size) @ shape.axes.T
     corners = points[mesh.triangles]
+    # twice the area along the normal
     crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(crossed, axis=1, keepdims=True)
     flat = crossed / np.where(length, length, 1.0)

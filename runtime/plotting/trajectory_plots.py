@@ -220,6 +220,7 @@ def _constraints(axes: Any, trajectory: Trajectory) -> None:
     """Draw the constraint errors; exact zeros are drawn at the bottom."""
     shown_states = thin(trajectory)
     t = trajectory.t[shown_states].astype(float)
+    # a logarithmic axis has no 0
     floor = 1e-36 if REALS[trajectory.manifest.real].in_mpmath else 1e-18
     for errors, name, colour in zip(trajectory.constraint_errors(),
                                     ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
@@ -281,6 +282,7 @@ def draw_ensemble(
 ) -> Any:
     """Draw values against time, a line for each trajectory; see ``Ensemble.plot``."""
     first, count = ensemble.members[0], len(ensemble)
+    # spread evenly over all trajectories
     shown = np.unique(np.linspace(0, count - 1, min(count, _LINES)).astype(int))
     selection_note = f", {len(shown)} of them drawn" if len(shown) < count else ""
     default = [*(first.quantities or first.coordinates)[:_PANELS], "energy_error"]
@@ -304,6 +306,7 @@ def draw_values(
         colour = (0.27 + 0.5 * i / len(runs), 0.2 + 0.5 * (1 - i / len(runs)), 0.5)
         run_values = _plottable_values(run)
         for axes, name in zip(panels, value_names, strict=True):
+            # iterations belong to steps: one number fewer than states
             series = run_values[name]()
             axes.plot(run.t[-len(series):][shown_states].astype(float),
                       series[shown_states].astype(float), color=colour, linewidth=0.7)

@@ -72,6 +72,7 @@ class BeamMotion:
 
         The ends between two segments of a beam that stretches are the means of both.
         """
+        # the points of a and of b in turn, joint by joint
         fronts = np.stack([point for joint in self._inner for point in self._points(joint)],
                           axis=-2)
         first, last = self._inner[0], self._inner[-1]
@@ -212,6 +213,7 @@ class BeamMotion:
         if frame == "section":
             for k, joint in enumerate(self._sections):
                 q_a, q_b = self._attitudes(joint)
+                # q and −q are one attitude: the nearer one makes the mean of the shorter way
                 q = q_a + np.sign((q_a * q_b).sum(axis=-1, keepdims=True)) * q_b
                 q = q / np.linalg.norm(q, axis=-1, keepdims=True)
                 vectors[k] = turned(_conjugate(q), vectors[k])

@@ -71,6 +71,7 @@ class Crossings:
 
     def until(self, last: Crossings, dt: Any) -> Self:
         """Return the crossings up to ``last``, in a run with steps dt."""
+        # by steps, and within the last one by times
         step, later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
         return self._selected((self.steps < step) | (self.steps == step) & ~later.astype(bool))
 

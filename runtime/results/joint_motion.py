@@ -122,6 +122,7 @@ class JointMotion:
         """
         if not len(spans):
             return
+        # a turn by less than π has one angle, whatever the rates are
         ambiguous = np.abs(spans) * np.abs(rate).max() > np.pi
         steady = (np.abs(spans * np.diff(rate)) < _STEADY) & (np.abs(excess_turn) < _STEADY)
         if (ambiguous & ~steady).any():
@@ -143,6 +144,7 @@ class JointMotion:
         return self._rate(self._axes()[2])
 
     def _rate(self, e: Array) -> Array:
+        # ω_b − ω_a in space, of which the ground has none
         omega = np.zeros((*self._run.q.shape[:-1], 3))
         for name, sign in zip(self.bodies, (-1, 1), strict=True):
             if name:

@@ -53,6 +53,7 @@ def warn_of_missed_rate(trajectory: Trajectory) -> bool:
     worst = int(np.argmax(scaled)) if len(scaled) else 0
     if not constant.any() or not scaled[worst] > _WORSE**_ORDER * constant.max():
         return False  # without any, what moves has differences of round-off alone
+    # ``worst`` counts the coordinates and momenta that move
     name = [*trajectory.coordinates, *trajectory.momenta][np.flatnonzero(moves)[worst]]
     factor = (scaled[worst] / constant.max()) ** (1 / _ORDER)
     warn(f"Steps in scaled time resolve {name} at worst as constant steps {factor:.2g} times as "
@@ -69,6 +70,7 @@ def _divided(z: Array, t: Array) -> Array:
     differences = z
     for j in range(1, _ORDER + 1):
         differences = np.diff(differences, axis=0) * (j / (t[j:] - t[:-j]))[:, None]
+    # the shortest of the r steps that a difference spans
     shortest = np.abs(np.diff(t))
     for _ in range(_ORDER - 1):
         shortest = np.minimum(shortest[1:], shortest[:-1])

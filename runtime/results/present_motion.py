@@ -175,6 +175,7 @@ class PresentJoint(_SingleState, JointMotion):
 
     def _reaction(self) -> tuple[Array, Array]:
         """Return force and torque at the begin of the next step."""
+        # multipliers belong to a step: that from the present state, which is discarded
         force, torque = JointMotion(self._run.next_step(), self.name, self._at)._reaction()
         return force[0], torque[0]
 

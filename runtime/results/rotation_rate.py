@@ -136,6 +136,7 @@ class Rotations:
             return self._largest_of_one(parameters, _only(dt), q[0], p[0])
         columns = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
         as_number = partial(np.asarray, dtype=float)
+        # rotations along a frame that moves need not be resolved
         moves = [as_number(parameters[name]) != 0 for name in self._rates if name in parameters]
         dt = as_number(dt)
         largest, fastest, step = -1.0, "", 0.0
@@ -211,6 +212,7 @@ class Rotations:
         sampled = slice(None, 0, -max(1, count // LOOKED_AT))
         rows, momenta = q[:, sampled], p[:, sampled]
         each = rows.shape[1]
+        # of the same states as ``rows``: from the last one back, without the start
         steps = np.broadcast_to(dt, (len(q), count))[:, :: -1][:, :: max(1, count // LOOKED_AT)]
         self.warn({name: np.repeat(column, each) for name, column in parameters.items()},
                   steps.reshape(-1), rows.reshape(-1, rows.shape[2]),

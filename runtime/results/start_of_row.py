@@ -25,6 +25,7 @@ def start_of_row(
     for name, value in parameters.items():
         if name in inputs or value != value:  # an input that changes is no one number
             continue
+        # found anew for the moments of the new start
         if has_inertia(name, parameters) and value == gamma_by_rule(name, GAMMA_M, parameters):
             continue
         start_parameters[name] = value

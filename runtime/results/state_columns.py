@@ -80,6 +80,7 @@ def headings(
                    "reactions": system.velocity_constraint_names}
     numbered_by_array = {name: _numbered(name, shape, constraints.get(name, ()))
                          for name, shape in shapes.items()}
+    # headings that cannot be changed are taken first: "time", "energy", "multipliers0"
     used_headings = {label for name, labels in numbered_by_array.items()
                      if name not in system_labels for label in labels}
     headings_in_order = []
@@ -116,12 +117,14 @@ def places_of(
     """
     if columns is None:
         return [*range(len(titles))]
+    # name of an array → its columns; all quantities are one group
     groups: dict[str, list[int]] = {}
     first = 0
     for name, size in sizes.items():
         group = "quantities" if name.startswith(QUANTITY) else name
         groups.setdefault(group, []).extend(range(first, first + size))
         first += size
+    # a dict keeps the order and drops repeated columns
     places = {titles.index("time"): None}
     for column in [columns] if isinstance(columns, str) else as_items("columns", columns, "names"):
         pattern = as_text("columns", column)
@@ -144,6 +147,7 @@ def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> N
         lines = csv.writer(file)
         lines.writerow(titles)
         for arrays in blocks:
+            # neighbours of one type are converted to Python's numbers together
             groups = [[array.reshape(len(array), math.prod(array.shape[1:])) for array in group]
                       for _, group in groupby(arrays, key=lambda array: array.dtype)]
             for start in range(0, len(arrays[0]), _ROWS):

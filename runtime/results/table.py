@@ -110,6 +110,7 @@ class Table:
         """Yield the headings and the columns of each block, a column for each number of a state."""
         for index, arrays in self.read():
             count = len(next(iter(arrays.values())))
+            # an ensemble's block is of one trajectory, whose number becomes a column
             index_columns = {name: np.full(count, i)
                              for name, i in zip(self.along, index, strict=True)
                              if not isinstance(i, slice)}
@@ -223,6 +224,7 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
         single[f"parameter_{name}"] = (np.array([run.parameters[name] for run in members],
                                                 number_type),
                                        f"parameter {name}", "")
+    # one number for each trajectory
     no_dimensions: tuple[str, ...] = ()
     trajectory_table = Table(
         {"trajectory": len(members)}, dict.fromkeys(single, no_dimensions),
@@ -321,6 +323,7 @@ def as_frame(table: Table, selection: Any = None) -> pandas.DataFrame:
     """Return a table as a pandas DataFrame, a row a state, by trajectory and time."""
     pandas = _imported("pandas", "pandas", "Data frames")
     blocks = [dict(zip(*block, strict=True)) for block in table.columns(selection)]
+    # all blocks have the same columns
     frame = pandas.DataFrame({name: np.concatenate([block[name] for block in blocks])
                               for name in blocks[0]})
     return frame.set_index([name for name in ("trajectory", "time") if name in frame])
@@ -364,6 +367,7 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
 def _rows_of_event(event: Table, *, by_trajectory: bool) -> list[Array]:
     """Return the columns of an event for a file: trajectory if numbered, name, times, states."""
     name = next(iter(event.along)).removeprefix("event_")
+    # impacts have more columns than crossings, and one file has both
     columns = [array for column, array in event.whole().items()
                if not column.endswith(("_p_after", "_impulse", "_energy_lost", "_work"))]
     names = np.full(len(columns[-1]), spreadsheet_text(name))
@@ -407,6 +411,8 @@ def _write_netcdf(table: Table, path: Path) -> None:
         with h5netcdf.File(path, "w") as file:
             file.attrs.update({name: _plain(x) for name, x in table.attributes.items()})
             for part_table in (table, *table.parts):
+                # trajectories end after different numbers of states: the whole arrays have NaN
+                # there
                 blocks = part_table.read() if len(part_table.along) == 1 else iter([
                     ((slice(None),) * 2, part_table.whole())])
                 for index, arrays in blocks:

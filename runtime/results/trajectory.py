@@ -176,6 +176,7 @@ class Trajectory(Shown):
             if callable(states):
                 states = attributes["_states"] = states()
             array = value_of(_OUTPUTS[name], states)
+            # a caller may change what it gets, and must not change the states with it
             if any(np.may_share_memory(array, stored) for stored in states.arrays):
                 array = array.copy()
             return self.__dict__.setdefault(name, array)
@@ -218,6 +219,7 @@ class Trajectory(Shown):
             step = math.ceil(float(self.elapsed[index] / self.dt) - 1e-6) - 1
             inputs = dict(zip(self._inputs.names,
                               self._inputs.at(max(step, 0)).tolist(), strict=True))
+        # e is −H but for the error of the steps, which the next run continues with
         clocked = self.manifest.system.clock is not None
         excess = self.energies[index] + self.time_momentum[index] if clocked else 0.0
         return start_of_row(self.q[index].copy(), self.p[index].copy(), self.t[index],
@@ -252,6 +254,7 @@ class Trajectory(Shown):
         arrays = {output.attribute: getattr(self, output.attribute)[
             chosen[1:] - 1 if output.of_steps else chosen] for output in OUTPUTS}
         ahead, begin = (1 if self.dt > 0 else -1), self.t[row_range[0]]
+        # events behind the last row of the whole run belong to it
         end = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]
         events = {name: crossings.within(begin, end, ahead)
                   for name, crossings in self.events.items()}
@@ -592,6 +595,7 @@ class Trajectory(Shown):
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the arrays without the stepper."""
+        # another process has no compiled code to compute them
         arrays = {name: getattr(self, name) for name in (*_OUTPUTS, "report")}
         return {**self.__dict__, **arrays, "_stepper": None, "_states": None, "_read": None}
 

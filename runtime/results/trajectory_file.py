@@ -120,6 +120,7 @@ def load_npz(path: Path) -> Trajectory:
                     f"{about['format']}; this is gyrospark {__version__}, which reads format "
                     f"{_FORMAT}.")
             manifest = about["manifest"] = parse_manifest(about["manifest"])
+            # outputs that this version has and the file has not
             missing = [output.attribute for output in OUTPUTS
                        if output.attribute not in file and parts(output, manifest)]
             if missing and "t" in file:
@@ -164,6 +165,7 @@ def load_netcdf(path: Path) -> Trajectory:
                 arrays_of_output = [read(name)[output.of_steps :] for name in names]
                 arrays[output.attribute] = together(output, arrays_of_output, state_count,
                                                     real.dtype)
+        # every event has a variable event_NAME_elapsed
         affixes = ("event_", "_elapsed")
         events = [name[len(affixes[0]) : -len(affixes[1])] for name in file.variables
                   if name.startswith(affixes[0]) and name.endswith(affixes[1])]

@@ -282,6 +282,7 @@ class FreeRotation(_PreciseMotion):
         if not self._complement:
             root = mp.sqrt(-self._n)
             return (u + root * mp.atan(root * mp.tanh(u))) / (1 - self._n) - u
+        # R_J is used for |am| ≤ π/2 alone
         half_turns = mp.nint(am / mp.pi)
         remainder = am - half_turns * mp.pi
         remainder_integral = self._third_kind_on_quarter(mp.sin(remainder), mp.cos(remainder))
@@ -303,6 +304,7 @@ def free_motion(
     """
     I = [Fraction(x) for x in inertia]  # noqa: E741 (the paper's letter)
     w = [Fraction(x) for x in angular_velocity]
+    # the components of Ω × JΩ, exactly
     if any((I[a] - I[b]) * w[a] * w[b] for a, b in ((0, 1), (1, 2), (2, 0))):
         return FreeRotation(inertia, angular_velocity, attitude)
     return SteadyRotation(angular_velocity, attitude)

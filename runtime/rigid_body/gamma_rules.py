@@ -58,6 +58,7 @@ def gamma(inertia: InertiaLike, rule: Mean = "m") -> float:
 def mean_inertia(inertia: InertiaLike, rule: str = "m") -> float:
     """Return ``gamma`` of one of its rules."""
     two = rule.endswith("t")
+    # a mean of the two largest moments exists if the smallest is 0
     moments = _two_or_three(inertia) if two else principal_moments(inertia)
     mean = _arithmetic if rule.startswith("m") else _harmonic
     return _mean(inertia, moments, mean, largest=2 if two else 3)

@@ -102,6 +102,7 @@ class Problem:
     @property
     def start(self) -> Start:
         """Where a run of it starts; γ and α are by rule."""
+        # mgl of the free body, which a system without gravity does not have
         zero_parameters = {name for name, value in self.parameters.items() if value == 0}
         return Start(self.q0, self.p0, self.parameters).of_model(
             dict.fromkeys(("gamma", "alpha"), self.inertia), {}, frozenset(zero_parameters))

@@ -208,6 +208,7 @@ class Differentiation(Evaluation):
         run = self._single(start, p, dt, parameters, inputs)
         n = self.n
         shape = as_numbers("dq", dq).shape
+        # one direction as vectors, or k of them as columns
         flat = len(shape) == 1
         as_flag("project", project)
         dz = self._direction(dq, dp, d, shape[1] if len(shape) == 2 else 1)
@@ -284,6 +285,7 @@ class Differentiation(Evaluation):
         slope = step_slope(stepper, run, space, single_step.end, single_step.unknowns,
                            np.ascontiguousarray(space.projected(dz[:, None])[:, 0]), w)
         labels = [*binding.parameter_names, "dt", "t0"]
+        # inputs of one step are parameters of the module
         columns = [2 * n + labels.index(u) for u in binding.input_names]
         numbers = dict(zip(labels, slope[2 * n :].tolist(), strict=True))
         return Gradient(None, slope[:n].copy(), slope[n : 2 * n].copy(), space.normals,

@@ -126,6 +126,7 @@ class Dynamics(Differentiation):
         if joints is not None:
             return joint_inertia(motion, self._names("joints", joints))[0]
         H_pp = motion.inverse_mass()
+        # its inverse would have no right digit
         if np.linalg.cond(H_pp) * np.finfo(float).eps > 1:
             raise InputError(f"H_pp of {self.name} is singular at this state, so that velocities "
                              "do not determine momenta: there is no mass matrix of its "

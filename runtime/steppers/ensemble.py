@@ -321,6 +321,7 @@ def _with_last_parts(
                for name, of_steps in (("q", 0), ("p", 0), ("multipliers", 1), ("iterations", 1))}
     columns["t"] = np.concatenate([ensemble.t[:, :count], end], axis=1)
     for i in {*ensemble.failures, *parts.failures}:
+        # NaN in the stepper's own number type
         no_number = stepper.binding.new(1)[0] + np.nan
         for name in ("t", "q", "p", "multipliers"):
             columns[name][i, -1] = no_number

@@ -244,6 +244,7 @@ class Evaluation:
         """
         old, run = self._at_start(start, p, parameters, t)
         new = self._projected(*old, run)
+        # in scaled time the last coordinate is t
         numeric = CompiledConstraints(self.binding, self.manifest, run, old[0][-1])
         states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
         g, f = self.binding.defects(run, *map(np.ascontiguousarray, states))
@@ -254,6 +255,7 @@ class Evaluation:
         self, q: Array, p: Array, parameters: ParameterStruct
     ) -> tuple[Array, Array]:
         """Return the projected state: by compiled code, else by damped steps from Python."""
+        # C moves them in place
         q_near, p_near = q.copy(), p.copy()
         status = self.binding.project(parameters, q_near, p_near)
         if not status:

@@ -122,6 +122,7 @@ class RunDefaults:
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> RunDefaults:
         """Read the result of ``as_json``."""
+        # an event has no restitution
         events = tuple((Impact if "restitution" in entry else Event)(
             **entry | {key: _exact_number(entry[key]) for key in _EXACT if key in entry})
             for entry in content["events"])

@@ -525,6 +525,7 @@ class Simulation:
                              "one of its numbers. Start another one from sim.start, by "
                              "step.start(sim.start, parameters=...).")
         warn_of_negative(checked)
+        # these alone can move the state off its constraints
         deciding = stepper.manifest.system.start_parameters
         if any(checked[name] != continued.run.parameters[name] for name in deciding):
             refuse_inconsistent(continued.binding, stepper.manifest,

@@ -362,6 +362,7 @@ class Stepper(Dynamics):
             from ..integration.dense_output import stored_steps_at
 
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
+        # one warning of a kind for a run: of its start, or of its stored states
         warned = not run.steps or self._warned(run) or run.rows < 2
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
             if observed_events:
@@ -370,6 +371,7 @@ class Stepper(Dynamics):
                 trajectory = observed(self, run, observed_events, report, plan.end_event)
             else:
                 trajectory = integrate(self.binding, self.manifest, run, report)
+        # derivatives take the steps that it had
         run = run.until(trajectory.report.steps) if run.open_end else run
         if not warned:
             self.rotations.warn_of(trajectory)
