@@ -24,6 +24,7 @@ from ..schemes.system_differences import (
     time_input,
     vector,
 )
+from ..systems.elimination_order import Elimination
 from ..systems.jacobians import curvature, jacobian, transposed_product
 from ..systems.repeated_structure import ElementSystem, ElementTemplate, Structure
 from .condensation import condensation_of
@@ -72,7 +73,6 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         for f, form in enumerate(structure.constraint_templates):
             constraints[f]["kernels"] += emit.all(
                 f"constraint{f}", mean_constraint_kernels(form, scheme.discrete))
-    elimination = structure.elimination
     positions, band = _band(structure, scheme)
     condensed = condensation_of(structure, scheme, constraints)
     if condensed:
@@ -86,21 +86,26 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         blocks=blocks,
         covers_momenta=sorted(a for form in structure.templates for i in form.instances
                               for a in i.p) == list(range(structure.system.n)),
-        elimination={
-            "entries": elimination.entries,
-            "order": elimination.order,
-            "counts": [len(rows) for rows in elimination.rows],
-            "flat_rows": [row for rows in elimination.rows for row in rows],
-            "flat_targets": [slot for slots in elimination.targets for slot in slots],
-            "before_counts": [len(pairs) for pairs in elimination.before],
-            "before_rows": [row for pairs in elimination.before for row, _ in pairs],
-            "before_slots": [slot for pairs in elimination.before for _, slot in pairs],
-        },
+        elimination=_elimination_tables(structure.elimination),
         second=_second_derivatives(structure, energies, forces),
         positions=positions,
         band=band,
         condensed=condensed,
     )
+
+
+def _elimination_tables(elimination: Elimination) -> dict[str, Any]:
+    """Return the tables of the factors of W, pivot by pivot, as the template of C reads them."""
+    return {
+        "entries": elimination.entries,
+        "order": elimination.order,
+        "counts": [len(rows) for rows in elimination.rows],
+        "flat_rows": [row for rows in elimination.rows for row in rows],
+        "flat_targets": [slot for slots in elimination.targets for slot in slots],
+        "before_counts": [len(pairs) for pairs in elimination.before],
+        "before_rows": [row for pairs in elimination.before for row, _ in pairs],
+        "before_slots": [slot for pairs in elimination.before for _, slot in pairs],
+    }
 
 
 def _form(name: str, form: ElementTemplate, index: dict[int, int]) -> dict[str, Any]:

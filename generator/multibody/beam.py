@@ -45,8 +45,8 @@ from .joints import (
 )
 from .rigid_body import rotation_matrix
 
-__all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along", "section_of",
-           "strain_between"]
+__all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along",
+           "moments_of_segment", "section_of", "strain_between"]
 
 #: Of the tube that a beam is drawn as: one for all segments.
 COLOUR = "#7d8794"
@@ -375,6 +375,22 @@ def strain_between(a: Array, b: Array) -> Array:
     """Return u of two attitudes; components at round-off level are 0."""
     u = np.array(product(conjugate(a), b)[1:])
     return np.where(np.abs(u) <= _ROUNDING, 0.0, u)
+
+
+def moments_of_segment(
+    name: str, inertia: ArrayLike | None, mass: float, h: float, radius: float | None
+) -> tuple[float, ...]:
+    """Return the moments of inertia of a segment of length h about the axes of its section.
+
+    h times ``inertia``, which is given per length; else those of a cylinder of ``radius``,
+    m (r²/4 + h²/12) across and m r²/2 along; without a radius m h²/12 about each axis.
+    """
+    if inertia is not None:
+        return tuple((h * vector(f"inertia of {name!r}", inertia)).tolist())
+    if radius is not None:
+        across = mass * (radius**2 / 4 + h**2 / 12)
+        return across, across, mass * radius**2 / 2
+    return (mass * h**2 / 12,) * 3
 
 
 def section_of(

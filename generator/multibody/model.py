@@ -125,6 +125,7 @@ class Model:
         return state
 
     def __post_init__(self) -> None:
+        """Check every field, and replace mappings by immutable ones."""
         if not isinstance(self.system, System):
             raise InputError(f"system = {shown(self.system)} is no gyrospark.System.")
         as_text("description", self.description)
@@ -141,13 +142,27 @@ class Model:
             "bodies", self.bodies, "{'gamma': (I1, I2, I3)}").items()}
         object.__setattr__(self, "parameters", FrozenDict(values))
         object.__setattr__(self, "bodies", FrozenDict(bodies))
+        object.__setattr__(self, "rules", FrozenDict(self._checked_rules()))
+        object.__setattr__(self, "visuals", FrozenDict(self._checked_visuals()))
+        object.__setattr__(self, "units", FrozenDict(self._checked_units()))
+        if self.dt is not None:
+            object.__setattr__(self, "dt", self._number("dt", self.dt))
+        if self.steps is not None:
+            object.__setattr__(self, "steps", self._count(self.steps))
+        self._refuse_wrong_parameters()
+
+    def _checked_rules(self) -> Mapping[str, Any]:
+        """Return the rules of γ and α: each is of an inertia parameter that has no value."""
         rules = as_mapping("rules", self.rules, "{'gamma': 'auto'}")
         for name, rule in rules.items():
             choose(f"rules[{name!r}]", rule, RULES)
-            if name not in bodies or name in values:
+            if name not in self.bodies or name in self.parameters:
                 raise InputError(f"Model {self.name!r} has a rule for {name!r}, which is no "
                                  "inertia parameter without a value; leave it out.")
-        object.__setattr__(self, "rules", FrozenDict(rules))
+        return rules
+
+    def _checked_visuals(self) -> dict[str, tuple[Any, ...]]:
+        """Return the shapes of each body of the system, and of the ground under \"\"."""
         visuals = {name: tuple(as_items(f"visuals[{name!r}]", shapes, "shapes")) for name, shapes
                    in as_mapping("visuals", self.visuals, "{'arm': [shape]}").items()}
         for name, shapes in visuals.items():
@@ -156,18 +171,20 @@ class Model:
                 if not isinstance(shape, Shape):
                     raise InputError(f"visuals[{name!r}] has {shown(shape)}; give instances of "
                                      "gyrospark.Shape.")
-        object.__setattr__(self, "visuals", FrozenDict(visuals))
+        return visuals
+
+    def _checked_units(self) -> Mapping[str, Any]:
+        """Return the units of parameters, coordinates, momenta and quantities."""
         units = as_mapping("units", self.units, "{'mgl': 'N.m'}")
         named = [*map(str, (*self.system.parameters, *self.system.q, *self.system.p)),
                  *self.system.quantities]
         for name, unit in units.items():
             choose("name of a number with a unit", name, named)
             base_units(unit)
-        object.__setattr__(self, "units", FrozenDict(units))
-        if self.dt is not None:
-            object.__setattr__(self, "dt", self._number("dt", self.dt))
-        if self.steps is not None:
-            object.__setattr__(self, "steps", self._count(self.steps))
+        return units
+
+    def _refuse_wrong_parameters(self) -> None:
+        """Refuse values of other parameters than the system's, and a parameter without one."""
         names = {str(symbol) for symbol in self.system.parameters}
         for name in (*self.parameters, *self.bodies):
             if name not in names:

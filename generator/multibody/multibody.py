@@ -56,6 +56,7 @@ from .beam import (
     BeamJoint,
     curve_of,
     frames_along,
+    moments_of_segment,
     section_of,
 )
 from .body import GROUND, Body, Frame, MovingPoint, Particle, three_expressions
@@ -482,13 +483,7 @@ class Multibody:
                               float(finite(f"twist of {name!r}", twist, ())))
         of_segment = positive(f"mass of {name!r}", mass) / number
         thick = None if radius is None else positive(f"radius of {name!r}", radius)
-        if inertia is not None:
-            moments = tuple((h * vector(f"inertia of {name!r}", inertia)).tolist())
-        elif thick is not None:
-            across = of_segment * (thick**2 / 4 + h**2 / 12)
-            moments = across, across, of_segment * thick**2 / 2
-        else:
-            moments = (of_segment * h**2 / 12,) * 3
+        moments = moments_of_segment(name, inertia, of_segment, h, thick)
         v, spin = (optional_vector(f"{option} of {name!r}", value) for option, value in (
             ("velocity", velocity), ("angular velocity", angular_velocity)))
         segments = []

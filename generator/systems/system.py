@@ -136,7 +136,8 @@ class System:
     def __post_init__(self) -> None:
         self._convert_fields()
         self._refuse_wrong_counts()
-        self._refuse_unknown_symbols()
+        self._refuse_names()
+        self._refuse_undeclared_symbols()
         self._refuse_inputs_elsewhere()
         refuse_unless_linear(self)
         if self.time_scale is not None:
@@ -248,9 +249,8 @@ class System:
                  ("parameters", few(self.parameters)), ("constraints", str(self.m))]
         return card(f"System {self.name}", table(rows))
 
-    def _refuse_unknown_symbols(self) -> None:
-        """Refuse names that are no C identifiers or occur twice, and symbols that are not declared.
-        """
+    def _refuse_names(self) -> None:
+        """Refuse names that are no C identifiers, are taken in the C, or occur twice."""
         time = () if self.time is None else (self.time,)
         names = [str(s) for s in (*self.q, *self.p, *self.velocities, *self.parameters, *time)]
         for name in names:
@@ -269,6 +269,20 @@ class System:
             raise InputError(
                 f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
             )
+        for name in self.quantities:
+            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
+                raise InputError(
+                    f"System {self.name!r} has a quantity named {name!r}; names are letters, "
+                    "digits and '_' and begin with a letter."
+                )
+
+    def _refuse_undeclared_symbols(self) -> None:
+        """Refuse symbols of H, constraints, forces and quantities that are not declared.
+
+        H(q, p, t), forces and quantities have all declared symbols; g(q, t) has no momenta, and
+        A(q, t) v + a(q, t) velocities in place of these.
+        """
+        time = () if self.time is None else (self.time,)
         allowed = {*self.q, *self.p, *self.parameters, *self._others, *time}
         unknown = self.H.free_symbols - allowed
         if unknown:
@@ -300,12 +314,6 @@ class System:
                 raise InputError(
                     f"{label} of system {self.name!r} contains the unknown symbol "
                     f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
-                )
-        for name in self.quantities:
-            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
-                raise InputError(
-                    f"System {self.name!r} has a quantity named {name!r}; names are letters, "
-                    "digits and '_' and begin with a letter."
                 )
 
     def _refuse_inputs_elsewhere(self) -> None:
