@@ -33,6 +33,7 @@ def flows_of(derived: Derived) -> Flows:
     bodies = scheme.splitting.bodies
     stages = max(composition.stages for composition in scheme.compositions)
     axis_of = {body: k for k, (body, _) in enumerate(scheme.axes)}
+    # C has no arrays of length 0
     size = {"n": scheme.system.n, "y": len(scheme.momenta), "bodies": max(len(bodies), 1),
             "axes": max(len(scheme.axes), 1), "further": max(len(scheme.further), 1),
             "drags": max(len(scheme.drag), 1), "stages": stages, "flows": stages + 2}

@@ -73,6 +73,7 @@ def read_xml(text: str) -> Element:
         raise refuse(f"it declares a document type, <!DOCTYPE {shown(name)[1:-1]}>, which may "
                      "define entities of any size; remove the declaration.")
 
+    # expat calls these as it reads, so that a text beyond a bound is refused before it is whole
     parser.StartElementHandler = begin
     parser.EndElementHandler = end
     parser.CharacterDataHandler = characters

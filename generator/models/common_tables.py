@@ -113,21 +113,22 @@ class Formulas:
     def in_use(
         self, expressions: Iterable[sp.Expr]
     ) -> tuple[list[sp.Symbol], dict[sp.Symbol, sp.Symbol], dict[str, float]]:
-        """Return the parameters of a system, how to rename them in formulas, and their values.
+        """Return the parameters of a system, their symbol in formulas → there, and their values.
 
-        A parameter that a formula divides by is declared nonzero, and refused when it is 0. One
+        A parameter that a formula divides by is declared nonzero, and refused if it is 0. One
         that only other numbers of the file need does not belong to the system.
         """
         formulas = list(expressions)
         used = set().union(*(e.free_symbols for e in formulas))
-        below = set().union(*(divisors(e) for e in formulas))
+        in_denominators = set().union(*(divisors(e) for e in formulas))
         symbols, renamed, values = [], {}, {}
         for name, symbol in self.parameters.items():
             if symbol not in used:
                 continue
             values[name] = self.numbers.values[name]
-            new = sp.Symbol(name, real=True, nonzero=True) if symbol in below else symbol
-            if symbol in below and values[name] == 0:
+            new = (sp.Symbol(name, real=True, nonzero=True) if symbol in in_denominators
+                   else symbol)
+            if symbol in in_denominators and values[name] == 0:
                 raise self.content.file_error(f"[parameters] {name} is 0, and a formula divides by "
                                               "it; write another number.")
             symbols.append(new)

@@ -148,7 +148,11 @@ def _shape(scale: Floats, file: str, colour: str) -> Shape:
 
 
 def _measure(mesh: Any, folder: Path, strip: bool) -> Volume:
-    """Return the volume of a mesh in its axes."""
+    """Return the volume of a mesh in its axes, by MuJoCo's method ``inertia`` of the mesh.
+
+    "exact" is the volume inside the triangles, "convex" that of their hull, and "legacy" counts
+    each tetrahedron from the centre as positive.
+    """
     file = _file(mesh, strip)
     method = mesh.inertia.name.rpartition("_")[2].lower()
     try:
@@ -158,7 +162,7 @@ def _measure(mesh: Any, folder: Path, strip: bool) -> Volume:
             raise InputError("it is not in the folder of the model; move it there.")
         axes, scale = _reference(mesh), np.array(mesh.scale)
         corners = (read_triangles(folder / file) - axes.x) @ axes.R * scale
-        if scale.prod() < 0:
+        if scale.prod() < 0:  # a reflection turns triangles inside out
             corners = corners[:, ::-1]
         return mesh_volume(convex_hull(corners) if method == "convex" else corners,
                            overlaps=method == "legacy")

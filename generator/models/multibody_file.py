@@ -130,13 +130,14 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         beam = telling(table, lambda table: _beam(builder, table, rep), table)
         bodies |= {frame.name: frame for frame in (*beam.segments, beam.first, beam.last)}
     points = content.tables("points")
-    if points:
+    if points:  # paths of moving points are formulas of parameters
         _parameters(builder, formulas)
     for table in points:
         bodies |= {table.text("name", ""): telling(
             table, lambda table: _point(builder, table, formulas), table)}
     for table in content.tables("joints"):
         telling(table, lambda table: join(builder, bodies, table), table)
+    # from here on, formulas may also have coordinates, measures of joints and momenta
     position, motion = _names(builder, bodies, formulas.parameters)
     if not points:
         _parameters(builder, formulas)

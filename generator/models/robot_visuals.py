@@ -89,7 +89,10 @@ def looks_of(
     link: Element, kind: str, pose_of: Callable[[Element], Placement],
     shape: Callable[[Element, str], Shape | None], colour: Callable[[Element], str],
 ) -> list[Look]:
-    """Return the shapes of a link, those of <visual> or <collision>."""
+    """Return the shapes of a link with their poses: those of its <visual> or <collision>.
+
+    A shape that cannot be read is left out: pictures change nothing in the model.
+    """
     shapes = []
     for element in link.all(kind):
         geometry = element.first("geometry")
@@ -104,7 +107,10 @@ def looks_of(
 
 
 def shape_of(element: Element, colour: str) -> Shape | None:
-    """Return a shape of <geometry>; None for other elements."""
+    """Return a shape of <geometry>; None for other elements.
+
+    Sizes of shapes are half lengths and radii.
+    """
     if element.name == "box":
         return Shape("box", np.array(numbers_of(element, "size", 3)) / 2, colour=colour)
     if element.name == "sphere":

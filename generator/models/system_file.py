@@ -57,6 +57,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     forces = formulas.read_all(table, "forces", state | time, count=len(q)) if (
         "forces" in table) else []
     quantities = formulas.quantities(state | time)
+    # symbols of parameters that a formula divides by are replaced by symbols that are not 0
     parameters, renamed, values = formulas.in_use(
         [H, *constraints, *rows, *forces, *quantities.values(), *scales])
     start.allow("q", "p")

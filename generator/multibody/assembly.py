@@ -113,6 +113,7 @@ class Assembly:
             self.equations, self.velocity_equations = self._equations(without)
             self.start = self._start()
             self.q0, self.p0 = self._coordinates_at(self.start), self._momenta_at(self.start)
+            # the joints of latches that are closed at the start
             for joint in (joint for name in closed for joint in components.latches[name]):
                 self._close(self.connections[joint])
             self.equations, self.velocity_equations = self._equations(without)

@@ -490,9 +490,10 @@ class Multibody:
         for k, (q, chord) in enumerate(zip(frames[1:-1], chords, strict=True), start=1):
             middle = (nodes[k - 1] + nodes[k]) / 2
             self._components.claim(f"{name}_{k}", "body")
-            turning = np.zeros(3) if spin is None else np.cross(spin, middle - nodes[0])
+            # the velocity of a rigid body, v + ω × (x − x_0), with ω in axes of the segment
+            v_turning = np.zeros(3) if spin is None else np.cross(spin, middle - nodes[0])
             begin = initial_state(
-                f"{name}_{k}", q, None, middle, v if v is None else v + turning,
+                f"{name}_{k}", q, None, middle, v if v is None else v + v_turning,
                 spin if spin is None else rotation(q).T @ spin)
             body = Body.of_beam(f"{name}_{k}", rep, name)
             segments.append(self._add(body, begin, of_segment, as_inertia(

@@ -314,12 +314,15 @@ class ForceTerms:
         are equal up to the names of symbols: their addends are derived once.
         """
         summands = [(row, e) for row, f in enumerate(self.F) for e in sp.Add.make_args(f)]
+        # each set of classes has a number, so that ``connected`` joins summands that share a set
         numbers: dict[frozenset[int], int] = {}
-        reach = [frozenset(numbers.setdefault(c, len(numbers)) for c in self._classes_in(e))
-                 for _, e in summands]
-        group_of = {number: i for i, group in enumerate(connected(reach)) for number in group}
+        set_numbers = [frozenset(numbers.setdefault(c, len(numbers)) for c in self._classes_in(e))
+                       for _, e in summands]
+        group_of = {number: i for i, group in enumerate(connected(set_numbers))
+                    for number in group}
+        # group → row of F → summands
         groups: dict[int, dict[int, list[sp.Expr]]] = defaultdict(lambda: defaultdict(list))
-        for (row, e), sets in zip(summands, reach, strict=True):
+        for (row, e), sets in zip(summands, set_numbers, strict=True):
             if sets:
                 groups[group_of[min(sets)]][row].append(e)
         addends: list[list[sp.Expr]] = [[] for _ in self.F]
@@ -347,6 +350,7 @@ class ForceTerms:
         return substitute(self._selected[key], {x: s for s, x in local.renaming.items()})
 
     def _local(self, expressions: Sequence[sp.Expr]) -> LocalForm:
+        """Return expressions in local symbols, with the classes of these in order."""
         renaming = local_names(symbols_of(expressions))
         classes = [self.support.coupling.classes([self.support.index_of[x]])
                    for x in renaming if x in self.support.index_of]

@@ -105,7 +105,7 @@ def _binary_magnitude(interval: Any) -> int:
 
 
 def add(values: Sequence[Value]) -> Value:
-    """Return the sum."""
+    """Return the sum; rational terms are added first, as their bounds are exact."""
     total = rational(sp.Integer(0))
     for value in values:
         if value.is_rational:
@@ -146,6 +146,7 @@ def _combine(
 
 
 def _refuse_zero(value: Value) -> None:
+    """Refuse a denominator that is 0, or whose enclosure contains 0."""
     if value.exact == 0:
         raise RefusedError("This divides by zero; write a denominator other than 0")
     if value.enclosure is not None and 0 in value.enclosure:
@@ -185,6 +186,7 @@ def power(base: Value, exponent: Value) -> Value:
 
 
 def _irrational_power(base: Value, e: sp.Rational) -> Value:
+    """Return base^e of an irrational base, with bounds: a power n has n times the bits."""
     bits = base.bits * (int(abs(e)) + int(e.q) - 1)
     interval = _interval_power(base.interval, e)
     operation = sp.Pow
@@ -195,6 +197,7 @@ def _irrational_power(base: Value, e: sp.Rational) -> Value:
 
 
 def _interval_power(interval: Any, exponent: sp.Rational) -> Any:
+    """Return the interval of a whole or half power; None if there is no interval."""
     if interval is None:
         return None
     root = interval if exponent.q == 1 else INTERVAL.sqrt(interval)

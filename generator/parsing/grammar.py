@@ -176,7 +176,7 @@ class _Parser(Generic[V]):
     def quantity(self, units: Mapping[str, V]) -> V:
         """Parse a sum whose terms all have units, or none: ``1.5 m + 20 cm``."""
         start, terms, unitless = self.token, [self.product()], []
-        while True:
+        while True:  # a unit behind each term is a factor of it
             unit = self.unit(units)
             if unit is None:
                 unitless.append(self.token)

@@ -121,6 +121,7 @@ class SymmetrySpace:
     def _points(
         self, prime: int, expressions: Sequence[sp.Expr], count: int, states: Sequence[sp.Symbol]
     ) -> Residues:
+        """Return the residues of expressions at ``count`` random states, parameters and times."""
         constants = self._constants.setdefault(prime, {})
         symbols = [*states, *self._other_symbols]
         return Residues(prime, symbols, expressions, count, constants, count)

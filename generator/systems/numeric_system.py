@@ -201,7 +201,7 @@ class NumericSystem(NumericConstraints):
         return sums
 
     def f(self, q: Array, p: Array) -> Array:
-        """Return g_q H_p + g_t and A H_p + a, shape (m + m',)."""
+        """Return g_q H_p + g_t and A H_p + a, shape (m + m',); g_t by a complex step of t."""
         rates: Array = self.rows(q) @ self.H_p(q, p)
         if self._A:
             rates[len(self.expressions):] += self.a(q)

@@ -78,6 +78,7 @@ def _name_of_class(value: Any) -> str:
 
 
 def _hash(*parts: str | bytes) -> bytes:
+    """Return a hash of texts with their lengths, so that "ab", "c" and "a", "bc" differ."""
     blake = hashlib.blake2b(digest_size=16)
     for word in parts:
         data = word.encode() if isinstance(word, str) else word
