@@ -236,13 +236,8 @@ def hessian_of(
         sweep = CotangentSlopes.at_end(second, cotangents.rows[-1], cotangent_slopes.rows[-1], 0)
         _add_explicit(stepper, run, cotangents, sweep.z_bar[0])
         _add_explicit(stepper, run, cotangent_slopes, sweep.z_bar[1])
-        for block, start in zip(reversed(blocks), reversed(block_tangents), strict=True):
-            rows = binding.new(block.count, 2 * n)
-            tangent = start[:, j : j + 1].copy()  # is advanced
-            first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows,
-                                    binding.new(0), tangent)
-            # C returns directions after each step, and the sweep back takes those before it
-            rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
+        for block, tangents in zip(reversed(blocks), reversed(block_tangents), strict=True):
+            rows = _tangents_before_steps(first, run, parameters, block, dz, tangents[:, j])
             sweep = sweep.before(second, block.count)
             status = second.integrate_second(
                 run, parameter_pair, block, rows, dz,
@@ -256,12 +251,29 @@ def hessian_of(
                                         z_bar_slope)
         columns.append(D.T @ start_slope)
         gradient[j] = dz @ space.pulled_back(z_bar)
-    rows_of_hessian = np.array(columns).T
-    matrix = (rows_of_hessian + rows_of_hessian.T) / 2
-    defect = np.abs(rows_of_hessian - rows_of_hessian.T) / 2
+    # ½ (A + Aᵀ), and ½ |A − Aᵀ|, which is round-off
+    A = np.array(columns).T
+    matrix, defect = (A + A.T) / 2, np.abs(A - A.T) / 2
     size = float(np.abs(matrix).max(initial=0))
     asymmetry = float(defect.max(initial=0)) / size if size > 0 else 0.0
     return Hessian(matrix, asymmetry, names, gradient, space.basis(), value)
+
+
+def _tangents_before_steps(
+    first: DerivativeBinding, run: RunArguments, parameters: ParameterStruct, block: KeptSteps,
+    dz: Array, tangent: Array,
+) -> Array:
+    """Return the direction before each step of a block, shape (steps, 2 n), from that at its start.
+
+    Directions are kept at the start of each block alone, and follow anew in the pass back.
+    """
+    binding, size = first.own, 2 * first.n
+    rows, advanced = binding.new(block.count, size), tangent[:, None].copy()
+    first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows, binding.new(0),
+                            advanced)
+    # C returns directions after each step
+    rows[1:], rows[0] = rows[:-1].copy(), tangent
+    return rows
 
 
 def _kept(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:

@@ -491,7 +491,7 @@ def _each_alone(
     clock = manifest.system.clock if t_end is not None else None
     if clock is None:
         stepper._impact_binding()  # compiled once, before threads ask for it
-    done, statuses, ends = [0] * count, [0] * count, [runs.q[i] for i in range(count)]
+    step_counts, statuses, last_q = [0] * count, [0] * count, [runs.q[i] for i in range(count)]
 
     with (_progress_of(stepper, runs, progress, OPEN if clock else None) as report,
           catch_ctrl_c() as interrupts, warnings.catch_warnings(),
@@ -499,11 +499,11 @@ def _each_alone(
         # each run would warn of gaps that stay closed; one warning for all follows below
         warnings.simplefilter("ignore", InputWarning)
 
-        def integrated(i: int) -> Trajectory:
+        def integrate_run(i: int) -> Trajectory:
             def count_steps(steps: int) -> None:
-                done[i] = steps
+                step_counts[i] = steps
                 if report is not None:
-                    report(sum(done))
+                    report(sum(step_counts))
 
             run, run_events = runs[i], events
             try:
@@ -516,49 +516,59 @@ def _each_alone(
                     binding, manifest, run, lambda: interrupts.requested, count_steps, observer)
             except InputError as error:
                 raise InputError(f"Trajectory {i}: {error}") from None
-            ends[i] = state.q
+            last_q[i] = state.q
             trajectory = with_events(stepper, observer, trajectory, observer.settle())
             if clock is None:
                 return trajectory.made_by(stepper, Origin(run))
             return with_end_apart(trajectory, run_events[-1].name).made_by(
                 stepper, Origin(run.until(trajectory.report.steps), run_events))
 
-        members = list(pool.map(integrated, range(count)))
-    # the arrays, with room for the longest run
-    states, first = runs.first.rows + 1, members[0]
+        members = list(pool.map(integrate_run, range(count)))
     if clock is not None:
-        states = max(map(len, members))
+        lengths = [*map(len, members)]
+        states = max(lengths)
         for warn_of_one in (stepper.rotations.warn_of, warn_of_missed_rate):
             next(filter(warn_of_one, members), None)  # one warning for all
+    else:  # the row at which an impact ends a run is in its member alone
+        lengths = [min(runs.first.stored(member.report.steps) + 1, len(member))
+                   for member in members]
+        states = runs.first.rows + 1
+    ended_early = sum(member.report.steps < runs.first.steps and not status
+                      for member, status in zip(members, statuses, strict=True))
+    if ended_early and not interrupts.requested:
+        warn(f"{ended_early:,} of {count:,} trajectories end before the last step, where a gap "
+             "stays closed or a terminal impact ends them; their last rows are in members.")
+    failures = {i: failure_of(binding, runs[i], members[i], Diagnosis.bare(statuses[i]), last_q[i])
+                for i in range(count) if statuses[i]}
+    crossings = {event.name: CrossingsOfMany([member.events[event.name] for member in members])
+                 for event in events}
+    ensemble = Ensemble(**_padded_arrays(members, lengths, states), failures=failures,
+                        _name=stepper.name, _make=members.__getitem__, events=crossings)
+    if interrupts.requested:
+        raise _stopped(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)
+    return ensemble
+
+
+def _padded_arrays(
+    members: Sequence[Trajectory], lengths: Sequence[int], states: int
+) -> dict[str, Any]:
+    """Return the arrays of an ensemble of ``states`` rows, of each member its first ones.
+
+    ``lengths`` says how many; behind them are NaN, and 0 iterations.
+    """
+    first, count = members[0], len(members)
     arrays: dict[str, Any] = {
         name: np.full((count, states - of_steps, *getattr(first, name).shape[1:]), np.nan,
                       getattr(first, name).dtype)
         # multipliers and iterations are of a step, and the start has none
         for name, of_steps in (("t", 0), ("q", 0), ("p", 0), ("multipliers", 1))}
     iterations = np.zeros((count, states - 1), np.intc)
-    closed = 0
-    for i, member in enumerate(members):
-        ended = member.report.steps < runs.first.steps and not statuses[i]
-        stored = len(member)
-        if clock is None:
-            stored = min(runs.first.stored(member.report.steps) + 1, stored)
-        closed += ended and not interrupts.requested
+    for i, (member, length) in enumerate(zip(members, lengths, strict=True)):
         for name in ("t", "q", "p"):
-            arrays[name][i, :stored] = getattr(member, name)[:stored]
-        arrays["multipliers"][i, : stored - 1] = member.multipliers[: stored - 1]
-        iterations[i, : stored - 1] = member.iterations[: stored - 1]
-    if closed:
-        warn(f"{closed:,} of {count:,} trajectories end before the last step, where a gap stays "
-             "closed or a terminal impact ends them; their last rows are in members.")
-    failures = {i: failure_of(binding, runs[i], members[i], Diagnosis.bare(statuses[i]), ends[i])
-                for i in range(count) if statuses[i]}
-    crossings = {event.name: CrossingsOfMany([member.events[event.name] for member in members])
-                 for event in events}
-    ensemble = Ensemble(**arrays, iterations=iterations, failures=failures, _name=stepper.name,
-                        _make=members.__getitem__, events=crossings)
-    if interrupts.requested:
-        raise _stopped(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)
-    return ensemble
+            arrays[name][i, :length] = getattr(member, name)[:length]
+        arrays["multipliers"][i, : length - 1] = member.multipliers[: length - 1]
+        iterations[i, : length - 1] = member.iterations[: length - 1]
+    return arrays | {"iterations": iterations}
 
 
 def _with_tangents(
