@@ -85,13 +85,12 @@ def turned(q: Array, angles: Array) -> Array:
 def damped_top() -> FitCase:
     """Return the top of examples/damped_top.toml, m g l known, its first guess far off."""
     model = gs.load_model(Path(__file__).parents[1] / "examples" / "damped_top.toml")
-    fine = gs.stepper("G-L", 3, system=model)
-    run = fine.integrate(model.q0, model.p0, dt=2.5e-3, steps=480, every=8,
+    step = gs.stepper("G-L", 2, system=model)
+    run = step.integrate(model.q0, model.p0, dt=6.25e-4, steps=1920, every=32,
                          parameters=model.parameters)
     true = {name: float(x) for name, x in run.parameters.items()}
     guess = true | {"I1": 2.7e-3, "I2": 1e-3, "I3": 1.1e-3, "c": 1e-4, "gamma": 1.4e-3}
     q = turned(run.q[0], np.array([0.04, -0.06, 0.04]))
-    step = gs.stepper("G-L", 2, system=model)
     return FitCase(step, 5e-3, run.t[1:], run.q[1:], q, 1.15 * run.p[0], guess, true,
                    ["I1", "I2", "I3", "c"])
 

@@ -138,7 +138,7 @@ def test_a_tableau_is_butchers_table():
 
 
 def test_a_certificate_is_a_row_a_promise():
-    made = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
+    made = gs.certify(TOP, "G-L", 2, dt=1e-3, steps=20)
     found = shown(made)
     assert found.tags.count("tr") == 1 + len(made.lines)
     assert "every guarantee" in made._repr_html_()

@@ -379,7 +379,7 @@ def test_a_force_of_the_time_alone_is_a_gradient():
 
 @pytest.mark.parametrize(("name", "scheme", "symplectic"), [
     ("eccentric", "G-L", True), ("eccentric", "EMS", False), ("scaled_pendulum", "G-L", False),
-    ("tethered_pair", "G-L", True)])
+    pytest.param("tethered_pair", "G-L", True, marks=pytest.mark.slow)])  # the laws have it
 def test_properties_in_scaled_time_are_those_of_q_t_p_e(name, scheme, symplectic):
     """The loop lies in (q, t, p, e); e is a momentum map where nothing does work."""
     entry, stages = systems.case(name), 2 if scheme == "G-L" else None

@@ -630,9 +630,8 @@ def test_verify_model_refuses(gyrospark, arguments, fragments):
 
 def test_gamma_auto_reports_its_gain(gyrospark):
     """As gs.tune does; the run has the error."""
-    run = ("run", "fast-top", "--scheme", "LIIIA-B", "--stages", "2", "--dt", "1e-3", "--steps",
-           "320")
-    step, top = gs.stepper("LIIIA-B", 2), gs.problems.fast_top()
+    run = ("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "320")
+    step, top = gs.stepper("G-L", 2), gs.problems.fast_top()
     for word, aim in (("auto", "motion"), ("auto-energy", "energy")):
         document = gyrospark(*run, "--gamma", word, "--json").document
         tuned = gs.tune(step, top, dt=1e-3, steps=320, gamma="auto", aim=aim)

@@ -43,6 +43,15 @@ def test_all_of_them(gyrospark):
 
 
 def test_a_wrong_composition_fails(gyrospark, monkeypatch):
+    monkeypatch.setitem(COMPOSITIONS, "Strang", replace(
+        COMPOSITIONS["Strang"], drifts=(Fraction(1, 4), Fraction(3, 4))))
+    answer = gyrospark(*SPLITTING, "--composition", "Strang")
+    assert answer.code == 1
+    assert "symmetry" in answer.stdout.splitlines()[-1]
+
+
+@pytest.mark.slow  # expands force gradients: seconds
+def test_a_wrong_force_gradient_fails(gyrospark, monkeypatch):
     made = COMPOSITIONS["G4"]
     monkeypatch.setitem(COMPOSITIONS, "G4", replace(made, gradients=tuple(
         -c for c in made.gradients)))

@@ -28,7 +28,7 @@ def published(speed):
 
 
 @pytest.mark.parametrize(("speed", "printed"), [
-    (0.0, [5.53094372, 3.13164325, -3.13164325, -5.53094372]),
+    pytest.param(0.0, [5.53094372, 3.13164325, -3.13164325, -5.53094372], marks=pytest.mark.slow),
     (5.0, [-0.32286643, -0.77534188 + 4.46486771j, -0.77534188 - 4.46486771j, -14.07838969]),
 ])
 def test_eigenvalues_of_the_benchmark(speed, printed):

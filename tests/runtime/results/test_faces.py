@@ -65,8 +65,8 @@ def test_what_is_no_slice_is_refused(rows, run):
     "double", pytest.param("long-double", marks=pytest.mark.slow), "float128"])
 @pytest.mark.parametrize("end", [".npz", ".nc", ".zarr"])
 def test_what_is_saved_is_loaded_with_all_digits(real, end, tmp_path):
-    step = systems.stepper("dragged_pendulum", real=real)
-    whole = systems.run("dragged_pendulum", step, 9, every=2, events=gs.Event("height", level=-0.8))
+    step = systems.stepper("driven_pendulum", real=real)
+    whole = systems.run("driven_pendulum", step, 9, every=2, events=gs.Event("along", level=0.9))
     again = gs.load(whole.save(tmp_path / f"run{end}"))
     for name in ("t", "q", "p", "multipliers", "iterations", "energies", "work",
                  "quantity_values"):
@@ -74,8 +74,8 @@ def test_what_is_saved_is_loaded_with_all_digits(real, end, tmp_path):
     assert (again.dt, again.every, again.report) == (whole.dt, whole.every, whole.report)
     assert again.parameters == whole.parameters
     for part in ("t", "q", "steps", "rising"):
-        assert np.array_equal(getattr(again.events["height"], part),
-                              getattr(whole.events["height"], part))
+        assert np.array_equal(getattr(again.events["along"], part),
+                              getattr(whole.events["along"], part))
 
 
 def test_tables_and_files_of_columns_agree(run, stored, tmp_path):
