@@ -255,6 +255,7 @@ def _positions(
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     neighbours: dict[Node, set[Node]] = {**{("q", a): set() for a in range(n) if a not in free},
                                          **{("g", row): set() for row in range(m)}}
+    # a constraint is coupled to its coordinates; through a free one, to all constraints on this
     groups = [{("q", a) for a in coordinates} for coordinates in elements]
     constraints_on: dict[int, set[Node]] = {a: set() for a in free}
     for row, a in constraint_entries:
@@ -275,6 +276,7 @@ def _positions(
         for k in range(s if kind == "q" else p):
             positions[k * n + index if kind == "q" else s * n + k * m + index] = count
             count += 1
+    # from the first unknown of a node to the last of its neighbour
     size = {"q": s, "g": p}
     band = max((first[b] + size[b[0]] - 1 - first[a]
                 for a, adjacent in neighbours.items() for b in (a, *adjacent)), default=0)

@@ -141,6 +141,7 @@ def _step_kernels(
             k for k in [*common_kernels(scheme.system), *scheme.kernels(), *derivatives]
             if k.name in LINEARISATION]
         return _Kernels(derivatives, linearisation, linearisation)
+    # the adjoint of a flow is written with transposes, its tangent with dual numbers
     transposes = flow_transposes(scheme, columns)
     derivatives = [*derivatives, *transposes]
     duals = [*scheme.kernels(), *scheme.flow_kernels(work=False)]

@@ -37,7 +37,7 @@ def lane_iteration(
         if tableau.refusal is not None:
             return None, tableau.refusal
         tables, even_odd = tableau.tables(real), tableau.even_odd_tables(real)
-        if not scheme.system.m:
+        if not scheme.system.m:  # no constraint nodes
             tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
             even_odd = {name: rows for name, rows in even_odd.items() if name in tables}
     iteration = _of_kernels(derived) if elements is None else _of_elements(derived, elements)

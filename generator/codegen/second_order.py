@@ -71,6 +71,7 @@ def dual_kernels(
         [*derived.system.parameters, START])}, "dual_")
     chain = [printer.number(e) for e in slopes]
     called = printer.functions.union(*(k.functions for k in emitted))
+    # a cardinal function and its slope, which are defined together
     cardinals = [name for name in _CARDINALS if called & {name, f"{name}_slope"}]
     return DualKernels(
         kernels=emitted,

@@ -68,6 +68,7 @@ def common_subexpressions(
     roots = [graph.node(e) for e in expressions]
     for root in roots:
         graph.set_forms(root)
+    # as in ``sympy.cse``: common parts of sums and products first, then what recurs as a whole
     _share_arguments(sp.Add, list(graph.sums))
     _share_arguments(sp.Mul, list(graph.products))
     for root in roots:
@@ -129,6 +130,7 @@ class _Graph:
         for argument in node.arguments:
             self.set_forms(argument)
         e = node.expression
+        # a node with a minus sign is −1 times its opposite, which is searched in its place
         if node.has_minus and not (opposite := negative(e)).is_Atom:
             positive = self.node(opposite)
             node.form = _Node(sp.Mul, [self.node(sp.S.NegativeOne), positive])

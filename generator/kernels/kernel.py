@@ -269,7 +269,7 @@ def _emit_compensated(
     """
     printer = CPrinter(real, names, target.prefix)
     zero = "splat(0)" if target.prefix else "0"
-    lines = [f"{target.value} sum[2];"]
+    lines = [f"{target.value} sum[2];"]  # a double word: high and low part
     for entry, e in outputs:
         lines += [f"sum[0] = {zero};", f"sum[1] = {zero};"]
         for term in sp.Add.make_args(sp.expand(e)):

@@ -319,6 +319,7 @@ def curve_of(
         raise InputError(f"Points {k + 1} and {k + 2} of beam {name!r} coincide at "
                          f"{line[k].tolist()}; give points at a distance from each other.")
     arc = np.concatenate([[0.0], np.cumsum(edges)])
+    # nodes at equal distances along the polygon; segments are chords
     lengths = np.linspace(0.0, arc[-1], count + 1)
     nodes = np.stack([np.interp(lengths, arc, x) for x in line.T], axis=1)
     return nodes, np.stack([line[1] - line[0], line[-1] - line[-2]]), float(arc[-1])

@@ -763,14 +763,14 @@ class Multibody:
             raise InputError(f"{name!r} has {' and '.join(shapes) or 'no shape'}; give one of "
                              "disc, sphere and ellipsoid.")
         ((shape, size),) = shapes.items()
-        rolled = self._components.body(body, shown(name))
-        if isinstance(rolled, Particle):
-            raise InputError(f"{name!r} asks for axes of {rolled.name!r}, a point mass, which has "
-                             "none; give a body.")
+        roller = self._components.body(body, shown(name))
+        if isinstance(roller, Particle):
+            raise InputError(f"{name!r} asks for axes of {roller.name!r}, a point mass, which "
+                             "has none; give a body.")
         label = f"{shape} of {name!r}"
         sizes = finite(label, size, (3,) if shape == "ellipsoid" else ()).reshape(-1).tolist()
         return self._join(Rolling(
-            name, GROUND, rolled, shape=shape, sizes=tuple(positive(label, x) for x in sizes),
+            name, GROUND, roller, shape=shape, sizes=tuple(positive(label, x) for x in sizes),
             axis=_direction(name, "axis_on_body", (0, 0, 1) if axis_on_body is None
                             else axis_on_body),
             middle=vector(f"on_body of {name!r}", (0, 0, 0) if on_body is None else on_body),

@@ -59,12 +59,13 @@ def cost(expressions: Iterable[sp.Expr]) -> int:
         variable_args = [a for a in e.args if varies(a)]
         if not variable_args:
             continue
+        # n variable terms take n − 1 additions, and one more with a constant term
         if e.is_Add:
             total += len(variable_args) - (len(variable_args) == len(e.args))
         elif e.is_Mul:
             constant_factor = sp.Mul(*(a for a in e.args if a not in variable_args))
             total += len(variable_args) - is_power_of_two(constant_factor)
-        elif e.is_Pow and e.exp.is_Rational:
+        elif e.is_Pow and e.exp.is_Rational:  # n − 1 products, or about log₂ n squares
             exponent = abs(int(e.exp))
             total += max(exponent - 1, 0) if exponent < 4 else exponent.bit_length()
             total += (4 if e.exp < 0 else 0) + (0 if e.exp.is_Integer else 8)

@@ -201,6 +201,7 @@ class FastSystem:
         force: dict[str, list[sp.Expr]] = {"H_q": H_q}
         if w:
             velocity["w"] = shared
+        # the velocity changes with P, by H_pp Gᵀ δλ, and no number c gives this change
         if system.m and self.correction is None and not separate:
             force = {"H_p": H_p, "H_q": H_q}
         kernels = [

@@ -104,6 +104,7 @@ class FastTableau:
         """
         coefficients, exact, bits = self.centres, self.scaled, real.bits
         tolerance = max(Fraction(1, 2**bits), self._tolerance)
+        # pairs with μ_ij + μ̂_ji = 1 are rounded so that this holds exactly
         mu, mu_hat = _round_pairs(exact["mu"], exact["mu_hat"], bits, tolerance)
         onward = _extrapolation_weights(coefficients["c"], coefficients["b"],
                                         list(range(self.tableau.s)), bits)

@@ -220,6 +220,7 @@ class SplittingScheme:
             m = body_momentum([system.q[i] for i in body.q], body.l)
             T += body.a * sum(x**2 for x in m) / 2
             for axis in (*body.axes, *(body.further if further else ())):
+                # e·m of the axis e, in body axes
                 e_m = sum(e * x for e, x in zip(axis.axis, m, strict=True))
                 T += axis.d * e_m**2 / 2 + axis.c * e_m
         if splitting.translation is not None:

@@ -32,7 +32,7 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
             number += term
             continue
         if term.is_Add:
-            remaining += term.args
+            remaining += term.args  # the loop goes on with these
             continue
         multiple: object = term
         if term.is_Mul:
@@ -44,7 +44,7 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
             return sp.Add(*terms)
         others.append(term)
         multiples.add(multiple)
-    if len(multiples) < len(others):
+    if len(multiples) < len(others):  # like terms
         return sp.Add(*terms)
     others.sort(key=ORDER)
     if number:

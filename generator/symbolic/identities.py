@@ -129,6 +129,7 @@ def evaluate(
     Raises ``ValueError`` or ``ArithmeticError`` if a value is not a finite real number; in the
     branches of a ``Where`` it becomes NaN, which is allowed in the branch that is not selected.
     """
+    # a side that is not selected may be undefined
     sides = set(parts_of(s for e in parts_of(expressions) if isinstance(e, Where)
                          for s in e.args[2:]))
     with mp.workdps(digits):

@@ -69,7 +69,7 @@ class Evaluator:
             return self._switch(e)
         if isinstance(e, Shared):
             return self(e.args[0])
-        if isinstance(e, Phase):
+        if isinstance(e, Phase):  # number · s · t0 + b, which C reduces modulo 2π
             number, s, start, b = map(self, e.args)
             return number * s * start + b
         if e.func in (sp.Abs, sp.sign, sp.floor):

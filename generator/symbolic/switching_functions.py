@@ -310,6 +310,7 @@ def as_switches(e: sp.Expr) -> sp.Expr:
     """
     if not any(isinstance(node, (sp.Piecewise, *_DEFINITIONS)) for node in parts_of([e])):
         return e
+    # a condition is replaced by a Chooser, a pair of Piecewise by its two parts
     replacement: dict[sp.Basic, Any] = {}
     for node in parts_of([e]):
         arguments = [replacement[a] for a in node.args]

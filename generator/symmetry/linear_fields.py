@@ -85,7 +85,10 @@ class _Blocks:
 
 
 def known_fields(system: System) -> list[LinearField]:
-    """Return the candidates: momenta p_i, then rigid motions of all blocks and of each block."""
+    """Return the candidates: momenta p_i, then rigid motions of all blocks and of each block.
+
+    Rotations of a body about its own axes come between the two.
+    """
     n = system.n
     fields = [_shift(n, [[i]], 0, f"momentum {p}") for i, p in enumerate(system.p)]
     for blocks in _block_layouts(system):

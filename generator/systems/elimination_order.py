@@ -52,6 +52,7 @@ def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
     parent: dict[int, int] = {}
 
     def root(a: int) -> int:
+        """Return the root of an element; the path to it is halved on the way."""
         while parent[a] != a:
             parent[a] = parent[parent[a]]
             a = parent[a]

@@ -111,6 +111,7 @@ def _points_on(
     """Yield evaluators at random points of w = 0, by a root of w along one of ``moving``."""
     context, draw, count = mp_context(_DIGITS), random.Random(3), 0
     for attempt in range(_TRIES):
+        # the secant method along one symbol, the next one if it does not converge
         x = moving[attempt % len(moving)]
         point = {s: context.mpf(draw.uniform(0.25, 1) if s.is_positive else draw.uniform(-1, 1))
                  for s in sorted(symbols, key=str)}

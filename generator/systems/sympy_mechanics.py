@@ -253,6 +253,7 @@ def _generalised(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tu
     motion, magnitudes = mechanics.motion, dict[sp.Expr, sp.Expr]()
     power, potential = sp.Integer(0), sp.Integer(0)
     for where, load in ((load[0], load[1]) for load in mechanics.loads):
+        # a constant force has a potential, which belongs to H
         energy = _potential(motion, where, load, mechanics.inputs)
         if energy is not None:
             potential += energy

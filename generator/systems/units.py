@@ -92,8 +92,8 @@ def units_of(system: System, given_units: Mapping[str, str]) -> dict[str, str | 
     ----------
     system : System
         Bodies say that quaternions have no unit, positions are in m, inertias in kg.m2.
-    given : mapping of str to str
-        Units that are known by name.
+    given_units : mapping of str to str
+        Units by names of parameters, coordinates, momenta and quantities.
     """
     symbols = {str(x): x for x in (*system.q, *system.p, *system.parameters)}
     dimensions: dict[sp.Symbol, Dimensions] = {}
@@ -110,6 +110,7 @@ def units_of(system: System, given_units: Mapping[str, str]) -> dict[str, str | 
     solver = _Solver(dimensions)
     if dimensions.keys() - {system.time}:
         _solve(solver, system)
+    # J and N m are one dimension: a parameter of forces alone is a torque
     torques = {x for f in system.forces for x in f.free_symbols} - system.H.free_symbols
     units: dict[str, str | None] = {}
     for name, x in (*symbols.items(), *system.quantities.items()):

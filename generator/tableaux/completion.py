@@ -105,9 +105,9 @@ def _constraint_parts(
     distinct = not any(vanish([u - v]) for i, u in enumerate(c) for v in c[:i])
     interpolatory = distinct and vanish(
         weight - weight_b for weight, weight_b in zip(_integrals(c, sp.Integer(1)), b, strict=True))
-    if not has_zero:
+    if not has_zero:  # partners divide by b_i
         if vanish(A[0]) and vanish(x - y for x, y in zip(A[-1], b, strict=True)):
-            yield parts(A, b, c)
+            yield parts(A, b, c)  # Ā = A: the stages are the constraint nodes
         elif interpolatory and vanish([c[0], c[-1] - 1]):
             inner = [_integrals(c, node) for node in c[1:-1]]
             yield parts([[sp.Integer(0)] * len(b), *inner, b], b, c)
