@@ -22,7 +22,6 @@ from .schemes.named_schemes import (
     Scheme,
     scheme_named,
 )
-from .tableaux.compositions import composition, composition_named
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
 
@@ -211,6 +210,9 @@ def _composition(scheme: Scheme, order: Any, named: Any) -> tuple[int | None, st
                 raise InputError(f"{option} = {shown(value)} belongs to scheme splitting, and "
                                  f"{scheme.name} has its order from its stages; leave it out.")
         return None, ""
+    # their exact numbers are read from a file, which other schemes do not need
+    from .tableaux.compositions import composition, composition_named
+
     if named is None:
         if order is None:
             raise InputError("The order is not given; splitting takes 2, 4, 6, 8 or 10.")
