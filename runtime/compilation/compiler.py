@@ -154,6 +154,7 @@ def _split(chosen: str) -> tuple[str, ...]:
 
 @functools.cache
 def _probe(command: tuple[str, ...], label: str) -> Compiler:
+    """Return the compiler of a command, which must answer ``--version``; asked once a process."""
     try:
         answer = subprocess.run([*command, "--version"], capture_output=True, check=False,
                                 encoding="utf-8", errors="replace", stdin=subprocess.DEVNULL,

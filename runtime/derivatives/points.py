@@ -227,6 +227,7 @@ def _normal(
 
 
 def _refuse_other_times(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> None:
+    """Refuse a trajectory whose rows are not the ends of the steps of ``run``, to 1e-6 of one."""
     times = stepper.binding.times(run.t0, run.dt, run.steps_of_rows(run.steps))
     stored = trajectory.tau if stepper.binding.clocked else trajectory.t
     if len(times) != len(stored) or not all(

@@ -112,6 +112,7 @@ class EndTimeObserver:
     def _partial_step(
         self, constants: RunConstants, state: RunState, tau: Any, work: Any
     ) -> Rows:
+        """Return the row of a step of length ``tau`` from a state, which stays as it is."""
         binding, row = self._stepper.binding, Rows.allocate(self._stepper.binding, 1)
         part = RunState.at_start(binding, state.q, state.p, work)
         if binding.integrate(changed(constants, dt=tau), 1, 1, part, row):

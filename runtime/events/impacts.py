@@ -151,7 +151,13 @@ class ImpactObserver:
                        events={name: hits.crossings for name, hits in impacts.items()})
 
     def _call(self, steps: int, every: int, state: RunState, rows: Rows) -> int:
-        """Take steps until all are done or something stops them; return the status."""
+        """Take steps up to the last, or to what stops them; return 0 or the status of a failure.
+
+        C returns before the end if its memory for impacts is full, if a gap stays closed or a
+        terminal impact happens, which sets ``end``, and for starts and systems that have no
+        impacts, which raise InputError. The impacts of the call are appended to ``_places`` and
+        ``_hits``.
+        """
         binding, constants, primal = self._own, self._constants, self._stepper.binding
 
         def shared(kind: str, struct: Any) -> Any:
@@ -177,6 +183,7 @@ class ImpactObserver:
             binding.ffi.cast("void *", binding.ffi.from_buffer(self._memory))))
         self._places.append(places[: count[0]].copy())
         self._hits.append(hits[: count[0]].copy())
+        # behind the impacts C writes the number of the gap that stopped it
         gap = int(places[count[0], 0])
         name = self.events[gap].quantity
         if status in (_REST, _LATCHED):
@@ -222,6 +229,7 @@ def refuse_unusable(
         large=binding.n > LARGEST and f"{binding.n} coordinates",
         energy=stepper.manifest.scheme.exact_energy and "energy=True",
         float128=stepper.manifest.real == "float128" and "real='float128'", **asked)
+    # an impact changes momenta at one q and t: a gap that depends on them would jump itself
     moving_names = {*system.momenta, *system.velocity_names, *binding.input_names}
     for impact in with_restitutions(impacts, run.parameters):
         if impact.quantity not in system.quantities:

@@ -344,6 +344,7 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
     """
 
     def checked_run(i: int) -> RunArguments:
+        """Return run i, checked as a single run is."""
         try:
             return stepper._checked_run(stepper._run_arguments(
                 arguments.q[i], arguments.p[i], dt=arguments.dt[i], t0=arguments.t0[i],

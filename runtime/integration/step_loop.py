@@ -243,6 +243,7 @@ def trajectory_of(
     values = run.parameters.copy()  # those of the trajectory are its owner's
 
     def states() -> States:
+        """Return the rows that are filled when this is called first."""
         step_count = int(record.steps)
         stored = run.stored(step_count)
         steps = run.steps_of_rows(step_count)

@@ -211,7 +211,12 @@ def _revolved(profile: Profile, sectors: int, around: int) -> Mesh:
 
 
 def _box(half: Array) -> Mesh:
-    """Return a box with rounded edges: a sphere whose octants are moved to the corners."""
+    """Return a box with rounded edges: a sphere whose octants are moved to the corners.
+
+    Normals are those of the sphere, on a grid of θ (from the pole) and φ; each of their eight
+    octants is shifted by the signs of its corner times (half − bevel). Two caps close the flat
+    poles.
+    """
     bevel = min(_BEVEL[0] * half.min(), _BEVEL[1] * half.max())
     quarter = np.linspace(0, np.pi / 2, 4)
     phi = np.concatenate([quarter + k * np.pi / 2 for k in range(4)])

@@ -195,6 +195,7 @@ def _mark_impacts(axes: Any, trajectory: Trajectory) -> None:
 
 
 def _energy(axes: Any, trajectory: Trajectory) -> None:
+    """Draw the energy error against time."""
     shown_states = thin(trajectory)
     t = trajectory.t[shown_states].astype(float)
     error = trajectory.energy_error()[shown_states].astype(float)

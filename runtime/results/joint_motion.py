@@ -144,7 +144,8 @@ class JointMotion:
         return self._rate(self._axes()[2])
 
     def _rate(self, e: Array) -> Array:
-        # ω_b − ω_a in space, of which the ground has none
+        """Return (ω_b − ω_a)·e, shape (N+1,), with the axis e in space, a row a state."""
+        # the ground does not turn
         omega = np.zeros((*self._run.q.shape[:-1], 3))
         for name, sign in zip(self.bodies, (-1, 1), strict=True):
             if name:

@@ -256,7 +256,11 @@ def _status(ensemble: Ensemble, i: int) -> str:
 def _table_of_event(
     manifest: Manifest, name: str, crossings: list[Crossings], by_trajectory: bool = False
 ) -> Table:
-    """Return the table of an event of one run, or of several by their trajectory numbers."""
+    """Return the table of an event along ``event_NAME``, one row a crossing, of one run or several.
+
+    ``crossings`` has those of each run; ``by_trajectory`` adds a column with the run's number. The
+    names of its arrays begin with ``event_NAME_``, so that one file holds several events.
+    """
     along = f"event_{name}"
     texts = {"t": f"times of {name}", "q": f"coordinates at {name}", "p": f"momenta at {name}",
              "steps": f"whole steps before {name}",

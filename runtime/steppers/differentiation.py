@@ -315,6 +315,7 @@ class Differentiation(Evaluation):
     def _single(
         self, start: Any, p: Any, dt: Number, parameters: Any, inputs: Any
     ) -> RunArguments:
+        """Return a checked run of one step, whose inputs are among its parameters."""
         state = merged_start(self, start, p, parameters)
         values = dict(as_mapping("parameters", state.parameters, "{'m': 1.0}"))
         if inputs is not None:  # one step: they are parameters

@@ -398,7 +398,11 @@ def _integrate_on(
     device: Device, stepper: Stepper, starts: StartNumbers, dt: Any, options: dict[str, Any],
     progress: Progress,
 ) -> Ensemble | DeviceEnsemble:
-    """Integrate each row of starts on a card; arrays that lie there stay there."""
+    """Integrate each row of starts on a card.
+
+    Starts in memory of the card stay there, and a ``DeviceEnsemble`` of their library's arrays
+    comes back; NumPy arrays are copied there, and an ``Ensemble`` comes back.
+    """
     try:
         name, text = stepper.name, cuda_text(stepper.name, stepper._control_files())
     except InputError as error:
@@ -500,6 +504,7 @@ def _each_alone(
         warnings.simplefilter("ignore", InputWarning)
 
         def integrate_run(i: int) -> Trajectory:
+            """Return run i with its events; set its status, its last q and its steps so far."""
             def count_steps(steps: int) -> None:
                 step_counts[i] = steps
                 if report is not None:
