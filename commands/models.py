@@ -89,21 +89,24 @@ def list_examples(as_json: bool) -> int:
 
 
 @examples.command("copy", context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("name", metavar="NAME")
+@click.argument("names", metavar="NAME...", nargs=-1, required=True)
 @click.option("--to", "folder", metavar="DIR", default=".", type=click.Path(path_type=Path),
-              help="The folder to copy it into (default: this one).")
-def copy_example(name: str, folder: Path) -> int:
-    """Copy example NAME, or "all" of them, to where it can be changed; nothing is written over.
+              help="The folder to copy them into (default: this one).")
+def copy_examples(names: tuple[str, ...], folder: Path) -> int:
+    """Copy examples by NAME, or "all", to where they can be changed; nothing is written over.
 
     \b
     gyrospark examples copy satellite.toml
+    gyrospark examples copy crane.urdf pendulum.toml
     gyrospark examples copy all --to examples
     """
     example_of_name = {path.name: path for path in _examples()}
-    if name != "all" and name not in example_of_name:
-        raise InputError(f"There is no example {shown(name)}; choose {listed(example_of_name)}, or "
-                         f"all{proposal(name, example_of_name)}.")
-    chosen = list(example_of_name.values()) if name == "all" else [example_of_name[name]]
+    for name in names:
+        if name != "all" and name not in example_of_name:
+            raise InputError(f"There is no example {shown(name)}; choose "
+                             f"{listed(example_of_name)}, or "
+                             f"all{proposal(name, example_of_name)}.")
+    chosen = [path for name, path in example_of_name.items() if name in names or "all" in names]
     for path in chosen:
         if (folder / path.name).exists():
             raise InputError(f"{str(folder / path.name)!r} is there already; choose another folder "

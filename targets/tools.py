@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import CompilerError, GyrosparkError, InputError
+from ..core.progress import log_task
 from ..runtime.compilation.compiler import find_compiler
 
 __all__ = ["TOOLS", "Tool", "require", "run_tool"]
@@ -96,10 +97,14 @@ def run_tool(command: Sequence[str], folder: Path, purpose: str) -> str:
 
     Raises GyrosparkError if it fails, with its messages.
     """
+    zig = TOOLS["zig"].find() or []
+    is_zig = bool(zig) and [*command[:len(zig)]] == zig
+    library = ", and at first zig's own library, up to a minute" if is_zig else ""
     try:
-        process = subprocess.run(command, cwd=folder, capture_output=True, check=False,
-                                 stdin=subprocess.DEVNULL, encoding="utf-8", errors="replace",
-                                 timeout=_PATIENCE)
+        with log_task(f"{purpose[0].lower()}{purpose[1:]}{library}"):
+            process = subprocess.run(command, cwd=folder, capture_output=True, check=False,
+                                     stdin=subprocess.DEVNULL, encoding="utf-8", errors="replace",
+                                     timeout=_PATIENCE)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise GyrosparkError(f"{purpose} failed: {shlex.join(command)}: {error}.") from error
     if process.returncode != 0:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import InputError
+from ...core.errors import GyrosparkError, InputError
 from ...core.manifest import Manifest, NumberManifest
 from ..artefact import Built, Options, Written
 from ..native import C_FLAGS, refuse_difference
@@ -21,8 +21,11 @@ __all__ = ["check", "compare", "compile", "compile_module", "files", "read", "st
 
 _HERE = Path(__file__).resolve().parent
 #: Without an entry of its own the module imports nothing; a step needs little of a stack.
-_LINK = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-Wl,--no-entry",
-         "-Wl,-z,stack-size=65536", "-Wl,--export=__heap_base", "-s")
+_LINK = ("-Wl,--no-entry", "-Wl,-z,stack-size=65536", "-Wl,--export=__heap_base", "-s")
+#: Headers and the whole C library, which ziglang compiles at first, in 50 s of CPU time.
+_WITH_LIBRARY = ("-target", "wasm32-wasi", "-mexec-model=reactor")
+#: Functions of compiled code alone, fma, sin and their like, which ziglang compiles in 7 s.
+_WITHOUT_LIBRARY = ("-target", "wasm32-freestanding")
 #: Of glue.c.
 _OWN = ("repeat", "defects")
 #: Where the C of an artefact is.
@@ -95,17 +98,24 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
 
 def compile_module(folder: Path, module: Path, level: str = "-O2") -> None:
     """Compile all steppers of a folder, each with glue.c, as one module that imports nothing."""
-    command = [*require("zig", "WebAssembly"), "cc", *_LINK[:2], "-msimd128", *C_FLAGS, level]
+    compiler = [*require("zig", "WebAssembly"), "cc"]
+    flags = ["-msimd128", *C_FLAGS, level]
     manifests = [Manifest.from_text(path.read_text(encoding="utf-8"))
                  for path in sorted(folder.glob("*.json"))]
     for manifest in manifests:
-        run_tool([*command, *definitions(manifest), "-c", "glue.c", "-o",
+        run_tool([*compiler, *_WITH_LIBRARY, *flags, *definitions(manifest), "-c", "glue.c", "-o",
                   f"{manifest.name}.o"], folder, "Compiling WebAssembly")
     objects = [f"{manifest.name}.o" for manifest in manifests]
     exports = [f"-Wl,--export={function}" for manifest in manifests for function in exported(
         manifest.name, (folder / f"{manifest.name}.h").read_text(encoding="utf-8"))]
-    run_tool([*command, *_LINK[2:], *exports, *objects, "-o", str(module.resolve())], folder,
-             "Linking WebAssembly")
+    for target in (_WITHOUT_LIBRARY, _WITH_LIBRARY):
+        try:
+            run_tool([*compiler, *target, *flags, *_LINK, *exports, *objects, "-o",
+                      str(module.resolve())], folder, "Linking WebAssembly")
+            break
+        except GyrosparkError as error:
+            if target is _WITH_LIBRARY or "undefined symbol" not in str(error):
+                raise
     for name in objects:
         (folder / name).unlink()
 

@@ -59,6 +59,14 @@ def test_examples_are_copied_whole_and_run(gyrospark, tmp_path):
     assert answer.code == 0, answer.stderr
 
 
+def test_several_examples_are_copied_once_each(gyrospark, tmp_path):
+    names = ("pendulum.toml", "crane.urdf", "pendulum.toml")
+    assert gyrospark("examples", "copy", *names, "--to", str(tmp_path)).code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {*names}
+    answer = gyrospark("examples", "copy", "control_c", "crane.urd", "--to", str(tmp_path))
+    assert (answer.code, len(list(tmp_path.iterdir()))) == (2, 2)
+
+
 def test_copying_writes_nothing_over(gyrospark, tmp_path):
     (tmp_path / "pendulum.toml").write_text("mine", encoding="utf-8")
     for name in ("pendulum.toml", "all"):
