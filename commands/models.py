@@ -19,7 +19,7 @@ __all__ = ["examples", "models"]
 _USES = {
     "problem": "gyrospark run {name} --dt 1e-3 --t-end 1",
     "model": "gyrospark run {name}",
-    "system": "generate --system {name}",
+    "system": "gyrospark generate --system {name}",
 }
 
 

@@ -1,8 +1,8 @@
 /*
- * Attitude control of a satellite by reaction wheels: a PD controller, sampled at 10 Hz, for 600 s.
+ * Attitude control of a satellite by torques: a PD controller, sampled at 10 Hz, for 600 s.
  * No allocation and a bounded number of fixed-point iterations per step; runs on a microcontroller.
  *
- *   generate --system satellite.toml --scheme G-L --stages 2 --real float --profile control --out .
+ *   gyrospark generate --system satellite.toml --scheme G-L --stages 2 --real float --profile control --out .
  *   cc -std=c11 -O2 main.c wheeled_satellite_gl2_gamma_float.c -lm -o satellite && ./satellite
  */
 #include <math.h>

@@ -55,8 +55,14 @@ def lagrange_top(*, rep: RepName = "gamma") -> Model:
     return build.model()
 
 
-def satellite(*, rep: RepName = "gamma", rate: float = 0.0011) -> Model:
+def satellite(
+    *, rep: RepName = "gamma", rate: float = 0.0011,
+    inertia: tuple[float, float, float] = (30.0, 32.0, 6.0),
+) -> Model:
     """Return a satellite's attitude in orbit axes: z points up, y along the orbit's normal.
+
+    x points along the velocity. ``inertia`` has the principal moments in kg m², with which the
+    momenta of the start are computed.
 
     H = T − n l_y + (3/2) n² z·J z, with the orbit's rate n and l_y, z in space and body axes: the
     gravity gradient turns the axis of least inertia upright, and the orbit axes turn at n. H is
@@ -66,7 +72,7 @@ def satellite(*, rep: RepName = "gamma", rate: float = 0.0011) -> Model:
                       description="Attitude of a satellite in the gravity gradient of a circular "
                                   "orbit, in orbit axes.")
     body = build.top(
-        "a", mass=100.0, inertia=(30.0, 32.0, 6.0), centre=(0, 0, 0), rep=rep,
+        "a", mass=100.0, inertia=inertia, centre=(0, 0, 0), rep=rep,
         quaternion=multiply(turn((1, 0, 0), 0.15), turn((0, 1, 0), 0.3)),
         angular_velocity=(0, rate, 2e-4),
     )

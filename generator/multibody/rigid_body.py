@@ -194,7 +194,8 @@ def body_system(
 
     Examples
     --------
-    A satellite in a gravity gradient:
+    A satellite in a gravity gradient, whose axes do not rotate with the orbit
+    (``gs.models.satellite`` has orbit axes):
 
     >>> import sympy
     >>> import gyrospark as gs

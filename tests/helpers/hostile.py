@@ -170,7 +170,7 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("Problem", gs.problems.Problem, name="a", parameters={}, q0=q, p0=p,
               inertia=TOP.inertia, system="heavy_top", exact=None, description=""),
         plain("lagrange_top", gs.models.lagrange_top, rep="gamma"),
-        plain("satellite", gs.models.satellite, rep="gamma", rate=1e-3),
+        plain("satellite", gs.models.satellite, rate=1e-3, inertia=(100, 120, 30)),
         plain("double_pendulum", gs.models.double_pendulum, angles=(1, 2)),
         plain("double_top", gs.models.double_top, rep="gamma"),
         plain("gimbal", gs.models.gimbal, rep="gamma"),

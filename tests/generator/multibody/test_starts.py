@@ -206,3 +206,10 @@ def test_slips_of_units_are_warned_of(mass, inertia, radius):
         return
     with pytest.warns(InputWarning, match=f"'a'.*gyration {radius}.*0.5 m.*units"):
         build.model()
+
+
+def test_another_satellite_starts_with_momenta_of_its_own_inertia():
+    moments, omega = (100.0, 120.0, 30.0), (0.0, 0.0011, 2e-4)
+    model = gs.models.satellite(inertia=moments)
+    p = gs.Start.of_body(model.q0, omega, moments).p
+    assert np.abs(model.p0 - p).max() <= 4 * np.finfo(float).eps * np.abs(p).max()
