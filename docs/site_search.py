@@ -35,7 +35,8 @@ SYNONYMS = {
     "choosing#the-parameter-γ": "gamma, alpha, inertia representation",
     "comparison": "alternatives, versus, comparison",
     "coming_from": "mujoco, exudyn, heyoka, pydy, matlab, simscape, simulink, ode45, translation",
-    "controllers": "controller, real time, real-time, control loop, cortex, deploy",
+    "controllers": "controller, real time, real-time, control loop, cortex, deploy, "
+                   "hardware in the loop, hil, flight computer, on-board",
     "conventions": "units, quaternion order, scalar first, axes, euler angles, gimbal lock, "
                    "angular velocity, moment of inertia, attitude, inertia matrix, "
                    "products of inertia, inertia tensor",
@@ -96,7 +97,8 @@ SYNONYMS = {
                                                                  "linearize, linearisation, "
                                                                  "linearization, kalman filter, "
                                                                  "transfer function",
-    "gallery/satellite": "gravity gradient, orbital motion",
+    "gallery/satellite": "gravity gradient, orbital motion, jacobi constant, orbit axes, "
+                         "lvlh, nadir",
     "gallery/dzhanibekov": "torque free, torque-free, free rigid body, tennis racket, "
                            "intermediate axis",
     "gallery/work_and_precision": "work precision, convergence order, convergence plot",
