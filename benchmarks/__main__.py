@@ -60,6 +60,7 @@ BENCHMARKS: dict[str, Benchmark] = {
                         ("error of times", "with event (ms)")),
     "impacts": Benchmark("impacts", ("impacts",), "elastic impacts of a ball and of a stop",
                          ("error (m)", "CPU µs/hit")),
+    "beams": Benchmark("beams", ("beams",), "a thin steel rod that falls", ("error (m)", "CPU ms")),
     "gradients": Benchmark("gradients", ("gradients", "derivatives"),
                            "gradients of a loss; adjoints and tangents over the run",
                            ("error", "gradient (ms)")),

@@ -26,7 +26,7 @@ PEERS = {
     "exudyn": "exudyn_body",
 }
 #: All programs, by what pip calls them.
-PROGRAMS = (*PEERS, "pydy", "diffrax", "pin")
+PROGRAMS = (*PEERS, "pydy", "diffrax", "pin", "pyelastica")
 
 
 def entries(programs: Iterable[str]) -> list[PeerEntry]:

@@ -19,6 +19,7 @@ import gyrospark as gs
 from benchmarks import (
     adaptive,
     attitudes,
+    beams,
     bodies,
     events,
     fast_top,
@@ -428,6 +429,15 @@ def test_impacts_are_those_of_the_closed_forms(case):
     job = case.ours(4, 0.1)
     assert job.errors["error (m)"] < 1e-12
     assert job.costs({"run": timing.Sample((0.003,))}) == pytest.approx({"CPU µs/hit": 1000})
+
+
+@pytest.mark.slow  # a beam of ten segments
+@pytest.mark.parametrize("dt", [0.1, 0.01])
+def test_a_rod_with_long_steps_falls_as_a_fine_one(dt):
+    """10 and 100 times beyond the limit of the fastest bending, to the error of its segments."""
+    job = beams.ours(10, 2, dt)
+    assert 1e-3 < job.errors["error (m)"] < 1e-2
+    assert job.costs({"run": timing.Sample((0.02,))})["CPU ms"] == pytest.approx(20)
 
 
 @pytest.mark.slow  # in long double
