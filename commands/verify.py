@@ -219,7 +219,7 @@ def _draw(
     model: Model | Problem, certificate: Certificate, choice: dict[str, Any], spec: Spec,
     rep: RepName | None, plot: Path,
 ) -> dict[str, Any]:
-    """Draw order, work and precision; return what was measured."""
+    """Draw the error over time; return what was measured."""
     from ..certificates.accuracy_over_time import accuracy, draw
     from ..certificates.certificate import compiled
 

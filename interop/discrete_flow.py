@@ -137,7 +137,7 @@ class DiscreteFlow:
             return self._of_rows(exact_derivative, (v.shape[1], width), x, v, dx)
 
         def row(x: Array, v: Array, dx: Array) -> Array:
-            """Return the difference quotient of one row, of the order of ``_DIFFERENCE``."""
+            """Return d/dh linear(x + h dx, v) at h = 0 of one state x, a row for each (v, dx)."""
             run = self._run(x)
             start = np.concatenate([run.q, run.p, x[2 * self.n :]])
             projected = self._projected(self._stored_run(run)[1], dx[:, : self._fixed_rows.size])
@@ -145,14 +145,14 @@ class DiscreteFlow:
                                     dx[:, self._fixed_rows.size :]], axis=1)
             size = self._sizes(start)
             # ε^(1/5) of the largest relative change balances truncation ∝ h⁴ and round-off ∝ ε/h
-            step = np.finfo(float).eps ** 0.2 / np.maximum(
+            h = np.finfo(float).eps ** 0.2 / np.maximum(
                 (np.abs(along) / size).max(axis=1, initial=0), np.finfo(float).tiny)
-            step[~along.any(axis=1)] = 1
+            h[~along.any(axis=1)] = 1
             derivative = np.zeros((len(v), width))
             for node, weight in _DIFFERENCE:
                 for sign in (1, -1):
-                    shifted = start + sign * node * step[:, None] * along
-                    derivative += sign * weight / step[:, None] * linear(shifted, v[:, None])[:, 0]
+                    shifted = start + sign * node * h[:, None] * along
+                    derivative += sign * weight / h[:, None] * linear(shifted, v[:, None])[:, 0]
             return derivative
 
         return self._of_rows(row, (v.shape[1], width), x, v, dx)

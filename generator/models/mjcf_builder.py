@@ -307,7 +307,7 @@ class MjcfBuilder(RobotBuilder):
 
         A linear law of two joints is a coupling.
         """
-        powers = equality.data[:5].tolist()
+        coefficients = equality.data[:5].tolist()
         sums = [((end, 1.0),) if equality.kind == "joint" else self.mjcf.tendons[end].joints
                 for end in equality.ends]
         for joint, _ in (term for parts in sums for term in parts):
@@ -316,11 +316,11 @@ class MjcfBuilder(RobotBuilder):
                     f"equality {shown(equality.name)} is on {shown(joint)}, which has no "
                     "coordinate here; write armature for each joint of its body.")
         ref = [sum(c * self.robot.joints[joint].ref for joint, c in parts) for parts in sums]
-        if equality.kind == "joint" and len(sums) == 2 and not any(powers[2:]):
-            c0, c1 = (*powers, 0.0)[:2]
+        if equality.kind == "joint" and len(sums) == 2 and not any(coefficients[2:]):
+            c0, c1 = (*coefficients, 0.0)[:2]
             if c1:
-                second, first = (self.coordinates[end] for end in equality.ends)
-                self.builder.couple(name, first, second, ratio=c1,
+                dependent, independent = (self.coordinates[end] for end in equality.ends)
+                self.builder.couple(name, independent, dependent, ratio=c1,
                                    offset=c0 + ref[0] - c1 * ref[1])
                 return
         links = [self.coordinates[joint] for parts in sums for joint, _ in parts]
@@ -330,7 +330,7 @@ class MjcfBuilder(RobotBuilder):
             dependent, *independent = (sum(c * next(symbols) for _, c in parts) - y0
                                        for parts, y0 in zip(sums, ref, strict=True))
             polynomial = sum(c * (independent[0] if independent else 0) ** k
-                             for k, c in enumerate(powers) if c)
+                             for k, c in enumerate(coefficients) if c)
             return dependent - polynomial
 
         self.builder.law(name, links, law)

@@ -173,7 +173,7 @@ def _link(name: str, element: Element) -> RobotLink:
     placement = place_of(inertial)
     mass = _one(inertial, "mass", "value")
     if mass < 0:
-        raise InputError(f"its mass is {mass:g}; it must be above 0.")
+        raise InputError(f"its mass is {mass:g}; it must be 0 or more.")
     moments = inertial.first("inertia")
     if moments is None:
         raise InputError("its <inertial> has no <inertia>; write ixx, iyy, izz, ixy, ixz, iyz.")

@@ -169,16 +169,17 @@ class Flywheel(Coordinate):
         super().begin(poses)
 
     def begin_rate(self, poses: Poses) -> None:
-        """Set the rate of the coordinate at the start, by its joint."""
+        """Set the rate of the coordinate at the start: ratio e·(ω_b − ω_a), or of the slip along e.
+        """
         (joint,) = self.joints
         a, b = poses[joint.a], poses[joint.b]
         assert a.spin is not None
         assert b.spin is not None
-        turned = b.spin - a.spin
+        relative_velocity = b.spin - a.spin
         if self.kind == "travel":
             assert isinstance(joint, Joint)
-            turned = getattr(joint, "scale", 1.0) * _slip(joint, a, b)
-        rate = self.ratio * float(hinge_of(joint).axis_at(poses) @ turned)
+            relative_velocity = getattr(joint, "scale", 1.0) * _slip(joint, a, b)
+        rate = self.ratio * float(hinge_of(joint).axis_at(poses) @ relative_velocity)
         poses[self.b].v = np.array([rate])
 
 

@@ -660,7 +660,12 @@ class Cylindrical(Planar):
                              travel - self.travel - FRACTION * self.moved)
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
-        """Yield rate and speed."""
+        """Yield what ``rate`` and ``speed`` say of the velocities v and ω of the bodies.
+
+        Speed: e·(v_b + ω_b × r_b) − e·(v_a + ω_a × r_a) = speed, with r from a centre of mass to
+        the point of b. A row has a name, the right-hand side, and for each body the factors of
+        (v, ω), as e·(ω × r) = (r × e)·ω.
+        """
         yield from super().start_rates(poses)
         if self.speed is not None:
             a, b, e = poses[self.a], poses[self.b], self.hinge.axis_at(poses)

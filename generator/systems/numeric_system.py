@@ -111,6 +111,7 @@ class NumericConstraints:
         parameters: Mapping[str, float], A: Sequence[Sequence[sp.Expr]] = (),
         a: Sequence[sp.Expr] = (), row_names: Sequence[str] = (), g_t: Sequence[sp.Expr] = (),
     ) -> None:
+        """Take g(q) = 0, A q̇ + a = 0 and ∂g/∂t as expressions in q and parameters."""
         self.constraint_names = names
         self.velocity_constraint_names = row_names
         self._A, self._a = [e for row in A for e in row], list(a)

@@ -158,10 +158,11 @@ def start_parameters(
 def own_inertias(
     inertias: Mapping[str, Any], names: Collection[str]
 ) -> dict[str, Sequence[str]]:
-    """Return the parameters among ``names`` that are the inertia of each of a model's bodies.
+    """Return each body → those of the parameters ``names`` that are its inertia.
 
-    ``inertias`` go by the names of γ or α. Moments that no body has are effective ones: they are
-    left out.
+    A top of ``bodies`` {"gamma": [I1, I2, I3]} and parameters I1, I2, I3, mgl gives
+    {"body": ("I1", "I2", "I3")}. ``inertias`` go by the names of γ or α. Moments that no body has
+    are effective ones: they are left out.
     """
     bodies: dict[str, Sequence[str]] = {}
     for name, inertia in inertias.items():

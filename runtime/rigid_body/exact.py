@@ -275,7 +275,10 @@ class FreeRotation(_PreciseMotion):
         return am, sn, cn, mp.sqrt(cn**2 + self._complement * sn**2)
 
     def _third_kind(self, am: Any, u: Any) -> Any:
-        """Return Π(n; am u) − u, for any am: Π grows by 2 Π(n; π/2) in each half turn."""
+        """Return Π(n; am u) − u, for any am: it grows by 2 (Π(n; π/2) − K) in each half turn.
+
+        The closed form is that of k = 1, the separatrix, where am u = 2 atan tanh(u/2).
+        """
         mp = self._mp
         if not self._n:
             return mp.mpf(0)
