@@ -3,7 +3,7 @@
  * No allocation and a bounded number of fixed-point iterations per step; runs on a microcontroller.
  *
  *   gyrospark generate --system satellite.toml --scheme G-L --stages 2 --real float --profile control --out .
- *   cc -std=c11 -O2 main.c wheeled_satellite_gl2_gamma_float.c -lm -o satellite && ./satellite
+ *   cc -std=c11 -O2 -ffp-contract=off main.c wheeled_satellite_gl2_gamma_float.c -lm -o satellite && ./satellite
  */
 #include <math.h>
 #include <stdio.h>

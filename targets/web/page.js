@@ -218,22 +218,23 @@
     const moves = body.x.length || square;
     const tip = moves ? centre : [0, 0, 1.3 * Math.max(...sizes.box, ...sizes.ellipsoid)];
     Object.assign(body, { axes, sizes, tip, at: body.origin.map(entry), middle: centre });
-    if (mass === null && !body.x.length && "mgl" in stepper.parameters)
-      Object.assign(body, topOf(moments), { scaled: false });
+    if (mass === null && !body.x.length && stepper.parameters.mgl)
+      Object.assign(body, topOf(moments, stepper.parameters.mgl));
   }
 
-  /** A top of these moments about its foot, as runtime/plotting/body_shapes.py has it. */
-  function topOf([a, b, c]) {
-    const raw = [Math.max(a + b - c, 0) / 2, Math.max(c + b - a, 0), Math.max(c + a - b, 0)];
-    const size = Math.max(...raw.map(Math.sqrt));
-    const [height, ...half] = raw.map((x) => Math.sqrt(x) / size), r = Math.max(...half);
+  /** A top of these moments and m g l about its foot, as runtime/plotting/body_shapes.py has it. */
+  function topOf([a, b, c], mgl) {
+    const ml = mgl / 9.81, ml2 = Math.max(a + b - c, 0) / 2, mass = ml2 ? ml ** 2 / ml2 : 1;
+    const [height, ...half] = [ml2, Math.max(c + b - a, 0), Math.max(c + a - b, 0)].map(
+      (x) => Math.sqrt(x / mass));
+    const r = Math.max(...half), up = Math.sign(mgl);
     const thick = Math.min(0.14 * r, 0.35 * height), stem = 0.05 * Math.max(r, height);
     const knob = height + Math.max(0.7 * r, 0.4 * height);
-    const one = (kind, z, size, colour) => ({ kind, size, colour, centre: [0, 0, z],
+    const one = (kind, z, size, colour) => ({ kind, size, colour, centre: [0, 0, up * z],
       axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] });
     const bar = (from, to, thin) => one("bar", (from + to) / 2, [thin, thin, (to - from) / 2],
       "#575c66");
-    return { tip: [0, 0, height + Math.max(0.75 * r, 0.35 * height)], shapes: [
+    return { tip: [0, 0, up * (height + Math.max(0.75 * r, 0.35 * height))], shapes: [
       one("disc", height, [...half, thick], ""),
       one("disc", height, [2 * stem, 2 * stem, 1.5 * thick], "#2c3038"),
       bar(2.4 * stem, knob - stem, stem), bar(0.45 * stem, 2.4 * stem, 0.45 * stem)] };

@@ -442,9 +442,9 @@ def test_example_of_a_control_loop(gyrospark, tmp_path):
     folder = ROOT / "examples" / "control_c"
     for name in ("main.c", "satellite.toml"):
         shutil.copy(folder / name, tmp_path)
-    lines = re.findall(r"^    (generate .*)\n    cc (.*) && \./satellite$",
+    lines = re.findall(r"^    gyrospark (generate .*)\n    cc (.*) && \./satellite$",
                        (folder / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert f" *   {lines[0][0]}\n *   cc {lines[0][1]} && ./satellite\n" in (
+    assert f" *   gyrospark {lines[0][0]}\n *   cc {lines[0][1]} && ./satellite\n" in (
         folder / "main.c").read_text(encoding="utf-8")
     assert gyrospark(*lines[0][0].split()).code == 0  # in the folder of the test
     done = call([*compiler(MAIN), *STRICT, *lines[0][1].split()[1:]], cwd=tmp_path)
