@@ -13,7 +13,8 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed: the extra
 import gyrospark.interop.torch as gt  # noqa: E402
 
 #: PyTorch calls functions of its own that it deprecates.
-pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
+pytestmark = [pytest.mark.filterwarnings(f"ignore:.*torch.jit.*:{category}")
+              for category in ("DeprecationWarning", "FutureWarning")]
 
 
 def tensor(values):
