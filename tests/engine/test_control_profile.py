@@ -458,6 +458,34 @@ def test_example_of_a_control_loop(gyrospark, tmp_path):
     assert re.search(r"\b[3-8] iterations .*\b[0-9]{3,4} bytes", said[-1])
 
 
+@pytest.mark.slow  # a bus with a wheel is derived for two seconds
+def test_a_body_with_the_momentum_of_a_wheel_turns_as_with_the_wheel(tmp_path):
+    """The gyrostat of the examples beside a wheel on a bearing, whose motor accelerates it."""
+    spin, rate, torque, dt = (0.02, -0.03, 0.05), 40.0, 0.1, 0.01
+    build = gs.Multibody("wheel_on_bus", gravity=(0, 0, 0))
+    bus = build.body("bus", mass=50, inertia=(12, 10, 3), quaternion=(0.8, 0.6, 0, 0),
+                     angular_velocity=spin)
+    build.rotor("wheel", bus, mass=1, inertia=(0.02, 0.01), axis_on_body=(0, 0, 1), rate=rate)
+    build.motor("motor", "wheel_bearing", torque=torque)
+    model = build.model()
+    wheel = gs.stepper("G-L", 2, system=model).integrate(  # it turns by 0.1 rad a step
+        model, dt=dt / 4, steps=200)
+    gyrostat = gs.load_model(ROOT / "examples" / "control_c" / "gyrostat.toml")
+    own = Control(generate(Spec("G-L", 2).with_profile("control"), system=gyrostat.system).source,
+                  tmp_path)
+    values = {"I1": 12.01, "I2": 10.01, "I3": 3.0, "gamma": 25 / 3,  # and the wheel's, across it
+              "u1": 0.0, "u2": 0.0, "u3": torque, "h1": 0.0, "h2": 0.0, "h3": 0.0}
+    status, q, p = own.started(values, (0.8, 0.6, 0, 0), spin)
+    assert status == OK
+    own.begin(values, q, p, dt)
+    for k in range(50):
+        values["h3"] = 0.02 * (rate + spin[2]) + torque * (k + 0.5) * dt  # in the middle of a step
+        assert own.set_parameters(own.w, own.parameters(values)) == OK
+        assert own.step() == OK
+    np.testing.assert_allclose(own.q, wheel.q[-1, :4], rtol=0, atol=1e-9)
+    assert abs(own.q - wheel.q[0, :4]).max() > 0.005
+
+
 # ---------------------------------------------------------------- other machines
 
 ARM = "arm-none-eabi-gcc"
