@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core.arguments import listed, proposal
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from ...runtime.steppers.stepper import Stepper
     from ...runtime.tuning.tune import Tuned
 
-__all__ = ["steps_for", "tuned", "with_options"]
+__all__ = ["check_span", "steps_for", "tuned", "with_options"]
 
 
 def with_options(
@@ -140,12 +141,29 @@ def _whole(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
     return span if remainder else {"steps": count}
 
 
+def check_span(problem: str, options: Mapping[str, str | None]) -> None:
+    """Refuse a run of a URDF or SDF without a step and a span, before the file is derived."""
+    timed = options["dtau"] is not None or options["step_error"] is not None
+    if problem.endswith((".urdf", ".sdf")) and Path(problem).is_file() and not timed:
+        _require_span(Path(problem).name, None, None, options)
+
+
+def _require_span(
+    name: str, dt: float | None, steps: int | None, options: Mapping[str, str | None]
+) -> None:
+    """Refuse options that leave a model's own dt or steps open."""
+    unset = (options["steps"], options["t_end"], steps) == (None, None, None)
+    if options["dt"] is None and dt is None:
+        raise InputError(f"--dt is not given and {name} names none; write for example "
+                         f"--dt 1e-3{' --t-end 1' if unset else ''}.")
+    if unset:
+        raise InputError(f"--steps is not given and {name} names none; write for example "
+                         "--steps 1000, or --t-end 1.")
+
+
 def _span(start: RunDefaults, options: Mapping[str, str | None]) -> tuple[float, dict[str, Any]]:
+    _require_span(start.name, start.dt, start.steps, options)
     dt, steps, t_end = options["dt"], options["steps"], options["t_end"]
-    if dt is None and start.dt is None:
-        ends = "" if steps or t_end or start.steps else " --t-end 1"
-        raise InputError(f"--dt is not given and {start.name} names none; write for example "
-                         f"--dt 1e-3{ends}.")
     if dt == "auto":
         raise InputError("--dt auto is --step-error E now, with --t-end and without --dt.")
     size = real_number("--dt", dt) if dt is not None else start.dt or 0.0
@@ -153,8 +171,5 @@ def _span(start: RunDefaults, options: Mapping[str, str | None]) -> tuple[float,
         if steps is not None:
             raise InputError(f"--steps {steps} and --t-end {t_end} are both given; give one.")
         return size, {"t_end": real_number("--t-end", t_end)}
-    if steps is None and start.steps is None:
-        raise InputError(f"--steps is not given and {start.name} names none; write for example "
-                         "--steps 1000, or --t-end 1.")
     return size, {"steps": whole_number("--steps", steps) if steps is not None
                   else int(start.steps or 0)}

@@ -26,7 +26,7 @@ from ..options import (
     solver_from,
     whole_number,
 )
-from .choices import steps_of, tuned, with_options
+from .choices import check_span, steps_of, tuned, with_options
 from .outputs import check_targets, events_of, integrate_to, stored_location
 from .report import (
     about_tuning,
@@ -141,6 +141,8 @@ def run(
         --set angular_velocity=0.01,5,0.01 --show flip.gif
     """
     check_targets(out, plot, show, resume=resume)
+    times = {"dt": dt, "dtau": dtau, "step_error": step_error, "steps": steps, "t_end": t_end}
+    check_span(problem, times)
     choice["frame"] = "symmetries" if frame else None
     paper_problem, step, start, t0 = started(problem, set, choice, scaled=True)
     if show:
@@ -152,10 +154,7 @@ def run(
     state = start_of(step, defaults, t0)
     method = solver_from(solver)
     # step_size: dt or dtau; length: "steps" or "t_end" of the run
-    state, step_size, length, tuning = tuned(
-        step, state, defaults, t0,
-        {"dt": dt, "dtau": dtau, "step_error": step_error, "steps": steps, "t_end": t_end},
-        search)
+    state, step_size, length, tuning = tuned(step, state, defaults, t0, times, search)
     arguments: dict[str, Any] = {
         "dtau" if step.binding.clocked else "dt": step_size, **length,
         "every": whole_number("--every", every), "solver": method,

@@ -99,8 +99,11 @@ def refuse_extras(
         listing = ", ".join(f"{name} ({descriptions[name]}, {count} of them)"
                             for name, count in remaining.items())
         ignored = [*ignore, *remaining]
-        raise InputError(f"it has {listing}, which no model here has; to run without, write "
-                         f"ignore={ignored} in Python, --set ignore="
+        ends = "" if "limits" not in remaining else (
+            "to read the ends of hinges and slides, write limits=\"stops\", or a stiffness, "
+            "limits=1000.0 (--set limits=stops, limits=1000); ")
+        raise InputError(f"it has {listing}, which the model would leave out; {ends}to run "
+                         f"without, write ignore={ignored} in Python, --set ignore="
                          f"{','.join(ignored)} after run or build; other commands need a "
                          "file without.")
 

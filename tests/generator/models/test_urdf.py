@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+from command_line import refused
+from gyrospark.api import Derivation
 from gyrospark.generator.models.robot_builder import plain_name
 from gyrospark.generator.models.robots import read_settings
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
@@ -271,7 +273,8 @@ def test_the_command_runs_it(arm, gyrospark):
     assert done.code == 0, done.stderr
     assert done.document["steps"] == 20
     for settings, said in [
-        ((), "limits"),
+        ((), 'limits="stops"'),
+        ((), "limits=1000"),
         (("ignore=limit",), "'limit'; choose limits"),
         (("ignore=limits", "elbow=1"), "'elbow'"),
         (("ignore=limits", "shoulder=x"), "'shoulder' is 'x'"),
@@ -281,6 +284,13 @@ def test_the_command_runs_it(arm, gyrospark):
         assert failed.code == 2
         assert failed.stderr.count("\n") == 1
         assert said in failed.stderr, failed.stderr
+
+
+def test_a_run_without_times_is_refused_before_it_is_derived(arm, gyrospark, monkeypatch):
+    """Step and span are named together, whatever else the file has."""
+    monkeypatch.setattr(Derivation, "record", lambda self: pytest.fail("derived"))
+    for options, words in (((), ["--dt", "--t-end"]), (("--dt", "1e-3"), ["--steps", "--t-end"])):
+        refused(gyrospark("run", arm, "--set", "ignore=all", *options), *words)
 
 
 BOMB = """<?xml version="1.0"?>
