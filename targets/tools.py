@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..core.errors import CompilerError, GyrosparkError, InputError
 from ..core.progress import log_task
-from ..runtime.compilation.compiler import find_compiler
+from ..runtime.compilation.compiler import find_compiler, how_ended
 
 __all__ = ["TOOLS", "Tool", "require", "run_tool"]
 
@@ -109,6 +109,6 @@ def run_tool(command: Sequence[str], folder: Path, purpose: str) -> str:
         raise GyrosparkError(f"{purpose} failed: {shlex.join(command)}: {error}.") from error
     if process.returncode != 0:
         output = process.stderr.strip() or process.stdout.strip()
-        raise GyrosparkError(f"{purpose} failed with exit code {process.returncode}: "
+        raise GyrosparkError(f"{purpose} {how_ended(process.returncode)}: "
                              f"{shlex.join(command)}\n{output}")
     return process.stdout

@@ -36,7 +36,8 @@ from .object_files import (
 )
 from .quad_wrapper import is_quad, wrap_declarations
 
-__all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
+__all__ = ["Compiler", "compile_module", "find_compiler", "how_ended",
+           "read_declarations"]
 
 #: For the generated kernel: it must be clean under all of these.
 STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
@@ -382,13 +383,18 @@ def _start(command: list[str], folder: Path) -> _Running:
         raise CompilerError(f"The compiler does not start: {error.strerror}. {_CURE}") from error
 
 
+def how_ended(code: int) -> str:
+    """Return how a process failed: with an exit code, or by a signal, which subprocess negates."""
+    return f"failed with exit code {code}" if code > 0 else f"was ended by signal {-code}"
+
+
 def _end(running: list[_Running]) -> None:
     """Wait for commands that run side by side; the first that failed is reported at the end."""
     ended = [process.communicate() for _, process in running]
     for (command, process), (_, stderr) in zip(running, ended, strict=True):
         if process.returncode != 0:
             raise CompilerError(
-                f"The C compiler failed with exit code {process.returncode}: "
+                f"The C compiler {how_ended(process.returncode)}: "
                 f"{shlex.join(command)}\n{stderr.strip()}",
                 command=command,
                 stderr=stderr,

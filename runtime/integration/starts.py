@@ -216,6 +216,8 @@ def after_start(names: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     count = len(names.split(", "))
     if len(arguments) == count:
         return (None, *arguments)
+    if not arguments:
+        raise InputError(f"{names} must follow the start: give start, {names}, or q, p, {names}.")
     if len(arguments) != count + 1:
         raise InputError(f"{len(arguments) + 1} arguments are given without a name; give start, "
                          f"{names}, or q, p, {names}.")

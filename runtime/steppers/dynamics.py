@@ -88,7 +88,7 @@ class Dynamics(Differentiation):
 
     def mass_matrix(
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
-        joints: Sequence[str] | None = None, parameters: Mapping[str, Number] | None = None,
+        joints: str | Sequence[str] | None = None, parameters: Mapping[str, Number] | None = None,
         t: Number | None = None,
     ) -> Array:
         """Return the mass matrix M at a state: of its coordinates, or of joints.
@@ -107,7 +107,7 @@ class Dynamics(Differentiation):
         start : Start, or array_like of shape (n,)
             A start as of ``integrate``, or q followed by p.
         p : array_like, shape (n,), optional
-        joints : sequence of str, optional
+        joints : str or sequence of str, optional
             Hinges and slides, a row each, and bodies: six rows of one that moves freely, for the
             velocity of its centre of mass and ω in space axes; three of one that turns about a held
             point. A name of both is the joint's.
@@ -136,8 +136,8 @@ class Dynamics(Differentiation):
 
     def inverse_dynamics(
         self, start: HasStart | ArrayLike, /, *accelerations: Any,
-        inputs: Sequence[str] | None = None, parameters: Mapping[str, Number] | None = None,
-        t: Number | None = None,
+        inputs: str | Sequence[str] | None = None,
+        parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> dict[str, Any] | Array:
         """Return the forces that must be added for given accelerations, or the inputs that do.
 
@@ -154,7 +154,7 @@ class Dynamics(Differentiation):
         accelerations : mapping of str to number or array_like, or array_like of shape (n,)
             Of joints and bodies by their names, of as many numbers as they have rows in
             ``mass_matrix``; no force acts on what is not named. Or d²q/dt² of all coordinates.
-        inputs : sequence of str, optional
+        inputs : str or sequence of str, optional
             Inputs of the system, as many as there are rows, whose values are wanted in place of
             forces on the joints. They may enter forces as a sum, each times a number.
         parameters, t
@@ -255,7 +255,8 @@ class Dynamics(Differentiation):
         return dict(zip(names, values.tolist(), strict=True))
 
     def _names(self, label: str, entries: Any) -> list[str]:
-        names = [as_text(f"an entry of {label}", x) for x in as_items(label, entries, "names")]
+        names = [entries] if isinstance(entries, str) else [
+            as_text(f"an entry of {label}", x) for x in as_items(label, entries, "names")]
         if not names or len({*names}) < len(names):
             raise InputError(f"{label} = {shown(entries)} must name one or more, each once.")
         return names

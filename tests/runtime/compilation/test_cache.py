@@ -131,7 +131,7 @@ def test_unusable_cc_on_the_command_line():
     ("echo 'bad day' >&2; exit 7", ["exit code 7", "bad day", "-Werror"]),
     ("printf 'bad \\377 byte' >&2; exit 7", ["exit code 7", "bad", "byte"]),
     ("exit 0", ["made no", "heavy_top_ims_gamma"]),
-    ("kill -9 $$", ["exit code -9"]),
+    ("kill -9 $$", ["signal 9"]),
     ("for last; do :; done; echo nonsense > $last", ["load", "CC"]),
 ], ids=["complains", "not UTF-8", "does nothing", "killed", "makes nonsense"])
 def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache):

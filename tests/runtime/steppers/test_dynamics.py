@@ -155,6 +155,9 @@ def test_two_rods_move_as_the_textbook_has_them():
         0.25 * (1.3**2 * sin - free[0, 0] * cos), 0, 0.25 * (1.3**2 * cos + free[0, 0] * sin)],
         abs=close * np.abs(free).max())
     assert found.body("rod1")[1][1] == pytest.approx(free.sum(), rel=close)
+    alone = [step.mass_matrix(*at, joints=one, **given) for one in (names[0], names[:1])]
+    assert np.array_equal(*alone)
+    assert alone[0].shape == (1, 1)
     goal = dict(zip(names, (1.0, -2.0), strict=True))
     forces = step.inverse_dynamics(*at, goal, **given)
     size = np.abs(push).max()
@@ -210,6 +213,8 @@ def test_what_cannot_be_asked_is_said():
             (lambda: step.mass_matrix(*at, joints=[], **given), ["joints"]),
             (lambda: step.mass_matrix(*at, joints=["hinge0", "rod0"], **given), ["hinge0", "rod0"]),
             (lambda: step.inverse_dynamics(*at, {}, **given), ["accelerations"]),
+            (lambda: step.inverse_dynamics(model), ["accelerations", "start"]),
+            (lambda: step.mass_matrix(model, joints="elbow"), ["elbow", "hinge1"]),
             (lambda: step.inverse_dynamics(*at, {"hinge0": [1, 2]}, **given), ["hinge0", "[1, 2]"]),
             (lambda: step.inverse_dynamics(*at, [1.0], **given), ["(1,)", "14"]),
             (lambda: step.inverse_dynamics(*at, np.ones(14), **given), ["hinge0: x"]),
