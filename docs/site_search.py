@@ -34,6 +34,8 @@ SYNONYMS = {
                        "order of accuracy, rattle, shake, stiff, stiff system, radau",
     "choosing#the-parameter-γ": "gamma, alpha, inertia representation",
     "comparison": "alternatives, versus, comparison",
+    "coming_from#pinocchio": "pinocchio, crba, rnea, aba, nle, frame jacobian, "
+                             "jacobian of a point, regressor",
     "coming_from": "mujoco, exudyn, heyoka, pydy, matlab, simscape, simulink, ode45, translation",
     "controllers": "controller, real time, real-time, control loop, cortex, deploy, "
                    "hardware in the loop, hil, flight computer, on-board",
@@ -63,6 +65,8 @@ SYNONYMS = {
                                                  "visualisation, visualization, render, gif, "
                                                  "animation gif",
     "results": "reaction force, constraint force, csv, pandas, output, joint angle, joint angles",
+    "results#bodies": "end effector, tool centre point",
+    "models#limits-of-joints": "joint range, range of a joint, limits of joints",
     "results#accelerations": "acceleration, accelerations, qacc, inverse dynamics, "
                              "gravity compensation",
     "results#pictures": "plot, figure, plot trajectory, plot energy",
@@ -74,7 +78,8 @@ SYNONYMS = {
     "adaptive_steps": "adaptive, adaptive step, adaptive time step, variable step, "
                       "variable time step, error control",
     "optimal_control": "optimal control, trajectory optimisation, trajectory optimization, "
-                       "shooting, collocation, ipopt, mpc",
+                       "shooting, collocation, ipopt, mpc, tracking, "
+                       "model predictive control, reference tracking",
     "identification": "identification, system identification, identify, friction coefficient",
     "solving": "newton, convergence, fixed point, iteration",
     "stability": "version, deprecation, semantic versioning, api changes",
@@ -84,7 +89,7 @@ SYNONYMS = {
                "potential",
     "systems#events": "event, events, zero crossing, root finding, stop condition",
     "systems#forces": "force, drag, damping, external force",
-    "systems#inputs": "input, control input, actuation",
+    "systems#inputs": "input, control input, actuation, zero-order hold, zero order hold",
     "theory/symplecticity": "symplectic, symplecticity, energy drift",
     "troubleshooting": "error, help, faq, troubleshooting, stagnated, diverged, change point, "
                        "not converged, energy error, slow, inverse kinematics, error message, "
@@ -96,6 +101,8 @@ SYNONYMS = {
                                                                  "state space, linearise, "
                                                                  "linearize, linearisation, "
                                                                  "linearization, kalman filter, "
+                                                                 "riccati, cart-pole, cart pole, "
+                                                                 "cartpole, discrete time, "
                                                                  "transfer function",
     "gallery/satellite": "gravity gradient, orbital motion, jacobi constant, orbit axes, "
                          "lvlh, nadir",

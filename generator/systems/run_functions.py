@@ -57,7 +57,9 @@ def sum_over_states(
     values: dict[sp.Symbol, Any] = {}
     for symbol in sorted(e.free_symbols, key=str):
         if str(symbol) not in columns_of:
-            raise unknown("symbol of a loss", str(symbol), columns_of)
+            raise unknown("symbol of a loss", str(symbol), columns_of,
+                          "; for a quantity, such as a joint's angle, give a function of the run "
+                          "that returns its value and cotangents")
         values[symbol] = columns_of[str(symbol)]
     evaluator = Evaluator(values)
 

@@ -225,7 +225,8 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
         else:
             raise unknown("quantity to observe", name,
                           [*attitude_columns, *turning_bodies, *vector_columns, *state_names],
-                          " or a function of (q, p)")
+                          "; for a quantity, such as a joint's angle, give a function of (q, p) "
+                          "that returns values and derivatives by q and by p")
     if not names:
         raise InputError("observe names nothing; give for example observe=\"attitude\".")
     # in the order of the columns of data: attitudes, angular velocities, numbers of the state

@@ -158,10 +158,12 @@ def names_of(stepper: Stepper, wrt: str | Sequence[str] | None) -> tuple[str, ..
     if not names:
         raise InputError("wrt is empty; give names, such as [\"start\"], or leave it out.")
     inputs = ["inputs"] if stepper.binding.input_names else []
-    allowed = [*dict.fromkeys(parameters), "start", "q", "p", "dt", "t0", *inputs]
+    allowed = ["start", "q", "p", "dt", "t0", *inputs, *dict.fromkeys(parameters)]
     for name in names:
         if not isinstance(name, str) or name not in allowed:
-            raise unknown("name in wrt", name, allowed)
+            raise unknown("name in wrt", name, allowed,
+                          "; derivatives by angles and rates of joints follow from the start's, "
+                          "as the page on derivatives shows")
     return names
 
 

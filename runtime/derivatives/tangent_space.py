@@ -48,7 +48,7 @@ class Tangents:
         Directions of (q, p) at the start, in columns; "all" is an orthonormal basis of the tangent
         space of the constraints, 2 (n − m) columns.
     parameters : sequence of str
-        Names of parameters; ``project`` does not concern them.
+        Names of parameters and inputs; ``project`` does not concern them.
     dt, t0 : bool
         Whether the time step, in scaled time Δτ, and the start time are directions.
     project : bool
