@@ -331,13 +331,13 @@ def tableau(
         The parts of constraint forces. By default they are derived so that they form a symplectic
         pair, for the highest order (docs/choosing.md).
     name : str
-        Part of the names in C.
+        Part of the names in C: a letter, then letters, digits and underscores in lower case.
 
     Returns
     -------
     Tableau
         ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples,
-        ``.order`` the derived order, ``.free_order`` that for systems without constraints,
+        ``.order`` the proved order, ``.free_order`` that without constraints, both lower bounds,
         ``.numeric(digits=50)`` the entries as nested lists of mpmath numbers. Velocity constraints
         take G-L and Radau-L alone.
 
@@ -352,7 +352,7 @@ def tableau(
     --------
     >>> import gyrospark as gs
     >>> gs.tableau(A=[["5/12", "-1/12"], ["3/4", "1/4"]], b=["3/4", "1/4"], name="radau_iia")
-    <Tableau radau_iia: 2 stages, p = 2, order 3 with constraints, 3 without>
+    <Tableau radau_iia: 2 stages, p = 2, proved order 3 with constraints, 3 without>
     """
     from .generator.pipeline import tableau_of
     from .generator.tableaux.tableau_file import butcher_tableau

@@ -22,7 +22,6 @@ import sympy as sp
 from sympy import EXRAW
 from sympy.polys.matrices import DomainMatrix
 
-from ...core.arguments import listed
 from ...core.errors import TableauError
 from .conditions import check_tableau
 from .multipliers import multiplier_inverse
@@ -69,8 +68,9 @@ def complete_tableau(
     assert best is not None  # p = 1 has M = 1/2
     broken = [line for line in check_tableau(best) if line.required and not line.holds]
     if broken:
-        lines = [f"{line.name} ({line.equation}; residual {line.residual})" for line in broken[:4]]
-        raise TableauError(f"The tableau {name!r} violates {listed(lines)}; correct its numbers.")
+        lines = [f"{line.name} ({line.equation}; residual {line.residual})" for line in broken[:3]]
+        raise TableauError(
+            f"The tableau {name!r} violates {', '.join(lines)}; correct its numbers.")
     return best
 
 

@@ -42,6 +42,10 @@ MATRICES = {
 }
 LABELS = {"C": "C", "C_hat": "Ĉ", "C_tilde": "C̃", "C_bar": "C̄",
           "B": "B", "B_hat": "B̂", "B_tilde": "B̃"}
+_EQUATIONS = {"C": "Σ a c^(k−1) = c^k/k", "C_hat": "Σ â c^(k−1) = c^k/k",
+              "C_tilde": "Σ ã c̃^(k−1) = c^k/k", "C_bar": "Σ ā c^(k−1) = c̃^k/k",
+              "B": "Σ b c^(k−1) = 1/k", "B_hat": "Σ b̂ c^(k−1) = 1/k",
+              "B_tilde": "Σ b̃ c̃^(k−1) = 1/k"}
 D_LABELS = {"C": "D", "C_hat": "D̂", "C_tilde": "D̃", "C_bar": "D̄"}
 
 
@@ -386,15 +390,13 @@ def _counted_condition(tableau: Tableau, label: str, largest_k: dict[str, int]) 
         weights = basis[label.replace("B", "b")]
         nodes = t.constraints if label == "B_tilde" else t.stages
         size = magnitude(quadrature_residual(nodes, weights, k + 1), None, None)
-        equation = f"Σ b c^(k−1) = 1/k, k ≤ {required_k}"
     else:
         name = label.replace("C", "A")
         rows, columns = t.nodes_of(name)
         size = magnitude(stage_residual(rows, columns, basis[name], k + 1), rows, None)
-        equation = f"Σ a c^(k−1) = c^k/k, k ≤ {required_k}"
     return Condition(
         LABELS[label],
-        equation,
+        f"{_EQUATIONS[label]}, required to k = {required_k}",
         found=f"holds to k = {k}, at k = {k + 1} off by {mp.nstr(size, 3)}",
         holds=k >= required_k,
         residual="0" if k >= required_k else mp.nstr(size, 5),
@@ -450,11 +452,11 @@ def _order(tableau: Tableau) -> Condition:
     claimed = tableau.claims.get("order")
     return Condition(
         "order",
-        "min(B, C + D + 1, 2C + 2), even if symmetric"
+        "min(B, C + D + 1, 2C + 2), raised to an even number if symmetric"
         + ("" if claimed is None else f", = {claimed}"),
         found=str(proved),
         holds=proved >= 1 and claimed in (None, proved),
-        residual="0" if claimed in (None, proved) else str(proved - (claimed or 0)),
+        residual=str(proved - (claimed or max(proved, 1))),
         required=True,
     )
 

@@ -114,7 +114,7 @@ class Tableau:
     def __repr__(self) -> str:
         order = f", order {self.claims['order']}" if "order" in self.claims else ""
         if self.given and {"order", "free_order"} <= vars(self).keys():  # a proof takes time
-            order = f", order {self.order} with constraints, {self.free_order} without"
+            order = f", proved order {self.order} with constraints, {self.free_order} without"
         return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{order}>"
 
     def _repr_html_(self) -> str:
@@ -161,7 +161,7 @@ class Tableau:
 
     @cached_property
     def free_order(self) -> int:
-        """The order for systems without constraints, by A and Â alone."""
+        """The order that is proved for systems without constraints, by A and Â alone."""
         from .conditions import order
 
         return order(self, constrained=False)

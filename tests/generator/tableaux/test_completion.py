@@ -94,7 +94,8 @@ def test_the_proved_order_is_measured(parts, order, p):
 def test_a_method_is_of_its_own_order_without_constraints():
     """RK4 and its partner are a symplectic pair; constraints of it have order 2."""
     found = gs.tableau(**RUNGE_KUTTA, name="rk4")
-    assert repr(found) == "<Tableau rk4: 4 stages, p = 1, order 2 with constraints, 3 without>"
+    assert repr(found) == ("<Tableau rk4: 4 stages, p = 1, proved order 2 with constraints, "
+                           "3 without>")
     assert any("order 2" in text for text in remarks(found))
     assert any("order 3" in text for text in remarks(found, constrained=False))
     case = systems.case("kepler")
