@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from pathlib import Path
 from typing import Any
@@ -47,20 +48,48 @@ def write_files(app: Sphinx, error: Exception | None) -> None:
         source = executed(app, name)
         if source.is_file():
             text = source.read_text(encoding="utf-8")
-            for ending, content in (("ipynb", text), ("py", script(json.loads(text)))):
+            program = script(json.loads(text), Path(name).name)
+            for ending, content in (("ipynb", text), ("py", program)):
                 target = Path(app.outdir) / FOLDER / f"{name}.{ending}"
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_text(content, encoding="utf-8")
 
 
-def script(notebook: dict[str, Any]) -> str:
-    """Return a notebook in percent format: text as comments, cells begin with ``# %%``."""
-    parts = []
+def script(notebook: dict[str, Any], name: str) -> str:
+    """Return a notebook in percent format: text as comments, cells begin with ``# %%``.
+
+    The value that a cell shows is printed, or written as ``NAME_1.png``, ``NAME_2.html``, ….
+    """
+    parts: list[str] = []
     for cell in notebook["cells"]:
         source = "".join(cell["source"])
         if cell["cell_type"] == "code":
-            parts.append(f"# %%\n{source}")
+            parts.append(f"# %%\n{as_program(cell, f'{name}_{len(parts) + 1}')}")
         else:
             lines = "\n".join(f"# {line}".rstrip() for line in source.splitlines())
             parts.append(f"# %% [markdown]\n{lines}")
     return "\n\n".join(parts) + "\n"
+
+
+def as_program(cell: dict[str, Any], name: str) -> str:
+    """Return the text of a cell, whose last value a program prints, or writes if it is a picture.
+
+    Its outputs say what it shows: ``run.show()`` a page, what else has pixels a figure.
+    """
+    source = "".join(cell["source"])
+    shown = [output["data"] for output in cell.get("outputs", ())
+             if output["output_type"] == "execute_result"]
+    if not shown:
+        return source
+    last = ast.parse(source).body[-1]
+    value = ast.get_source_segment(source, last) or ""
+    head, _, tail = source.rpartition(value)
+    if "image/png" not in shown[0]:
+        value = f"print({value})"
+    elif value.endswith(".show()"):
+        value = f'{value[:-1]}"{name}.html")'
+    elif '.show(".png"' in value:
+        value = value.replace('.show(".png"', f'.show("{name}.png"')
+    else:
+        value = f'{value}.savefig("{name}.png")'
+    return f"{head}{value}{tail}"

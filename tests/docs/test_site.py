@@ -205,8 +205,23 @@ def test_names_of_a_table_exist(page):
 def test_a_script_has_the_text_of_a_page_as_comments():
     made = module("site_downloads").script({"cells": [
         {"cell_type": "markdown", "source": ["# Title\n", "\n", "Text."]},
-        {"cell_type": "code", "source": "x = 1\nx"}]})
+        {"cell_type": "code", "source": "x = 1\nx", "outputs": []}]}, "page")
     assert made == "# %% [markdown]\n# # Title\n#\n# Text.\n\n# %%\nx = 1\nx\n"
+
+
+@pytest.mark.parametrize(("cell", "kinds", "program"), [
+    ("x = 1\nx, x  # twice", ("text/plain",), "x = 1\nprint(x, x)  # twice"),
+    ("run.show()", ("image/png", "text/html"), 'run.show("page_1.html")'),
+    ('run.show(".png",\n  time=1)', ("image/png",), 'run.show("page_1.png",\n  time=1)'),
+    ('run.plot("x", "y")', ("image/png",), 'run.plot("x", "y").savefig("page_1.png")'),
+    ("run.report", ("text/html", "text/plain"), "print(run.report)"),
+])
+def test_what_a_cell_shows_is_printed_or_written_by_its_script(cell, kinds, program):
+    outputs = [{"output_type": "stream", "text": ""},
+               {"output_type": "execute_result", "data": dict.fromkeys(kinds, "")}]
+    made = module("site_downloads").script({"cells": [
+        {"cell_type": "code", "source": cell, "outputs": outputs}]}, "page")
+    assert made == f"# %%\n{program}\n"
 
 
 def test_cells_run_in_a_fork(tmp_path):
