@@ -311,8 +311,9 @@ class Trajectory(Shown):
 
     def __repr__(self) -> str:
         report = self.report
+        part = "" if self._grid is None else " and a part of one"
         return (f"<Trajectory of {self.manifest.name}: {len(self):,} states of {report.steps:,} "
-                f"steps, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
+                f"steps{part}, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
 

@@ -53,6 +53,8 @@ def test_a_longer_run_goes_on_from_the_last_whole_step():
     later = step.integrate(made.grid_end, dt=DT, steps=1)
     assert np.abs(later.q[-1] - whole.q[-1]).max() < 1e-14
     assert whole.grid_end.t == whole.t[-1]
+    assert ("part" in repr(made), "part" in repr(made[:3]), "part" in repr(whole)) == (
+        True, False, False)
     assert made[2:].grid_end.t == made.grid_end.t
     assert made[:3].grid_end.t == made.t[2]
     short = step.integrate(start, dt=DT, t_end=0.004)
