@@ -496,3 +496,47 @@ def test_ranges_are_stops_on_wish(tmp_path, text, ending, name, ends):
         assert motion.value(impact.quantity) == pytest.approx(gap, abs=1e-12)
         assert impact.restitution == "restitution"
     assert model.parameters["restitution"] == 1
+
+
+@pytest.mark.slow  # derivatives of a stepper are derived and compiled
+def test_rates_and_angles_of_joints_and_the_matrices_of_a_regulator(tmp_path):
+    """Starts of models give derivatives by joints; tangents of a step at rest the flow's matrix."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(HINGE, encoding="utf-8")
+
+    def start(build=gs.load_model, **options):
+        return build(path, gravity=(0, 0, -9.81), **options)
+
+    def state(angle, rate):
+        model = start(angles={"shoulder": angle}, rates={"shoulder": rate})
+        return np.concatenate([model.q0, model.p0])
+
+    build = start(gs.Multibody.from_file, angles={"shoulder": math.pi / 2})  # below the hinge
+    build.motor("motor", "shoulder", torque=build.input("u"))
+    model = build.model()
+    step = gs.stepper("G-L", 2, system=model)
+
+    def last(z):
+        return step.integrate(z[:7], z[7:], dt=0.01, steps=20, parameters=model.parameters)
+
+    run, h = last(state(0.3, 1.0)), 1e-4
+    gradient = run.gradient({"q": np.eye(7)[4]})
+    by_start = np.concatenate([gradient.q, gradient.p])
+    ends = [last(state(0.3, 1.0 + d)).q[-1, 4] for d in (h, -h)]
+    assert by_start @ (state(0.3, 1.0) - state(0.3, 0.0)) == pytest.approx(
+        (ends[0] - ends[1]) / (2 * h), rel=10 * h**2)
+    ends = [last(state(0.3 + d, 1.0)).q[-1, 4] for d in (h, -h)]
+    assert by_start @ (state(0.3 + h, 1.0) - state(0.3 - h, 1.0)) / (2 * h) == pytest.approx(
+        (ends[0] - ends[1]) / (2 * h), rel=100 * h**2)
+
+    rows = step.integrate(model, dt=0.02, steps=1, tangents=gs.Tangents(parameters=["u"])).tangents
+    basis = rows.start[:, :2]
+    A, B = np.split(basis.T @ np.concatenate([rows.q[-1], rows.p[-1]]), [2], axis=1)
+    frequency = math.sqrt(9.81 * 0.5 / (0.2 + 0.25))
+    assert np.linalg.eigvals(A) == pytest.approx(  # order 4
+        np.exp(1j * frequency * 0.02 * np.array([1, -1])), abs=1e-7)
+    # a torque u held at rest deflects by u/(m g s): z = A z + B u
+    z, angle = np.linalg.solve(np.eye(2) - A, B[:, 0]), 1e-4
+    model = start(angles={"shoulder": math.pi / 2 + angle})
+    deflection = basis.T @ (np.concatenate([model.q0, model.p0]) - state(math.pi / 2, 0.0))
+    assert (deflection @ z) / (z @ z) == pytest.approx(angle * 9.81 * 0.5, rel=1e-6)
