@@ -201,7 +201,8 @@ class System:
             raise InputError(
                 f"System {self.name!r} has {count} constraints on {len(self.q)} "
                 "coordinates; fewer constraints than coordinates must remain. If drives determine "
-                "the whole motion, add a body that moves freely, such as build.point_mass(...)."
+                "the whole motion, add a body that moves freely, such as build.point_mass(...); if "
+                "a closed loop takes the last freedom, leave out one of its joints."
             )
         for key, count in (("constraint", self.m), ("velocity_constraint", self.velocity_count)):
             if len(names := getattr(self, f"{key}_names")) != count:
