@@ -58,7 +58,7 @@ def write_files(app: Sphinx, error: Exception | None) -> None:
 def script(notebook: dict[str, Any], name: str) -> str:
     """Return a notebook in percent format: text as comments, cells begin with ``# %%``.
 
-    The value that a cell shows is printed, or written as ``NAME_1.png``, ``NAME_2.html``, ….
+    The value that a cell shows is printed, or written as ``NAME_3.png``, with the cell's number.
     """
     parts: list[str] = []
     for cell in notebook["cells"]:
