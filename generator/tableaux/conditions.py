@@ -46,6 +46,10 @@ _EQUATIONS = {"C": "Σ a c^(k−1) = c^k/k", "C_hat": "Σ â c^(k−1) = c^k/k",
               "C_tilde": "Σ ã c̃^(k−1) = c^k/k", "C_bar": "Σ ā c^(k−1) = c̃^k/k",
               "B": "Σ b c^(k−1) = 1/k", "B_hat": "Σ b̂ c^(k−1) = 1/k",
               "B_tilde": "Σ b̃ c̃^(k−1) = 1/k"}
+_ADJOINT_EQUATIONS = {"C": "Σ_i b_i c_i^(k−1) a_ij = b_j (1 − c_j^k)/k",
+                      "C_hat": "Σ_i b̂_i c_i^(k−1) â_ij = b̂_j (1 − c_j^k)/k",
+                      "C_tilde": "Σ_i b_i c_i^(k−1) ã_ij = b̃_j (1 − c̃_j^k)/k",
+                      "C_bar": "Σ_i b̃_i c̃_i^(k−1) ā_ij = b_j (1 − c_j^k)/k"}
 D_LABELS = {"C": "D", "C_hat": "D̂", "C_tilde": "D̃", "C_bar": "D̄"}
 
 
@@ -211,6 +215,7 @@ def _check(tableau: Tableau) -> tuple[Condition, ...]:
         _multipliers(tableau),
         *(_symplectic(tableau)),
         *(_counted_condition(tableau, label, largest_k) for label in LABELS),
+        *(_adjoint_condition(label, largest_k) for label in D_LABELS),
         _symmetric(tableau),
         _stability(tableau),
         _order(tableau),
@@ -402,6 +407,12 @@ def _counted_condition(tableau: Tableau, label: str, largest_k: dict[str, int]) 
         residual="0" if k >= required_k else mp.nstr(size, 5),
         required=True,
     )
+
+
+def _adjoint_condition(label: str, largest_k: dict[str, int]) -> Condition:
+    """Return the largest k of D for the matrix with the stage condition ``label``."""
+    k = largest_k[label.replace("C", "D")]
+    return Condition(D_LABELS[label], _ADJOINT_EQUATIONS[label], f"holds to k = {k}", True, "0")
 
 
 def is_symmetric(tableau: Tableau) -> bool:
