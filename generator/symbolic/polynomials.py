@@ -65,7 +65,7 @@ def _exponents(biased: int) -> list[tuple[int, int]]:
 
 
 def _polynomial(
-    e: sp.Expr, places: dict[sp.Symbol, int], known: dict[sp.Expr, _Polynomial]
+    e: sp.Expr, places: dict[sp.Symbol, int], results: dict[sp.Expr, _Polynomial]
 ) -> _Polynomial:
     """Return the terms of an expression; ``places`` of symbols, results of subexpressions are kept.
     """
@@ -73,36 +73,36 @@ def _polynomial(
         return {1 << (_BITS * places.setdefault(e, len(places))): 1}, 1
     if e.is_Rational:
         return ({0: int(e.p)} if e else {}), int(e.q)
-    if e in known:
-        return known[e]
+    if e in results:
+        return results[e]
     if e.is_Add:
-        parts = [_polynomial(term, places, known) for term in e.args]
+        parts = [_polynomial(term, places, results) for term in e.args]
         denominator = math.lcm(*(d for _, d in parts))
         total: dict[int, int] = {}
         for terms, d in parts:
             for m, a in terms.items():
                 total[m] = total.get(m, 0) + a * (denominator // d)
-        known[e] = total, denominator
+        results[e] = total, denominator
     elif e.is_Mul:
-        factors = sorted((_polynomial(factor, places, known) for factor in e.args),
+        factors = sorted((_polynomial(factor, places, results) for factor in e.args),
                          key=lambda factor: len(factor[0]))
         product = factors[0]
         for factor in factors[1:]:
             product = _product(product, factor)
-        known[e] = product
+        results[e] = product
     elif e.is_Pow and e.exp.is_Integer and (e.base.is_Symbol or e.exp > 0):
-        base, d = _polynomial(e.base, places, known)
+        base, d = _polynomial(e.base, places, results)
         if len(base) == 1:
             (m, a), = base.items()
-            known[e] = {m * int(e.exp): a ** abs(int(e.exp))}, d ** abs(int(e.exp))
+            results[e] = {m * int(e.exp): a ** abs(int(e.exp))}, d ** abs(int(e.exp))
         else:
             power = {0: 1}, 1
             for _ in range(int(e.exp)):
                 power = _product(power, (base, d))
-            known[e] = power
+            results[e] = power
     else:
         raise _OtherExpressionError
-    return known[e]
+    return results[e]
 
 
 def _product(a: _Polynomial, b: _Polynomial) -> _Polynomial:
