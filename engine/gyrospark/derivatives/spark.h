@@ -53,7 +53,7 @@ static void TYPED(residual_transposed)(TYPED(linearisation_t) *l, const NUMBER x
     NUMBER force[P][N], NUMBER q[S][N], NUMBER p[S][N], NUMBER Q[P + 1][N], NUMBER *z)
 {
     const NUMBER h = l->h, zero = TYPED(broadcast)(0);
-    NUMBER constants[E], *by_c = z == NULL ? NULL : constants;
+    NUMBER c_bar[E], *by_c = z == NULL ? NULL : c_bar;
     (void)h, (void)force, (void)Q;
     for (int i = 0; i < S; ++i) {
         NUMBER force_bar[N];
@@ -63,10 +63,10 @@ static void TYPED(residual_transposed)(TYPED(linearisation_t) *l, const NUMBER x
             q[i][a] = p[i][a] = zero;
         }
         for (int e = 0; e < E && z != NULL; ++e)
-            constants[e] = zero;
+            c_bar[e] = zero;
         TYPED(stage_transposed)(l, i, force_bar, velocity_bar, q[i], p[i], by_c);
         if (z != NULL)
-            TYPED(add_time_cotangent)(constants, TYPED(broadcast)(tableau.c[i]), z);
+            TYPED(add_time_cotangent)(c_bar, TYPED(broadcast)(tableau.c[i]), z);
 #if GS_CONSTRAINED
         for (int k = 0; k < P; ++k)
             for (int a = 0; a < N; ++a)
@@ -78,7 +78,7 @@ static void TYPED(residual_transposed)(TYPED(linearisation_t) *l, const NUMBER x
         for (int a = 0; a < N; ++a)
             Q[k][a] = zero;
         for (int e = 0; e < E && z != NULL; ++e)
-            constants[e] = zero;
+            c_bar[e] = zero;
         if (k < P)
             TYPED(force_transposed)(l, k, force[k], Q[k], by_c);
         if (k > 0) {
@@ -88,7 +88,7 @@ static void TYPED(residual_transposed)(TYPED(linearisation_t) *l, const NUMBER x
             TYPED(constraint_transposed)(l, k, g_bar, Q[k], by_c);
         }
         if (z != NULL)
-            TYPED(add_time_cotangent)(constants, TYPED(broadcast)(tableau.c_tilde[k]), z);
+            TYPED(add_time_cotangent)(c_bar, TYPED(broadcast)(tableau.c_tilde[k]), z);
     }
 #endif
 }
