@@ -106,13 +106,13 @@ def copy_examples(names: tuple[str, ...], folder: Path) -> int:
             raise InputError(f"There is no example {shown(name)}; choose "
                              f"{listed(example_of_name)}, or "
                              f"all{proposal(name, example_of_name)}.")
-    chosen = [path for name, path in example_of_name.items() if name in names or "all" in names]
-    for path in chosen:
+    paths = [path for name, path in example_of_name.items() if name in names or "all" in names]
+    for path in paths:
         if (folder / path.name).exists():
             raise InputError(f"{str(folder / path.name)!r} is there already; choose another folder "
                              "with --to, or remove it.")
     folder.mkdir(parents=True, exist_ok=True)
-    for path in chosen:
+    for path in paths:
         if path.is_dir():
             shutil.copytree(path, folder / path.name, ignore=_made)
         else:

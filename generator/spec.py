@@ -177,7 +177,7 @@ def _real(real: Any) -> RealName:
 
 
 def _stages(scheme: Scheme, stages: Any) -> int | None:
-    """Return the number of stages, by default that of the scheme; None for a scheme without stages.
+    """Return the number of stages, given or the scheme's own; None for a scheme without stages.
 
     Raises InputError for another number than the scheme takes.
     """

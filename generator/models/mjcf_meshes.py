@@ -150,8 +150,8 @@ def _shape(scale: Floats, file: str, colour: str) -> Shape:
 def _measure(mesh: Any, folder: Path, strip: bool) -> Volume:
     """Return the volume of a mesh in its axes, by MuJoCo's method ``inertia`` of the mesh.
 
-    "exact" is the volume inside the triangles, "convex" that of their hull, and "legacy" counts
-    each tetrahedron from the centre as positive.
+    "exact" is the volume inside the triangles, "convex" the volume of their hull, and "legacy"
+    counts each tetrahedron from the centre as positive.
     """
     file = _file(mesh, strip)
     method = mesh.inertia.name.rpartition("_")[2].lower()

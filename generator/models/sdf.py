@@ -308,7 +308,7 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     """Return a joint with its axis and its pose in the world.
 
     The axis is given in the frame ``expressed_in``; without it, in the frame of the joint, or in
-    that of the model in versions 1.3 and 1.4 and with ``use_parent_model_frame``.
+    the frame of the model in versions 1.3 and 1.4 and with ``use_parent_model_frame``.
     """
     kind = element.attributes.get("type", "")
     if kind not in KINDS:

@@ -32,7 +32,7 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
             number += term
             continue
         if term.is_Add:
-            remaining += term.args  # the loop goes on with these
+            remaining += term.args  # the loop takes its terms, too
             continue
         multiple: object = term
         if term.is_Mul:

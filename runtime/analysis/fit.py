@@ -638,7 +638,7 @@ def _combinations(
 ) -> list[dict[str, float]]:
     """Return undetermined directions as relative changes, name → change.
 
-    That of the "start" is the larger of those of q and of p.
+    The size of the "start" is the larger of the sizes of q and of p.
     ``null`` has them in columns, by the free parameters and the coordinates y of the start, which
     moves by B y, ``basis``; ``sizes`` are those of q and p.
     """

@@ -300,7 +300,7 @@ def _compare(
             errors[np.isnan(errors)] = np.inf
             largest = int(errors.argmax())
             # rounding may cancel in NumPy, and not with FMA: then the measured round-off is too
-            # small, and a bound of it decides, which is dearer to evaluate
+            # small, and its bound decides, which takes longer to evaluate
             if errors[largest] > allowed:
                 bounds = bounds or _bounds(kernel, wide, points)
                 allowed = max(allowed, SLACK * float(

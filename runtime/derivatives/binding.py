@@ -122,7 +122,7 @@ class DerivativeBinding:
         """Return the derivatives of each quantity of a state by the rows of a direction.
 
         Shape (quantities, rows); the last column is by the time t in place of the start time, and
-        that of the step is 0. ``energy`` asks for H alone, which in scaled time follows the
+        the column of the step is 0. ``energy`` asks for H alone, which in scaled time follows the
         quantities. None where the module has no such derivatives.
         """
         binding, size = self.own, self.rows - 1
@@ -169,8 +169,8 @@ class DerivativeBinding:
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
         """Fill rows of q, p and x with steps of the primal module; return the status of the C.
 
-        Row 0 of q and p is the state before. The function that integrates is that of the primal
-        module, so that steps have the bits of the run; it is handed on by its address.
+        Row 0 of q and p is the state before. The primal module's own function integrates, given by
+        its address, so that steps have the bits of the run.
         """
         binding, primal, arguments = self.own, self.primal, run.run
         address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(

@@ -426,8 +426,8 @@ def _of_frame(
 ) -> Array:
     """Return the cotangent Sᵀ w of the state z̃ in the frame after k steps.
 
-    ``cotangent`` is w, that of the state S z̃ in space. The part of S's own rates and of Δt, (dS
-    z̃)ᵀ w, is added to ``z_bar``.
+    ``cotangent`` is w, the cotangent of the state S z̃ in space. The part of S's own rates and of
+    Δt, (dS z̃)ᵀ w, is added to ``z_bar``.
     """
     if not frame.moves:
         return cotangent

@@ -118,7 +118,7 @@ def impact_step(
         length = (run.dt if hit is None else hit.since) - since
         part = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
                                            t0=start + since))
-        # one more direction, that of the length h alone, gives v = ∂Φ_h/∂h
+        # one more direction, the length h alone, gives v = ∂Φ_h/∂h
         along_length = np.eye(binding.rows, dtype=q.dtype)[:, -2:-1]
         ends = part.tangent(np.concatenate([directions, along_length], axis=1))
         end_directions, v = ends[:, :-1], ends[:, -1]

@@ -149,7 +149,7 @@ class SingleStep:
         return directions
 
     def adjoint(self, w: Array, multipliers: Array | None = None) -> Array:
-        """Return the cotangent of all rows from w of the end and that of the multipliers.
+        """Return the cotangent of all rows, from cotangents of the end, w, and of multipliers.
 
         The transpose of ``tangent``: z̄ = Φᵀ Sᵀ w + (dS z₁)ᵀ w.
         """

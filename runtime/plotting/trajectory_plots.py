@@ -60,7 +60,7 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
     output_panels = trajectory.panels()
     # A system without constraints has no error of them to look at.
     system = trajectory.manifest.system
-    is_constrained = system.constraints or system.velocity_constraint_names
+    is_constrained = bool(system.constraints or system.velocity_constraint_names)
     error_panels = [_energy, _constraints] if is_constrained else [_energy]
     row_count = max(2, len(error_panels) + len(output_panels))
     figure = figure_class()(figsize=(11, 2.3 * row_count), layout="constrained")

@@ -181,8 +181,6 @@ def test_imports_are_relative_and_nothing_evaluates_text():
                    ("spec", "compile")}  # of C and MJCF
         if path.name == "observed_order.py":
             allowed.add(("sp", "lambdify"))  # of its own test problem, which no file can change
-        if path.parts[-2:] == ("core", "records.py"):
-            allowed.add(("", "exec"))  # of the names of fields of this package's dataclasses
         for node in statements(path):
             if isinstance(node, ast.ImportFrom):
                 assert node.level > 0 or not (node.module or "").startswith("gyrospark"), path
