@@ -219,12 +219,13 @@ def _draw(
     model: Model | Problem, certificate: Certificate, choice: dict[str, Any], spec: Spec,
     rep: RepName | None, plot: Path,
 ) -> dict[str, Any]:
-    """Draw the error over time; return what was measured."""
+    """Draw error and round-off over time to ``plot``; return its path and the numbers, for JSON."""
     from ..certificates.accuracy_over_time import accuracy, draw
     from ..certificates.certificate import compiled
 
     problem, step = compiled(model, rep, {
         "scheme": choice["scheme"], "stages": spec.stages, "tableau": choice["tableau"],
+        # a tableau that fails its conditions is drawn too: the certificate says so
         "allow_invalid": True, "energy": choice["energy"],
         "order": None if spec.composition else spec.order,
         "composition": spec.composition or None})

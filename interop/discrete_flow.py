@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -136,26 +137,30 @@ class DiscreteFlow:
                 self._second_adjoint if linear == self.adjoint else self._second_tangent)
             return self._of_rows(exact_derivative, (v.shape[1], width), x, v, dx)
 
-        def row(x: Array, v: Array, dx: Array) -> Array:
-            """Return d/dh linear(x + h dx, v) at h = 0 of one state x, a row for each (v, dx)."""
-            run = self._run(x)
-            start = np.concatenate([run.q, run.p, x[2 * self.n :]])
-            projected = self._projected(self._stored_run(run)[1], dx[:, : self._fixed_rows.size])
-            along = np.concatenate([projected.T[:, self._fixed_rows],
-                                    dx[:, self._fixed_rows.size :]], axis=1)
-            size = self._sizes(start)
-            # ε^(1/5) of the largest relative change balances truncation ∝ h⁴ and round-off ∝ ε/h
-            h = np.finfo(float).eps ** 0.2 / np.maximum(
-                (np.abs(along) / size).max(axis=1, initial=0), np.finfo(float).tiny)
-            h[~along.any(axis=1)] = 1
-            derivative = np.zeros((len(v), width))
-            for node, weight in _DIFFERENCE:
-                for sign in (1, -1):
-                    shifted = start + sign * node * h[:, None] * along
-                    derivative += sign * weight / h[:, None] * linear(shifted, v[:, None])[:, 0]
-            return derivative
+        return self._of_rows(partial(self._second_difference, linear), (v.shape[1], width),
+                             x, v, dx)
 
-        return self._of_rows(row, (v.shape[1], width), x, v, dx)
+    def _second_difference(
+        self, linear: Callable[..., Array], x: Array, v: Array, dx: Array
+    ) -> Array:
+        """Return d/dh linear(x + h dx, v) at h = 0 of one x, a row for each pair of v and dx.
+
+        Central differences of order 4 from the projected start, along the projected dx: Σ_k w_k
+        (linear(x + c_k h dx, v) − linear(x − c_k h dx, v))/h with the (c_k, w_k) of _DIFFERENCE.
+        """
+        run = self._run(x)
+        start = np.concatenate([run.q, run.p, x[2 * self.n :]])
+        projected = self._projected(self._stored_run(run)[1], dx[:, : self._fixed_rows.size])
+        directions = np.concatenate([projected.T[:, self._fixed_rows],
+                                     dx[:, self._fixed_rows.size :]], axis=1)
+        # ε^(1/5) of the largest relative change balances truncation ∝ h⁴ and round-off ∝ ε/h
+        h = np.finfo(float).eps ** 0.2 / np.maximum(
+            (np.abs(directions) / self._sizes(start)).max(axis=1, initial=0),
+            np.finfo(float).tiny)
+        h[~directions.any(axis=1)] = 1  # a direction 0, whose derivative is 0 with any h
+        return sum(sign * weight / h[:, None]
+                   * linear(start + sign * node * h[:, None] * directions, v[:, None])[:, 0]
+                   for node, weight in _DIFFERENCE for sign in (1, -1))
 
     def _compile(self) -> None:
         """Compile the derivatives: a compiler that fails is no failure of a row."""
@@ -197,7 +202,7 @@ class DiscreteFlow:
         return results
 
     def _run(self, x: Array) -> RunArguments:
-        """Return the run of one x, whose start is projected."""
+        """Return the run of one x = (q, p, θ, Δt, t0, u_1 … u_N), whose start is projected."""
         stepper, binding = self.stepper, self.stepper.binding
         q, p, parameters, (dt,), (t0,), inputs = (x[field_slice]
                                                   for field_slice in self.fields.values())
@@ -207,18 +212,20 @@ class DiscreteFlow:
             raise InputError("dt = 0 is no time step; give another number.")
         parameter_values = dict(zip(self.names, parameters.tolist(), strict=True))
         input_rows = np.ascontiguousarray(inputs.reshape(1, self.steps, -1))
+        # inputs are among the parameters of the C, which those of each step then replace
         parameter_values |= dict(zip(self.input_names, input_rows[0, 0].tolist(), strict=True))
         run = RunArguments(
-            q.copy(), p.copy(), float(dt), self.steps, self.steps,
-            stepper.check_parameters(parameter_values),
-            "auto", None, 50, float(t0),
-            InputRows(self.input_names, input_rows, 1) if self.input_names else None)
+            q=q.copy(), p=p.copy(), dt=float(dt), steps=self.steps, every=self.steps,
+            parameters=stepper.check_parameters(parameter_values),
+            solver="auto", tolerance=None, max_iterations=50, t0=float(t0),
+            inputs=InputRows(self.input_names, input_rows, 1) if self.input_names else None)
         refuse_singular_mass(binding, stepper.manifest, run)
         if not stepper.m:
             return run
         q, p = stepper._projected(run.q, run.p, binding.parameters(run.parameters, run.t0))
         if not stepper.manifest.scheme.keeps_momentum_constraint:
             p = run.p  # of IMS and EMS f oscillates at their truncation error
+        # a consistent start keeps its bits, so that F is that of ``integrate``
         return replace(run, q=_unless_near(run.q, q), p=_unless_near(run.p, p))
 
     def _value(self, x: Array) -> Array:

@@ -314,7 +314,7 @@ class Recorder:
         observer.close(self.state.run, self._next_state() if observer.terminal else None)
         self._end_at_event()
         return {name: crossings.shown(self.binding)
-                for name, crossings in observer.settle().items()}
+                for name, crossings in observer.take_crossings().items()}
 
     def _next_state(self) -> tuple[Any, Any] | None:
         """Return the state one step ahead, which is not part of the run; None if there is none."""

@@ -92,10 +92,10 @@ def _sample(study: Study, sample_index: int) -> Tile:
 
 
 def _seconds_a_step(study: Study, tile: Tile) -> float:
-    """Return the CPU time of a step of one of these cells, in seconds.
+    """Return the CPU time of a step of one cell, in seconds, the mean of a tile's cells.
 
     The difference of runs of two lengths excludes the calls and the first steps; runs of few steps
-    are measured whole.
+    are measured whole, with these.
     """
     if study.steps is not None and study.steps <= 2 * _STEPS:
         short = replace(study, every=None)

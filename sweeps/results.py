@@ -133,6 +133,10 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
 
 
 def _selected_fields(fields: list[StoredField], keep: Iterable[str] | None) -> list[StoredField]:
+    """Return the fields that ``keep`` names, all if it is None; raise InputError for other names.
+
+    The status may be named too, though it is none of ``fields``: every sweep stores it.
+    """
     names = [field.name for field in fields]
     selected_names = names if keep is None else as_items("keep", keep, "results")
     for name in selected_names:

@@ -56,8 +56,9 @@ def hidden_constraints(derived: Derived, elements: Elements | None) -> list[str]
 def manifest_text(derived: Derived, program: Program, identity: str) -> str:
     """Return the manifest as JSON.
 
-    Profiles for C have the numbers of the model in it, and a hash of it and the other files;
-    manifests of profile ``full`` are the same for all numbers, and so are builds.
+    Manifests of profiles ``control`` and ``run`` contain the model's numbers, and ``identity``,
+    the hash of the three files. Those of profile ``full`` contain neither: one build serves all
+    numbers of a model.
     """
     scheme, system, elements = derived.scheme, derived.system, program.elements
     tableau, frame = scheme.tableau, derived.frame

@@ -185,12 +185,14 @@ def _mark_shared(node: _Node) -> None:
 def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
     """Set the forms of sums, or products, with common arguments: a + b + c = (a + b) + c.
 
-    Short sums come first. The common part of two is also taken out of all longer ones that have it.
-    Sets of numbers stand for the arguments, so that intersections are fast.
+    a + b + c and a + b + d become s + c and s + d with s = a + b. Short sums come first. The common
+    part of two is also taken out of all longer ones that have it. Sets of numbers stand for the
+    arguments, so that intersections are fast. This is SymPy's ``match_common_args``, whose order
+    is kept.
     """
     nodes.sort(key=lambda node: len(node.arguments))
     number_of: dict[_Node, int] = {}
-    #: Function → numbers of its arguments, and argument → numbers of the functions.
+    # function → numbers of its arguments, and argument → numbers of the functions that contain it
     arguments_of = [{number_of.setdefault(a, len(number_of)) for a in node.arguments}
                     for node in nodes]
     arguments = list(number_of)
@@ -198,6 +200,7 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
     for i, numbers in enumerate(arguments_of):
         for a in numbers:
             functions_of[a].add(i)
+    rewritten = set[int]()  # functions whose arguments have changed
 
     def number(node: _Node) -> int:
         """Return the number of an argument, a new one if it has none."""
@@ -207,36 +210,37 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
             functions_of.append(set())
         return number_of[node]
 
-    def replace(i: int, part: set[int], by: int) -> None:
-        """Replace the arguments ``part`` of function i by one argument."""
+    def replace(i: int, part: set[int], shared: int) -> None:
+        """Replace the arguments ``part`` of function i by the argument ``shared``."""
         for a in part:
             functions_of[a].discard(i)
-        arguments_of[i] = (arguments_of[i] - part) | {by}
-        functions_of[by].add(i)
-        changed.add(i)
+        arguments_of[i] = (arguments_of[i] - part) | {shared}
+        functions_of[shared].add(i)
+        rewritten.add(i)
 
-    def part_of(numbers: set[int]) -> _Node:
+    def function_of(numbers: set[int]) -> _Node:
+        """Return the sum, or product, of the arguments of these numbers."""
         return _Node(function, [arguments[a] for a in sorted(numbers)])
 
-    changed = set[int]()
     for i, node in enumerate(nodes):
+        # later functions with two or more arguments in common, the fewest first
         counts = Counter(j for a in arguments_of[i] for j in functions_of[a] if j > i)
         candidates = sorted((count, j) for j, count in counts.items() if count > 1)
         for position, (_, j) in enumerate(candidates):
             part = arguments_of[i] & arguments_of[j]
-            if len(part) < 2:
+            if len(part) < 2:  # an earlier candidate has taken arguments away from i
                 continue
             # if j contains all arguments of i, i itself becomes an argument of j
             if len(part) == len(arguments_of[i]):
                 shared = number(node)
             else:
-                shared = number(part_of(part))
+                shared = number(function_of(part))
                 replace(i, part, shared)
             replace(j, part, shared)
             for _, k in candidates[position + 1:]:
                 if part <= arguments_of[k]:
                     replace(k, part, shared)
-        if i in changed:
-            node.form = part_of(arguments_of[i])
+        if i in rewritten:
+            node.form = function_of(arguments_of[i])
         for a in arguments_of[i]:  # i is done: later functions are not compared with it
             functions_of[a].discard(i)

@@ -315,20 +315,23 @@ class MjcfBuilder(RobotBuilder):
                 raise InputError(
                     f"equality {shown(equality.name)} is on {shown(joint)}, which has no "
                     "coordinate here; write armature for each joint of its body.")
-        ref = [sum(c * self.robot.joints[joint].ref for joint, c in parts) for parts in sums]
+        # y(0) of both sides
+        at_reference = [sum(c * self.robot.joints[joint].ref for joint, c in parts)
+                        for parts in sums]
         if equality.kind == "joint" and len(sums) == 2 and not any(coefficients[2:]):
             c0, c1 = (*coefficients, 0.0)[:2]
             if c1:
                 dependent, independent = (self.coordinates[end] for end in equality.ends)
+                # y₁ = c₁ y₂ + (c₀ + y₁(0) − c₁ y₂(0))
                 self.builder.couple(name, independent, dependent, ratio=c1,
-                                   offset=c0 + ref[0] - c1 * ref[1])
+                                   offset=c0 + at_reference[0] - c1 * at_reference[1])
                 return
         links = [self.coordinates[joint] for parts in sums for joint, _ in parts]
 
         def law(*coordinates: Any) -> Any:
             symbols = iter(coordinates)
             dependent, *independent = (sum(c * next(symbols) for _, c in parts) - y0
-                                       for parts, y0 in zip(sums, ref, strict=True))
+                                       for parts, y0 in zip(sums, at_reference, strict=True))
             polynomial = sum(c * (independent[0] if independent else 0) ** k
                              for k, c in enumerate(coefficients) if c)
             return dependent - polynomial

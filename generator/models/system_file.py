@@ -32,23 +32,18 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
                 "forces", "time", "time_scale", "velocities", "velocity_constraints",
                 "velocity_constraint_names")
     table.require("coordinates", "momenta", "hamiltonian")
-    q, p = (_symbols(table, key) for key in ("coordinates", "momenta"))
-    if len(q) != len(p):
-        raise table.error("momenta", f"has {len(p)} names for {len(q)} coordinates; write one for "
-                                     "each.")
-    for symbol in q.keys() & p.keys():
-        raise table.error("momenta", f"has the name {symbol!r}, which is a coordinate too; names "
-                                     "must differ.")
+    q, p = _coordinates_and_momenta(table)
     v = _symbols(table, "velocities") if "velocities" in table else {}
     state = q | p
-    time, times = _time(table, {*state, *v, *formulas.parameters})
-    H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | times)
-    constraints = formulas.read_all(table, "constraints", q | times)
-    rows = formulas.read_all(table, "velocity_constraints", q | v | times)
-    scales = [formulas.read(table, "time_scale", table.formula("time_scale"), state | times)] if (
-        "time_scale" in table) else []
+    # name → symbol: the time that forces and quantities may contain, and H and constraints
+    time, time_in_H = _time(table, {*state, *v, *formulas.parameters})
+    H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | time_in_H)
+    constraints = formulas.read_all(table, "constraints", q | time_in_H)
+    velocity_constraints = formulas.read_all(table, "velocity_constraints", q | v | time_in_H)
+    scales = [formulas.read(table, "time_scale", table.formula("time_scale"), state | time_in_H)
+              ] if "time_scale" in table else []
     uses_time = "forces" in table or "quantities" in content or "time" in table or any(
-        e.has(*time.values()) for e in (H, *constraints, *rows, *scales))
+        e.has(*time.values()) for e in (H, *constraints, *velocity_constraints, *scales))
     if uses_time:
         for symbol in time:
             if symbol in state:
@@ -59,7 +54,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     quantities = formulas.quantities(state | time)
     # symbols of parameters that a formula divides by are replaced by symbols that are not 0
     parameters, renamed, values = formulas.in_use(
-        [H, *constraints, *rows, *forces, *quantities.values(), *scales])
+        [H, *constraints, *velocity_constraints, *forces, *quantities.values(), *scales])
     start.allow("q", "p")
     start.require("q", "p")
     system = System(
@@ -68,7 +63,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         name=name,
         constraint_names=tuple(table.strings("constraint_names")),
         velocities=tuple(v.values()),
-        velocity_constraints=tuple(row.xreplace(renamed) for row in rows),
+        velocity_constraints=tuple(row.xreplace(renamed) for row in velocity_constraints),
         velocity_constraint_names=tuple(table.strings("velocity_constraint_names")),
         forces=tuple(f.xreplace(renamed) for f in forces),
         time=next(iter(time.values())) if uses_time else None,
@@ -79,10 +74,24 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     return Model(system, values, q0, p0, **run_length(content))
 
 
+def _coordinates_and_momenta(
+    table: TomlTable,
+) -> tuple[dict[str, sp.Symbol], dict[str, sp.Symbol]]:
+    """Return name → symbol of the coordinates and of the momenta, one for each coordinate."""
+    q, p = (_symbols(table, key) for key in ("coordinates", "momenta"))
+    if len(q) != len(p):
+        raise table.error("momenta", f"has {len(p)} names for {len(q)} coordinates; write one for "
+                                     "each.")
+    for symbol in q.keys() & p.keys():
+        raise table.error("momenta", f"has the name {symbol!r}, which is a coordinate too; names "
+                                     "must differ.")
+    return q, p
+
+
 def _time(
     table: TomlTable, names: Collection[str]
 ) -> tuple[dict[str, sp.Symbol], dict[str, sp.Symbol]]:
-    """Return the time by name, and the same for H and constraints.
+    """Return name → symbol of the time in forces and quantities, and in H and constraints.
 
     If the file declares no time, t may be one of the ``names`` of coordinates and parameters: then
     H and constraints have no time.
@@ -96,6 +105,7 @@ def _time(
 
 
 def _symbols(table: TomlTable, key: str) -> dict[str, sp.Symbol]:
+    """Return name → symbol of the names under a key, which must differ."""
     names = table.names(key)
     if not 1 <= len(names) <= MAX_COORDINATES:
         raise table.error(key, f"has {len(names)} names; write 1 to {MAX_COORDINATES}.")

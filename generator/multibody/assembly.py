@@ -10,6 +10,7 @@ Lengths, masses and moments are parameters, not numbers, so that equal joints ha
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -262,63 +263,71 @@ class Assembly:
         return sp.Add(*terms, *self.components.potentials)
 
     def make_system(self, left_out: Collection[str]) -> System:
-        """Return the system without some constraints; unused parameters leave the store."""
-        equations, on_velocities = (
+        """Return the system without the constraints ``left_out``, such as redundant ones.
+
+        Parameters that no expression of the system contains are deleted from the store: a model
+        asks for none of them.
+        """
+        equations, velocity_equations = (
             [e for e in candidates if e.name not in left_out]
             for candidates in (self.equations, self.velocity_equations))
-        store = self.store
-        generalised_forces = [*self.components.forces, *(
-            force for link in self.links for force in link.forces(self.poses, store))]
+        components, store = self.components, self.store
+        q = tuple(x for body in components.bodies for x in body.coordinates)
+        p = tuple(x for body in components.bodies for x in body.momenta)
+        forces_on = self._forces_on_momenta()
         H = self._hamiltonian()
+        scales = [] if components.time_scale is None else [components.time_scale]
+        # symbols of the angles and rates of joints that formulas contain → their expressions
         measures = {symbol: self.connections[joint].measure(measure, self.poses, store)
-                    for symbol, (joint, measure) in self.components.measures.items()}
-        # forces of several connections on one coordinate are added once, in the order of the
-        # connections, so that C does not depend on the order of sets
-        forces_on: dict[sp.Symbol, list[sp.Expr]] = {
-            x: [] for xs, _ in generalised_forces for x in xs}
-        for xs, force in generalised_forces:
-            for x, e in zip(xs, force, strict=True):
-                forces_on[x].append(e)
-        scales = [] if self.components.time_scale is None else [self.components.time_scale]
+                    for symbol, (joint, measure) in components.measures.items()}
+        # before the symbols are replaced: they tell which joints' angles formulas contain
         counted = self._counted_joints(set().union(*(e.free_symbols for e in (
-            H, *(e for _, force in generalised_forces for e in force),
-            *self.components.quantities.values(), *scales))))
-        H = H.xreplace(measures)
-        scales = [e.xreplace(measures) for e in scales]
-        quantities = {name: e.xreplace(measures) for name, e in self.components.quantities.items()}
-        q = tuple(x for body in self.components.bodies for x in body.coordinates)
-        p = tuple(x for body in self.components.bodies for x in body.momenta)
-        clash = next((x for x in (*q, *p) if str(x) in store), None)
-        if clash is not None:
-            raise InputError(f"{str(clash)!r} in Multibody {self.components.name!r} is both a "
-                             "coordinate of a body and a parameter; rename one of the two.")
+            H, *(e for addends in forces_on.values() for e in addends),
+            *components.quantities.values(), *scales))))
+        H, *scales = (e.xreplace(measures) for e in (H, *scales))
+        quantities = {name: e.xreplace(measures) for name, e in components.quantities.items()}
         forces = tuple(sp.Add(*forces_on.get(x, ())).xreplace(measures)
                        for x in p) if forces_on else ()
+        clash = next((x for x in (*q, *p) if str(x) in store), None)
+        if clash is not None:
+            raise InputError(f"{str(clash)!r} in Multibody {components.name!r} is both a "
+                             "coordinate of a body and a parameter; rename one of the two.")
         constraints = tuple(equation.expression for equation in equations)
-        rows = tuple(equation.expression for equation in on_velocities)
-        velocities = self._velocities if rows else ()
-        used: set[sp.Symbol] = set().union(*(
-            e.free_symbols for e in (H, *constraints, *rows, *forces, *quantities.values(),
-                                     *scales)), {
-            self.components.symbols[impact.restitution] for impact in self.components.impacts
-            if isinstance(impact.restitution, str)})
+        velocity_constraints = tuple(equation.expression for equation in velocity_equations)
+        velocities = self._velocities if velocity_constraints else ()
+        restitutions = {components.symbols[impact.restitution] for impact in components.impacts
+                        if isinstance(impact.restitution, str)}
+        used: set[sp.Symbol] = restitutions.union(*(e.free_symbols for e in (
+            H, *constraints, *velocity_constraints, *forces, *quantities.values(), *scales)))
         parameters = tuple(sorted(used - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
         self._refuse_unused(parameters, used)
-        # parameters that no expression contains leave the store: a model asks for none of them
         values = dict(store)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]
         return System(
-            q, p, parameters, H, constraints, name=self.components.name, forces=forces,
+            q, p, parameters, H, constraints, name=components.name, forces=forces,
             constraint_names=tuple(equation.name for equation in equations),
-            velocity_constraints=rows, velocities=velocities,
-            velocity_constraint_names=tuple(equation.name for equation in on_velocities),
+            velocity_constraints=velocity_constraints, velocities=velocities,
+            velocity_constraint_names=tuple(equation.name for equation in velocity_equations),
             time=TIME if TIME in used else None, quantities=quantities,
             time_scale=scales[0] if scales else None,
-            inputs=tuple(self.components.inputs),
-            bodies=tuple(body_at(body, {*parameters}, values) for body in self.components.bodies
+            inputs=tuple(components.inputs),
+            bodies=tuple(body_at(body, {*parameters}, values) for body in components.bodies
                          if body.q),
             joints=self._joint_layouts({*equations}, {*parameters}, values, counted))
+
+    def _forces_on_momenta(self) -> dict[sp.Symbol, list[sp.Expr]]:
+        """Return momentum → the generalised forces on it, in the order of the connections.
+
+        They are added up once, in that order, so that C does not depend on the order of sets.
+        """
+        generalised_forces = [*self.components.forces, *(
+            force for link in self.links for force in link.forces(self.poses, self.store))]
+        forces_on: dict[sp.Symbol, list[sp.Expr]] = defaultdict(list)
+        for momenta, force in generalised_forces:
+            for x, e in zip(momenta, force, strict=True):
+                forces_on[x].append(e)
+        return forces_on
 
     def _counted_joints(self, symbols: Collection[sp.Symbol]) -> set[str]:
         """Return the joints whose full turns are counted: their angle is used beyond ±π.

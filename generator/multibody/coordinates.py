@@ -145,14 +145,15 @@ class Flywheel(Coordinate):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
         (joint,), coordinate = self.joints, self.measure(self.kind, poses, store)
-        turned = coordinate / named_number(f"{self.name}_ratio", self.ratio, store, UNIT)
+        of_joint = coordinate / named_number(f"{self.name}_ratio", self.ratio, store, UNIT)
         if self.kind == "travel":
-            yield Equation(f"{self.name}: ratio", turned - joint.measure("travel", poses, store))
+            yield Equation(f"{self.name}: ratio", of_joint - joint.measure("travel", poses, store))
             return
         hinge = hinge_of(joint)
-        since = turned - named_number(f"{self.name}_begin", hinge.angle, store)
+        turn = of_joint - named_number(f"{self.name}_begin", hinge.angle, store)
+        # sin(θ − turn) = 0, with the turn θ of the joint since its described pose
         cosine, sine = cosine_and_sine(hinge, poses, store)
-        yield Equation(f"{self.name}: ratio", sine * sp.cos(since) - cosine * sp.sin(since))
+        yield Equation(f"{self.name}: ratio", sine * sp.cos(turn) - cosine * sp.sin(turn))
 
     @property
     def displacement(self) -> float:
@@ -169,17 +170,21 @@ class Flywheel(Coordinate):
         super().begin(poses)
 
     def begin_rate(self, poses: Poses) -> None:
-        """Set the rate of the coordinate at the start: ratio e·(ω_b − ω_a), or of the slip along e.
+        """Set the velocity v of the flywheel's one coordinate at the start.
+
+        With the axis e of the joint, v = ratio e·(ω_b − ω_a), or of a travel v = ratio s e·u, where
+        u is the velocity of the point of b relative to a, and s the scale of a ``Slide`` or 1.
         """
         (joint,) = self.joints
         a, b = poses[joint.a], poses[joint.b]
         assert a.spin is not None
         assert b.spin is not None
-        relative_velocity = b.spin - a.spin
         if self.kind == "travel":
             assert isinstance(joint, Joint)
-            relative_velocity = getattr(joint, "scale", 1.0) * _slip(joint, a, b)
-        rate = self.ratio * float(hinge_of(joint).axis_at(poses) @ relative_velocity)
+            relative_rate = getattr(joint, "scale", 1.0) * _slip(joint, a, b)
+        else:
+            relative_rate = b.spin - a.spin
+        rate = self.ratio * float(hinge_of(joint).axis_at(poses) @ relative_rate)
         poses[self.b].v = np.array([rate])
 
 
@@ -191,8 +196,8 @@ class BallFlywheel(Connection):
         """Yield z = q̄_a q_b."""
         (joint,) = self.joints
         assert isinstance(self.b, FlywheelBody)
-        turned = product(conjugate(joint.a.attitude), joint.b.attitude)
-        for k, (z, e) in enumerate(zip(self.b.x, turned, strict=True)):
+        relative_attitude = product(conjugate(joint.a.attitude), joint.b.attitude)
+        for k, (z, e) in enumerate(zip(self.b.x, relative_attitude, strict=True)):
             yield Equation(f"{self.name}: {k}", z - e)
 
     def begin(self, poses: Poses) -> None:
@@ -281,10 +286,14 @@ class Arm(Connection):
     MEASURES: ClassVar[tuple[str, ...]] = ("angle", "rate")
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
-        """Return the angle of the arm e about its joint from the start, or its rate e·(ω_b − ω_a).
+        """Return the angle by which b is turned against a about the arm e, or e·(ω_b − ω_a).
 
-        With the mark m of the other body and e, the angle is atan2((e × m₀)·m, m₀·m), m₀ being m at
-        the start in the frame of the arm.
+        e is a unit vector fixed in one of the bodies, m the other arm, fixed in the other. With
+        m₀, the direction of m at the start in the axes of e's body,
+
+            angle = angle₀ ± atan2((e × m₀)·m, m₀·m),
+
+        + for an arm of a, − for an arm of b, against which it is a that turns.
         """
         frame, partner = (self.a, self.b) if self.own == 0 else (self.b, self.a)
         e = self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store)
@@ -293,17 +302,16 @@ class Arm(Connection):
                                  self.a.direction(self.a.angular_velocity))
             return dot(frame.direction(e), turning)
         mark = self.arms[1 - self.own]
-        mark_direction = partner.direction(self._in(partner, f"{self.name}_mark", mark, poses,
-                                                    store))
-        first = self._in(frame, f"{self.name}_normal1", mark, poses, store)
-        second = self._in(frame, f"{self.name}_normal2", np.cross(self.arms[self.own], mark),
-                          poses, store)
+        m = partner.direction(self._in(partner, f"{self.name}_mark", mark, poses, store))
+        m0 = self._in(frame, f"{self.name}_normal1", mark, poses, store)
+        e_cross_m0 = self._in(frame, f"{self.name}_normal2", np.cross(self.arms[self.own], mark),
+                              poses, store)
         sign = 1 if self.own == 0 else -1
-        turned = sp.atan2(sign * dot(frame.direction(second), mark_direction),
-                          dot(frame.direction(first), mark_direction))
-        return named_number(f"{self.name}_begin", self.angle, store) + turned
+        turn = sp.atan2(sign * dot(frame.direction(e_cross_m0), m), dot(frame.direction(m0), m))
+        return named_number(f"{self.name}_begin", self.angle, store) + turn
 
     def _in(self, frame: Frame, name: str, axis: Array, poses: Poses, store: Store) -> Vector:
+        """Return an axis, which is in space, as a unit vector in the axes of a frame."""
         return unit_vector(name, direction(poses[frame].R.T @ axis), store)
 
     def generalised_forces(

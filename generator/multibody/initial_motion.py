@@ -292,9 +292,11 @@ class Velocities:
         self, bodies: Mapping[Body, InitialState], poses: Mapping[Frame, Pose],
         inertia: Mapping[Body, Inertia], masses: Mapping[Body, float],
     ) -> None:
+        """Collect u from the poses, and the blocks of B and S, which momenta and lengths need."""
         self.bodies, self.poses = bodies, poses
         self.slots: dict[tuple[Body, str], slice] = {}
-        # p = B u and the S with |S u|² = uᵀ M u, twice the kinetic energy, block by block
+        # p = B u, and S = Lᵀ of M = L Lᵀ, so that |S u|² = uᵀ M u is twice the kinetic energy;
+        # a quaternion has four momenta for three rates, so that B has a column for each unit spin
         self._blocks: list[tuple[slice, slice, Array, Array]] = []
         u, count, row_count = [], 0, 0
         for body in bodies:

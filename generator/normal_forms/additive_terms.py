@@ -217,12 +217,14 @@ class HamiltonianTerms:
 
     def _potentials(self, terms: Terms) -> Iterator[Terms]:
         """Yield the terms of each set of coupled coordinates, then the terms in time alone."""
-        blocks = {m: self.support.blocks(m) for m in terms}
+        blocks = {monomial: self.support.blocks(monomial) for monomial in terms}
         groups = connected(blocks.values())
-        group_of = {a: i for i, group in enumerate(groups) for a in group}
+        group_of = {block: i for i, group in enumerate(groups) for block in group}
+        # the last one is for terms in time alone, which no coordinate is in
         potentials: list[Terms] = [{} for _ in range(len(groups) + 1)]
-        for m, a in terms.items():
-            potentials[group_of[min(blocks[m])] if blocks[m] else -1][m] = a
+        for monomial, coefficient in terms.items():
+            group = group_of[min(blocks[monomial])] if blocks[monomial] else -1
+            potentials[group][monomial] = coefficient
         yield from filter(None, potentials)
 
     def _potential(self, terms: Terms, constant: Terms) -> tuple[list[Addend], Terms]:

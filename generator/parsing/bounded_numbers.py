@@ -131,11 +131,18 @@ def multiply(values: Sequence[Value]) -> Value:
 
 
 def _combine(
-    values: Sequence[Value], operation: Callable[..., sp.Expr], on_intervals: Callable[..., Any]
+    values: Sequence[Value], operation: Callable[..., sp.Expr],
+    interval_operation: Callable[..., Any],
 ) -> Value:
-    """Return the sum or product of all values at once; one by one, SymPy takes quadratic time."""
+    """Return the sum or product of all values at once; one by one, SymPy takes quadratic time.
+
+    ``interval_operation`` is the operation on two enclosing intervals.
+    """
     intervals = [value.interval for value in values]
-    interval = None if any(i is None for i in intervals) else reduce(on_intervals, intervals)
+    interval = (None if any(i is None for i in intervals)
+                else reduce(interval_operation, intervals))
+    # integers of the result have at most the bits of all operands, and a carry for each; at least
+    # one operand is irrational, or the operation would have been rational arithmetic
     return _irrational(
         sum(value.bits + 1 for value in values),
         max(value.level for value in values) + 1,

@@ -47,9 +47,10 @@ def derivatives_along(
     expressions: Sequence[sp.Expr], quaternions: Mapping[tuple[sp.Symbol, ...], Vector],
     points: Mapping[sp.Symbol, sp.Expr],
 ) -> list[sp.Expr]:
-    """Return the derivatives Σ e_q·½ Λ(q)ᵀ W + Σ e_r ṙ along the motion of bodies and points.
+    """Return the time derivative de/dt = Σ e_q·q̇ + Σ e_r ṙ of each expression.
 
-    ``quaternions`` has W in space axes of each q, ``points`` the velocity ṙ of each coordinate.
+    ``quaternions`` has the angular velocity W of each q in space axes, with which q̇ = ½ Λ(q)ᵀ W,
+    and ``points`` the velocity ṙ of each coordinate of a point.
     """
     rate = dict(points)
     for q, W in quaternions.items():

@@ -54,6 +54,9 @@ def since_start(
 ) -> sp.Expr:
     """Return e(t0 + τ), with τ under the symbol of the time, and constants of the run.
 
+    sin(a t + b) becomes sin(a τ + φ) with φ = (a t0 + b) mod 2π, since a t loses digits at large
+    t0.
+
     Parameters
     ----------
     e : Expr

@@ -102,18 +102,22 @@ def find_colours(rows: Sequence[Sequence[int]], columns: int) -> Array:
 class NumericConstraints:
     """g, g_q and A at given parameters; states are float arrays, shape (n,).
 
-    ``A`` are the coefficients of velocity constraints A q̇ + a = 0, row by row, and ``row_names``
-    their names; ``g_t`` are the explicit time derivatives of the constraints, if there are any.
+    They are evaluated from expressions: ``constraints`` g(q) = 0, ``A`` and ``a`` of the velocity
+    constraints A(q) q̇ + a(q) = 0, row by row, and ``g_t`` = ∂g/∂t, by default 0.
     """
 
     def __init__(
         self, q: Sequence[sp.Symbol], constraints: Sequence[sp.Expr], names: Sequence[str],
         parameters: Mapping[str, float], A: Sequence[Sequence[sp.Expr]] = (),
-        a: Sequence[sp.Expr] = (), row_names: Sequence[str] = (), g_t: Sequence[sp.Expr] = (),
+        a: Sequence[sp.Expr] = (), velocity_constraint_names: Sequence[str] = (),
+        g_t: Sequence[sp.Expr] = (),
     ) -> None:
-        """Take g(q) = 0, A q̇ + a = 0 and ∂g/∂t as expressions in q and parameters."""
+        """Take g, A, a and g_t in the symbols ``q`` and in parameters, which get their values.
+
+        ``names`` are those of g. Raises InputError for a parameter without a value.
+        """
         self.constraint_names = names
-        self.velocity_constraint_names = row_names
+        self.velocity_constraint_names = velocity_constraint_names
         self._A, self._a = [e for row in A for e in row], list(a)
         self._g_t = list(g_t) or [sp.Integer(0)] * len(constraints)
         self.coordinates = [str(x) for x in q]

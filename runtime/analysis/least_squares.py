@@ -94,7 +94,8 @@ def minimise(
         # No step along directions whose standard deviation exceeds _BEYOND units.
         within_reach = _BEYOND * s > np.sqrt(variance)
         failed = False
-        # a step that does not decrease |r|² by a thousandth of that is tried with more damping
+        # A step that decreases |r|² by less than a thousandth of the expected decrease is tried
+        # with more damping. That lowers the expectation too, below the tolerance at last.
         while True:
             damping = factor * _DAMPING * variance + (RANK * s[0]) ** 2 + np.finfo(float).tiny
             singular_step = within_reach * s * g / (s**2 + damping)

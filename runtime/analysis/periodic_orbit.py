@@ -149,7 +149,7 @@ def periodic_orbit(
     fix: str | Sequence[str] | None = "energy", free: str | None = None, max_iterations: int = 20,
     progress: Progress = None,
 ) -> PeriodicOrbit:
-    """Return the periodic orbit z = Φ_h^N(z) near a start, with a period near steps · dt.
+    """Return the periodic orbit z = Φ_dt^N(z) near a start, with a period near N dt.
 
     Parameters
     ----------

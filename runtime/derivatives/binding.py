@@ -107,7 +107,11 @@ class DerivativeBinding:
     def constraint_derivatives(
         self, parameters: ParameterStruct, q: Array, p: Array
     ) -> tuple[Array, Array]:
-        """Return the derivatives of g and f, m rows each, by the rows of a direction."""
+        """Return ∂g and ∂f, shape (m, ``rows``) each.
+
+        Column j is the derivative by entry j of a direction, (q, p, parameters, Δt, t).
+        """
+        # ``memory`` is a bare address: ``_keep``, the array behind it, must outlive the call
         binding, (memory, _keep) = self.own, self.memory()
         g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
         if binding.m:

@@ -319,7 +319,7 @@ def gradient_of(
     warn_of_jumps(stepper, adjoint.switched)
     inputs_bar = adjoint.inputs_bar
     return Gradient.of_cotangent(
-        space, adjoint.z_bar, wrt, value, inputs_bar if run.inputs is None else _held(
+        space, adjoint.z_bar, wrt, value, inputs_bar if run.inputs is None else _summed_over_hold(
             inputs_bar, run), adjoint.switched)
 
 
@@ -469,11 +469,13 @@ def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers
     return step_multipliers
 
 
-def _held(inputs_bar: Array, run: RunArguments) -> Array:
-    """Return the sums over the steps that each row of inputs is held for."""
+def _summed_over_hold(inputs_bar: Array, run: RunArguments) -> Array:
+    """Return the cotangent of each row of inputs: the sum over the steps that the row is held for.
+
+    ``inputs_bar`` has a row for each step.
+    """
     hold = run.inputs.hold if run.inputs is not None else 1
-    # one row of inputs serves all steps
-    if hold == 0:
+    if hold == 0:  # one row of inputs serves all steps
         total: Array = inputs_bar.sum(axis=0, keepdims=True)
         return total
     starts = np.arange(0, len(inputs_bar), hold)

@@ -152,7 +152,9 @@ def _too_long(stepper: Stepper) -> InputError:
 def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     """Return the derivatives of (q, p⁺) by q, p⁻, parameters, step and time, shape (2 n, rows).
 
-    The step does not matter: its column is 0. The equations of the module, differentiated, are
+    The time step does not enter: its column is 0. With the gap φ and its rate r, the impulses μ of
+    the gap and λ of the constraints, the restitution e, and y of f(q, p⁻ − Gᵀ y) = 0, the
+    equations of the module, differentiated, are
 
         dp⁺ = dp⁻ + d(φ_qᵀ) μ + d(Gᵀ) λ + R (dμ, dλ),                      R = [φ_qᵀ Gᵀ]
         dr(q, p⁺ − Gᵀ y) + e dr(q, p⁻ − Gᵀ y) + r(q, p⁻ − Gᵀ y) de = 0
@@ -168,22 +170,27 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     quantity_rows = binding.quantity_derivatives(parameters, t, hit.q, hit.before)
     assert quantity_rows is not None
     phi_q, weights = quantity_rows[hit.gap, :n], new(len(quantity_rows))
+    # columns are q, p⁻, parameters, step and time; C leaves out the step, and p⁻ of forces too
+    columns_without_p = rows - n - 1
 
-    def by_rows(matrix: Array, states: int) -> Array:
-        """Return derivatives by ``states`` of (q, p), parameters and time as those by all rows."""
-        by_all = new(len(matrix), rows)
-        by_all[:, :states] = matrix[:, :states]
-        by_all[:, 2 * n : -2], by_all[:, -1] = matrix[:, states:-1], matrix[:, -1]
-        return by_all
+    def all_columns(derivatives: Array, states: int) -> Array:
+        """Return derivatives with columns of 0 for those that C leaves out.
+
+        ``states`` is how many columns of (q, p⁻) there are: n without p⁻, else 2 n.
+        """
+        complete = new(len(derivatives), rows)
+        complete[:, :states] = derivatives[:, :states]
+        complete[:, 2 * n : -2], complete[:, -1] = derivatives[:, states:-1], derivatives[:, -1]
+        return complete
 
     def gap_derivatives(p: Array, impulse: Any, forces: Array) -> tuple[Array, Array]:
         """Return the derivatives of φ_qᵀ μ + Gᵀ λ at fixed μ and λ, and of the gap's rate r."""
         weights[hit.gap] = impulse
-        by_force, by_rate = (new(n, n + rows - 2 * n - 1), new(len(quantity_rows), rows - 1))
-        stepper._jump_binding()(parameters, t, hit.q, p, weights, forces, by_force, by_rate)
-        return by_rows(by_force, n), by_rows(by_rate[hit.gap : hit.gap + 1], 2 * n)
+        of_forces, of_rates = new(n, columns_without_p), new(len(quantity_rows), rows - 1)
+        stepper._jump_binding()(parameters, t, hit.q, p, weights, forces, of_forces, of_rates)
+        return all_columns(of_forces, n), all_columns(of_rates[hit.gap : hit.gap + 1], 2 * n)
 
-    # y and λ, from p⁻ and p⁺
+    # y and λ, from p⁻ and p⁺; dq and dp⁻ are rows of the unit matrix
     unit, no_force = np.eye(2 * n, rows, dtype=phi_q.dtype), new(m)
     dp_before = unit[n:]
     if m:
@@ -220,7 +227,9 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     R = np.concatenate([phi_q[:, None], G_T], axis=1)
     residual = (total(r_after, dp_fixed - d_projection)
                 + e * total(r_before, dp_before - d_projection))
-    if hit.parameter is not None:  # r is affine in p, so that its jump −(1 + e) r is r_p (p⁺ − p⁻)
+    if hit.parameter is not None:
+        # r de. C returns derivatives of r alone, but r is affine in p: its jump, −(1 + e) r, is
+        # r_p (p⁺ − p⁻)
         residual[0, hit.parameter] -= (r_p @ (hit.after - hit.before))[0] / (1 + e)
     matrix = r_p @ R
     if m:

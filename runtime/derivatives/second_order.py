@@ -202,8 +202,11 @@ def hessian_of(
 ) -> Hessian:
     """Return the Hessian Dᵀ (z̄' D) of a function of a checked run, one column a direction of D.
 
-    ``cotangents`` are the function's derivatives by the stored states; ``slopes`` says how these
-    change along a direction (None: they do not), and ``checked`` checks its answers. Raises
+    z̄ are the function's derivatives by z = (q₀, p₀, parameters, Δt, t0), and z̄' D their slopes
+    along the columns of D, directions tangent to the constraints: one for each name of ``wrt``, and
+    for "start" a basis. ``cotangents`` are the function's derivatives by the stored states;
+    ``slopes`` says how these change along a direction (None: they do not), and ``checked`` checks
+    its answers. All steps are kept, in at most ``memory``; ``value`` goes into the result. Raises
     InputError for what a Hessian is not taken by, for states within steps, for too little memory;
     StepFailed as the run itself does.
     """
@@ -223,7 +226,7 @@ def hessian_of(
     count = len(names)
     blocks = split(steps, np.arange(0, run.steps, _BLOCK)) if run.steps else []
     stored_tangents, block_tangents = _tangents(first, run, parameters, blocks, D)
-    # t_k = t0 + k Δt of each stored state, along each direction
+    # t_k = t0 + k Δt of each stored state, along each direction: D[-2] are dΔt, D[-1] are dt0
     stored_times = (binding.new(len(stored_tangents), count)
                     + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1])
     columns: list[Array] = []
@@ -246,17 +249,21 @@ def hessian_of(
             if status:
                 raise singular(block.first, status)
         z_bar, z_bar_slope = sweep.z_bar
+        # the cotangents of q₀ and p₀, and their slopes, are what w is at the start
         z_bar[: 2 * n], z_bar_slope[: 2 * n] = sweep.w
         start_slope = pulled_back_slope(second, space, parameter_pair, run.q, run.p, dz, z_bar,
                                         z_bar_slope)
         columns.append(D.T @ start_slope)
-        gradient[j] = dz @ space.pulled_back(z_bar)
-    # ½ (A + Aᵀ), and ½ |A − Aᵀ|, which is round-off
-    A = np.array(columns).T
+        gradient[j] = dz @ space.pulled_back(z_bar)  # z̄ is the same in every pass
+    matrix, asymmetry = _symmetric_part(np.array(columns).T)
+    return Hessian(matrix, asymmetry, names, gradient, space.basis(), value)
+
+
+def _symmetric_part(A: Array) -> tuple[Array, float]:
+    """Return ½ (A + Aᵀ), and max ½ |A − Aᵀ|, round-off, as a share of its largest entry."""
     matrix, defect = (A + A.T) / 2, np.abs(A - A.T) / 2
     size = float(np.abs(matrix).max(initial=0))
-    asymmetry = float(defect.max(initial=0)) / size if size > 0 else 0.0
-    return Hessian(matrix, asymmetry, names, gradient, space.basis(), value)
+    return matrix, float(defect.max(initial=0)) / size if size > 0 else 0.0
 
 
 def _tangents_before_steps(
@@ -381,13 +388,12 @@ def _add_explicit(
 
 
 def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
-    """Return the cotangents of the stored states before these steps, of those of all rows."""
+    """Return the rows of the stored states before these steps; ``rows`` has one for each state."""
     first = steps.first // run.every
-    of_piece = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
+    step_rows: Array = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
-        of_piece[0] = 0  # the state is not stored: its row belongs to an earlier one
-    states: Array = of_piece
-    return states
+        step_rows[0] = 0  # the state is not stored: its row belongs to an earlier one
+    return step_rows
 
 
 def step_slope(

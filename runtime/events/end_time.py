@@ -124,8 +124,8 @@ class EndTimeObserver:
     def close(self, state: RunState, ahead: tuple[Array, Array] | None = None) -> None:
         """Do nothing: the last step is looked at already."""
 
-    def settle(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
-        """Return the end, or no crossing."""
+    def take_crossings(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
+        """Return the end as a crossing of its event, or no crossing before it is reached."""
         binding, none = self._stepper.binding, np.array([], int)
         times, states = np.array([], binding.number_type), binding.new(0, binding.n)
         crossings = (Crossings(times, states, states, none, none.astype(bool), times)

@@ -117,7 +117,7 @@ class ImpactObserver:
     def close(self, _state: RunState, _ahead: Any = None) -> None:
         """Do nothing: no impact waits for a next step."""
 
-    def settle(self, _stop: Any = None) -> dict[str, Impacts]:
+    def take_crossings(self, _stop: Any = None) -> dict[str, Impacts]:
         """Return the impacts since the last call, event's name → impacts.
 
         C gives a pair (gap, step) and a row (time since the start of the step, μ, lost energy,

@@ -66,7 +66,7 @@ def observed(
         trouble, trajectory = error, error.trajectory
     with catch_ctrl_c() as interrupts:
         before = interrupts.requested  # that has ended the run, and not what is solved for now
-        crossings_by_name = observer.settle(lambda: interrupts.requested and not before)
+        crossings_by_name = observer.take_crossings(lambda: interrupts.requested and not before)
     if interrupts.requested and not before:
         raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
@@ -210,8 +210,13 @@ class Observer:
             self._detector.close(ahead)
             self._look_for_end(state)
 
-    def settle(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
-        """Return the crossings since the last call, up to the end of the run."""
+    def take_crossings(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
+        """Solve for the crossings bracketed since the last call, and forget the brackets.
+
+        Crossings behind a terminal event that has ended the run are left out. ``stop`` is asked
+        between solutions; once it is true, the remaining ones are not solved for.
+        """
+        # terminal events were solved for in ``_look_for_end``, and have no bracket any more
         crossings = self._solved(self._detector.brackets, stop) | self._ends
         self._detector.forget()
         self._ends = {}

@@ -158,16 +158,18 @@ def start_parameters(
 def own_inertias(
     inertias: Mapping[str, Any], names: Collection[str]
 ) -> dict[str, Sequence[str]]:
-    """Return each body → those of the parameters ``names`` that are its inertia.
+    """Return label of a body → those of the parameters ``names`` that are its inertia.
 
-    A top of ``bodies`` {"gamma": [I1, I2, I3]} and parameters I1, I2, I3, mgl gives
-    {"body": ("I1", "I2", "I3")}. ``inertias`` go by the names of γ or α. Moments that no body has
-    are effective ones: they are left out.
+    ``inertias`` has the inertia that each γ or α belongs to, in kg m²: {"gamma": [2e-4, 2e-4,
+    8e-5]} with the parameters I1, I2, I3, mgl gives {"body": ("I1", "I2", "I3")}. A body whose
+    inertia is no parameter is left out, as are effective moments, which no body has.
     """
     bodies: dict[str, Sequence[str]] = {}
     for name, inertia in inertias.items():
+        # tuples, as ``_body_of`` is cached by them; starts from JSON have lists
         label, alternatives = _body_of(name, tuple(
             tuple(x) if isinstance(x, list) else x for x in inertia))
+        # three moments, or six entries of a matrix: the first whose names are all parameters
         for entries in alternatives:
             if all(map(names.__contains__, entries)):
                 bodies[label] = entries
@@ -177,9 +179,9 @@ def own_inertias(
 
 @lru_cache(maxsize=1024)
 def _body_of(name: str, inertia: Any) -> tuple[str, Sequence[Sequence[str]]]:
-    """Return a body by the name of its γ or α: its label, and the names that its inertia may have.
+    """Return the label of the body of a γ or α, and the names that its inertia may have.
 
-    They are none where no body has that inertia.
+    There are no names where no body can have that inertia. γ of "arm_gamma" has the label "arm".
     """
     label = name.removesuffix("gamma").removesuffix("alpha").rstrip("_") or "body"
     with contextlib.suppress(InputError), capture_warnings():

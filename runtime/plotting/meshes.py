@@ -86,8 +86,8 @@ def read_meshes(
 ) -> tuple[dict[str, IndexedMesh], dict[str, str]]:
     """Return the meshes by file, and the errors of files that cannot be shown.
 
-    ``"small"`` clusters the meshes until all together take at most ``budget`` bytes, by default the
-    budget of a page; ``"none"`` returns no meshes.
+    ``"full"`` keeps all triangles; ``"small"`` clusters the meshes until all together take at most
+    ``budget`` bytes, by default the budget of a page; ``"none"`` returns no meshes.
     """
     meshes_by_file: dict[str, IndexedMesh] = {}
     reasons: dict[str, str] = {}
@@ -98,12 +98,14 @@ def read_meshes(
             reasons[file] = str(error)
     if meshes == "full" or not meshes_by_file:
         return meshes_by_file, reasons
+    # cells along the longest mesh; 0: not clustered yet
     cells, longest = 0.0, max(mesh.extent for mesh in meshes_by_file.values())
     while (size := sum(len(encoded(mesh)["data"]) for mesh in meshes_by_file.values())) > budget:
         # triangles are as the square of the cells along a side
         cells = cells * min(0.8, 0.95 * (budget / size) ** 0.5) if cells else _CELLS
         if cells < 1:
             break
+        # all meshes have cells of one size, but small ones have at least _LEAST along each
         meshes_by_file = {file: mesh.clustered(max(min(longest / cells, mesh.extent / _LEAST),
                                                    1e-12))
                           for file, mesh in meshes_by_file.items()}

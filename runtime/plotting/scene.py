@@ -173,17 +173,22 @@ class Scene:
         return any(i >= 0 and self.parts[i].own for i in (tie.a, tie.b))
 
     def joints_on(self, i: int, reach: float) -> Iterator[Shape]:
-        """Yield pins and balls of the joints whose second body is i (−1: ground), in its axes."""
-        round_about = i >= 0 and self.parts[i].shapes and self.parts[i].shapes[0].kind == "disc"
+        """Yield pins and balls of the joints whose second body is i (−1: ground), in its axes.
+
+        ``reach`` is the size of the scene, which joints are a fixed part of.
+        """
+        # a disc turns about its own axis: a pin would only repeat it
+        is_wheel = i >= 0 and self.parts[i].shapes and self.parts[i].shapes[0].kind == "disc"
         r = JOINT * reach
         for tie in self.ties:
             if tie.b != i or tie.slides or self.hides(tie):
                 continue
             if tie.kind == "ball":
                 yield Shape("sphere", np.full(3, 1.3 * r), tie.on_b, colour=METAL)
-            elif tie.kind == "hinge" and tie.axis is not None and not round_about:
-                for thick, half, colour in ((r, 1.9 * r, METAL), (0.45 * r, 2.1 * r, DARK)):
-                    yield Shape("disc", np.array([thick, thick, half]), tie.on_b,
+            elif tie.kind == "hinge" and tie.axis is not None and not is_wheel:
+                # a pin, and a thinner core that sticks out at both ends
+                for radius, half_length, colour in ((r, 1.9 * r, METAL), (0.45 * r, 2.1 * r, DARK)):
+                    yield Shape("disc", np.array([radius, radius, half_length]), tie.on_b,
                                 axes_about(tie.axis), colour)
 
 

@@ -196,7 +196,8 @@ class FreeRotation(_PreciseMotion):
         n = -I[i] * (I[j] - I[k]) / (I[k] * (I[i] - I[j]))
 
         self._mp = mp = _context(DIGITS + _lost_digits(1 - m))
-        self._m, self._n, self._complement = (_number(mp, x) for x in (m, n, 1 - m))
+        # the parameter m = k² of the elliptic functions, the characteristic n, and m₁ = 1 − m
+        self._m, self._n, self._m1 = (_number(mp, x) for x in (m, n, 1 - m))
         self._even = (j - i) % 3 == 1  # (i, j, k) is an even permutation of the axes
         self._upright = w[k] >= 0  # B_k takes the sign of Ω_k: am u₀ lies within a quarter turn
         # B_i takes the sign of Ω_i, B_j is positive, and Euler's equations give κ its sign.
@@ -211,8 +212,10 @@ class FreeRotation(_PreciseMotion):
         self._inertia = [_number(mp, x) for x in I]
         self._momentum = _root(mp, sum((x * y) ** 2 for x, y in zip(I, w, strict=True)))
         self._drift = self._momentum * _number(mp, 1 / I[k] - 1 / I[i]) / self._rate
-        self._scale, self._ladder = _landen_ladder(mp, self._complement)
-        self._quarter = self._third_kind_on_quarter(mp.mpf(1), mp.mpf(0)) if m != 1 else mp.mpf(0)
+        self._scale, self._ladder = _landen_ladder(mp, self._m1)
+        # Π(n; π/2) − K, which m = 1 does not need: am u never reaches π/2
+        self._quarter_excess = (self._third_kind_on_quarter(mp.mpf(1), mp.mpf(0)) if m != 1
+                                else mp.mpf(0))
 
         _, b_j, b_k = self._amplitudes
         am = mp.atan2(_number(mp, w[j]) / b_j, _number(mp, w[k]) / b_k)
@@ -266,34 +269,33 @@ class FreeRotation(_PreciseMotion):
     def _jacobi(self, u: Any) -> tuple[Any, Any, Any, Any]:
         """Return am u, sn u, cn u, dn u; am by Landen's descending ladder (DLMF 22.20(ii))."""
         mp = self._mp
-        if not self._complement:
+        if not self._m1:  # m = 1: hyperbolic functions
             return 2 * mp.atan(mp.tanh(u / 2)), mp.tanh(u), mp.sech(u), mp.sech(u)
         am = self._scale * u
         for ratio in reversed(self._ladder):
             am = (am + mp.asin(ratio * mp.sin(am))) / 2
         sn, cn = mp.sin(am), mp.cos(am)
-        return am, sn, cn, mp.sqrt(cn**2 + self._complement * sn**2)
+        return am, sn, cn, mp.sqrt(cn**2 + self._m1 * sn**2)
 
     def _third_kind(self, am: Any, u: Any) -> Any:
-        """Return Π(n; am u) − u, for any am: it grows by 2 (Π(n; π/2) − K) in each half turn.
-
-        The closed form is that of k = 1, the separatrix, where am u = 2 atan tanh(u/2).
+        """Return Π(n; am u) − u = Π − F at any am; it grows by 2 (Π(n; π/2) − K) in each half turn.
         """
         mp = self._mp
         if not self._n:
             return mp.mpf(0)
-        if not self._complement:
+        if not self._m1:
+            # m = 1, the separatrix: sn u = tanh u, so that Π − u = ∫ du/(1 − n tanh² u) − u
             root = mp.sqrt(-self._n)
             return (u + root * mp.atan(root * mp.tanh(u))) / (1 - self._n) - u
         # R_J is used for |am| ≤ π/2 alone
         half_turns = mp.nint(am / mp.pi)
         remainder = am - half_turns * mp.pi
         remainder_integral = self._third_kind_on_quarter(mp.sin(remainder), mp.cos(remainder))
-        return 2 * half_turns * self._quarter + remainder_integral
+        return 2 * half_turns * self._quarter_excess + remainder_integral
 
     def _third_kind_on_quarter(self, sn: Any, cn: Any) -> Any:
         """Return Π − F = (n/3) sn³ R_J(cn², 1 − m sn², 1, 1 − n sn²) for |am| ≤ π/2."""
-        dn2 = cn**2 + self._complement * sn**2
+        dn2 = cn**2 + self._m1 * sn**2
         integral = self._mp.elliprj(cn**2, dn2, 1, 1 - self._n * sn**2)
         return self._n / 3 * sn**3 * integral
 

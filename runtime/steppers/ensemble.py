@@ -11,7 +11,7 @@ from dataclasses import field, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +57,7 @@ from ..integration.run_arguments import (
     EnsembleArguments,
     Origin,
     RawArguments,
+    RunArguments,
     checked_runs,
     end_of_run,
     refuse_texts,
@@ -487,49 +488,37 @@ def _each_alone(
 ) -> Ensemble:
     """Integrate each run by itself on a thread, with the bits of ``integrate``.
 
-    That is for runs with different numbers of steps: with impacts (``events``), of which one may
-    end a run, where ``t_end`` is None; or up to ``t_end`` in scaled time, with other events. Rows
-    behind the end of a run are NaN.
-    """
-    binding, manifest, count = stepper.binding, stepper.manifest, len(runs)
-    clock = manifest.system.clock if t_end is not None else None
-    if clock is None:
-        stepper._impact_binding()  # compiled once, before threads ask for it
-    step_counts, statuses, last_q = [0] * count, [0] * count, [runs.q[i] for i in range(count)]
+    That is for runs that may take different numbers of steps; rows behind the end of one are NaN:
 
-    with (_progress_of(stepper, runs, progress, OPEN if clock else None) as report,
+    - ``t_end`` None: runs with impacts, which are ``events``; a gap that stays closed, or a
+      terminal impact, ends a run.
+    - ``t_end`` given: runs in scaled time up to ``t_end``, with other events.
+    """
+    to_end = t_end is not None
+    if not to_end:
+        stepper._impact_binding()  # compiled once, before threads ask for it
+    step_counts = [0] * len(runs)
+    with (_progress_of(stepper, runs, progress, OPEN if to_end else None) as report,
           catch_ctrl_c() as interrupts, warnings.catch_warnings(),
-          ThreadPoolExecutor(min(threads, count)) as pool):
+          ThreadPoolExecutor(min(threads, len(runs))) as pool):
         # each run would warn of gaps that stay closed; one warning for all follows below
         warnings.simplefilter("ignore", InputWarning)
 
-        def integrate_run(i: int) -> Trajectory:
-            """Return run i with its events; set its status, its last q and its steps so far."""
+        def integrate_run(i: int) -> _FinishedRun:
             def count_steps(steps: int) -> None:
                 step_counts[i] = steps
                 if report is not None:
                     report(sum(step_counts))
 
-            run, run_events = runs[i], events
             try:
-                if clock is not None:
-                    run = changed(run, steps=OPEN, open_end=True)
-                    run_events = (*events, end_of_run(clock, events, binding.time_of(run.q), t_end,
-                                                      run.dt))
-                observer = observer_to_end(stepper, run, run_events)
-                trajectory, statuses[i], state = course(
-                    binding, manifest, run, lambda: interrupts.requested, count_steps, observer)
+                return _integrate_alone(stepper, runs[i], events, t_end,
+                                        lambda: interrupts.requested, count_steps)
             except InputError as error:
                 raise InputError(f"Trajectory {i}: {error}") from None
-            last_q[i] = state.q
-            trajectory = with_events(stepper, observer, trajectory, observer.settle())
-            if clock is None:
-                return trajectory.made_by(stepper, Origin(run))
-            return with_end_apart(trajectory, run_events[-1].name).made_by(
-                stepper, Origin(run.until(trajectory.report.steps), run_events))
 
-        members = list(pool.map(integrate_run, range(count)))
-    if clock is not None:
+        finished_runs = list(pool.map(integrate_run, range(len(runs))))
+    members = [finished.trajectory for finished in finished_runs]
+    if to_end:
         lengths = [*map(len, members)]
         states = max(lengths)
         for warn_of_one in (stepper.rotations.warn_of, warn_of_missed_rate):
@@ -538,13 +527,11 @@ def _each_alone(
         lengths = [min(runs.first.stored(member.report.steps) + 1, len(member))
                    for member in members]
         states = runs.first.rows + 1
-    ended_early = sum(member.report.steps < runs.first.steps and not status
-                      for member, status in zip(members, statuses, strict=True))
-    if ended_early and not interrupts.requested:
-        warn(f"{ended_early:,} of {count:,} trajectories end before the last step, where a gap "
-             "stays closed or a terminal impact ends them; their last rows are in members.")
-    failures = {i: failure_of(binding, runs[i], members[i], Diagnosis.bare(statuses[i]), last_q[i])
-                for i in range(count) if statuses[i]}
+        if not interrupts.requested:
+            _warn_of_early_ends(finished_runs, runs.first.steps)
+    failures = {i: failure_of(stepper.binding, runs[i], finished.trajectory,
+                              Diagnosis.bare(finished.status), finished.q)
+                for i, finished in enumerate(finished_runs) if finished.status}
     crossings = {event.name: CrossingsOfMany([member.events[event.name] for member in members])
                  for event in events}
     ensemble = Ensemble(**_padded_arrays(members, lengths, states), failures=failures,
@@ -552,6 +539,44 @@ def _each_alone(
     if interrupts.requested:
         raise _stopped(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)
     return ensemble
+
+
+class _FinishedRun(NamedTuple):
+    """A run with its events, the status of the compiled steps (0: no failure), and its last q."""
+
+    trajectory: Trajectory
+    status: int
+    q: Array
+
+
+def _integrate_alone(
+    stepper: Stepper, run: RunArguments, events: tuple[Any, ...], t_end: Any,
+    stop: Callable[[], bool], count_steps: Callable[[int], None],
+) -> _FinishedRun:
+    """Integrate one run with its events, to its last step or to ``t_end`` in scaled time."""
+    binding, clock = stepper.binding, stepper.manifest.system.clock
+    end_event = ""
+    if t_end is not None:
+        assert clock is not None  # t_end is given in scaled time alone
+        run = changed(run, steps=OPEN, open_end=True)
+        end = end_of_run(clock, events, binding.time_of(run.q), t_end, run.dt)
+        events, end_event = (*events, end), end.name
+    observer = observer_to_end(stepper, run, events)
+    trajectory, status, state = course(binding, stepper.manifest, run, stop, count_steps, observer)
+    trajectory = with_events(stepper, observer, trajectory, observer.take_crossings())
+    origin = Origin(run)
+    if end_event:
+        trajectory = with_end_apart(trajectory, end_event)
+        origin = Origin(run.until(trajectory.report.steps), events)
+    return _FinishedRun(trajectory.made_by(stepper, origin), status, state.q)
+
+
+def _warn_of_early_ends(runs: Sequence[_FinishedRun], steps: int) -> None:
+    """Warn of runs that impacts have ended before ``steps`` steps; failures are told apart."""
+    count = sum(run.trajectory.report.steps < steps and not run.status for run in runs)
+    if count:
+        warn(f"{count:,} of {len(runs):,} trajectories end before the last step, where a gap "
+             "stays closed or a terminal impact ends them; their last rows are in members.")
 
 
 def _padded_arrays(

@@ -249,7 +249,7 @@ class Simulation:
     def __init__(self, stepper: Stepper, run: RunArguments, record: bool = False) -> None:
         self._stepper = stepper
         self._held = (RecordingRun if record else AdvancingRun)(stepper.binding, run)
-        self._in_use = threading.Lock()
+        self._lock = threading.Lock()
         self.dt = run.dt
         self._present = _PresentState(self)
         self._bodies: dict[str | None, PresentBody | PresentPlaced] = {}
@@ -290,13 +290,13 @@ class Simulation:
         if type(steps) is not int or not 0 <= steps <= FIRST_STEPS:
             steps = as_positive_count("steps", steps)
         values = self._inputs(inputs) if inputs else None
-        self._take()
+        self._acquire()
         try:
             if values is not None:
                 self._held.set_inputs(values)
             status = self._held.advance(steps) if steps <= FIRST_STEPS else self._long(steps)
         finally:
-            self._in_use.release()
+            self._lock.release()
         if status:
             raise self._failure(status)
 
@@ -345,8 +345,9 @@ class Simulation:
             raise Stopped(f"{ended_at(done, steps)} The simulation is there.", interrupts.signal)
         return status
 
-    def _take(self) -> None:
-        if not self._in_use.acquire(blocking=False):
+    def _acquire(self) -> None:
+        """Acquire the lock; raise InputError, in place of waiting, if another thread holds it."""
+        if not self._lock.acquire(blocking=False):
             raise InputError("This simulation is in use by another thread; give each thread its "
                              "own, by copy().")
 
@@ -404,11 +405,11 @@ class Simulation:
         if not self._records:
             raise AbsentError("This simulation keeps its last state alone; start it by "
                               "step.start(..., record=True) for sim.trajectory.")
-        self._take()
+        self._acquire()
         try:
             trajectory = self._held.trajectory(self._stepper.manifest)
         finally:
-            self._in_use.release()
+            self._lock.release()
         return trajectory.made_by(self._stepper)
 
     @property
@@ -480,11 +481,11 @@ class Simulation:
 
     def _set_inputs(self, inputs: Mapping[str, Number]) -> None:
         values = self._inputs(inputs)
-        self._take()
+        self._acquire()
         try:
             self._held.set_inputs(values)
         finally:
-            self._in_use.release()
+            self._lock.release()
 
     def quantity(self, name: str) -> Any:
         """Return a quantity of the system, at the state and the time reached.
@@ -531,11 +532,11 @@ class Simulation:
             refuse_inconsistent(continued.binding, stepper.manifest,
                                 replace(continued.run, q=continued.q, p=continued.p,
                                         parameters=checked))
-        self._take()
+        self._acquire()
         try:
             continued.set_parameters(checked)
         finally:
-            self._in_use.release()
+            self._lock.release()
 
     # ------------------------------------------------------------ copies
 
@@ -560,11 +561,11 @@ class Simulation:
 
     def _image(self) -> tuple[Any, ...]:
         """Return state and memory of the run, as they are between two steps."""
-        self._take()
+        self._acquire()
         try:
             return self._held.image
         finally:
-            self._in_use.release()
+            self._lock.release()
 
     # ------------------------------------------------------------ inside
 

@@ -23,7 +23,7 @@ from ...core.start import HasStart, Rule
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.inputs import Inputs
 from ..integration.run_arguments import end_of_run, step_argument, step_count
-from ..integration.starts import merged_start
+from ..integration.starts import Span, StartNumbers, merged_start
 from ..rigid_body.gamma_rules import has_inertia, inertia_of, is_inertia_parameter, mean_inertia
 from .frame_start import Direction, Velocities, directions_of, start_rates
 from .pilots import Pilot, Pilots
@@ -133,8 +133,8 @@ def tune(
     dtau : float, optional
         In scaled time the largest step that is tried, such as 0.4; with ``step_error``.
     t_end, steps : float, int, optional
-        The end of the run, as for ``integrate``. Pilot runs are no longer; beyond them the motion's
-        error must be seen to grow like t.
+        The end of the run, as for ``integrate``. Where it is longer than ``pilot_steps``, the
+        error of the motion is extrapolated from pilot runs in which it grows like t.
     gamma : {"auto", "m", "h", "mt", "ht"}, optional
         "auto" searches γ (or α) of every body that ``parameters`` give none for; the others are
         means of its moments (``gyrospark.gamma``).
@@ -168,42 +168,64 @@ def tune(
     check_stepper(step, "step")
     fixed = as_mapping("parameters", {} if parameters is None else parameters, "{'mgl': 0.4}")
     state = merged_start(step, start, p, fixed)
-    error = choose("aim", aim, AIMS.values())
-    if error == "energy" and "auto" not in (gamma, frame):
+    aim = choose("aim", aim, AIMS.values())
+    if aim == "energy" and "auto" not in (gamma, frame):
         raise InputError("aim = 'energy' is for gamma='auto' or frame='auto'; give one of them.")
+    # parameter → the rule that finds its value: of the model first, then of the arguments
     rules = _searches(state.parameters)
     if gamma is not None or frame is not None or rules:
         step._refuse_scaled(rules="a choice of γ or of a frame")
     if gamma is not None:
         rule = choose("gamma", gamma, (*MEANS, "auto"))
-        rules |= _gammas(step, state.parameters, fixed, rule, error)
+        rules |= _gammas(step, state.parameters, fixed, rule, aim)
     if frame is not None:
-        rules |= _rates(step, fixed, choose("frame", frame, ("auto", "start")), error)
+        rules |= _rates(step, fixed, choose("frame", frame, ("auto", "start")), aim)
     pilot_limit = as_positive_count("pilot_steps", pilot_steps, minimum=_LEAST)
-    common_arguments = {"t0": state.t, "parameters": {**state.parameters, **rules},
-                        "inputs": inputs}
+    length = Span(dt, dtau, t_end, steps)
+    with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
+        if step_error is not None:
+            return _tuned_step(step, state, rules, length, step_error, inputs, pilot_limit, report)
+        return _tuned_parameters(step, state, rules, length, inputs, pilot_limit, report)
+
+
+def _tuned_step(
+    step: Stepper, state: StartNumbers, rules: Mapping[str, Rule], length: Span, step_error: Any,
+    inputs: Any, pilot_limit: int, report: Callable[[int], Any] | None,
+) -> Tuned:
+    """Return a time step for a run up to t_end, and numbers for the rules; see ``tune``."""
+    dt, dtau, t_end, steps = length
     clock = step.manifest.system.clock
-    if step_error is not None:
-        span = _span(step_error, t_end, state.t, dt=dt, steps=steps, inputs=inputs)
-        if clock is not None or dtau is not None:
-            largest = exact(as_real("dtau", step_argument(step.binding, dt, dtau)))
-            assert clock is not None  # or dtau is refused
-            assert isinstance(largest, Fraction)
-            end_of_run(clock, (), state.t, t_end, largest)
-            span, common_arguments["excess"] = FEWEST * largest, state.excess
-        run = step._run_arguments(state.q, state.p, dt=span, steps=1, **common_arguments)
-        with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
-            return _Rules(step, run, rules, report).tuned_step(
-                span, float(step_error), pilot_limit, None if clock is None else t_end)
+    span = _span(step_error, t_end, state.t, dt=dt, steps=steps, inputs=inputs)
+    excess: dict[str, Any] = {}
+    if clock is not None or dtau is not None:
+        largest = exact(as_real("dtau", step_argument(step.binding, dt, dtau)))
+        assert clock is not None  # or dtau is refused
+        assert isinstance(largest, Fraction)
+        end_of_run(clock, (), state.t, t_end, largest)
+        # how long a run to t_end takes in τ is not known: the search begins with the fewest steps
+        span, excess = FEWEST * largest, {"excess": state.excess}
+    run = step._run_arguments(state.q, state.p, dt=span, steps=1, t0=state.t, inputs=inputs,
+                              parameters={**state.parameters, **rules}, **excess)
+    return _Rules(step, run, rules, report).tuned_step(
+        span, float(step_error), pilot_limit, None if clock is None else t_end)
+
+
+def _tuned_parameters(
+    step: Stepper, state: StartNumbers, rules: Mapping[str, Rule], length: Span, inputs: Any,
+    pilot_limit: int, report: Callable[[int], Any] | None,
+) -> Tuned:
+    """Return numbers for the rules with the time step as given; see ``tune``."""
+    dt, _, t_end, steps = length
     if dt is None or not rules:
         raise InputError("There is nothing to choose: give dt with gamma='auto' or frame='auto', "
                          "or step_error with t_end.")
+    # without an end the run is as long as anyone continues it
     unbounded = steps is None and t_end is None
     count = pilot_limit if unbounded else step_count(steps, t_end, state.t, dt)
-    run = step._run_arguments(state.q, state.p, dt=dt, steps=count, **common_arguments)
-    with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
-        return _Rules(step, run, rules, report).tuned(pilot_limit, longer=unbounded
-                                                      or count > pilot_limit)
+    run = step._run_arguments(state.q, state.p, dt=dt, steps=count, t0=state.t, inputs=inputs,
+                              parameters={**state.parameters, **rules})
+    return _Rules(step, run, rules, report).tuned(
+        pilot_limit, longer=unbounded or count > pilot_limit)
 
 
 def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
@@ -249,11 +271,15 @@ def _rates(step: Stepper, fixed: Mapping[str, Any], rule: str, aim: Aim) -> dict
 
 
 def _rule_of(rule: str, aim: Aim) -> str:
+    """Return the rule of a name, "auto" being the search that minimises the error of this aim."""
     return next(name for name, error in AIMS.items() if error == aim) if rule == "auto" else rule
 
 
 def _span(step_error: Any, t_end: Any, t: Any, **excluded: Any) -> Fraction:
-    """Return t_end − t, for which a step is searched."""
+    """Return t_end − t, over which a step is searched, as a fraction.
+
+    ``excluded`` are the arguments that a search of the step does not take, None if left out.
+    """
     if as_real("step_error", step_error) <= 0:
         raise InputError(f"step_error = {shown(step_error)} is not positive; give one such as "
                          "1e-9.")
@@ -332,12 +358,11 @@ class _Rules:
     def tuned_step(
         self, span: Fraction, bound: float, pilot_limit: int, t_end: Any = None
     ) -> Tuned:
-        """Return the time step too, with which a run over a span has an error below a bound.
+        """Return the largest time step with which a run over ``span`` has an error below ``bound``.
 
-        With ``t_end``, in scaled time, ``span`` is as many of the largest steps as a search begins
-        with, and runs end at t_end.
-
-        With tuned γ and rates a larger step may suffice, so the step is searched again.
+        It is span/n for whole numbers n. Numbers for the rules are searched with this step; a
+        larger one may suffice with them, so the step is searched again. In scaled time, which has
+        no rules, runs end at ``t_end``, and ``span`` are the steps that the search begins with.
         """
         parameters = self.initial_parameters()
         steps, last_pilot, pilots = self._steps(parameters, span, bound, t_end)

@@ -85,18 +85,7 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
     platform; GyrosparkError where a compiler fails.
     """
     purpose = f"Target fmu{version}"
-    compilers: dict[Platform, list[str]] = {}  # the one here for its own platform, else zig
-    for choice in platforms:
-        targets = (own_platform(version),) if choice == OWN else PLATFORMS[choice]
-        targets = tuple(target for target in targets if target.folders[version - 2])
-        if not targets:
-            raise InputError(f"FMI {version}.0 has no name for platform {choice!r}; take fmu3, or "
-                             "leave it out.")
-        for target in targets:
-            if choice != OWN:
-                compilers[target] = [*require("zig", purpose), "cc", "-target", target.target, "-s"]
-            elif target not in compilers:
-                compilers[target] = require("cc", purpose)
+    compilers = _compilers(version, platforms, purpose)
 
     def link(target: Platform) -> None:
         library = folder / _library(name, version, target)
@@ -105,8 +94,8 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
                   f"{name}.c",
                   "-o", f"../{_library(name, version, target)}", "-lm"], folder / "sources",
                  purpose)
-        for file in library.parent.iterdir():  # of Windows: .pdb and .lib
-            if file != library:
+        for file in library.parent.iterdir():
+            if file != library:  # beside a DLL zig writes .pdb and .lib
                 file.unlink()
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -115,10 +104,34 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
     with zipfile.ZipFile(fmu, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for path in sorted(path for path in folder.rglob("*") if path.is_file() and path != fmu):
             member = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _NO_TIME)
+            # 3 is Unix: by default this byte depends on the machine
             member.compress_type, member.create_system = zipfile.ZIP_DEFLATED, 3
             member.external_attr = 0o644 << 16
             archive.writestr(member, path.read_bytes())
     return fmu
+
+
+def _compilers(
+    version: int, platforms: tuple[str, ...], purpose: str
+) -> dict[Platform, list[str]]:
+    """Return the command that compiles for each of the platforms of these names.
+
+    "own" is this machine's platform, which its own C compiler serves. A platform that is named,
+    even if it is this one, is compiled by zig.
+    """
+    compilers: dict[Platform, list[str]] = {}
+    for name in platforms:
+        members = (own_platform(version),) if name == OWN else PLATFORMS[name]
+        members = tuple(member for member in members if member.folders[version - 2])
+        if not members:
+            raise InputError(f"FMI {version}.0 has no name for platform {name!r}; take fmu3, or "
+                             "leave it out.")
+        for member in members:
+            if name != OWN:
+                compilers[member] = [*require("zig", purpose), "cc", "-target", member.target, "-s"]
+            elif member not in compilers:
+                compilers[member] = require("cc", purpose)
+    return compilers
 
 
 def _library(name: str, version: int, target: Platform) -> str:
