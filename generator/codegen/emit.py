@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cache
@@ -144,9 +144,11 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         derived.scheme, derived.system, derived.constants, derived.real)
     if derived.second:
         refuse_second(derived)
-    # step equations and their solvers
+    is_control = derived.profile == "control"
+    # step equations: kernels written out, sums over element templates, or the flows of a splitting
     element_sums = _elements(derived, elements)
     flows = flows_of(derived) if isinstance(scheme, SplittingScheme) else None
+    # their fixed-point iteration: on vector lanes, on plain numbers, or why there is none
     lanes, plain, refusal = _iterations(derived, element_sums, flows)
     kernels = [] if element_sums else _step_kernels(derived, flows)
     iteration_kernels, renamed = additional_kernels(kernels, plain.kernels if plain else [])
@@ -159,7 +161,7 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     # constants of a run
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters}
                        | {START: f"par->{system.time}"},
-                       explicit=derived.profile == "control")
+                       explicit=is_control)
     definitions = _used_constants(constants, step_kernels, element_sums)
     constants_c = {str(s): printer(e) for e, s in definitions.items()}
     single_constants, constant_loops = split_constants(constants_c)
@@ -175,7 +177,10 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     functions = printer.functions.union(
         *(k.functions for k in step_kernels if not k.name.startswith("lanes_")),
         quantities.functions if quantities else (), other_functions)
-    index_of = {x: i for i, x in enumerate(system.q)}
+    kernel_functions = other_functions.union(*(
+        k.functions for k in [*step_kernels, *(derivatives.lanes if derivatives else [])]))
+    costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
+        scheme, kernels if plain else step_kernels, element_sums)
     return Program(
         name=derived.name,
         version=__version__,
@@ -187,27 +192,18 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
         **_sizes(derived),
         **_formulas(derived, element_sums),
-        parameters=[str(p) for p in system.parameters],
-        domains=[(str(p), domain_of(p)) for p in system.parameters],
-        quaternions=[[index_of[x] for x in body.q] for body in system.bodies if body.q],
-        time=str(system.time) if system.is_nonautonomous else "",
-        inputs=[str(u) for u in system.inputs] if derived.profile == "full" else [],
-        input_places=[list(constants_c).index(str(u)) for u in system.inputs
-                      if str(u) in constants_c],
-        quantity_time=bool(system.quantities) and system.time is not None,
+        **_arguments(derived, constants_c),
         quantity_kernel=quantities,
         constants={str(s): comment(e) for e, s in definitions.items()},
         constants_c=constants_c,
         single_constants=single_constants,
         constant_loops=constant_loops,
         run_constants=plain.run_constants if plain else [],
-        kernels=[*kernels, *iteration_kernels] if derived.profile == "control" else kernels,
+        kernels=[*kernels, *iteration_kernels] if is_control else kernels,
         compensated=any(map(sums_products, step_kernels)),
-        cardinals=sorted(c_names_with_needs(other_functions.union(*(
-            k.functions for k in [*step_kernels, *(derivatives.lanes if derivatives else [])])))),
+        cardinals=sorted(c_names_with_needs(kernel_functions)),
         switch_functions=SWITCHES & functions,
-        costs={} if derived.profile == "control" or isinstance(scheme, SplittingScheme)
-        else solver_costs(scheme, kernels if plain else step_kernels, element_sums),
+        costs=costs,
         iteration_kernels=iteration_kernels,
         renamed=renamed,
         tableau=_tableau(scheme, real) if isinstance(scheme, SparkScheme) else None,
@@ -221,6 +217,26 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         flows=flows,
         states=states,
     )
+
+
+def _arguments(derived: Derived, constants_c: Mapping[str, str]) -> dict[str, Any]:
+    """Return the parameters, the time and the inputs of the system, and its unit quaternions.
+
+    ``constants_c`` are the constants of a run, among which inputs have a place if a kernel reads
+    them.
+    """
+    system = derived.system
+    index_of = {x: i for i, x in enumerate(system.q)}
+    return {
+        "parameters": [str(p) for p in system.parameters],
+        "domains": [(str(p), domain_of(p)) for p in system.parameters],
+        "quaternions": [[index_of[x] for x in body.q] for body in system.bodies if body.q],
+        "time": str(system.time) if system.is_nonautonomous else "",
+        "inputs": [str(u) for u in system.inputs] if derived.profile == "full" else [],
+        "input_places": [list(constants_c).index(str(u)) for u in system.inputs
+                         if str(u) in constants_c],
+        "quantity_time": bool(system.quantities) and system.time is not None,
+    }
 
 
 def _sizes(derived: Derived) -> dict[str, Any]:
@@ -276,9 +292,10 @@ def _with_functions(lanes: LaneIteration, called: frozenset[str]) -> LaneIterati
 def _iterations(
     derived: Derived, elements: Elements | None, flows: Flows | None
 ) -> tuple[LaneIteration | None, PlainIteration | None, str]:
-    """Return the iteration on lanes or on plain numbers, and the reason if there is none.
+    """Return (lanes, plain, reason): the fixed-point iteration on lanes or on plain numbers.
 
-    Compositions of flows solve no equations: their "iteration" is the lanes of many trajectories.
+    One of the two at most is not None; ``reason`` says why profile ``full`` has none. Compositions
+    of flows solve no equations: their "iteration" is the lanes of many trajectories.
     """
     if flows is not None:
         return (flow_lanes(derived, flows) if derived.profile == "full" else None), None, ""
