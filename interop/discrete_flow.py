@@ -158,9 +158,11 @@ class DiscreteFlow:
             (np.abs(directions) / self._sizes(start)).max(axis=1, initial=0),
             np.finfo(float).tiny)
         h[~directions.any(axis=1)] = 1  # a direction 0, whose derivative is 0 with any h
-        return sum(sign * weight / h[:, None]
-                   * linear(start + sign * node * h[:, None] * directions, v[:, None])[:, 0]
-                   for node, weight in _DIFFERENCE for sign in (1, -1))
+        derivative: Array = sum(
+            sign * weight / h[:, None]
+            * linear(start + sign * node * h[:, None] * directions, v[:, None])[:, 0]
+            for node, weight in _DIFFERENCE for sign in (1, -1))
+        return derivative
 
     def _compile(self) -> None:
         """Compile the derivatives: a compiler that fails is no failure of a row."""
