@@ -669,6 +669,7 @@ def _named_model(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _model_of_file(spec: Spec, text: str, settings: Mapping[str, str]) -> dict[str, Any]:
+    """Return the model of a file's text and the names that it leaves free."""
     from .generator.models.model_file import read_model
 
     content = read_model(text, spec.model or "", spec.rep or None, settings)

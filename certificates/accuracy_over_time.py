@@ -69,6 +69,7 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
     longest, count = 4 * dt, max(1, min(steps, _MOST_STEPS) // 4)
 
     def run(step: float, n: int) -> tuple[Trajectory, float]:
+        """Return the run of ``n`` steps, its last state alone, and its CPU time in seconds."""
         start_time = time.process_time()
         with capture_warnings():
             trajectory = stepper.integrate(q, p, dt=step, steps=n, every=n, parameters=parameters)

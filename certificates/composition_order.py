@@ -39,6 +39,8 @@ def observed_composition_order(composition: Composition, one_kick: bool = False)
 
 
 def _error(composition: Composition, h: Any, scale: Any) -> Any:
+    """Return |z₁ − z(h)| of a step of size h of a composition from a fixed state, by Taylor series.
+    """
     q, p = [mp.mpf(1), mp.mpf(-1) / 2], [mp.mpf(1) / 3, mp.mpf(3) / 4]
     exact = _taylor(q, p, h, scale)
     end = _step(composition, q, p, h, scale)

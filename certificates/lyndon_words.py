@@ -114,6 +114,8 @@ def exponential(element: Flow, largest_grade: int) -> Flow:
 
 
 def _times(f: Flow, g: Flow, factor: Fraction, largest_grade: int) -> Flow:
+    """Return factor · f g up to a grade; words are concatenated and their polynomials multiplied.
+    """
     product_terms: Flow = {}
     for (u, p), (v, r) in product(f.items(), g.items()):
         if grade(u + v) <= largest_grade:

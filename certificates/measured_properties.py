@@ -472,6 +472,7 @@ class Examination:
         return compared(quantity, measured, f"at least {derived_order}", guarantee, lacking, 0.3)
 
     def _quantities(self) -> Iterator[CertificateLine]:
+        """Yield for each quantity of the system its first value and its largest drift."""
         for name in self.run.quantities:
             quantity = self.run.quantity(name).astype(float)
             drift = float(np.abs(quantity - quantity[0]).max())

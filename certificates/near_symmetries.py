@@ -43,6 +43,7 @@ class RandomPoints:
     def __init__(
         self, system: System, parameters: Mapping[sp.Symbol, float], q0: Floats, p0: Floats
     ) -> None:
+        """Draw the symbols without a value, and set the spread of q and p from the start."""
         self.system, self.q0, self.p0 = system, q0, p0
         self.parameters = dict(parameters)
         self.rng = np.random.default_rng(20)
@@ -73,6 +74,7 @@ class RandomPoints:
                                for s in (*system.parameters, *time) if s not in self.parameters}
 
     def _symbol_values(self, q: Floats, p: Floats) -> dict[Any, Any]:
+        """Return symbol → value at a state, with the parameters and the symbols drawn at random."""
         symbol_values: dict[Any, Any] = dict(self.parameters)
         symbol_values |= dict(zip(self.system.q, q, strict=True))
         symbol_values |= dict(zip(self.system.p, p, strict=True))

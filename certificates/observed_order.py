@@ -237,6 +237,7 @@ class _Spark:
 
 
 def _inverse(matrix: Any) -> Any:
+    """Return the inverse of a matrix; raise ArithmeticError if it is singular."""
     try:
         return np.linalg.inv(matrix)
     except np.linalg.LinAlgError as error:

@@ -212,6 +212,7 @@ class _Ring:
     """
 
     def __init__(self, splitting: Splitting) -> None:
+        """Collect the bodies' (q, p), the body of each symbol, and the order of the variables."""
         self.system = splitting.system
         self.bodies = [(q, [self.system.p[i] for i in body.q])
                        for q, body in zip(splitting.quaternions, splitting.bodies, strict=True)]

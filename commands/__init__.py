@@ -141,6 +141,8 @@ def _printing_warnings(name: str) -> Iterator[None]:
     printed: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        """Print a warning of unusual input once, in one line; other warnings as Python prints them.
+        """
         if not issubclass(category, InputWarning):
             original(message, category, *where, **more)
         elif str(message) not in printed:

@@ -133,6 +133,7 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _number(text: str) -> float:
+    """Return a cell of the table as a number, NaN if it is none."""
     try:
         return float(text)
     except ValueError:

@@ -220,6 +220,8 @@ def _cached(spec: Spec) -> dict[str, str]:
 
 
 def _generate(spec: Spec, allow_invalid: bool, derivatives: bool = False) -> Generated:
+    """Derive and print the C of a specification; sympy is imported here, where nothing is cached.
+    """
     with log_task(f"deriving {spec.model or spec.name}"):
         with imported_for_good("sympy"):  # only when needed
             from ..generator.pipeline import generate as run_pipeline

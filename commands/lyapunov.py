@@ -101,6 +101,7 @@ def _result(spectrum: Lyapunov) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any]) -> str:
+    """Return the report for people: exponents with errors, MEGNO, symplectic defect, pairing."""
     lines = [f"{result['stepper']}: {result['steps']:,} steps of {result['dt']:g} s, QR every "
              f"{result['every']}"]
     lines += [f"  λ{i:<3} {value:12.6f} ± {'?' if error is None else f'{error:.2g}'} /s"

@@ -78,6 +78,7 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
 
 
 def _list(problems: Sequence[Reference], as_json: bool) -> None:
+    """Print names, titles and sources of the problems, or all that is known of them as JSON."""
     import json
 
     if as_json:
@@ -95,6 +96,7 @@ def _list(problems: Sequence[Reference], as_json: bool) -> None:
 
 
 def _print(problem: Reference, runs: Sequence[WorkPrecisionRun]) -> None:
+    """Print where the digits come from, and error, cost and invariants of each run."""
     click.echo(f"{problem.title}, t = {problem.seconds} s; digits: {problem.truth.made}")
     if problem.published is not None:
         worst, off = max(problem.deviations.items(), key=lambda pair: pair[1])

@@ -125,6 +125,7 @@ def _progress(
 
 
 def _print_json(name: str, results: Sequence[Result]) -> None:
+    """Print one result, or all of them, as JSON."""
     from ..studies.report import as_json, json_text
 
     text = as_json(results) if name == "all" else json_text(results[0].as_dict())
@@ -132,6 +133,8 @@ def _print_json(name: str, results: Sequence[Result]) -> None:
 
 
 def _print(name: str, results: Sequence[Result], out: Path | None, summary: Path | None) -> None:
+    """Print one result with its table, or the counts and the failing claims of all; then the files.
+    """
     from ..studies.summary import counts_line, failing, requirements, tables_of, unexpected
 
     if name == "all":
@@ -149,6 +152,7 @@ def _print(name: str, results: Sequence[Result], out: Path | None, summary: Path
 
 
 def _print_result(result: Result) -> None:
+    """Print a result's heading, its table if it has one, and its claims."""
     from ..studies.report import heading
     from ..studies.study_result import Table
 
@@ -159,6 +163,7 @@ def _print_result(result: Result) -> None:
 
 
 def _print_table(table: Table) -> None:
+    """Print a table: in each cell our number above the paper's, with a mark of how they compare."""
     from rich.console import Console
     from rich.table import Table as Grid
     from rich.text import Text
@@ -191,6 +196,7 @@ def _print_table(table: Table) -> None:
 
 
 def _print_claims(claims: Sequence[Claim]) -> None:
+    """Print each claim: its outcome, what was computed and what the paper says."""
     for claim in claims:
         mark = "FAILS" if claim.outcome == "fails" else claim.outcome
         suffix = f"; {claim.known}" if claim.known else ""

@@ -126,6 +126,7 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
         begun = False
 
         def show(done: int, everything: int) -> None:
+            """Advance the bar; the first call sets the cells that were done before."""
             nonlocal begun
             if not begun:  # cells of an earlier call say nothing of the speed
                 bar.reset(task, completed=done, total=everything)
@@ -136,6 +137,7 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
 
 
 def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, Any]:
+    """Return the report as JSON has it: axes, counts of statuses, and the extremes of ``show``."""
     from ..sweeps.results import count_statuses, meanings, summary
 
     meaning_of, counts = meanings(), count_statuses(study, store)
@@ -153,6 +155,8 @@ def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, A
 
 
 def _draw(store: Path, show: str, plot: Path, result: dict[str, Any]) -> GyrosparkError | None:
+    """Draw one result of a sweep; return the error if that fails: the numbers are printed anyway.
+    """
     from ..sweeps.results import load_sweep
     from ..sweeps.sweep_plots import draw
 
@@ -165,6 +169,7 @@ def _draw(store: Path, show: str, plot: Path, result: dict[str, Any]) -> Gyrospa
 
 
 def _text(result: dict[str, Any]) -> str:
+    """Return the report for people: cells, time, statuses, and the extremes of one result."""
     axes = " × ".join(f"{length:,} {name}" for name, length in result["axes"].items())
     lines = [f"{result['sweep']} with {', '.join(result['steppers'])}",
              f"  {result['cells']:,} cells ({axes}) in {result['seconds']:.1f} s"]
@@ -179,6 +184,7 @@ def _text(result: dict[str, Any]) -> str:
 
 
 def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: bool) -> None:
+    """Print the time and the bytes that a sweep would take, for so many workers."""
     from dataclasses import asdict
 
     wall = estimate.cpu_seconds / workers
@@ -198,6 +204,7 @@ def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: 
 
 
 def _duration(seconds: float) -> str:
+    """Return seconds as text in a unit that suits them."""
     for unit, size in (("days", 86400), ("h", 3600), ("min", 60)):
         if seconds >= 2 * size:
             return f"{seconds / size:.1f} {unit}"
@@ -205,6 +212,7 @@ def _duration(seconds: float) -> str:
 
 
 def _bytes(count: float) -> str:
+    """Return a number of bytes as text in a unit that suits it."""
     for unit in ("B", "kB", "MB", "GB"):
         if count < 1000:
             return f"{count:.3g} {unit}"

@@ -124,6 +124,7 @@ def _compositions(target: str | None, choice: dict[str, Any]) -> list[Compositio
 
 
 def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
+    """Return the specifications that the target or the options name; the paper's without either."""
     if target is None and not any(choice.values()):
         return list(PAPER_SPECS)
     if target is None:
@@ -249,6 +250,7 @@ def _model(name: str, rep: str | None) -> Model | Problem:
 
 
 def _print_certificate(certificate: Certificate) -> None:
+    """Print a certificate as a table: quantity, measured, expected, verdict."""
     from rich.console import Console
     from rich.table import Table
 
@@ -271,6 +273,7 @@ def _print_certificate(certificate: Certificate) -> None:
 
 
 def _print(verdicts: list[Verification], *, details: bool) -> None:
+    """Print a line for each stepper, with ``details`` a table of its conditions before it."""
     from rich.console import Console
     from rich.table import Table
 

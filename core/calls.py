@@ -53,6 +53,8 @@ def _refuse_former_members(cls: type) -> None:
     former, inherited = FORMER_MEMBERS[cls.__name__], getattr(cls, "__getattr__", None)
 
     def refuse(self: Any, name: str) -> Any:
+        """Raise AttributeError for a former attribute, with the present one, and for unknown ones.
+        """
         if name in former:
             raise AttributeError(f"{cls.__name__}.{name} is now {former[name]}.")
         if inherited is not None:
@@ -97,6 +99,7 @@ def _explained(function: Any, shown: str, *, bound: bool) -> Any:
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
+        """Call the function; raise ArgumentError, in a sentence, if the arguments do not fit."""
         try:
             return function(*arguments, **named)
         except TypeError as error:

@@ -115,6 +115,7 @@ def _set_name(record: Event | Impact, kind: str) -> None:
 
 
 def _refuse_restitution(label: str, entry: Any) -> None:
+    """Refuse a restitution that is no number from 0 to 1; ``label`` names it in the error."""
     e = exact(entry)
     if e is None or isinstance(e, float) or not 0 <= e <= 1:
         raise InputError(f"{label} = {shown(entry)} is outside of [0, 1]; give a number from 0 "

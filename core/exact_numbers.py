@@ -95,6 +95,8 @@ def _of_mpf(value: tuple[int, int, int, int]) -> Fraction | float:
 
 
 def _of_decimal(value: Decimal) -> Fraction | float:
+    """Return a decimal as a fraction; NaN, ±∞ and numbers beyond the range of all types as floats.
+    """
     if not value.is_finite():
         return math.nan if value.is_nan() else math.copysign(math.inf, value)
     if value and abs(value.adjusted()) > _RANGE:

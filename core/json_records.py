@@ -54,6 +54,7 @@ def from_json(cls: type[Record], content: Any) -> Record:
 
 
 def _encoded(value: Any) -> Any:
+    """Return a value as JSON has it: tuples as lists, records as objects."""
     if isinstance(value, tuple):
         return [_encoded(entry) for entry in value]
     if isinstance(value, Mapping):

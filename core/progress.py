@@ -36,6 +36,8 @@ class _Status:
     """A line on a terminal, which the next text takes the place of."""
 
     def __init__(self) -> None:
+        """Start the spinner of a terminal; rich is imported here, as it takes a tenth of a second.
+        """
         from rich.console import Console
 
         self._status = Console(stderr=True, highlight=False).status("")
@@ -193,6 +195,7 @@ def log_progress(
 def _log_progress(
     text: str, total: int, progress: Progress
 ) -> Iterator[Callable[..., Any] | None]:
+    """Yield the function of ``log_progress``: the caller's own, one that logs, or None."""
     as_progress(progress)
     if callable(progress) or progress is False:
         with hide_tasks():
@@ -206,6 +209,7 @@ def _log_progress(
         due, begun = time.perf_counter() + _FIRST, False
 
         def report(done: int, *_: Any) -> None:
+            """Log the share that is done, at intervals, from the main thread alone."""
             nonlocal due, begun
             seconds = time.perf_counter()
             if seconds < due or threading.current_thread() is not threading.main_thread():
@@ -231,6 +235,7 @@ def log_stages(text: str, total: int, progress: Progress) -> Iterator[Callable[[
     done = 0
     with log_progress(text, total, progress) as report:
         def end_stage() -> None:
+            """Count a stage as done, and report it."""
             nonlocal done
             done += 1
             if report is not None:

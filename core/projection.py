@@ -307,6 +307,7 @@ def solve_sparse(W: csr_array, defect: Array) -> Array:
 
 
 def _scaled(A: csr_array, scale: Array) -> csr_array:
+    """Return D A D with D = diag(scale): rows and columns of A scaled alike."""
     from scipy.sparse import diags_array
 
     D = diags_array(scale)
@@ -401,6 +402,7 @@ def _norm(x: Array) -> float:
 
 
 def _furthest(change: Array, names: Sequence[str]) -> tuple[float, str]:
+    """Return the largest |change| and its coordinate's name; (0, "") if nothing changes."""
     sizes = np.abs(np.asarray(change, dtype=float))
     if not sizes.any():
         return 0.0, ""

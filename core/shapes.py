@@ -82,6 +82,7 @@ class Shape:
                              "one, and nothing else has.")
 
     def _array(self, name: str, entry: Any, shape: tuple[int, ...]) -> Floats:
+        """Return an entry of a shape as floats of the given array shape, or refuse it."""
         array = real_array(entry)
         if array is None or array.shape != shape or not np.isfinite(array.astype(float)).all():
             raise InputError(f"The {name} of a {self.kind} is {shown(entry)}; give "

@@ -99,6 +99,7 @@ class _Function(casadi.Callback):
         compute: Callable[..., tuple[Array, ...]],
         derivatives: Mapping[str, Callable[..., Any]] | None = None,
     ) -> None:
+        """Construct the callback, with the shapes of its inputs and outputs and its derivatives."""
         super().__init__()
         self._ins, self._outs, self._compute = dict(ins), dict(outs), compute
         self._derivatives = dict(derivatives or {})
@@ -147,6 +148,7 @@ class _Function(casadi.Callback):
     def _derived(
         self, kind: str, name: str, ins: list[str], outs: list[str], options: Any, *count: int
     ) -> Any:
+        """Make a derivative of a kind, and keep it alive."""
         self._made.append(self._derivatives[kind](name, ins, outs, *count))
         return self._made[-1]
 
@@ -156,6 +158,7 @@ def _named(names: list[str], shapes: list[tuple[int, int]]) -> dict[str, tuple[i
 
 
 def _value(flow: DiscreteFlow, has_second: bool) -> Any:
+    """Return z = F(x) as a CasADi function with Jacobian, forward and reverse derivatives."""
     x, z = (flow.size, 1), (2 * flow.n, 1)
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
@@ -190,6 +193,7 @@ def _reverse(
             _named(outs, [(width, height * columns) for height, columns in shapes]), second)
 
     def second(x: Array, z: Array, w: Array, result: Array) -> tuple[Array, ...]:
+        """Return the Jacobian of F'(x)ᵀ w by x, by z (0) and by w."""
         first = flow.jacobian(x.T)[0].T
         unit = np.eye(flow.size)[None]
         by_x = np.concatenate([flow.second(flow.adjoint, x.T, np.repeat(

@@ -242,6 +242,7 @@ class DiscreteFlow:
         return np.concatenate([state.q, state.p])
 
     def _stored_run(self, run: RunArguments) -> tuple[KeptRun, TangentSpace]:
+        """Return the run at its start, for its steps to be kept, and the tangent space there."""
         binding = self.stepper._derivative_binding()
         stored_run = binding.begin(run)
         return stored_run, TangentSpace(binding, stored_run.parameters, run.q, run.p,

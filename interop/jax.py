@@ -62,6 +62,7 @@ class Flow(FlowFunction):
     """N steps as a JAX function; see ``run``. JAX must compute in 64 bits."""
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
+        """Return F of the parts of x, each broadcast to its shape and flattened; needs 64 bits."""
         if not jax.config.jax_enable_x64:
             raise InputError("JAX computes in 32 bits, and steps need 64; call "
                              "jax.config.update(\"jax_enable_x64\", True) first.")

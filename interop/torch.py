@@ -75,6 +75,7 @@ def _computed(function: Any, *tensors: Any) -> Any:
 
 
 def _save(ctx: Any, inputs: tuple[Any, ...]) -> None:
+    """Keep the inputs for derivatives; gradients that are not asked for stay None."""
     *tensors, ctx.flow, ctx.has_second = inputs
     ctx.save_for_backward(*tensors)
     ctx.save_for_forward(*tensors)
@@ -122,6 +123,7 @@ class _Value(_Batched):
 
     @staticmethod
     def backward(ctx: Any, w: Any) -> Any:
+        """Return F'(x)ᵀ w, itself a differentiable function of x and w."""
         if w is None:
             return None, None, None
         (x,) = ctx.saved_tensors

@@ -33,6 +33,7 @@ def _exact_model(build: Multibody, *without: str) -> Model:
     model = build.model(without=without, redundant="leave out")
 
     def fraction(value: Any) -> Fraction:
+        """Return the short fraction that a double is to rounding, or raise ArithmeticError."""
         double = Fraction(float(value))
         nearby = double.limit_denominator(_DENOMINATOR)
         if abs(nearby - double) > _ROUNDING * (1 + abs(double)):
@@ -195,6 +196,7 @@ BENNETT = Reference(
 
 
 def _slider_crank() -> Model:
+    """Return the spatial slider-crank as bodies and joints in exact numbers."""
     from ..generator.multibody.multibody import Multibody
 
     build = Multibody("slider_crank_3d")

@@ -54,6 +54,7 @@ _START = ("-0.0617138900142764496358948458001", "0", "0.455279819163070380255912
 
 
 def _andrews() -> Model:
+    """Return the mechanism from its Lagrangian in examples, at rest at the test set's start."""
     from ..generator.multibody.model import Model
 
     example = runpy.run_path(str(EXAMPLES / "andrews.py"))

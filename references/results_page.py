@@ -66,6 +66,7 @@ def _summary(measured: Sequence[tuple[Reference, Sequence[WorkPrecisionRun]]]) -
 
 
 def _about(problem: Reference) -> str:
+    """Return the paragraph on a problem: its source, and where the digits come from."""
     invariants = ", ".join(f"{name} = {formula}" for name, formula in problem.invariants.items())
     solution = problem.truth
     without = problem.no_bodies and f" Without exudyn and MuJoCo: {problem.no_bodies}."
@@ -76,6 +77,7 @@ def _about(problem: Reference) -> str:
 
 
 def _numbers(problem: Reference) -> str:
+    """Return the table of the true values, with the published ones beside them."""
     published = problem.published.values if problem.published else {}
     deviations = problem.deviations
     table_rows = [[name, value, published.get(name, "–"), f"{deviations[name]:.0e}"
@@ -85,6 +87,7 @@ def _numbers(problem: Reference) -> str:
 
 
 def _costs(runs: Sequence[WorkPrecisionRun]) -> str:
+    """Return the table of steps, error and CPU time of each run, and the best run's invariants."""
     invariants = min((run for run in runs if not run.peer), key=lambda run: run.error).invariants
     table = _table(["scheme", "steps", "error", "CPU ms"], [
         [run.label, f"{run.steps}", f"{run.error:.1e}", f"{run.cpu_seconds * 1e3:.2f}"]

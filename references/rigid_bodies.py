@@ -65,6 +65,7 @@ def _free_omega() -> tuple[Fraction, ...]:
 
 
 def _free(moments: Sequence[Fraction], omega: Sequence[Fraction | str]) -> Model:
+    """Return a free body with its angular momentum in space axes, l = R J Ω, as quantities."""
     import sympy as sp
 
     from ..generator.multibody.symbols import R, inertia
@@ -76,6 +77,7 @@ def _free(moments: Sequence[Fraction], omega: Sequence[Fraction | str]) -> Model
 
 
 def _kovalevskaya() -> Model:
+    """Return Kovalevskaya's top with K = (Ω₁² − Ω₂² − R₃₁)² + (2 Ω₁ Ω₂ − R₃₂)²."""
     from ..generator.multibody.symbols import R, omega
 
     O1, O2, _ = omega
@@ -84,6 +86,8 @@ def _kovalevskaya() -> Model:
 
 
 def _goryachev_chaplygin() -> Model:
+    """Return the Goryachev-Chaplygin top with G = Ω₃ (Ω₁² + Ω₂²) − Ω₁ R₃₃, an integral for l_z = 0.
+    """
     from ..generator.multibody.symbols import R, omega
 
     O1, O2, O3 = omega  # M = (4 Ω₁, 4 Ω₂, Ω₃)
@@ -93,6 +97,8 @@ def _goryachev_chaplygin() -> Model:
 
 
 def _heavy_top() -> Model:
+    """Return Brüls and Cardona's heavy top with l_z in space and l₂ about its axis as quantities.
+    """
     import sympy as sp
 
     from ..generator.multibody.symbols import R, inertia, omega

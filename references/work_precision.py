@@ -107,6 +107,8 @@ def run_once(problem: Reference, step: Stepper, model: Model, steps: int,
 
 
 def _invariants(problem: Reference, run: Trajectory) -> dict[str, float]:
+    """Return the largest energy and constraint errors, and the change of each integral over a run.
+    """
     errors = {"energy": float(run.report.energy_error_max),
               "constraints": float(run.report.constraint_max)}
     invariants = {name: run.quantity(name) for name in problem.invariants if name in run.quantities}

@@ -139,6 +139,7 @@ def fields_of_events(
              for output in OUTPUTS if output.name in ("q", "p")}
 
     def stored(name: str, column: str, text: str, unit: str = "") -> StoredField:
+        """Return the field of one array of an event, with its shape, unit and type."""
         # "q", "p" and "q_after", "p_after" have the shape of a state; other columns one number
         shape, attributes = inner.get(column[:1] if column[1:] in ("", "_after") else "", ((), {}))
         kind = {"steps": "i8", "rising": "i1", "t": "f8", "elapsed": "f8"}.get(column, real.stored)

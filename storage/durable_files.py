@@ -45,6 +45,7 @@ class DurableStore(LocalStore):
         self._write(key, value)
 
     def _write(self, key: str, value: Buffer) -> None:
+        """Write a key's bytes so that the file is whole after a crash."""
         path = self.root / key
         at_root = path.parent == self.root
         write_durably(path, value.as_buffer_like(),
@@ -100,6 +101,7 @@ def atomic_file(path: Path, workshop: Path | None = None) -> Iterator[Path]:
 
 
 def _make_folder(folder: Path) -> None:
+    """Make a folder and the ones above it, each on the disk before the next one."""
     if folder.is_dir():
         return
     _make_folder(folder.parent)

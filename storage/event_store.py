@@ -31,6 +31,7 @@ class EventStore:
     def __init__(
         self, group: zarr.Group, manifest: Manifest, events: Mapping[str, Mapping[str, Any]]
     ) -> None:
+        """Open the arrays of each event in a store's group."""
         self._fields = fields_of_events(manifest, events)
         self._arrays = {array_name: array_of(group, array_name) for fields in self._fields.values()
                         for array_name in names_of(fields)}
@@ -44,6 +45,7 @@ class EventStore:
                 for chunk in self._of_field(field, stored_counts[name], array)]
 
     def _of_field(self, field: StoredField, stored_count: int, array: Array) -> list[Chunk]:
+        """Return the chunks that new rows of a field add behind ``stored_count`` rows."""
         arrays = {field.name: array.astype(field.dtype)}
         if field.wide:
             arrays[wide_name(field.name)] = as_bytes(array)

@@ -64,6 +64,7 @@ class Recorder:
 
     def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...],
                  path: Path, group: zarr.Group) -> None:
+        """Open a store for a run; events take the order that they have in the store."""
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
         self.stepper = stepper
         #: The last part of a step, to t_end between two steps, once it is taken.
@@ -372,6 +373,7 @@ class Recorder:
         return EventProgress(self.counts, self.observer.memory)
 
     def _report(self, state: CheckpointState) -> Report:
+        """Return the diagnostics up to a checkpoint, the last part of a step included."""
         run = state.run
         report = Report.read(run.record, run.q, run.p, self.binding)
         if self.observer is not None:

@@ -195,6 +195,7 @@ class Recording(Trajectory):
         return Trajectory.of(states, **fields | changes)
 
     def _rows(self, row_range: range) -> Trajectory:
+        """Return some rows as a trajectory, with the events and impacts between their times."""
         run_in_memory = self._in_memory(row_range)
         t, ahead = run_in_memory.t, 1 if self.dt > 0 else -1
         end = None if row_range[-1] + row_range.step >= self.states else t[-1]

@@ -119,6 +119,7 @@ def _check_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
 
 
 def _check_manifest(about: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is wrong with the manifest of a store."""
     if not isinstance(about.get("manifest"), Mapping):
         yield "it has no manifest"
         return
@@ -241,6 +242,7 @@ def refuse_other_arrays(
         CHECKPOINT: ((), (checkpoint_bytes,), np.dtype("u1"))}
 
     def expect(stored_field: StoredField, block: int) -> None:
+        """Note the shape, the chunks and the type that a field's arrays must have."""
         expected[stored_field.name] = (
             stored_field.shape, (block, *stored_field.shape), np.dtype(stored_field.dtype))
         if stored_field.wide:

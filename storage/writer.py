@@ -64,6 +64,7 @@ class Writer:
 
     def __init__(self, path: Path, group: zarr.Group, fields: list[StoredField], binding: Binding,
                  run: RunArguments, block: int) -> None:
+        """Open the arrays of a store for blocks of rows, which a thread of its own writes."""
         self._path, self._fields = path, fields
         self._arrays = {name: array_of(group, name)
                         for name in (*attributes_of(group)["arrays"], CHECKPOINT)}

@@ -110,6 +110,7 @@ def start_axis(q: Any, p: Any) -> Axis:
 
 
 def _scheme_axis(values: Any) -> Axis:
+    """Return the axis of a list of schemes: numbers, with the schemes as labels."""
     if isinstance(values, str) or not isinstance(values, Sequence) or not values:
         raise InputError(f"scheme = {values!r} is no list of schemes; write for example "
                          '["EMS", "G-L 2", "G-L 3"].')
@@ -159,6 +160,7 @@ def _count(name: str, count: Any) -> int:
 
 
 def _spaced(name: str, table: Mapping[str, Any]) -> Array:
+    """Return ``count`` numbers from low to high, equally spaced, or their logarithms."""
     count = _count(name, table.get("count"))
     low, high, spacing = _range(name, {k: v for k, v in table.items() if k != "count"})
     if spacing == "log":

@@ -75,6 +75,8 @@ class _ClusterRun:
         self, study: Study, fields: list[StoredField], tiles: Iterator[Tile], sink: Sink,
         client: Client, interrupts: Interrupts, advance: Callable[[Tile], None],
     ) -> None:
+        """Begin with no tile submitted; workers write into a store themselves, else the sink does.
+        """
         self.study, self.fields, self.tiles, self.sink = study, fields, tiles, sink
         self.client, self.interrupts, self.advance = client, interrupts, advance
         self.remote_sink = sink if isinstance(sink, StoreSink) else None
@@ -167,6 +169,7 @@ class _ClusterCapacity:
         return _TILES_A_THREAD * max(1, self.threads)
 
     def _count(self) -> None:
+        """Count the threads of all workers, and note when there was one last."""
         self._counted = time.monotonic()
         self.threads = int(sum(self._client.nthreads().values()))
         if self.threads:

@@ -109,6 +109,7 @@ def _seconds_a_step(study: Study, tile: Tile) -> float:
 
 
 def _time(study: Study, tile: Tile) -> float:
+    """Return the CPU time of the cells of a tile, in seconds."""
     fields = fields_of(study, [])
     began = time.thread_time()
     compute(study, fields, tile)

@@ -157,6 +157,8 @@ class MemorySink:
     """Arrays in memory."""
 
     def __init__(self, study: Study, fields: list[StoredField]) -> None:
+        """Allocate an array of all cells for each field, or refuse a study that memory cannot hold.
+        """
         self._study, self._fields = study, fields
         try:
             self.arrays = {f.name: np.full((*study.shape, *f.shape), _fill(f), dtype=f.dtype)

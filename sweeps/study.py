@@ -215,6 +215,8 @@ def _refuse_repetition(study: Study) -> None:
 
 
 def _check_column(study: Study, names: Sequence[str], column: str, values: Array) -> None:
+    """Refuse values of a column of an axis that no run can have, and columns that are no arguments.
+    """
     stepper = study.steppers[0]
     if column in ("q", "p"):
         if values.shape[1] != stepper.n:

@@ -94,6 +94,7 @@ def parse_study(text: str, path: Path) -> StudyFile:
 
 
 def _study(content: dict[str, Any], path: Path) -> Study:
+    """Return the study that a file describes; a model file is named relative to it."""
     model = _text(content, "model")
     if is_model_file(model):
         model = str(path.parent / model)
@@ -117,6 +118,7 @@ def _study(content: dict[str, Any], path: Path) -> Study:
 
 
 def _events(table: Mapping[str, Any]) -> list[Event]:
+    """Return the events of the table [events], each given by a text."""
     for name, text in table.items():
         if not isinstance(text, str):
             raise InputError(f'[events] {name} = {text!r} is not text; write for example {name} = '
@@ -125,6 +127,7 @@ def _events(table: Mapping[str, Any]) -> list[Event]:
 
 
 def _text(content: dict[str, Any], key: str) -> str:
+    """Return the text under a key, or refuse another type."""
     value = content.get(key)
     if not isinstance(value, str):
         raise InputError(f"{key} = {value!r} is not text; write for example {key} = "
@@ -133,6 +136,7 @@ def _text(content: dict[str, Any], key: str) -> str:
 
 
 def _keep(content: dict[str, Any]) -> list[str] | None:
+    """Return the names of results to keep, or None for all; refuse what is no list of names."""
     keep = content.get("keep")
     if keep is None:
         return None

@@ -123,6 +123,7 @@ def base_parameters(
 
 
 def _by_rule(name: str, rule: str, inertia: Any) -> float:
+    """Return the mean of an inertia by its rule, or refuse a rule that searches for one run."""
     if rule not in MEANS:
         raise InputError(f"{name} = {rule!r} is chosen for the motion of one run, and a sweep has "
                          f"many; give {name} a number, such as gyrospark.gamma(inertia, 'h'), or "

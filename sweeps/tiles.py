@@ -82,6 +82,7 @@ def tile_shape(study: Study, stored: bool = True) -> tuple[int, ...]:
 
 
 def _cells_of_a_tile(study: Study, stored: bool) -> int:
+    """Return how many cells one task takes: enough work for a call, little enough to lose."""
     work = study.most_steps * max(s.unknowns for s in study.steppers)
     least_work = _LEAST_STORED if stored else _LEAST_KEPT
     cells = min(max(study.size // _TILES, least_work // work), _MOST_WORK // work, _MOST_CELLS)

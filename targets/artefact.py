@@ -157,6 +157,7 @@ def parameter_fields(manifest: Manifest) -> list[str]:
 
 @cache
 def _environment() -> jinja2.Environment:
+    """Return Jinja's environment for texts of targets, where a misspelt name is an error."""
     import jinja2
 
     return jinja2.Environment(

@@ -162,6 +162,8 @@ def _require_span(
 
 
 def _span(start: RunDefaults, options: Mapping[str, str | None]) -> tuple[float, dict[str, Any]]:
+    """Return the time step, and {"t_end": …} or {"steps": …}; raise InputError unless one is given.
+    """
     _require_span(start.name, start.dt, start.steps, options)
     dt, steps, t_end = options["dt"], options["steps"], options["t_end"]
     if dt == "auto":

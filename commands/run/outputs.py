@@ -124,6 +124,8 @@ def _in_memory(
     step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> RunOutcome:
+    """Integrate in memory and write ``out``; return the outcome with the error that ended the run.
+    """
     trouble: GyrosparkError | Stopped | None = None
     written = None
     started = time.perf_counter()
@@ -164,6 +166,8 @@ def _stored(
     step: Stepper, start: Start, store: Path, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool,
 ) -> RunOutcome:
+    """Integrate into a store, or resume it; return the outcome with the error that ended the run.
+    """
     from ...runtime.integration.starts import Span
     from ...storage.recording import Recording, open_recording
     from ...storage.validation import COMPLETE

@@ -257,6 +257,7 @@ def _step_size(result: dict[str, Any]) -> str:
 
 
 def _event_line(kind: str, name: str, crossings: dict[str, Any]) -> str:
+    """Return the line of an event, impact or touch: its count and its first four times."""
     times = ", ".join(f"{t:.12g}" for t in crossings["t"][:4])
     ellipsis = ", …" if len(crossings["t"]) > 4 else ""
     return f"  {f'{kind} {name}':<23} {len(crossings['t']):,} times" + (f": {times}{ellipsis} s"

@@ -230,6 +230,7 @@ def _bodies(system: System) -> dict[str, Any]:
 
 
 def _body(body: BodyLayout) -> BodyManifest:
+    """Return a body's entry: names of its q and x, inertia or inverse inertia, mass and centre."""
     inertia, tensor = _texts(body.inertia), len(body.inertia) != 3
     return BodyManifest(
         q=_texts(body.q), inertia=() if tensor else inertia,
@@ -239,6 +240,7 @@ def _body(body: BodyLayout) -> BodyManifest:
 
 
 def _joint(joint: JointLayout) -> JointManifest:
+    """Return a joint's entry: its bodies, points and axes, and how each constraint acts on b."""
     forces = {name: None if force is None else ConstraintForceManifest(
         kind=force.kind, **_vectors(force, "on_a", "on_b"))
         for name, force in joint.constraint_forces}
@@ -248,6 +250,7 @@ def _joint(joint: JointLayout) -> JointManifest:
 
 
 def _section(section: SectionLayout) -> SectionManifest:
+    """Return the entry of a beam's section: where it is, its stiffness and its strain at rest."""
     spacing, damping = _entries([section.spacing, section.damping])
     return SectionManifest(
         beam=section.beam, arc=section.arc, ratio=section.ratio, spacing=spacing,

@@ -31,6 +31,7 @@ class _Node:
     def __init__(
         self, function: type[sp.Basic], arguments: list[_Node], expression: Any = None
     ) -> None:
+        """Make a node of a function and its arguments; ``expression`` is its SymPy form."""
         self.function, self.arguments = function, arguments
         self.expression: Any = expression
         #: An equal expression that is built and searched in place of it, or None.
@@ -105,6 +106,8 @@ class _Graph:
     """The nodes of expressions, and the sums and products among them."""
 
     def __init__(self) -> None:
+        """Make an empty graph, with its sums and products apart for the sharing of their arguments.
+        """
         self.nodes: dict[sp.Basic, _Node] = {}
         #: In the order in which they were met.
         self.sums: dict[_Node, None] = {}

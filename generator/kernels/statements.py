@@ -181,6 +181,7 @@ def _sort_definitions(
     definition_of, ordered = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
 
     def visit(symbol: sp.Symbol) -> None:
+        """Add a symbol's definition to ``ordered``, those that it uses first."""
         if symbol not in ordered and symbol in definition_of:
             for used in sorted(definition_of[symbol].free_symbols, key=name_of):
                 visit(used)

@@ -27,6 +27,7 @@ class ParameterValues:
     """The values of [parameters] and [inputs]; each may be a formula of those above it."""
 
     def __init__(self, content: TomlTable) -> None:
+        """Read [parameters] and [inputs]; formulas of the file know their names from then on."""
         table, inputs = content.table("parameters"), content.table("inputs")
         if len(table.content) > MAX_PARAMETERS:
             raise content.error("parameters", f"has {len(table.content)} entries and at most "

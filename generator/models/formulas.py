@@ -138,18 +138,21 @@ class _Formulas:
         return rational(sp.Integer(digits) * sp.Integer(10) ** exponent)
 
     def named(self, name: str) -> Value:
+        """Return the value of a name: exact if it is a number, else one term of a formula."""
         expression = self.names[name]
         if expression.is_number:
             return numbers.named(expression)
         return Value(expression, None, 1, terms=len(sp.Add.make_args(expression)))
 
     def add(self, terms: Sequence[Value]) -> Value:
+        """Return the sum; of numbers alone by exact arithmetic."""
         constants = [t for t in terms if t.is_number]
         if len(constants) == len(terms):
             return numbers.add(constants)
         return _formula(terms, 0, sum(t.terms for t in terms), sp.Add)
 
     def multiply(self, factors: Sequence[Value]) -> Value:
+        """Return the product; of numbers alone by exact arithmetic."""
         constants = [f for f in factors if f.is_number]
         if len(constants) == len(factors):
             return numbers.multiply(constants)
@@ -224,6 +227,7 @@ class _Formulas:
     # ------------------------------------------------------------ conditions
 
     def compare(self, sign: str, a: Value, b: Value) -> _Condition:
+        """Return the condition a < b, or another sign; of two numbers it is decided at once."""
         chooser = switching_functions.COMPARISONS[sign](a.exact, b.exact)
         if not a.is_number or not b.is_number:
             return _Condition(chooser, None, (a, b))
@@ -245,6 +249,7 @@ class _Formulas:
                           tuple(t for c in undecided for t in c.compared))
 
     def choose(self, condition: _Condition, yes: Value, no: Value) -> Value:
+        """Return yes or no if the condition is decided, else the formula that chooses."""
         if condition.known is not None:
             return yes if condition.known else no
         parts = (*condition.compared, yes, no)

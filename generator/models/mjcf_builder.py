@@ -135,6 +135,7 @@ class MjcfBuilder(RobotBuilder):
     """Bodies and joints of a robot, its motors, tendons and equalities, and its looks."""
 
     def __init__(self, robot: MjcfRobot, start: MjcfStart, rep: Any, file: Path) -> None:
+        """Place the bodies at the reference pose, from which equalities count; name the inputs."""
         super().__init__(robot, start, rep)
         self.mjcf, self.controls, self.file = robot, start.controls, file
         self.at_reference = place_bodies(robot, reference_of(robot)[0])
@@ -251,6 +252,7 @@ class MjcfBuilder(RobotBuilder):
         return self.builder.parameter(self.parameter_names.free(name), value)
 
     def _equality(self, equality: MjcfEquality) -> None:
+        """Add an <equality>: a point or a pose in common, or a law of two joints or tendons."""
         name = self.joint_names.free(equality.name, "equality")
         if equality.kind == "connect":
             self._connect(name, equality)
@@ -329,6 +331,7 @@ class MjcfBuilder(RobotBuilder):
         links = [self.coordinates[joint] for parts in sums for joint, _ in parts]
 
         def law(*coordinates: Any) -> Any:
+            """Return y₁ − y₁(0) − Σ c_k (y₂ − y₂(0))^k, which the constraint holds at 0."""
             symbols = iter(coordinates)
             dependent, *independent = (sum(c * next(symbols) for _, c in parts) - y0
                                        for parts, y0 in zip(sums, at_reference, strict=True))

@@ -140,6 +140,7 @@ def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Elemen
 
 
 def _allow(element: Element, names: Iterable[str]) -> None:
+    """Refuse attributes of an element that are not among ``names``."""
     for key in element.attributes:
         if key not in names:
             raise _refusal(element, f"has {key}, which a cable has not here; choose "
@@ -147,6 +148,7 @@ def _allow(element: Element, names: Iterable[str]) -> None:
 
 
 def _numbers(element: Element, key: str, text: str, most: float = math.inf) -> list[float]:
+    """Return an attribute's finite numbers, at most ``most`` of them, or refuse it."""
     words = text.split()
     if not all(map(NUMBER.fullmatch, words)) or len(words) > most or not np.isfinite(
             [float(e) for e in words]).all():

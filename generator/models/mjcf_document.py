@@ -60,6 +60,8 @@ class _Guard:
     """Count of files, bytes and elements of a document, with their limits."""
 
     def __init__(self, folder: Path) -> None:
+        """Begin with no file read; ``folder`` is where all files that the document names must lie.
+        """
         self.folder = folder
         self.names: list[str] = []
         self.files: dict[str, bytes] = {}
@@ -117,6 +119,7 @@ class _Guard:
         return count
 
     def _check_path(self, element: Element, key: str, name: str, folders: list[str]) -> None:
+        """Refuse a file name that leads out of the document's folder, from any of ``folders``."""
         if re.match(r"[A-Za-z]:|[/\\]", name) or not all(
                 is_within(self.folder, f"{folder}/{name}" if folder else name)
                 for folder in folders):

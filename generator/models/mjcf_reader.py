@@ -177,6 +177,8 @@ class _Reader:
     """Reads a compiled model, ``m`` as in MuJoCo's own programs."""
 
     def __init__(self, model: Any, meshes: Mapping[str, MeshGeom], name: str) -> None:
+        """Read options and flags of a compiled MuJoCo model; refuse flags that no model here has.
+        """
         import mujoco
 
         self.m, self.meshes, self.mujoco = model, meshes, mujoco

@@ -215,6 +215,7 @@ def _with_events(model: Model, content: TomlTable) -> Model:
     table = content.table("events")
 
     def read(name: str) -> Event:
+        """Return the event that the text of a key describes, its level with units."""
         def level(text: str) -> float:
             return TomlTable({name: text}, table.where, table.file_error, table.constants).number(
                 name, UNITS)
@@ -225,6 +226,7 @@ def _with_events(model: Model, content: TomlTable) -> Model:
 
 
 def _name(content: TomlTable) -> str:
+    """Return the model's name, or refuse one that is no name in C or is a built-in system's."""
     name = content.text("name")
     if not NAME.fullmatch(name) or name in KEYWORDS:
         raise content.error("name", f"is {name!r}; write at most 40 lower case letters, digits and "

@@ -301,6 +301,7 @@ class RobotBuilder:
     # ------------------------------------------------------------ bodies
 
     def _body(self, limb: int, motion: tuple[Floats, Floats]) -> None:
+        """Add the body of a limb, rigidly joined links, with its pose and velocity at the start."""
         mass, centre, inertia = self.robot.mass_of(limb)
         pose, (v, w) = self.poses.bodies[limb], motion
         self.centres[limb] = centre
@@ -494,6 +495,7 @@ class RobotBuilder:
         return self.builder.travel(link), self.builder.speed(link)
 
     def _quantities(self, joint: RobotJoint) -> None:
+        """Add angle and rate, or travel and speed, of a joint as quantities of the model."""
         if joint.name in self.coordinates:
             names = ("angle", "rate") if joint.kind == "hinge" else ("travel", "speed")
             for measure, symbol in zip(names, self._symbols(joint.name), strict=True):

@@ -129,6 +129,7 @@ def shape_of(element: Element, colour: str) -> Shape | None:
 
 
 def _colour(material: Element) -> str:
+    """Return the colour of a <material>; "" if it has none, or none that can be read."""
     element = material.first("color")
     try:
         return "" if element is None else colour_of(numbers_of(element, "rgba", 4))

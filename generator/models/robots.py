@@ -173,6 +173,7 @@ def _number_or_text(text: str) -> float | str:
 
 
 def _outermost(text: str, path: str | Path) -> str:
+    """Return the name of a file's outermost element, which tells the format."""
     try:
         return read_xml(text).name
     except InputError as error:
@@ -211,6 +212,7 @@ class Loops:
             names = table.strings("bodies")
 
             def builder_arguments(values: dict[str, Any]) -> dict[str, Any]:
+                """Return the builder's arguments: points in body axes, directions in space axes."""
                 mounts = [mount_of[name] for name in names]
                 points = {key: mounts[i].inner.x + mounts[i].inner.R @ np.array(values[key], float)
                           for key, i in _POINTS.items() if key in values}

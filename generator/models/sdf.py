@@ -118,6 +118,7 @@ def parse_sdf(text: str, path: str | Path, rep: Any, options: SdfOptions) -> Mul
 
 
 def _only_model(top: Element) -> Element:
+    """Return the one <model> of a file, which may be in a <world>, or refuse the file."""
     if top.name != "sdf":
         raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
                          "not <sdf>; give an SDF file.")
@@ -160,6 +161,7 @@ class _Scopes:
     """
 
     def __init__(self, top: Element, model: Element) -> None:
+        """Collect links, joints and frames of world and model by name, and place all of them."""
         self.model, self.version = model, choose(
             "version of SDF", top.attributes.get("version", "1.6"), VERSIONS)
         self.name = model.attributes.get("name", "robot")
@@ -174,6 +176,7 @@ class _Scopes:
             self.place(name)
 
     def _add(self, scope: Element) -> None:
+        """Add the links, joints and frames of an element, or refuse a name that occurs twice."""
         for element in scope.children:
             if element.name in ("link", "joint", "frame"):
                 name = element.attributes.get("name", "")
@@ -440,6 +443,7 @@ def _colour(element: Element) -> str:
 
 
 def _text(element: Element, name: str, default: str | None = None) -> str:
+    """Return the text of a child element, or the default; refuse an element without either."""
     child = element.first(name)
     text = (default if child is None else child.text.strip()) or ""
     if not text:
@@ -448,6 +452,7 @@ def _text(element: Element, name: str, default: str | None = None) -> str:
 
 
 def _flag(text: str, owner: str) -> bool:
+    """Return the flag that a text says, or refuse it; ``owner`` is named in the error."""
     flag = _FLAGS.get(text.strip().lower())
     if flag is None:
         raise InputError(f"{owner} is {shown(text.strip())}; write true or false.")
@@ -455,6 +460,7 @@ def _flag(text: str, owner: str) -> bool:
 
 
 def _numbers(element: Element, count: int, endless: bool = False) -> list[float]:
+    """Return the ``count`` numbers of an element's text; ``endless`` allows infinity."""
     values = parse_numbers(element.text, count, endless)
     if values is None:
         raise InputError(f"line {element.line}: <{element.name}> is {shown(element.text.strip())}; "

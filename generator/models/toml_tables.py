@@ -66,6 +66,7 @@ class TomlTable:
         self, content: Mapping[str, Any], where: str, error: Callable[[str], InputError],
         constants: Known | None = None,
     ) -> None:
+        """Wrap a table; ``where`` names it in errors, ``constants`` are names in its numbers."""
         self.content = content
         self.where = where
         self.file_error = error
@@ -132,6 +133,7 @@ class TomlTable:
         return [self._formula(f"{key}, entry {i},", value) for i, value in enumerate(entries, 1)]
 
     def _formula(self, key: str, value: Any) -> str:
+        """Return the text of a formula; a number is written as a decimal with all its digits."""
         if isinstance(value, str):
             return value
         if isinstance(value, (int, float)) and not isinstance(value, bool):
@@ -211,6 +213,7 @@ class TomlTable:
         return count
 
     def _list(self, key: str, count: int | None, content: str) -> list[Any]:
+        """Return a list of ``count`` entries, of any length if None; else refuse the value."""
         value = self.content.get(key, [] if count is None else None)
         if not isinstance(value, list):
             raise self.error(key, f"is {describe(value)}; write a list of {content}.")
@@ -232,6 +235,7 @@ class TomlTable:
         return self._float(key, value)
 
     def _float(self, key: str, value: float) -> float:
+        """Return a finite number; with more digits than a double it keeps its fraction."""
         number = value if isinstance(value, float) else Rounded(Fraction(value))
         if not math.isfinite(number):
             raise self.error(key, f"is {number}; write a finite number.")

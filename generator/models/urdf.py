@@ -261,6 +261,7 @@ def _axis(element: Element, kind: str, key: str = "axis") -> Floats:
 
 
 def _text(element: Element, name: str, key: str) -> str:
+    """Return an attribute of a child element, or refuse an element without that child."""
     child = element.first(name)
     if child is None:
         raise InputError(f"it has no <{name}>; write <{name} {key}=\"…\"/>.")
@@ -268,6 +269,7 @@ def _text(element: Element, name: str, key: str) -> str:
 
 
 def _one(element: Element, name: str, key: str) -> float:
+    """Return the one number of a child's attribute, or refuse an element without that child."""
     child = element.first(name)
     if child is None:
         raise InputError(f"its <{element.name}> has no <{name}>; write <{name} {key}=\"…\"/>.")

@@ -135,6 +135,7 @@ def _is_same(text: str, default: str) -> bool:
 
 
 def _value(word: str) -> float | None:
+    """Return a word as a number, flags as 0 or 1; None if it is neither."""
     try:
         return float(word)
     except ValueError:

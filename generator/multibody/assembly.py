@@ -542,6 +542,7 @@ def _name(frame: Frame) -> str:
 def _force_entries(
     force: ConstraintForce | None, parameters: set[sp.Symbol], values: Mapping[str, float]
 ) -> ConstraintForce | None:
+    """Return how a constraint acts on a body with entries that are parameters or numbers."""
     return force and ConstraintForce(force.kind, _entries(force.on_a, parameters, values),
                                      _entries(force.on_b, parameters, values))
 

@@ -250,6 +250,7 @@ class BeamJoint(Joint):
                 [frame.direction((0, 0, 1)) for frame in (self.a, self.b)])
 
     def _stretching(self, store: Store) -> sp.Expr:
+        """Return V = ½ C_⊥ |d|² + ½ (C_∥ − C_⊥) × the mean of (d·t)² of both tangents t."""
         across, along, d, tangents = self._extension(store)
         V = across * dot(d, d) / 2
         if across == along:

@@ -249,6 +249,7 @@ class Model:
     def in_type(self, number: Callable[[Fraction], Any]) -> Model:
         """Return the model with all its numbers rounded once, to the type of ``number``."""
         def rounded(value: Any) -> Any:
+            """Return a number, or a tuple of numbers, rounded to the type."""
             if isinstance(value, tuple):
                 return tuple(map(rounded, value))
             fraction = exact(value)
@@ -283,6 +284,7 @@ class Model:
         return float(number) if exact(value) is None else value
 
     def _count(self, value: Any) -> int:
+        """Return the number of steps, or refuse what is no whole number from 0 on."""
         count = whole(value)
         if count is None or count < 0:
             raise InputError(f"steps of model {self.name!r} is {shown(value)}; give a whole number "

@@ -58,6 +58,7 @@ class Support:
     """Indices of the coordinates and momenta in a term, and the coupling of coordinates in H."""
 
     def __init__(self, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], H: Terms) -> None:
+        """Number the coordinates and momenta; the terms of H couple coordinates."""
         self.index_of = {x: i for symbols in (q, p) for i, x in enumerate(symbols)}
         self.p = frozenset(p)
         self._supports: dict[Monomial, tuple[frozenset[int], frozenset[int]]] = {}
@@ -122,6 +123,7 @@ class HamiltonianTerms:
     def __init__(
         self, forms: CanonicalForms, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], H: sp.Expr
     ) -> None:
+        """Expand H into its terms, monomial → coefficient."""
         self.forms = forms
         self.H = H
         self.terms = total_of(*map(forms.terms, sp.Add.make_args(H)))
@@ -171,6 +173,7 @@ class HamiltonianTerms:
         group_of = {a: n + min(group) for group in groups for a in group}
 
         def node(m: Monomial) -> int:
+            """Return the node of a monomial: its kinetic block, or its coordinates' group."""
             if self.support(m)[0]:
                 return self.support.kinetic_block(m)
             a = min(self.support.blocks(m), default=n)
@@ -303,6 +306,8 @@ class ForceTerms:
     """The additive terms of the rows of F, by classes of coordinates."""
 
     def __init__(self, forms: CanonicalForms, support: Support, F: Sequence[sp.Expr]) -> None:
+        """Keep the forces, and what was found of their terms, so that equal terms get equal forms.
+        """
         self.forms = forms
         self.support = support
         self.F = F

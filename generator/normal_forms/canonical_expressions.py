@@ -41,6 +41,7 @@ class CanonicalForms:
     """Canonical forms of expressions in placeholders, with a cache."""
 
     def __init__(self) -> None:
+        """Make the normal form and the search of short forms, and empty tables of their results."""
         self._form = NormalForm(self.expression)
         self.compact = Compact(self._form)
         self._canonical: dict[sp.Expr, sp.Expr] = {}
@@ -96,6 +97,7 @@ class CanonicalForms:
             return [], terms
 
     def _shortest(self, terms: Terms) -> sp.Expr:
+        """Return the shortest form of a sum of terms that a bounded search finds."""
         try:
             with self._form.allowed(_MIN_PRODUCTS + _PER_TERM * len(terms)):
                 shortest = self.compact(terms)

@@ -227,6 +227,8 @@ class _PowerSplitter:
     """Splits powers of sums off terms, one after the other."""
 
     def __init__(self, terms: Terms, compact: Compact) -> None:
+        """Sort the terms by their variables: each product of variables → the constants it is times.
+        """
         self.remainder = terms
         self.compact = compact
         self.form = compact.form

@@ -147,6 +147,7 @@ class _Parser(Generic[V]):
     """Recursive descent: one method for each line of the grammar."""
 
     def __init__(self, text: str, arithmetic: ParserArithmetic[V]) -> None:
+        """Split a text into tokens; ``arithmetic`` computes the values of the rules."""
         self.text = text
         self.arithmetic = arithmetic
         self.tokens = list(tokens(text))
@@ -166,6 +167,7 @@ class _Parser(Generic[V]):
         return token
 
     def sum(self) -> V:
+        """Parse: sum = product (('+' | '-') product)*."""
         start = self.token
         terms = [self.product()]
         while sign := self.accept("+", "-"):
@@ -220,6 +222,7 @@ class _Parser(Generic[V]):
         return self.apply(start, self.arithmetic.multiply, factors)
 
     def signed(self) -> V:
+        """Parse: signed = ('+' | '-')* power."""
         start = self.token
         minus = False
         while sign := self.accept("+", "-"):
@@ -228,6 +231,7 @@ class _Parser(Generic[V]):
         return self.negative(start, value) if minus else value
 
     def power(self) -> V:
+        """Parse: power = atom ('**' signed)?, so that a**b**c is a**(b**c), as in Python."""
         base = self.atom()
         sign = self.accept("**")
         if sign is None:
@@ -263,6 +267,8 @@ class _Parser(Generic[V]):
         return self.arithmetic.literal(int(digits), exponent - len(fraction))
 
     def call(self, name: Token) -> V:
+        """Parse the arguments of a function, whose number must be its arity; −k allows k or more.
+        """
         opening = self.opening_parenthesis(name)
         arguments = self.arguments(opening, self.sum)
         arity = self.arithmetic.functions[name.text]
@@ -279,6 +285,7 @@ class _Parser(Generic[V]):
         return opening
 
     def arguments(self, opening: Token, first: Callable[[], Any]) -> list[Any]:
+        """Parse arguments up to the closing parenthesis; ``first`` is the rule of the first one."""
         values = [self.nested(opening, first)]
         while self.accept(","):
             values.append(self.nested(opening, self.sum))
@@ -293,6 +300,7 @@ class _Parser(Generic[V]):
     # ------------------------------------------------------------ conditions
 
     def choice(self, name: Token) -> V:
+        """Parse: choice = name '(' condition ',' sum ',' sum ')'."""
         opening = self.opening_parenthesis(name)
         arguments = self.arguments(opening, self.condition)
         if len(arguments) != 3:
@@ -361,6 +369,7 @@ class _Parser(Generic[V]):
         return value
 
     def end(self) -> None:
+        """Refuse what follows the formula."""
         if self.token.kind != "end":
             self.refuse_comparison()
             reason = f"{shorten(self.token.text)} cannot follow here"

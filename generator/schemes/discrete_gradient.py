@@ -155,6 +155,7 @@ class _Differences:
     def __init__(
         self, u: sp.Expr, leaves: Mapping[sp.Symbol, DiscreteDifference], dx: Sequence[sp.Expr]
     ) -> None:
+        """Keep the differences of the leaves; ``dx`` are the increments of the variables."""
         self.differences: dict[sp.Expr, DiscreteDifference] = dict(leaves)
         self.symbols, self.dx = set(leaves), dx
         self.conditional = self._conditional_nodes(u)
@@ -228,6 +229,7 @@ def _refuse_unknown(e: sp.Expr) -> None:
 
 
 def _not_piecewise(e: sp.Expr, reason: NotPiecewiseError) -> InputError:
+    """Return the error of a function without an exact difference, with the reason."""
     return InputError(
         f"No exact difference is known for {shorten(str(e), 200)}: {reason}. The discrete gradient "
         "takes pieces in one variable that meet, for all parameters, where their conditions "
@@ -255,6 +257,7 @@ def _combine(e: sp.Expr, arguments: list[DiscreteDifference]) -> DiscreteDiffere
 
 
 def _power(base: DiscreteDifference, exponent: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of base**exponent; as exp(exponent log base) if both change."""
     if not exponent.slope:
         return power(base, exponent.mean)
     if not base.slope:

@@ -300,6 +300,7 @@ class MeanScheme:
 
     @property
     def _D(self) -> list[sp.Expr]:
+        """Return the mean gradient (D_q, D_p), and mean time derivatives where H or g have t."""
         gradient = [*self.mean_gradient[0], *self.mean_gradient[1]]
         if not self.system.is_time_dependent:
             return gradient

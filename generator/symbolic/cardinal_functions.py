@@ -31,6 +31,7 @@ class Numeric(sp.Function):  # type: ignore[misc]
         raise NotImplementedError
 
     def _eval_evalf(self, prec: int) -> sp.Expr | None:
+        """Return the value to ``prec`` bits by mpmath, if all arguments are numbers."""
         arguments = [a._eval_evalf(prec) for a in self.args]
         if not all(a is not None and a.is_Number for a in arguments):
             return None

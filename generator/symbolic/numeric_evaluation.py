@@ -83,6 +83,7 @@ class Evaluator:
         return np.float64(float(e))
 
     def _power(self, e: sp.Pow) -> Any:
+        """Return base**exponent, as C computes it: a square root, a whole power, or any other."""
         base, exponent = self(e.base), e.exp
         # sqrt is rounded correctly, a power of ½ is not
         if exponent == sp.Rational(1, 2):
@@ -116,6 +117,7 @@ class Evaluator:
         return sign if function is sp.sign else sign * u
 
     def _function(self, names: str) -> Callable[[Any], Any]:
+        """Return NumPy's function, or mpmath's; ``names`` are both names if these differ."""
         numpy_name, mp_name = names.split()[0], names.split()[-1]
         function: Callable[[Any], Any] = (
             getattr(np, numpy_name) if self._mp is None else getattr(self._mp, mp_name))

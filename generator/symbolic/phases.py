@@ -103,6 +103,7 @@ def since_start(
         return replacement[x]
 
     def rebuilt(x: Any) -> Any:
+        """Return x at t0 + τ: the arguments of periodic functions as phases, linear sums with φ."""
         if time not in x.free_symbols:
             return x
         if isinstance(x, _PERIODIC):

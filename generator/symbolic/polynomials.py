@@ -106,6 +106,7 @@ def _polynomial(
 
 
 def _product(a: _Polynomial, b: _Polynomial) -> _Polynomial:
+    """Return the product of two polynomials, whose monomials are numbers that add up."""
     product: dict[int, int] = {}
     get = product.get
     for m, x in a[0].items():

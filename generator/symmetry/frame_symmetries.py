@@ -144,6 +144,7 @@ class _SymmetrySearch:
     """The search for the symmetries of a frame; each must commute with the ones before."""
 
     def __init__(self, system: System) -> None:
+        """Search the symmetries of H and g; forces and inputs are tested with these later."""
         self.system = replace(system, forces=(), time=None, quantities={}, inputs=())
         self.inputs = system.inputs
         self.forces = system.forces
@@ -224,6 +225,7 @@ class _SymmetrySearch:
             yield (replace(best, name=self._name(name)),)
 
     def _name(self, name: str) -> str:
+        """Return the name of a rate, omega_1 and so on where a name is empty or in use."""
         while not name or name in self.names:
             self.count += 1
             name = f"omega_{self.count}"

@@ -131,6 +131,8 @@ def reverse_cuthill_mckee(neighbours: dict[Node, set[Node]]) -> list[Node]:
     number = {node: i for i, node in enumerate(neighbours)}
 
     def breadth_first(start: Node) -> list[Node]:
+        """Return the nodes reached from ``start`` level by level, those with few neighbours first.
+        """
         queue, queued = [start], {start}
         for node in queue:
             new_nodes = neighbours[node] - queued

@@ -40,6 +40,8 @@ class _Statics:
     """Gradient and Hessian of L = H + λ·g at p = 0, less the forces."""
 
     def __init__(self, system: System, parameters: Mapping[str, float], t: float) -> None:
+        """Write H_q + Gᵀλ − F = 0 and g = 0 as sums over element templates, with their Jacobians.
+        """
         at_rest = dict.fromkeys(system.p, sp.Integer(0))
         multipliers = [sp.Dummy(f"lambda{k}", real=True) for k in range(system.m)]
         L = sp.Add(system.H.xreplace(at_rest),

@@ -186,6 +186,8 @@ class NumericSystem(NumericConstraints):
     def __init__(
         self, system: System, parameters: Mapping[str, float], t: float = 0.0
     ) -> None:
+        """Take a system with numbers for its parameters; t is the time at which all is evaluated.
+        """
         time = {} if system.time is None else {str(system.time): t}
         values = {**as_mapping("parameters", parameters, "{'m': 1.0}"), **time}
         super().__init__(system.q, system.constraints, system.constraint_names, values,
@@ -302,6 +304,7 @@ class NumericLagrangian(NumericSystem):
         return matrix
 
     def _mass(self, q: Array) -> Array:
+        """Return M(q), shape (n, n), from its nonzero entries."""
         entries = evaluate(self.system.mass_entries, self._at(q))
         M = np.zeros((self.system.n, self.system.n))
         for index, slot in self.system.elimination.slot_of.items():

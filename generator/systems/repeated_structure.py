@@ -76,6 +76,7 @@ class Structure:
     """Element templates of a system, its kinetic blocks, and the elimination of W."""
 
     def __init__(self, system: System) -> None:
+        """Number the coordinates, momenta and constants of a system."""
         self.system = system
         self._q = {x: i for i, x in enumerate(system.q)}
         self._p = {x: i for i, x in enumerate(system.p)}
@@ -225,6 +226,8 @@ class Structure:
         constants: dict[sp.Symbol, None] = {}
 
         def visit(e: sp.Expr) -> None:
+            """Add the constants of an expression in an order that does not depend on their names.
+            """
             if e in self._constants:
                 constants.setdefault(e)
             elif not e.is_Atom:

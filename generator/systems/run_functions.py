@@ -109,6 +109,7 @@ def slopes_over_states(
               for x in values for y in values]
 
     def slopes(along: dict[str, Any]) -> dict[str, Any]:
+        """Return how cotangents change along directions: second derivatives times these."""
         directions = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
         directions |= {time: along["t"], **along["parameters"]}
         cotangents = dict.fromkeys(columns_of, 0 * run.t)

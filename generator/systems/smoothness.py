@@ -223,6 +223,7 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
     names = (name for i in count() if (name := f"side{i}") not in reserved)
 
     def side(w: sp.Expr) -> sp.Expr:
+        """Return the symbol that is 1 where w > 0 and 0 elsewhere; that of −w is 1 less it."""
         if -w in symbols:
             return 1 - symbols[-w]
         if w not in symbols:

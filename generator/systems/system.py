@@ -502,6 +502,7 @@ class System:
         return sp.Mul(*factors)
 
     def _is_unit(self, factor: sp.Expr) -> bool:
+        """Return whether a factor is a nonzero constant on g = 0: its remainder modulo g."""
         if not factor.has(*self.q):
             return bool(factor.is_nonzero)
         if not all(e.is_polynomial(*self.q) for e in (factor, *self.constraints)):

@@ -422,6 +422,7 @@ def is_symmetric(tableau: Tableau) -> bool:
 
 
 def _symmetry_residuals(tableau: Tableau) -> Iterator[tuple[Matrix | None, Nodes, Nodes]]:
+    """Yield the residual of symmetry of each matrix, with its rows' and columns' nodes."""
     basis = tableau.basis
     for name, (_, _, b_columns) in MATRICES.items():
         rows, columns = tableau.nodes_of(name)
@@ -476,6 +477,7 @@ def _condition(
     tableau: Tableau, name: str, equation: str, residual: Matrix,
     rows: Nodes | None, columns: Nodes | None, *, required: bool,
 ) -> Condition:
+    """Return a condition with its residual: exact 0, or the largest entry at the nodes as text."""
     holds = is_zero(residual, tableau)
     size = "0" if holds else mp.nstr(magnitude(residual, rows, columns), 5)
     return Condition(name, equation, "yes" if holds else "no", holds, size, required)

@@ -208,6 +208,7 @@ def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp
 
 
 def _at_nodes(matrix: sp.Matrix, nodes: Nodes | None) -> sp.Matrix:
+    """Return a matrix of polynomials in a node as numbers, one row for each root of the nodes."""
     if nodes is None or isinstance(nodes, ValueNodes):
         return matrix
     roots = [sp.Rational(r.centre.numerator, r.centre.denominator)

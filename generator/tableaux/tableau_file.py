@@ -106,6 +106,7 @@ class _Reader:
     """Converts the JSON content of a file, or the arrays of a user, to a tableau."""
 
     def __init__(self, source: str) -> None:
+        """Begin a file with no entry read; ``source`` names it in errors."""
         self.source = source
         self.values: dict[str, sp.Expr] = {}  # text of an entry → value
         self.radicals: set[sp.Expr] = set()
@@ -164,12 +165,14 @@ class _Reader:
         return content
 
     def text(self, path: Path) -> str:
+        """Return the text of a file, or refuse one that is too long or no text."""
         try:
             return read_text(path, MAX_BYTES)
         except UnusableFileError as error:
             raise self.error(str(error)) from None
 
     def unique_keys(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        """Return the pairs of a JSON object as a dict, or refuse a key that occurs twice."""
         content: dict[str, Any] = {}
         for key, value in pairs:
             if key in content:
@@ -233,6 +236,7 @@ class _Reader:
         return claims
 
     def name(self, name: Any) -> str:
+        """Return the tableau's name, or refuse what is no identifier in C."""
         is_text = isinstance(name, str) and not isinstance(name, _Number)
         if not is_text or not NAME.fullmatch(name) or name in KEYWORDS:
             raise self.error(
@@ -244,6 +248,7 @@ class _Reader:
     # ------------------------------------------------------------ shapes
 
     def check_shapes(self, content: dict[str, Any]) -> None:
+        """Refuse coefficients of other sizes than s of ``b`` and p + 1 of ``b_tilde``."""
         size = {"s": self.length("b", content["b"], "s", 1, MAX_STAGES)}
         if "b_tilde" in content:
             size["p"] = self.length("b_tilde", content["b_tilde"], "p + 1", 2, MAX_STAGES + 1)
@@ -320,6 +325,7 @@ class _Reader:
         return value
 
     def check_last_weight(self, weight: sp.Expr) -> None:
+        """Refuse a last b̃ that is 0: T2 divides by it."""
         size = abs(weight) if weight.is_Rational else abs(sp.N(weight, 30))
         if size == 0 or (not weight.is_Rational and size < sp.Float("1e-25")):
             raise self.error(

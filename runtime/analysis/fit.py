@@ -176,6 +176,8 @@ class Fitting:
         data: Array, sigma: Array, free: Sequence[str], start: bool,
         clock: tuple[Any, Array] | None = None,
     ) -> None:
+        """Keep the run and its measurements: ``data`` at the states after ``sample_steps`` steps.
+        """
         self.step, self.observation, self.run = step, observation, run
         self.sample_steps, self.data, self.sigma = sample_steps, data, sigma
         self.start, self.coordinates = start, Coordinates(step, free, run.parameters)

@@ -86,6 +86,8 @@ class Coordinates:
     """Coordinates y of the free parameters, with y = 0 at the current parameters."""
 
     def __init__(self, step: Stepper, free: Sequence[str], first: Mapping[str, float]) -> None:
+        """Take the free parameters and their first values; inertias that are free move as a whole.
+        """
         self._first = {name: float(first[name]) for name in free}
         self.free = list(free)
         self._bodies = [Inertia(body.inertia) for body in bodies_of(step.manifest).values()
@@ -159,6 +161,7 @@ class Coordinates:
         return np.array([self._size(name, parameters) for name in self.free])
 
     def _size(self, name: str, parameters: Mapping[str, float]) -> float:
+        """Return the unit of relative changes of a parameter: |x|, or the first |x| if larger."""
         first = abs(self._first[name])
         if self.positive[self.free.index(name)]:
             return abs(parameters[name])

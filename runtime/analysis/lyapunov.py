@@ -304,6 +304,7 @@ class Benettin:
             self.factors.append(R)
 
     def _frame(self, step: int, q: Array, p: Array) -> UnitaryFrame:
+        """Return the unitary frame of the state after ``step`` steps."""
         # the state after the last step has the inputs of that step
         run = self.run.at_step(min(step, self.run.steps - 1))
         t = self.run.t0 + step * self.run.dt

@@ -213,6 +213,8 @@ class OrbitSearch:
         self, stepper: Stepper, start: StartNumbers, *, dt: Number, steps: int,
         fix: str | Sequence[str] | None, free: str | None,
     ) -> None:
+        """Check what is fixed and what is free, and keep the values at the start that stay fixed.
+        """
         run = stepper._resolved(stepper._run_arguments(
             start.q, start.p, dt=dt, steps=steps, t0=start.t, parameters=start.parameters))
         self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free
@@ -262,6 +264,7 @@ class OrbitSearch:
         return self._result(guess, gaps)
 
     def _failure(self, guess: Guess, gaps: list[float]) -> GyrosparkError:
+        """Return the error of a search that did not converge; ``gaps`` are its |Φ(z) − z|."""
         return GyrosparkError(
             f"Newton's method found no periodic orbit of {self.steps:,} steps: after "
             f"{len(gaps) - 1} iterations the end is off the start by {gaps[-1]:.2e} "
@@ -384,6 +387,7 @@ class OrbitSearch:
                 np.array([start[:, k], end[:, k]]))
 
     def _value(self, name: str, z: Array, parameters: Mapping[str, Any]) -> Any:
+        """Return the energy, or a coordinate or momentum by its name, of a state z."""
         n = self.stepper.n
         if name == "energy":
             return self.stepper.energy(z[:n], z[n:], parameters=parameters, t=self.t0)[()]
@@ -413,6 +417,7 @@ class OrbitSearch:
         return slopes
 
     def _energy_by_parameter(self, guess: Guess) -> float:
+        """Return ∂H/∂θ of the free parameter θ at a fixed state, by a central difference."""
         value = float(guess.parameters[self.free or ""])
         increment = 1e-5 * (abs(value) or 1.0)
         energies = [float(self._value("energy", guess.z, guess.parameters | {

@@ -53,6 +53,7 @@ class QuadBinding(Binding):
         function = getattr(self.lib, f"{PREFIX}{self.name}_{name}")
 
         def call(*arguments: Any) -> Any:
+            """Call C with copies of arrays and numbers in binary128; read the arrays back."""
             boxes = [_Box(self.ffi, a)
                      if isinstance(a, (np.ndarray, float, binary128.mpf)) else None
                      for a in arguments]
@@ -197,6 +198,7 @@ class _Box:
     """The bytes of an array or a number, for the time of a call."""
 
     def __init__(self, ffi: Any, value: Any) -> None:
+        """Copy an array of mpmath numbers, or one number, to memory that C can read."""
         self.array = value if isinstance(value, np.ndarray) else np.array([value], dtype=object)
         self.before = binary128.pack(self.array.flat)
         self.memory = aligned(len(self.before))

@@ -240,6 +240,7 @@ class CompiledConstraints:
     def __init__(
         self, binding: Binding, manifest: Manifest, parameters: ParameterStruct, t: Any = 0.0
     ) -> None:
+        """Take the constraints of a stepper with numbers for its parameters, at the time t."""
         self._binding, self._parameters, self._t = binding, parameters, t
         system = manifest.system
         self.coordinates, self.momenta = system.coordinates, system.momenta
@@ -276,6 +277,7 @@ class CompiledConstraints:
         return matrix
 
     def _defects(self, q: Array, p: Array) -> tuple[Array, Array]:
+        """Return g and f of each state, in doubles; in scaled time t and −H complete the states."""
         states = [np.ascontiguousarray(x, dtype=self._binding.dtype) for x in (q, p)]
         g, f = self._binding.defects(self._parameters, *self._binding.in_scaled_time(
             self._parameters, states[0], states[1], np.full(len(q), self._t)))

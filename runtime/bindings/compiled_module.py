@@ -154,6 +154,7 @@ class Compiled:
         return function
 
     def _function(self, name: str) -> Callable[..., Any]:
+        """Return a function of the C; long doubles are passed as numbers that cffi takes."""
         function: Callable[..., Any] = getattr(self.lib, f"{self.name}_{name}")
         # cffi takes all other numbers as they are
         if self.dtype is not np.longdouble:

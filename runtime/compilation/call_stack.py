@@ -87,6 +87,7 @@ def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: i
     context = contextvars.copy_context()
 
     def run() -> None:
+        """Keep the result of the function, or the exception, and the CPU time of the thread."""
         try:
             results.append(context.run(function, *arguments))
         except BaseException as error:

@@ -147,6 +147,7 @@ def find_compiler() -> Compiler:
 
 
 def _split(chosen: str) -> tuple[str, ...]:
+    """Return the words of CC, or raise CompilerError for quotes without an end."""
     try:
         return tuple(shlex.split(chosen))
     except ValueError as error:
@@ -375,6 +376,7 @@ def extension_suffix() -> str:
 
 
 def _start(command: list[str], folder: Path) -> _Running:
+    """Start a compiler in a folder; raise CompilerError if the command cannot be run."""
     try:
         return command, subprocess.Popen(
             command, cwd=folder, stdin=subprocess.DEVNULL, encoding="utf-8", errors="replace",

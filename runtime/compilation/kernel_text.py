@@ -307,6 +307,7 @@ class Arithmetic:
 def _real(function: Callable[..., Any], nan: Any) -> Callable[..., Any]:
     """Return a function of mpmath that is NaN where it is complex or infinite, as C's are."""
     def value(*arguments: Any) -> Any:
+        """Return the function's value, NaN where it is not real."""
         try:
             number = function(*arguments)
         except (ValueError, ZeroDivisionError):

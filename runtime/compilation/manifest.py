@@ -109,6 +109,7 @@ def _declared(name: str, header: str) -> dict[str, Any]:
 
 
 def _found(pattern: str, text: str) -> tuple[str, ...]:
+    """Return the groups of a pattern in a header, or raise ValueError."""
     match = re.search(pattern, text)
     if match is None:
         raise ValueError(f"no {pattern} in the header")

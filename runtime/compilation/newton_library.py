@@ -113,6 +113,7 @@ def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
 
     @module.ffi.def_extern(name=f"{name}_load_newton")  # type: ignore[untyped-decorator]
     def load_newton() -> None:
+        """Load the library of Newton's method, at the first step that needs it; C calls this."""
         try:
             library = load()
             module.newton = library  # stays open as long as the module
@@ -126,6 +127,8 @@ def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a compiled function that raises what has kept its library from being loaded."""
     def call(*arguments: Any) -> Any:
+        """Call the function, and raise the error of a library that could not be loaded meanwhile.
+        """
         value = function(*arguments)
         error = getattr(_pending, "error", None)
         if error is not None:

@@ -163,6 +163,7 @@ def declarations_of(name: str, header: str, module_kind: ModuleKind) -> str:
 
 
 def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
+    """Return an object file that compiles the functions that ``functions`` names."""
     return Object(f"object{number}", _only(name, header, functions),
                   (f"-DGYROSPARK_OBJECT={number}", *_FLAGS),
                   level=_LEVELS.get(number, "all"),

@@ -72,6 +72,7 @@ def prebuilt_provenance(files: dict[str, str]) -> dict[str, str] | None:
 
 @cache
 def _modules() -> dict[str, dict[str, Any]]:
+    """Return the list of modules that this wheel was built with; empty in a source tree."""
     try:
         modules: dict[str, dict[str, Any]] = json.loads(
             (FOLDER / "modules.json").read_text(encoding="utf-8"))

@@ -90,6 +90,7 @@ class DerivativeBinding:
     """Calls into the module of derivatives; ``own`` makes its structs, ``primal`` integrates."""
 
     def __init__(self, binding: Binding, primal: Binding, keeps_momentum: bool) -> None:
+        """Take the module of derivatives, and ``primal``, whose steps these are of."""
         self.own, self.primal = binding, primal
         binding.frames += primal.frames  # for integrate_and_keep, which calls the other module
         self.n = binding.n

@@ -567,6 +567,7 @@ def _check(
 
 
 def _refuse_mismatch(end: tuple[Array, Array], stored_end: tuple[Array, Array], why: str) -> None:
+    """Refuse a gradient if the run, done again, does not end at ``stored_end``; ``why`` says it."""
     for x, y in zip(end, stored_end, strict=True):
         size = float(np.abs(y).max(initial=0)) or 1.0
         off = float(np.abs(x - y).max(initial=0)) / size

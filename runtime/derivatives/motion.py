@@ -214,6 +214,7 @@ class StateMotion:
     def __init__(
         self, binding: MotionBinding, values: Mapping[str, Any], t: Any, q: Array, p: Array,
     ) -> None:
+        """Solve for v, ṗ, q̈ and λ at (q, p, t); raise InputError if W is singular there."""
         self._binding, self._t, self._q, self._p = binding, t, q, p
         self._parameters = binding.own.parameters(dict(values), t)
         self._at = Kinematics(binding.layout, values, q)
@@ -289,6 +290,7 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
 
 
 def _solve(A: Array, b: Array, names: Sequence[str]) -> Array:
+    """Return A⁻¹ b, or raise InputError, which names the bodies and joints, if A is singular."""
     try:
         x: Array = np.linalg.solve(A, b)
     except np.linalg.LinAlgError:

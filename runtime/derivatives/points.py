@@ -167,12 +167,14 @@ def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
 
 
 def _unit(stepper: Stepper, row: int) -> Array:
+    """Return the gradient of the row itself, 1 there and 0 elsewhere."""
     unit: Array = stepper.binding.new(stepper._derivative_binding().rows)
     unit[row] = 1
     return unit
 
 
 def _point(run: RunArguments, step: int, tau: Any) -> Point:
+    """Return the point ``tau`` after ``step`` whole steps."""
     if tau:
         return Point(step, tau)
     # a point at the end of a step is τ = Δt of the step before, so that it has a step to

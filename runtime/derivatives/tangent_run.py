@@ -93,6 +93,7 @@ def _of_rows(
 
 
 def _stacked(stored: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
+    """Return the points' directions and times as arrays, shapes (points, ·, k) and (points, k)."""
     shape = stored.together().shape[1:]
     directions, times = np.zeros((len(q), *shape), stored.q.dtype), np.zeros(
         (len(q), shape[1]), stored.q.dtype)
@@ -124,6 +125,8 @@ class _TangentRun:
         self, stepper: Stepper, run: RunArguments, request: Tangents | TangentRows,
         points: Sequence[Point],
     ) -> None:
+        """Take the directions of a request at the start of the run, projected onto the constraints.
+        """
         refuse_run(run)
         self.stepper, self.run = stepper, run
         self.binding, self.n = stepper._derivative_binding(), stepper.binding.n

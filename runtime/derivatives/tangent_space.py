@@ -95,6 +95,7 @@ class TangentSpace:
         self, binding: DerivativeBinding, parameters: ParameterStruct, q: Array, p: Array,
         constraint_names: Sequence[str],
     ) -> None:
+        """Compute ∂g and ∂f at the state, by all rows of a direction."""
         self.binding, self.n = binding, binding.n
         self._names = constraint_names
         sizes = [float(np.linalg.norm(x.astype(float))) for x in (q, p)]
@@ -231,6 +232,7 @@ class Start:
     """Start directions of tangents: columns with their names."""
 
     def __init__(self, space: TangentSpace, tangents: Tangents) -> None:
+        """Collect the columns: of q and p, then parameters, dt and t0, and project them."""
         binding = space.binding
         inner, n = binding.own, binding.n
         names = inner.parameter_names

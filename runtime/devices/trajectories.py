@@ -123,6 +123,7 @@ class Trajectories:
         iterations = np.zeros((count, rows), np.intc)
 
         def store(window: Window) -> None:
+            """Copy the rows of a window from the card to the host's arrays."""
             window_rows = slice(window.first, window.first + window.q.shape[0])
             q[:, window_rows] = self.device.get(window.q).transpose(2, 0, 1)
             p[:, window_rows] = self.device.get(window.p).transpose(2, 0, 1)
@@ -147,6 +148,8 @@ class Trajectories:
         return Window(first, q, p, self.device.zeros((rows, count), np.intc))
 
     def _advance(self, first: int, last: int, window: Window) -> None:
+        """Advance all trajectories from step ``first`` to ``last`` in one launch, and wait for it.
+        """
         run = self.runs.first
         self._launch("advance_trajectories", *map(np.int64, (
             first, last, run.every, run.steps, window.first)), self.state, self.words, self.status,

@@ -188,6 +188,7 @@ class EventDetector:
     """Detects the events of one run, piece by piece; the result does not depend on the pieces."""
 
     def __init__(self, levels: Levels, parameters: ParameterStruct, t0: Any, dt: Any) -> None:
+        """Begin at the start of a run, of which no state has been examined."""
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
         self._tail: tuple[Array, Array] | None = None
         #: Steps before the last state that was examined.

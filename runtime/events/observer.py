@@ -234,6 +234,7 @@ class Observer:
         return changed(trajectory, events=crossings)
 
     def _solved(self, brackets: Any, stop: Callable[[], bool]) -> dict[str, Crossings]:
+        """Return event's name → crossings in brackets; ``stop`` ends the solution early."""
         (crossings,) = crossings_of(self._stepper, self._levels, self._runs, [brackets],
                                     lambda computed: fill_ensemble(computed, threads_of(None),
                                                                    stop))

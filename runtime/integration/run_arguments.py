@@ -470,6 +470,7 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     at_once = max(_JUDGED // (binding.n * (2 * binding.n + 1)), 1)
 
     def is_consistent(block: slice) -> bool:
+        """Return whether all starts of a block are on their constraints."""
         parameters = (binding.parameter_sets(runs.columns(block), runs.t0[block])
                       if varied else shared)
         return bool(defects_of_starts(binding, keeps_f, parameters, runs.q[block], runs.p[block],

@@ -50,6 +50,7 @@ class ChunkSize:
     def __init__(
         self, has_events: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
+        """Begin with few steps; with events a chunk has fewer at most, as its states are kept."""
         self._clock = clock or thread_seconds
         self._largest = _CHUNK_WITH_EVENTS if has_events else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)

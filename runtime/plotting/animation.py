@@ -134,6 +134,7 @@ class _Stage:
 
     def __init__(self, figure: Any, scene: Scene, meshes: Mapping[str, IndexedMesh],
                  frames: list[int]) -> None:
+        """Place the camera so that all frames fit, and draw the parts of the figure that stay."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.patches import Patch
 

@@ -200,6 +200,7 @@ def _content(
     mesh_numbers = {file: i for i, file in enumerate(meshes)}
 
     def shapes(shape_list: Iterable[Shape]) -> list[dict[str, Any]]:
+        """Return shapes as the page reads them; meshes are numbers into its list of meshes."""
         return [{"kind": shape.kind, "size": shape.size.tolist(), "centre": shape.centre.tolist(),
                  "axes": shape.axes.T.tolist(), "colour": shape.colour,
                  **({"mesh": mesh_numbers[shape.file]} if shape.file else {})}

@@ -192,6 +192,8 @@ class SceneDrawing:
         size: tuple[int, int], azimuth: float | None = None, elevation: float | None = None,
         background: BackgroundName = "light", traces: bool = True,
     ) -> None:
+        """Choose the camera's direction, where none is given, and a frame that all states fit into.
+        """
         self.scene, self.files, self.size, self.background = scene, files, _size(size), background
         self.paths = _paths(scene)
         facing, tilt = _direction(scene, self.paths)

@@ -262,6 +262,7 @@ class _Lamp:
     """A distant lamp at the upper left of the camera, and the shadows of solids in its light."""
 
     def __init__(self, corners: Array, axes: Array, up: Array) -> None:
+        """Place the lamp above the viewer's shoulder, and draw the depths that it sees."""
         right, over, back = axes
         towards = -0.5 * right + 0.2 * over + 0.65 * back + 0.8 * up
         self.towards, self.up = towards / np.linalg.norm(towards), up

@@ -232,6 +232,8 @@ class BodyMotion:
         return np.broadcast_to(fixed_point, (*self._run.q.shape[:-1], 3))
 
     def _point(self, on_body: ArrayLike | None) -> Array:
+        """Return a point in body axes, the centre of mass if it is None; refuse what is no point.
+        """
         if on_body is None:
             return self.centre
         r = real_array(on_body)

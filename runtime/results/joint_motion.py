@@ -248,6 +248,7 @@ class JointMotion:
         return points[0], points[1]
 
     def _attitudes(self) -> tuple[Array, Array]:
+        """Return the quaternions of a and b, shape (N+1, 4) each; the ground's is (1, 0, 0, 0)."""
         q_a, q_b = (self._run.body(name).attitude if name else
                     np.broadcast_to(_STILL, (*self._run.q.shape[:-1], 4))
                     for name in self.bodies)

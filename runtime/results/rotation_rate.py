@@ -77,6 +77,7 @@ class FastestRotation:
 
     @property
     def _consequence(self) -> str:
+        """Return what such a rotation in a step leads to, for the warning."""
         if self.error is None or self.error > LOST:
             return "the motion is lost within some turns"
         return (f"errors are about {self.error:.0e} of the angle turned, and there are motions for "
@@ -90,6 +91,8 @@ class Rotations:
     """
 
     def __init__(self, manifest: Manifest) -> None:
+        """Sort the bodies by the form of their inertia, and set the limit of |Ω Δt| for the scheme.
+        """
         self.bodies = bodies_of(manifest)
         self._rates = [] if manifest.frame is None else [
             symmetry.name for symmetry in manifest.frame.symmetries]

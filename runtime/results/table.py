@@ -293,6 +293,7 @@ def _table_of_event(
 
 
 def _imported(package: str, extra: str, purpose: str) -> Any:
+    """Return an optional package, or raise MissingDependencyError with the extra that has it."""
     try:
         return import_module(package)
     except ImportError as error:

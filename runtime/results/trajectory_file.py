@@ -153,6 +153,7 @@ def load_netcdf(path: Path) -> Trajectory:
         real = REALS[manifest.real]
 
         def read(name: str) -> Array:
+            """Return a variable, from its bytes if it has wide numbers."""
             if f"{name}_bytes" not in file.variables:
                 return np.asarray(file.variables[name][...])
             stored_bytes = np.asarray(file.variables[f"{name}_bytes"][...])

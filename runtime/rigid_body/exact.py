@@ -129,6 +129,7 @@ class SteadyRotation(_PreciseMotion):
     """A free body with Ω × JΩ = 0: Ω is constant and q(t) = q₀ ∘ (cos |Ω|t/2, Ω/|Ω| sin |Ω|t/2)."""
 
     def __init__(self, angular_velocity: Sequence[float], attitude: Sequence[float]) -> None:
+        """Keep Ω and q(0) as mpmath numbers."""
         super().__init__(angular_velocity, attitude)
         self._mp = _context(DIGITS)
         self._omega = [self._mp.mpf(x) for x in angular_velocity]
@@ -383,6 +384,7 @@ def _rounded(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> 
 
 
 def _times(t: ArrayLike) -> Array:
+    """Return times in seconds as doubles, or refuse what is not finite."""
     times = np.asarray(t, dtype=np.float64)
     if not np.isfinite(times).all():
         raise InputError(f"The times {t!r} are not all finite; give seconds as finite numbers.")

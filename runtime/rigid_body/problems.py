@@ -269,6 +269,7 @@ def _heavy_top(
 
 
 def _finite(value: float, quantity: str, unit: str) -> float:
+    """Return a finite number, or refuse the value; quantity and unit are named in the error."""
     array = real_array(value)
     if array is None or array.ndim:
         raise InputError(f"The {quantity} {shown(value)} is no number; give it in {unit}.")
@@ -279,6 +280,7 @@ def _finite(value: float, quantity: str, unit: str) -> float:
 
 
 def _positive(value: float, quantity: str, unit: str) -> float:
+    """Return a number above 0, or refuse the value."""
     number = _finite(value, quantity, unit)
     if number <= 0:
         raise InputError(f"The {quantity} is {number!r}; it must be above 0, in {unit}.")
@@ -286,6 +288,7 @@ def _positive(value: float, quantity: str, unit: str) -> float:
 
 
 def _vector(components: ArrayLike, length: int, name: str) -> Array:
+    """Return finite numbers of this length, or refuse the value."""
     vector = real_array(components)
     if vector is None:
         raise InputError(f"{name} = {shown(components)} is not {length} numbers.")

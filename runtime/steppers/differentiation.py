@@ -75,6 +75,8 @@ class Differentiation(Evaluation):
     """Methods of ``Stepper`` for derivatives; their module is compiled at the first use."""
 
     def __init__(self, name: str, files: dict[str, str], derive: Derive | None = None) -> None:
+        """Begin without modules of derivatives: these are derived and compiled at the first call.
+        """
         super().__init__(name, files)
         self._derive = derive
         self._derivative_bindings: list[DerivativeBinding] = []
@@ -148,6 +150,7 @@ class Differentiation(Evaluation):
         binding = self._jumps
 
         def fill(parameters: Any, t: Any, *arrays: Array) -> None:
+            """Fill the arrays with the jump's derivatives; parameters are of the first module."""
             time = binding.new(1)
             time[0] = t
             binding.function("impacts_by_state")(
@@ -239,6 +242,7 @@ class Differentiation(Evaluation):
         binding, n = self._derivative_binding().own, self.n
 
         def back(wq: ArrayLike, wp: ArrayLike, multipliers: ArrayLike | None = None) -> Gradient:
+            """Return the gradient by start and parameters from cotangents of the step's end."""
             w = np.concatenate([binding.array("wq", wq, (n,)), binding.array("wp", wp, (n,))])
             forces = None if multipliers is None else binding.array(
                 "multipliers", multipliers,

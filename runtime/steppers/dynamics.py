@@ -255,6 +255,7 @@ class Dynamics(Differentiation):
         return dict(zip(names, values.tolist(), strict=True))
 
     def _names(self, label: str, entries: Any) -> list[str]:
+        """Return one or more different names, as given by one name or a list of them."""
         names = [entries] if isinstance(entries, str) else [
             as_text(f"an entry of {label}", x) for x in as_items(label, entries, "names")]
         if not names or len({*names}) < len(names):
@@ -262,6 +263,7 @@ class Dynamics(Differentiation):
         return names
 
     def _state_motion(self, start: StartNumbers) -> StateMotion:
+        """Return the accelerations at a state, with the functions that joints and bodies need."""
         from ..derivatives.motion import StateMotion
 
         state, values = self._state(start.q, start.p), self._values(start.parameters)

@@ -334,6 +334,7 @@ def _with_last_parts(
 
     @cache
     def member(i: int) -> Trajectory:
+        """Return trajectory i with its partial step; if it failed, its whole steps."""
         of_steps = ensemble._make(i)
         if i in failures:
             return of_steps
@@ -349,6 +350,7 @@ def _with_last_parts(
 def _progress_of(
     stepper: Stepper, runs: EnsembleArguments, progress: Progress, steps: int | None = None
 ) -> AbstractContextManager[Callable[..., Any] | None]:
+    """Return the context that reports the steps of all runs together."""
     return log_progress(f"integrating {len(runs):,} times {stepper.name}",
                         steps or len(runs) * runs.first.steps, progress)
 
@@ -356,6 +358,7 @@ def _progress_of(
 def _stopped(
     interrupts: Interrupts, stored: int, ensemble: Ensemble | DeviceEnsemble, size: int
 ) -> Stopped:
+    """Return the exception after Ctrl-C, with the states that are stored."""
     return Stopped(f"Stopped with {stored:,} of {size:,} states; they are in .ensemble.",
                    interrupts.signal, ensemble=cast(Ensemble, ensemble))
 
@@ -469,6 +472,7 @@ def _ensemble(
              for events_of_run in crossings]
 
     def member(i: int) -> Trajectory:
+        """Return trajectory i, up to its failed step if it has one."""
         trajectory = trajectory_of(binding, stepper.manifest, runs[i], rows[i],
                                    computed.final_report(i), computed.q[i], computed.p[i])
         return changed(trajectory, events=shown[i] if shown else {},
@@ -505,6 +509,7 @@ def _each_alone(
         warnings.simplefilter("ignore", InputWarning)
 
         def integrate_run(i: int) -> _FinishedRun:
+            """Integrate run i, and count its steps among those of all runs."""
             def count_steps(steps: int) -> None:
                 step_counts[i] = steps
                 if report is not None:
@@ -627,6 +632,7 @@ def _with_tangents(
 
 
 def _each(name: str, value: Any, size: int) -> Array:
+    """Return one number, or one for each of ``size`` trajectories; refuse other shapes."""
     array = as_numbers(name, value)
     if array.shape not in ((), (size,)):
         raise InputError(f"{name} has shape {array.shape}; give one number or {size} of them.")
@@ -634,6 +640,7 @@ def _each(name: str, value: Any, size: int) -> Array:
 
 
 def _rows(stepper: Stepper, name: str, value: Any) -> Array:
+    """Return a row of numbers for each trajectory, in the stepper's type; refuse other shapes."""
     array = stepper.binding.numbers(name, value)
     if array.ndim != 2:
         raise InputError(f"{name} has shape {array.shape}; give one row for each trajectory.")

@@ -37,6 +37,7 @@ class Evaluation:
     """Compiled functions on states: see ``Stepper``, which adds the steps."""
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
+        """Load the compiled module of these files, and what the manifest says of them."""
         self.name = name
         self.files = complete(files)
         self.manifest = read_manifest(name, self.files)
@@ -323,6 +324,7 @@ class Evaluation:
         return as_step(dt, self.binding.number, "dtau" if self.binding.clocked else "dt")
 
     def _parameters(self, parameters: Mapping[str, Number], t: Number = 0.0) -> Any:
+        """Return checked parameters and the time as the struct of the C."""
         number = self.binding.number
         values = self.check_parameters(parameters)
         warn_of_negative(values)
@@ -340,6 +342,7 @@ class Evaluation:
     def _equations_at(
         self, x: ArrayLike, start: Any, p: Any, parameters: Any, t: Any
     ) -> tuple[Array, tuple[Array, Array], Any]:
+        """Return unknowns less their origin, the state (q, p) and the run of one step from it."""
         state, run = self._at_start(start, p, parameters, t)
         unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
         return unknowns, state, run

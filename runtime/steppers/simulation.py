@@ -60,6 +60,7 @@ class AdvancingRun:
     """A run with its own solver memory; compiled code advances ``steps``, ``q`` and ``p``."""
 
     def __init__(self, binding: Binding, run: RunArguments, work: WorkMemory | None = None) -> None:
+        """Begin at the start of a run; ``work`` is memory to be used again, else new memory."""
         self.run, self.binding = run, binding
         self.q, self.p = run.q.copy(), run.p.copy()
         self.work = binding.work() if work is None else work
@@ -129,6 +130,7 @@ class ContinuedStep(AdvancingRun):
         self, binding: Binding, run: RunArguments, arguments: tuple[Any, ...],
         work: WorkMemory | None = None,
     ) -> None:
+        """Begin as ``AdvancingRun`` does; ``arguments`` are those that each call repeats."""
         super().__init__(binding, run, work)
         #: What the caller gave beside the state, as given: a call that gives the same goes on.
         *self._given, self._given_parameters = *arguments[:-1], dict(arguments[-1])
@@ -154,6 +156,7 @@ class RecordingRun(AdvancingRun):
     """A run in several calls that stores every state."""
 
     def __init__(self, binding: Binding, run: RunArguments) -> None:
+        """Begin as ``AdvancingRun`` does, with rows for the first states and inputs."""
         super().__init__(binding, run)
         self._run_state = RunState(self.q, self.p, binding.report(), self.work)
         self._failed = False
@@ -480,6 +483,7 @@ class Simulation:
         return _InputValues(self)
 
     def _set_inputs(self, inputs: Mapping[str, Number]) -> None:
+        """Give inputs that hold from the next step on."""
         values = self._inputs(inputs)
         self._acquire()
         try:

@@ -89,6 +89,7 @@ class Velocities:
     """H_p of states in doubles, from the residual of no step, and its derivative by p."""
 
     def __init__(self, stepper: Stepper, parameters: Mapping[str, Any], t0: Any = 0.0) -> None:
+        """Keep parameters and time as the compiled functions take them."""
         self._stepper, self._t = stepper, t0
         rates = {symmetry.name for symmetry in stepper.symmetries}
         self._parameters = {name: x for name, x in parameters.items() if name not in rates}

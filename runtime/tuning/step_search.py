@@ -126,6 +126,7 @@ class StepSearch:
         return np.asarray(run.q), None
 
     def _add(self, n: int, error: float) -> None:
+        """Keep a pilot run among those of the search, and report their number."""
         self._steps.append(n)
         dt = as_double(self.span / n)
         label = f"{n:,} steps" if self.t_end is None else f"dtau = {dt:.6g}"

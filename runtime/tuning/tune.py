@@ -308,6 +308,7 @@ class _Rules:
         self, stepper: Stepper, run: RunArguments, rules: Mapping[str, Rule],
         report: Callable[[int], Any] | None = None,
     ) -> None:
+        """Sort the rules into rates of the frame and γ or α; searches must have one aim."""
         self.stepper, self.run, self.rules, self.report = stepper, run, rules, report
         rates = {symmetry.name for symmetry in stepper.symmetries}
         self.rates = {name: x.name for name, x in rules.items() if name in rates}

@@ -88,6 +88,7 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
     compilers = _compilers(version, platforms, purpose)
 
     def link(target: Platform) -> None:
+        """Compile and link the library of one platform."""
         library = folder / _library(name, version, target)
         library.parent.mkdir(parents=True, exist_ok=True)
         run_tool([*compilers[target], *_FLAGS, *target.flags(library.name), f"fmi{version}.c",

@@ -122,6 +122,7 @@ class Slave:
         return [*values]
 
     def _arguments(self, names: Sequence[str], numbers: Sequence[float]) -> tuple[list[Any], Any]:
+        """Return the C arguments of values by reference, in FMI's order, and the array."""
         count = ctypes.c_size_t(len(names))
         array = (_Real * len(names))(*numbers)
         arguments: list[Any] = [
