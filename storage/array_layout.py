@@ -29,7 +29,7 @@ from zarr.codecs import BytesCodec, Crc32cCodec
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import WIDE_BYTES
-from ..runtime.results.outputs import OUTPUTS, QUANTITY, about, parts
+from ..runtime.results.outputs import OUTPUTS, QUANTITY, description_of, names_in_files
 from .chunks import Chunk, write_chunks
 from .durable_files import DurableStore, write_durably
 
@@ -121,9 +121,9 @@ def fields_of(manifest: Manifest) -> list[StoredField]:
         if names:
             component_names["components"] = list(names)
         fields += [StoredField(name, output.inner(manifest) or (),
-                               about(output, manifest, name) | component_names,
+                               description_of(output, manifest, name) | component_names,
                                output.dtype or real.stored, real.wide and not output.whole)
-                   for name in parts(output, manifest)]
+                   for name in names_in_files(output, manifest)]
     return fields
 
 
@@ -135,7 +135,8 @@ def fields_of_events(
     ``events`` are those of the attributes: impacts have a restitution.
     """
     real = REALS[manifest.real]
-    inner = {output.name: (output.inner(manifest) or (), about(output, manifest, output.name))
+    inner = {output.name: (output.inner(manifest) or (),
+                           description_of(output, manifest, output.name))
              for output in OUTPUTS if output.name in ("q", "p")}
 
     def stored(name: str, column: str, text: str, unit: str = "") -> StoredField:

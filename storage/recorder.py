@@ -133,7 +133,7 @@ class Recorder:
         if checkpoint is not None and checkpoint.event_progress is not None:
             self.counts = checkpoint.event_progress.counts
             assert self.observer is not None
-            self.observer.go_on(checkpoint.run, checkpoint.event_progress.memory)
+            self.observer.resume(checkpoint.run, checkpoint.event_progress.memory)
             for (name, fields), count in zip(self._event_fields.items(), self.counts.tolist(),
                                              strict=True):
                 refuse_missing_blocks(self.path, self.group, 0, count, names_of(fields))

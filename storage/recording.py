@@ -27,7 +27,7 @@ from ..core.records import changed
 from ..runtime.bindings.real_numbers import from_text
 from ..runtime.results.crossings import Impacts
 from ..runtime.results.diagnostics import Report, known_fields
-from ..runtime.results.outputs import OUTPUTS, States, labels_of, parts, together
+from ..runtime.results.outputs import OUTPUTS, States, array_from_files, labels_of, names_in_files
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.differentiation import Derive
 from ..runtime.steppers.stepper import Stepper, stepper_of
@@ -316,7 +316,7 @@ class Recording(Trajectory):
         first, stop, stride = row_range.start, row_range.stop, row_range.step
         refuse_missing_blocks(self.path, group, first, stop)
         stored: list[str] = self.attributes["arrays"]
-        missing = [name for output in OUTPUTS for name in parts(output, manifest)
+        missing = [name for output in OUTPUTS for name in names_in_files(output, manifest)
                    if name not in stored]
         if missing:
             raise written_by(self.path, run.get("gyrospark"), f"it has no {listed(missing)}")
@@ -345,8 +345,9 @@ class Recording(Trajectory):
                 if row < (end := min(begin + chunk, stop)):
                     yield row, end
 
-        arrays: dict[str, Any] = {output.attribute: together(
-            output, [read(name, after_start=output.of_steps) for name in parts(output, manifest)],
+        arrays: dict[str, Any] = {output.attribute: array_from_files(
+            output, [read(name, after_start=output.of_steps)
+                     for name in names_in_files(output, manifest)],
             len(row_range), dtype) for output in OUTPUTS}
         return Trajectory(
             **arrays, dt=self.dt, every=self.every * stride, parameters=dict(self.parameters),

@@ -19,7 +19,7 @@ from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.bindings.run_memory import ParameterStruct, Rows
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.results.crossings import Crossings
-from ..runtime.results.outputs import OUTPUTS, States, parts, pieces, value_of
+from ..runtime.results.outputs import OUTPUTS, States, arrays_in_files, names_in_files, value_of
 from .array_layout import CHECKPOINT, StoredField, array_of, attributes_of, consolidate, wide_name
 from .chunks import Chunk, write_chunks
 from .durable_files import storage_errors
@@ -158,6 +158,6 @@ def stored_arrays(
                     batch_rows.work[filled])
     arrays: dict[str, Array] = {}
     for output in OUTPUTS:
-        if parts(output, manifest):
-            arrays |= pieces(output, manifest, value_of(output, states))
+        if names_in_files(output, manifest):
+            arrays |= arrays_in_files(output, manifest, value_of(output, states))
     return arrays

@@ -152,7 +152,7 @@ class Kinematics:
     def _turning(self, body: str) -> Array:
         """Return the rows of ω in space axes, ω = 2 Im(q̇ q̄); their rates do not add to Cq̈."""
         rows = np.zeros((3, len(self._q)))
-        if body:
+        if body:  # the ground, "", does not turn
             columns = self.bodies[body].q
             w, x, y, z = self._q[columns]
             rows[:, columns] = 2 * np.array([[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
@@ -258,6 +258,7 @@ class StateMotion:
         return rows, rows @ self.acceleration.astype(float) + drift, False
 
     def _along(self, dq: Array, dp: Array, dt: int) -> dict[str, Any]:
+        """Return the derivative of each quantity along (dq, dp, dt)."""
         return self._binding.quantity_rates(self._parameters, self._t, self._q, self._p, dq, dp, dt)
 
 
@@ -278,7 +279,7 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
     mobility = C_H @ C.T
     if len(G):
         mobility = mobility - C_H_G @ _solve(G @ H_pp @ G.T, C_H_G.T, names)
-    # rates have different units: the test of dependence is of numbers without units
+    # rates have different units: scaled to a unit diagonal, the condition number has none
     scale = np.sqrt(np.abs(np.diag(C_H @ C.T)))
     scaled = mobility / np.outer(scale, scale)
     if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _DEPENDENT:

@@ -238,6 +238,7 @@ class _TangentRun:
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:
+    """Return directions ``row`` of the frame's state after step k, one of ``steps``, in space."""
     z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
     return frame.in_space(k, z, dz, row)[1]
 

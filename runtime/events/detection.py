@@ -352,7 +352,7 @@ class EventDetector:
         q, p = self._tail or (no_states, no_states)
         return Memory(q, p, self._closed.copy(), self._levels.binding.new(0))
 
-    def go_on(self, step: int, memory: Memory) -> None:
+    def resume(self, step: int, memory: Memory) -> None:
         """Resume after ``step`` steps."""
         self._last_step, self._closed = step, memory.closed.copy()
         if len(memory.q):

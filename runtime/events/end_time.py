@@ -61,10 +61,12 @@ class EndTimeObserver:
         count = state.steps - start.steps
         if every > 1:
             thin(visited, count, every, rows)
+        # t is the last coordinate: the first state at or behind t_end
         behind = np.flatnonzero(self._ahead * (visited.q[:count, -1] - self._t) >= 0)
         if not len(behind):
             return status
         whole = int(behind[0])
+        # back to the state before that step, which is the last whole one of the run
         row = visited[whole : whole + 1].copy()
         state.assign(binding, start)
         if whole:

@@ -79,7 +79,7 @@ class ImpactObserver:
         self._margins, self._since = binding.new(len(events)), binding.new(1)
         self._places, self._hits = list[Array](), list[Array]()
         start = RunState.at_start(stepper.binding, run.q, run.p)
-        # no steps yet: C checks that the gaps are open, and computes H
+        # a call of 0 steps: C checks that the gaps are open, and computes H
         self._call(0, 1, start, Rows.allocate(stepper.binding, 0))
         self._start_energy = float(start.record.energy_start)
 
@@ -94,8 +94,8 @@ class ImpactObserver:
         no_rows = self._own.new(0, self._own.n)
         return Memory(no_rows, no_rows, np.zeros(len(self.events), bool), self._margins.copy())
 
-    def go_on(self, _state: RunState, memory: Memory) -> None:
-        """Go on from a state after whole steps."""
+    def resume(self, _state: RunState, memory: Memory) -> None:
+        """Continue from a state after whole steps, with the round-off of the gaps there."""
         self._margins[:] = memory.margins
 
     def advance(

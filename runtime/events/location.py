@@ -361,6 +361,7 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
 
 
 def _where(condition: Array, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the points (x, y) of a where the condition holds, else of b."""
     return np.where(condition, a[0], b[0]), np.where(condition, a[1], b[1])
 
 
@@ -387,11 +388,13 @@ def _has_direction(work: _Work, roots: _Roots) -> Array:
 
 
 def _joined(groups: list[_Roots]) -> _Roots:
+    """Return the roots of all groups, in their order."""
     return _Roots(*(np.concatenate([getattr(group, name) for group in groups])
                     for name in _Roots.__dataclass_fields__))
 
 
 def _selected(roots: _Roots, mask: Array) -> _Roots:
+    """Return the roots of a mask, or of indices in their order."""
     return _Roots(*(getattr(roots, name)[mask] for name in _Roots.__dataclass_fields__))
 
 
@@ -399,7 +402,7 @@ def _by_run(
     stepper: Stepper, levels: Levels, parts: list[_Roots], runs: EnsembleArguments
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run, event's name → crossings in the order of the run."""
-    roots = _joined(parts) if parts else _none(stepper)
+    roots = _joined(parts) if parts else _no_roots(stepper)
     crossings_of_runs: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
     for event_index, event in enumerate(levels.events):
         event_roots = _selected(roots, roots.event == event_index)
@@ -420,7 +423,8 @@ def _by_run(
     return crossings_of_runs
 
 
-def _none(stepper: Stepper) -> _Roots:
+def _no_roots(stepper: Stepper) -> _Roots:
+    """Return empty arrays of the types that roots have."""
     binding, count = stepper.binding, np.array([], int)
     return _Roots(count, count, count, np.array([]), np.array([], binding.number_type),
                   binding.new(0, binding.n), binding.new(0, binding.n), count.astype(bool))

@@ -179,9 +179,9 @@ class Observer:
         """The detector's memory, from which detection resumes."""
         return self._detector.memory
 
-    def go_on(self, state: RunState, memory: Memory) -> None:
-        """Go on from a state."""
-        self._detector.go_on(state.steps, memory)
+    def resume(self, state: RunState, memory: Memory) -> None:
+        """Continue from a state, with the memory of detection up to it."""
+        self._detector.resume(state.steps, memory)
         self._begun = [state.copy(self._binding)]
 
     def advance(

@@ -54,9 +54,9 @@ class BeamMotion:
 
     def __init__(self, trajectory: Trajectory, name: str, sections: list[JointAt]) -> None:
         self.name, self._run, self._sections = name, trajectory, sections
-        self._inner = [joint for joint in sections if not _of(joint).holder]
+        self._inner = [joint for joint in sections if not _section_of(joint).holder]
         self.segments = (*(joint.a for joint in self._inner), self._inner[-1].b)
-        self.arc = np.array([_of(joint).arc for joint in sections])
+        self.arc = np.array([_section_of(joint).arc for joint in sections])
 
     def __repr__(self) -> str:
         return (f"<BeamMotion of {self.name} in {self._run.manifest.name}: {len(self.segments)} "
@@ -94,7 +94,7 @@ class BeamMotion:
 
         The third component is the torsion, and |κ| = (f/h) sin(θ/2) at the angle θ.
         """
-        return np.stack([_of(joint).ratio / self._number(_of(joint).spacing)
+        return np.stack([_section_of(joint).ratio / self._number(_section_of(joint).spacing)
                          * self._strain(joint)[1]
                          for joint in self._sections], axis=-2)
 
@@ -111,7 +111,7 @@ class BeamMotion:
         """
         multipliers = multipliers_at_states(self._run).astype(float) if any(
             joint.constraints for joint in self._sections) else np.zeros(0)
-        return self._in(frame, [np.add(*self._strained(joint)) if _of(joint).extension else
+        return self._in(frame, [np.add(*self._strained(joint)) if _section_of(joint).extension else
                                 self._reaction(joint, multipliers) for joint in self._sections])
 
     def tension(self) -> Array:
@@ -135,7 +135,7 @@ class BeamMotion:
 
         At a clamp one of them is the body that holds the beam; at the start it comes first.
         """
-        section, still = _of(joint), np.array([1.0, 0.0, 0.0, 0.0])
+        section, still = _section_of(joint), np.array([1.0, 0.0, 0.0, 0.0])
         sides = [(joint.a, still), (joint.b, still)]
         if section.holder:
             holder = 0 if section.holder == "a" else 1
@@ -163,7 +163,7 @@ class BeamMotion:
         Ω_b)) with the angular velocities in the axes of their own sides. Of a joint that stretches,
         half of the moment of its two forces about each other's points is added.
         """
-        section = _of(joint)
+        section = _section_of(joint)
         ratio = section.ratio / self._number(section.spacing)
         (w, u), (q_a, q_b) = self._strain(joint), self._attitudes(joint)
         strain = u - self._numbers(section.rest)
@@ -185,8 +185,8 @@ class BeamMotion:
         Each is ½ R C (Γ + τ Γ̇) with Γ = Rᵀ d/h, d = P_b − P_a: along the body's axis with the
         stiffness ``along``, across it with ``across``; R Γ̇ = (ḋ − ω × d)/h.
         """
-        across, along, length = self._numbers(_of(joint).extension)
-        tau, points = self._number(_of(joint).damping), self._points(joint)
+        across, along, length = self._numbers(_section_of(joint).extension)
+        tau, points = self._number(_section_of(joint).damping), self._points(joint)
         d = points[1] - points[0]
         bodies = [self._run.body(name) for name in (joint.a, joint.b)]
         speed = np.subtract(*(body.velocity(self._numbers(r)) for body, r in
@@ -235,7 +235,8 @@ class BeamMotion:
         return float(self._numbers([entry])[0])
 
 
-def _of(joint: JointAt) -> SectionManifest:
+def _section_of(joint: JointAt) -> SectionManifest:
+    """Return the section of a beam that a joint is."""
     assert joint.section is not None
     return joint.section
 

@@ -310,6 +310,7 @@ class PlacedMotion(BodyMotion):
         if not self._placed.axes:
             return np.tile([1.0, 0.0, 0.0, 0.0], (*self._run.q.shape[:-1], 1))
         axes = self._values(self._placed.axes).reshape(-1, 2, 3)
+        # K of R: its scalar part from the antisymmetric part of R, the rest from the symmetric one
         R = np.stack([axes[:, 0], axes[:, 1], np.cross(axes[:, 0], axes[:, 1])], axis=2)
         turn = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0],
                          R[:, 1, 0] - R[:, 0, 1]], axis=1)
@@ -319,6 +320,7 @@ class PlacedMotion(BodyMotion):
         K[:, 0, 1:] = K[:, 1:, 0] = turn
         K[:, 1:, 1:] = R + R.transpose(0, 2, 1) - trace[:, None, None] * np.eye(3)
         q = np.linalg.eigh(K)[1][:, :, -1]
+        # an eigenvector has any sign: the scalar of the first is positive, others follow it
         q[0] *= -1 if q[0, 0] < 0 else 1
         signs = np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0)
         q[1:] *= np.cumprod(signs)[:, None]

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states",
            "quaternion_product", "shortest_rotation"]
 
-_STILL = np.array([1.0, 0.0, 0.0, 0.0])
-#: By how many rad a turn between two states may be off that at a constant rate.
+_UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+#: By how many rad a turn between two states may differ from one at a constant rate.
 _STEADY = 0.5
 
 
@@ -92,7 +92,7 @@ class JointMotion:
         unit = np.degrees(1.0) if as_flag("degrees", degrees) else 1.0
         if self._is_measured("angle"):
             return self._run.quantity(f"{self.name}_angle") * unit
-        n1, n2, e, of_b = self._axes()
+        n1, n2, e, axis_in_b = self._axes()
         q_a, q_b = self._attitudes()
         # the model's angle, θ = 2 atan2(v, w) + turns with (w, v e) = q̄_a q_b c
         if self._at.zero:
@@ -102,7 +102,7 @@ class JointMotion:
             w, v = (q_a * x).sum(1), (rotation_rows @ x[..., None])[..., 0] @ np.cross(n1, n2)
             turn: Array = turns + 2 * np.arctan2(v, w)
         else:  # the angle of b's image of n₁ in the plane of n₁ and n₂, which a carries
-            m = turned(q_b, shortest_rotation(np.cross(n1, n2), of_b, n1) @ n1)
+            m = turned(q_b, shortest_rotation(np.cross(n1, n2), axis_in_b, n1) @ n1)
             turn = np.arctan2((turned(q_a, n2) * m).sum(1), (turned(q_a, n1) * m).sum(1))
         # Whole turns between two states are those that the rate between them makes.
         t, rate = self._run.t.astype(float), self._rate(e)
@@ -207,16 +207,20 @@ class JointMotion:
         return force, torque
 
     def _direction(self, pull: Pull) -> Array:
-        """Return the force or torque on b of a multiplier of 1, in space axes."""
-        if pull.kind == "distance":
+        """Return the force or torque on b of a multiplier of 1, in space axes.
+
+        It is minus the derivative of the constraint g by the displacement or rotation of b.
+        """
+        if pull.kind == "distance":  # g = |d|² − l² with d from a to b
             on_a, on_b = self._points()
             return 2 * (on_a - on_b)
         on_a = numbers(pull.on_a, self._run.parameters)
-        if pull.kind == "force":
+        if pull.kind == "force":  # along a fixed direction in space
             return on_a[None]
         q_a, q_b = self._attitudes()
-        if pull.kind == "axial":
+        if pull.kind == "axial":  # about an axis of a
             return turned(q_a, on_a)
+        # g = u·v of a unit vector u of a and v of b, at right angles: the torque is u × v
         on_b = numbers(pull.on_b, self._run.parameters)
         return np.cross(turned(q_a, on_a), turned(q_b, on_b))
 
@@ -250,12 +254,12 @@ class JointMotion:
     def _attitudes(self) -> tuple[Array, Array]:
         """Return the quaternions of a and b, shape (N+1, 4) each; the ground's is (1, 0, 0, 0)."""
         q_a, q_b = (self._run.body(name).attitude if name else
-                    np.broadcast_to(_STILL, (*self._run.q.shape[:-1], 4))
+                    np.broadcast_to(_UNTURNED, (*self._run.q.shape[:-1], 4))
                     for name in self.bodies)
         return q_a, q_b
 
     def _axes(self) -> tuple[Array, Array, Array, Array]:
-        """Return n₁, n₂ in a, the axis in space a row a state, and in b."""
+        """Return n₁ and n₂ in a, e = n₁ × n₂ in space, shape (N+1, 3), and the axis in b."""
         if not self.has_axis:
             raise InputError(f"Joint {self.name!r} has no axis that its bodies keep in common, so "
                              "no angle; those of revolute and align have.")

@@ -19,9 +19,9 @@ from ...core.records import dataclass
 from ..bindings.binding import Binding
 from ..bindings.run_memory import ParameterStruct
 
-__all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect_sizes",
-           "flat_multipliers", "full_states", "labels_of", "parts", "pieces", "place_of_quantity",
-           "together", "value_of"]
+__all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "absent", "array_from_files",
+           "arrays_in_files", "defect_sizes", "description_of", "flat_multipliers", "full_states",
+           "labels_of", "names_in_files", "place_of_quantity", "value_of"]
 
 #: Dimensions of one state's entry: (name, length) of each.
 Inner = tuple[tuple[str, int], ...]
@@ -239,23 +239,23 @@ def value_of(output: Output, states: States) -> Array:
     return array if output.dtype or array.dtype == binding.dtype else binding.converted(array)
 
 
-def parts(output: Output, manifest: Manifest) -> list[str]:
+def names_in_files(output: Output, manifest: Manifest) -> list[str]:
     """Return the names of an output in files; an empty list if the stepper has no such output."""
     if output.split:
         return [QUANTITY + name for name in getattr(manifest.system, output.labels)]
     return [] if output.inner(manifest) is None else [output.name]
 
 
-def pieces(output: Output, manifest: Manifest, array: Array) -> dict[str, Array]:
+def arrays_in_files(output: Output, manifest: Manifest, array: Array) -> dict[str, Array]:
     """Return an output's array by name in files: one array, or one for each label."""
-    names = parts(output, manifest)
+    names = names_in_files(output, manifest)
     if output.split:
         return {name: array[:, i] for i, name in enumerate(names)}
     return dict.fromkeys(names, array)
 
 
-def together(output: Output, arrays: Iterable[Array], row_count: int, dtype: Any) -> Array:
-    """Return an output's array from its arrays in a file, the inverse of ``pieces``."""
+def array_from_files(output: Output, arrays: Iterable[Array], row_count: int, dtype: Any) -> Array:
+    """Return an output's array from its arrays in a file, the inverse of ``arrays_in_files``."""
     arrays_in_file = list(arrays)
     if output.split and arrays_in_file:
         return np.stack(arrays_in_file, axis=1)
@@ -268,7 +268,7 @@ def absent(output: Output, row_count: int, dtype: Any) -> Array:
                     dtype=dtype)
 
 
-def about(output: Output, manifest: Manifest, name: str) -> dict[str, str]:
+def description_of(output: Output, manifest: Manifest, name: str) -> dict[str, str]:
     """Return the attributes of the array of this name: long name and units."""
     units = output.units or (output.body_units if manifest.system.rigid_body else "")
     long_name = output.long_name.format(name.removeprefix(QUANTITY))

@@ -22,7 +22,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
 from ...core.manifest import SystemManifest
-from .outputs import OUTPUTS, QUANTITY, pieces
+from .outputs import OUTPUTS, QUANTITY, arrays_in_files
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -57,7 +57,7 @@ def states_of(trajectory: Trajectory) -> dict[str, Array]:
             missing_value = 0 if output.whole else 0 * trajectory.q[0, 0] + np.nan
             start = np.full((1, *array.shape[1:]), missing_value, dtype=array.dtype)
             array = np.concatenate([start, array])
-        arrays |= pieces(output, trajectory.manifest, array)
+        arrays |= arrays_in_files(output, trajectory.manifest, array)
     return arrays
 
 

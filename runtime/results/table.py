@@ -13,7 +13,7 @@ from dataclasses import field
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from ..bindings.real_numbers import WIDE_BYTES, as_bytes
 from ..rigid_body.euler_angles import check_sequence
 from .body_motion import FrameName
 from .crossings import Crossings
-from .outputs import OUTPUTS, about, labels_of, parts
+from .outputs import OUTPUTS, description_of, labels_of, names_in_files
 from .state_columns import (
     event_headings,
     events_path,
@@ -158,22 +158,23 @@ def table_of_run(
         has_names = output.labels and not output.split
         names = getattr(manifest.system, output.labels) if has_names else ()
         component_names = {"components": list(names)} if names else {}
-        for name in parts(output, manifest):
+        for name in names_in_files(output, manifest):
             inner[name] = () if output.split else tuple(d for d, _ in output.inner(manifest) or ())
-            descriptions[name] = about(output, manifest, name) | component_names
+            descriptions[name] = description_of(output, manifest, name) | component_names
     labels, titles = labels_of(manifest.system), {}
     bodies = _bodies(run, euler, degrees, angular_velocity, attitudes)
-    for name, (dimension, description, columns, _) in bodies.items():
-        inner[name], descriptions[name] = ("body", dimension), description
-        titles[name] = [f"{body}_{column}" for body in run.bodies for column in columns]
+    for name, array in bodies.items():
+        inner[name], descriptions[name] = ("body", array.dimension), array.description
+        titles[name] = [f"{body}_{column}" for body in run.bodies for column in array.columns]
     if bodies:
         labels["body"] = list(run.bodies), "name of the body"
 
     def read() -> Iterator[Block]:
         for rows, block in run._blocks():
             arrays = states_of(block)
-            for name, (*_, function) in bodies.items():
-                arrays[name] = np.stack([function(block.body(body)) for body in run.bodies], axis=1)
+            for name, array in bodies.items():
+                arrays[name] = np.stack([array.of_body(block.body(body)) for body in run.bodies],
+                                        axis=1)
             # a block of a store has the row before it, for what its first step ends with
             yield (rows,), {name: x[len(x) - (rows.stop - rows.start):]
                             for name, x in arrays.items()}
@@ -183,28 +184,35 @@ def table_of_run(
                           for name, crossings in (run.events | run.impacts).items()])
 
 
+class _BodyArray(NamedTuple):
+    """An array of every body of a run: ``of_body`` computes it from one ``BodyMotion``."""
+
+    dimension: str
+    description: dict[str, Any]
+    columns: list[str]
+    of_body: Callable[[Any], Array]
+
+
 def _bodies(
     run: Trajectory, euler: str | None, degrees: bool, frame: FrameName | None, attitudes: bool
-) -> dict[str, tuple[str, dict[str, Any], list[str], Callable[[Any], Array]]]:
-    """Return the requested arrays of the bodies by name.
-
-    Each is a tuple: inner dimension, attributes, headings, and a function of one body.
-    """
-    columns: dict[str, tuple[str, dict[str, Any], list[str], Callable[[Any], Array]]] = {}
+) -> dict[str, _BodyArray]:
+    """Return the requested arrays of the bodies by name."""
+    arrays: dict[str, _BodyArray] = {}
     if attitudes and run.bodies:
-        columns["attitude"] = ("component", {
-            "long_name": "unit quaternion, scalar first, body to space axes"}, [],
-            lambda body: body.attitude)
+        description = {"long_name": "unit quaternion, scalar first, body to space axes"}
+        arrays["attitude"] = _BodyArray("component", description, [], lambda body: body.attitude)
     if euler is not None:
-        columns["euler"] = ("angle", {"long_name": f"Euler angles {euler}",
-                                      "units": "degree" if degrees else "rad"},
-                            [f"euler{k}_{axis}" for k, axis in enumerate(euler, 1)],
-                            lambda body: body.euler(euler, degrees=degrees))
+        description = {"long_name": f"Euler angles {euler}",
+                       "units": "degree" if degrees else "rad"}
+        arrays["euler"] = _BodyArray(
+            "angle", description, [f"euler{k}_{axis}" for k, axis in enumerate(euler, 1)],
+            lambda body: body.euler(euler, degrees=degrees))
     if frame is not None:
-        columns["angular_velocity"] = ("axis", {
-            "long_name": f"angular velocity in {frame} axes", "units": "rad s-1"},
-            [f"omega{k}" for k in (1, 2, 3)], lambda body: body.angular_velocity(frame))
-    return columns
+        description = {"long_name": f"angular velocity in {frame} axes", "units": "rad s-1"}
+        arrays["angular_velocity"] = _BodyArray(
+            "axis", description, [f"omega{k}" for k in (1, 2, 3)],
+            lambda body: body.angular_velocity(frame))
+    return arrays
 
 
 def table_of_ensemble(ensemble: Ensemble) -> Table:
@@ -224,8 +232,7 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
         single[f"parameter_{name}"] = (np.array([run.parameters[name] for run in members],
                                                 number_type),
                                        f"parameter {name}", "")
-    # one number for each trajectory
-    no_dimensions: tuple[str, ...] = ()
+    no_dimensions: tuple[str, ...] = ()  # beside the trajectory
     trajectory_table = Table(
         {"trajectory": len(members)}, dict.fromkeys(single, no_dimensions),
         {name: {"long_name": text} | ({"units": unit} if unit else {})
@@ -238,7 +245,7 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
             yield (i, slice(len(member))), states_of(member)
 
     events = [_table_of_event(first.manifest, name, [crossings[i] for i in range(len(members))],
-                              True)
+                              by_trajectory=True)
               for name, crossings in ensemble.events.items()]
     return Table({"trajectory": len(members), "state": ensemble.t.shape[1]}, first.inner,
                  first.descriptions, read, first.manifest,
@@ -248,13 +255,14 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
 
 
 def _status(ensemble: Ensemble, i: int) -> str:
+    """Return how trajectory i ended."""
     if i in ensemble.failures:
         return str(ensemble.failures[i].reason)
     return "complete" if len(ensemble.members[i]) == ensemble.t.shape[1] else "stopped"
 
 
 def _table_of_event(
-    manifest: Manifest, name: str, crossings: list[Crossings], by_trajectory: bool = False
+    manifest: Manifest, name: str, crossings: list[Crossings], *, by_trajectory: bool = False
 ) -> Table:
     """Return the table of an event along ``event_NAME``, one row a crossing, of one run or several.
 
@@ -272,10 +280,11 @@ def _table_of_event(
     units = {"t": {"units": "s"}, "elapsed": {"units": "s"}, "energy_lost": {"units": "J"},
              "work": {"units": "J"}}
     columns = [run_crossings.columns for run_crossings in crossings]
+    # impacts have columns that crossings have not
     texts = {column: texts[column] for column in columns[0]}
     arrays = {f"{along}_{column}": np.concatenate([by_column[column] for by_column in columns])
               for column in texts}
-    arrays[f"{along}_rising"] = arrays[f"{along}_rising"].astype(np.int8)
+    arrays[f"{along}_rising"] = arrays[f"{along}_rising"].astype(np.int8)  # NetCDF has no bool
     descriptions = {f"{along}_{field}": {"long_name": text} | units.get(field, {})
                     for field, text in texts.items()}
     if by_trajectory:
@@ -312,6 +321,7 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
     if "trajectory" in table.along:
         coordinates["trajectory"] = np.arange(table.along["trajectory"])
     for part_table in (table, *table.parts):
+        # numbers that a trajectory has once select trajectories, as its index does
         single = [*part_table.along] == ["trajectory"]
         for name, array in part_table.whole().items():
             target = coordinates if name == "time" or single else data
@@ -350,7 +360,7 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
             _write_netcdf(table, partial_file)
         elif form.ending == ".csv":
             blocks = table.columns(selection)
-            titles, first = next(blocks)
+            titles, first = next(blocks)  # all blocks have the same headings
             write_csv(partial_file, titles, chain([first], (columns for _, columns in blocks)))
         else:
             _write_parquet(table.columns(selection), partial_file)
@@ -380,6 +390,7 @@ def _rows_of_event(event: Table, *, by_trajectory: bool) -> list[Array]:
 
 
 def _flat(columns: list[Array]) -> list[Array]:
+    """Return every column of arrays as one array each: Parquet has no columns of rows."""
     return [column for array in columns
             for column in array.reshape(len(array), math.prod(array.shape[1:])).T]
 
@@ -421,20 +432,8 @@ def _write_netcdf(table: Table, path: Path) -> None:
                 blocks = part_table.read() if len(part_table.along) == 1 else iter([
                     ((slice(None),) * 2, part_table.whole())])
                 for index, arrays in blocks:
-                    for name, array, inner, description in _stored(part_table, arrays):
-                        if name not in file.variables:
-                            shape = *part_table.along.values(), *array.shape[len(index):]
-                            dimensions = *part_table.along, *inner
-                            for dimension, length in zip(dimensions, shape, strict=True):
-                                if dimension not in file.dimensions:
-                                    file.dimensions[dimension] = length
-                            variable = file.create_variable(
-                                name, dimensions, dtype=array.dtype if array.dtype.kind != "U" else
-                                h5py.string_dtype())
-                            variable.attrs.update(
-                                {key: _plain(x) for key, x in description.items()})
-                        file.variables[name][index] = array.astype(object) if (
-                            array.dtype.kind == "U") else array
+                    for variable in _stored(part_table, arrays):
+                        _write_rows(file, part_table, index, *variable)
             for dimension, (names, meaning) in table.labels.items():
                 if dimension in file.dimensions:
                     labels = file.create_variable(dimension, (dimension,),
@@ -443,6 +442,26 @@ def _write_netcdf(table: Table, path: Path) -> None:
                     labels.attrs["long_name"] = meaning
     except RuntimeError as error:  # HDF5 has one for some of the system's errors
         raise OSError(str(error)) from error
+
+
+def _write_rows(
+    file: Any, table: Table, index: tuple[Any, ...], name: str, array: Array,
+    inner: tuple[str, ...], description: dict[str, Any],
+) -> None:
+    """Write rows of a variable of a NetCDF file, which the first rows define."""
+    import h5py
+
+    is_text = array.dtype.kind == "U"
+    if name not in file.variables:
+        shape = *table.along.values(), *array.shape[len(index):]
+        dimensions = *table.along, *inner
+        for dimension, length in zip(dimensions, shape, strict=True):
+            if dimension not in file.dimensions:
+                file.dimensions[dimension] = length
+        variable = file.create_variable(
+            name, dimensions, dtype=h5py.string_dtype() if is_text else array.dtype)
+        variable.attrs.update({key: _plain(x) for key, x in description.items()})
+    file.variables[name][index] = array.astype(object) if is_text else array
 
 
 def _stored(

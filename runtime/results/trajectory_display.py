@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 from ...core.arrays import Array
 from ...core.html import card, curve, table
 from .body_motion import FrameName
-from .outputs import OUTPUTS, parts
+from .outputs import OUTPUTS, names_in_files
 from .table import as_dataset, as_frame, table_of_run
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class Shown:
     def panels(self) -> dict[str, Array]:
         """Return the outputs that pictures show in panels of their own, by title."""
         return {output.panel: getattr(self._run, output.attribute) for output in OUTPUTS
-                if output.panel and parts(output, self._run.manifest)}
+                if output.panel and names_in_files(output, self._run.manifest)}
 
     def plot(self, *names: str | os.PathLike[str],
              path: str | os.PathLike[str] | None = None) -> Any:

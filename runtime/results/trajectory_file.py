@@ -24,7 +24,7 @@ from ..bindings.real_numbers import from_bytes, from_text, without_padding
 from ..compilation.manifest import parse_manifest
 from .crossings import Impacts, of_columns
 from .diagnostics import Report, known_fields
-from .outputs import OUTPUTS, Output, absent, parts, together
+from .outputs import OUTPUTS, Output, absent, array_from_files, names_in_files
 from .table import table_of_ensemble
 from .tangent_rows import TangentRows
 
@@ -120,9 +120,9 @@ def load_npz(path: Path) -> Trajectory:
                     f"{about['format']}; this is gyrospark {__version__}, which reads format "
                     f"{_FORMAT}.")
             manifest = about["manifest"] = parse_manifest(about["manifest"])
-            # outputs that this version has and the file has not
+            # outputs that this version has and the file has not; without "t" it is no run at all
             missing = [output.attribute for output in OUTPUTS
-                       if output.attribute not in file and parts(output, manifest)]
+                       if output.attribute not in file and names_in_files(output, manifest)]
             if missing and "t" in file:
                 raise InputError(
                     f"{str(path)!r} has no {listed(missing)}: it was written by gyrospark "
@@ -162,9 +162,9 @@ def load_netcdf(path: Path) -> Trajectory:
         state_count = len(file.dimensions["time"])
         arrays = {}
         for output in OUTPUTS:
-            if names := parts(output, manifest):
+            if names := names_in_files(output, manifest):
                 arrays_of_output = [read(name)[output.of_steps :] for name in names]
-                arrays[output.attribute] = together(output, arrays_of_output, state_count,
+                arrays[output.attribute] = array_from_files(output, arrays_of_output, state_count,
                                                     real.dtype)
         # every event has a variable event_NAME_elapsed
         affixes = ("event_", "_elapsed")
@@ -179,6 +179,7 @@ def load_netcdf(path: Path) -> Trajectory:
 
 
 def _trajectory(fields: dict[str, Any]) -> Trajectory:
+    """Return the trajectory of these fields."""
     from .trajectory import Trajectory  # which imports this module
 
     return Trajectory(**fields)
@@ -283,6 +284,7 @@ def _shape(output: Output, manifest: Manifest, state_count: int) -> tuple[int, .
 
 
 def _names(manifest: Manifest, labels: str) -> tuple[str, ...]:
+    """Return the names along the last dimension of an output, by its entry in the manifest."""
     return tuple(getattr(manifest.system, labels))
 
 

@@ -11,7 +11,7 @@ import zarr
 
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP, equal, refused
-from gyrospark.runtime.results.outputs import OUTPUTS, parts
+from gyrospark.runtime.results.outputs import OUTPUTS, names_in_files
 from gyrospark.runtime.results.state_columns import states_of
 from gyrospark.storage.array_layout import fields_of
 from stores import record
@@ -28,7 +28,7 @@ def test_files_and_stores_have_the_same_in_the_same_order(gl3):
     run = gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN)
     assert list(states_of(run)) == [one.name for one in fields_of(gl3.manifest)]
     assert list(states_of(run)) == [
-        name for one in OUTPUTS for name in parts(one, gl3.manifest)]
+        name for one in OUTPUTS for name in names_in_files(one, gl3.manifest)]
     assert run.panels() == {}  # energy and constraints have pictures of their own
 
 
