@@ -8,6 +8,7 @@ Open first: ``step_loop.integrate``.
     step_loop        one integration, in chunks
     linear_frequency the frequency of the linearised motion at the start of a run
     failure          why a step failed, and what would do
+    call_memory      what a call recalls of the one before: all but the state
     starts           what an integration starts from: a start, and the call's arguments
     run_arguments    arguments of one run and of many, checked; the number of steps to a time
     manifest_symmetries  symmetries along which a stepper's frame may move

@@ -105,7 +105,7 @@ def moved_onto_constraints(
         compiled_parameters = binding.parameters(stepper.check_parameters(values), t0)
         begun = binding.start_in_scaled_time(compiled_parameters, *state, t0)
         # the bits of a start that is consistent stay: a projection would round them anew
-        if _is_plainly_consistent(binding, compiled_parameters, *begun):
+        if is_plainly_consistent(binding, compiled_parameters, *begun):
             return q, p, ""
         with np.errstate(all="ignore"):
             moved = stepper._projected(*begun, compiled_parameters)
@@ -133,7 +133,7 @@ def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments)
     if not binding.conditions:
         return
     parameters = binding.parameters(run.parameters, run.t0)
-    if not _is_plainly_consistent(binding, parameters, run.q, run.p):
+    if not is_plainly_consistent(binding, parameters, run.q, run.p):
         _refuse_off_constraints(binding, manifest, parameters, run)
 
 
@@ -265,7 +265,7 @@ def _draws(n: int) -> _Moves:
     return _Moves(q_moves, p_moves, _forth_and_back, 0.5)
 
 
-def _is_plainly_consistent(
+def is_plainly_consistent(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array
 ) -> bool:
     """Return whether a few moves show that one state is within the bounds, as ``_judged`` does.
@@ -284,7 +284,7 @@ def _is_plainly_consistent(
 
 @np.errstate(all="ignore")
 def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p: Array) -> bool:
-    """Return what ``_is_plainly_consistent`` does of another state than the last."""
+    """Return what ``is_plainly_consistent`` does of another state than the last."""
     moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):

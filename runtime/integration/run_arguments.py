@@ -45,17 +45,18 @@ if TYPE_CHECKING:
     from ..bindings.compiled_module import Compiled
     from ..steppers.stepper import Stepper
 
-__all__ = ["OPEN", "EnsembleArguments", "Integration", "Origin", "ParameterCheck", "RawArguments",
-           "RunArguments", "as_parameters", "checked_runs", "end_of_run", "has_searches",
-           "in_scaled_time", "refuse_texts", "span_of", "step_argument", "step_count",
-           "steps_until", "warn_of_late_start", "warn_of_negative", "with_rules"]
+__all__ = ["IMMUTABLE", "OPEN", "EnsembleArguments", "Integration", "Origin", "ParameterCheck",
+           "RawArguments", "RunArguments", "as_parameters", "checked_runs", "depends_on_time",
+           "end_of_run", "has_searches", "in_scaled_time", "negative_means", "refuse_texts",
+           "span_of", "step_argument", "step_count", "steps_until", "warn_of_late_start",
+           "warn_of_negative", "with_rules"]
 
 #: Steps of a run whose end is that of an event, at most: more than any run takes.
 OPEN = 2**62
 #: Numbers of moved states that are judged at a time: what a cache holds.
 _JUDGED = 2**16
 #: Types of parameters that are the same as long as they are the same object.
-_IMMUTABLE = {float, np.float64, int, Rule, Rounded}
+IMMUTABLE = {float, np.float64, int, Rule, Rounded}
 
 
 @dataclass(frozen=True)
@@ -229,6 +230,8 @@ class Integration:
     events: tuple[Event | Impact, ...] = ()
     impacts: tuple[Impact, ...] = ()
     end_event: str = ""
+    #: Those of the run, if a call before has made them; nothing of such a run is warned of.
+    constants: RunConstants | None = None
 
 
 @dataclass(frozen=True)
@@ -553,7 +556,7 @@ class ParameterCheck:
             return checked.copy()
         checked = as_parameters(parameters, *self._checks)
         # an array may be changed in place between two calls: only immutable numbers are remembered
-        if type(parameters) is dict and {*map(type, parameters.values())} <= _IMMUTABLE:
+        if type(parameters) is dict and {*map(type, parameters.values())} <= IMMUTABLE:
             # One assignment, so that other threads see all three of one call.
             self._last = [*parameters], [*parameters.values()], checked.copy()
         return checked
@@ -638,17 +641,26 @@ def has_searches(parameters: Any) -> bool:
 
 def warn_of_negative(parameters: Mapping[str, Any]) -> None:
     """Warn of γ and α below 0; each parameter is a number, or one for each of many runs."""
-    for name in _names_with_inertia(tuple(parameters)):
-        values = parameters[name]
-        smallest = values if type(values) is float else float(np.min(values))
-        if smallest < 0:
-            warn(f"Parameter {name} = {smallest:.6g} is below 0. The motion does not depend on it, "
-                 "but its error does: several times that of a value near the moments of inertia, "
-                 "such as m.")
+    for name, smallest in negative_means(parameters).items():
+        warn(f"Parameter {name} = {smallest:.6g} is below 0. The motion does not depend on it, "
+             "but its error does: several times that of a value near the moments of inertia, "
+             "such as m.")
+
+
+def negative_means(parameters: Mapping[str, Any]) -> dict[str, float]:
+    """Return the γ and α below 0, of columns the least number."""
+    smallest = {name: x if type(x := parameters[name]) is float else float(np.min(x))
+                for name in _names_with_inertia(tuple(parameters))}
+    return {name: x for name, x in smallest.items() if x < 0}
 
 
 #: A start is late if it is that many durations of the run.
 _LATE = 1000
+
+
+def depends_on_time(binding: Binding) -> bool:
+    """Return whether H, g, forces or quantities have t."""
+    return binding.time is not None or binding.quantities_take_time
 
 
 def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
@@ -658,7 +670,7 @@ def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
     ``t0`` and ``dt`` are numbers, or one for each of many runs. A start is looked at if it is late,
     ``_LATE`` durations of the run after t = 0.
     """
-    if not steps or not (binding.time is not None or binding.quantities_take_time):
+    if not steps or not depends_on_time(binding):
         return
     late, step = np.abs(np.asarray(t0, float)), np.abs(np.asarray(dt, float))
     rounding = binding.epsilon * np.where(late > _LATE * steps * step, late, 0) / step

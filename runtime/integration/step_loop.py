@@ -78,8 +78,11 @@ def integrate(
     run: RunArguments,
     progress: Callable[[int], None] | None = None,
     observer: Observer | None = None,
+    constants: RunConstants | None = None,
 ) -> Trajectory:
     """Return the trajectory of a run, up to the terminal event that its observer finds.
+
+    Who has the run's ``constants`` already passes them.
 
     Raises
     ------
@@ -91,7 +94,7 @@ def integrate(
     # One step is done or not: there is nothing to lose.
     with catch_ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
         trajectory, status, state = course(binding, manifest, run, lambda: interrupts.requested,
-                                           progress, observer)
+                                           progress, observer, constants)
     return finished(binding, manifest, run, trajectory, status, state, interrupts)
 
 
@@ -121,6 +124,7 @@ def ended_at(step: int, steps: int) -> str:
 def course(
     binding: Binding, manifest: Manifest, run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, observer: Observer | None = None,
+    constants: RunConstants | None = None,
 ) -> tuple[Trajectory, int, RunState]:
     """Return the trajectory of a run, its status (0, or that of a failed step) and its last state.
 
@@ -131,7 +135,7 @@ def course(
     rows.q[0], rows.p[0] = run.q, run.p
     state = RunState.at_start(binding, run.q, run.p, binding.works.take())
     if observer is None:
-        status, rows = fill(binding, run, rows, state, stop, progress)
+        status, rows = fill(binding, run, rows, state, stop, progress, constants=constants)
     else:
         status, rows = fill(binding, run, rows, state,
                             lambda: observer.end is not None or stop(), progress, observer.advance)
@@ -146,13 +150,14 @@ def course(
 def fill(
     binding: Binding, run: RunArguments, rows: Rows, state: RunState, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, step_on: StepOn | None = None,
+    constants: RunConstants | None = None,
 ) -> tuple[int, Rows]:
     """Fill the rows of a run from its start, as ``course`` does; return the status and the rows.
 
     These are others with more room, if there was none for all steps. ``step_on`` is
     ``binding.integrate``, or takes steps as it does and looks at each of them.
     """
-    constants, pace = run.constants(binding), ChunkSize(step_on is not None)
+    constants, pace = constants or run.constants(binding), ChunkSize(step_on is not None)
     status = 0
     if not run.steps or step_on is not None or stop():  # else the first steps start the record
         status = binding.integrate(constants, 0, 1, state, rows[:0])

@@ -194,6 +194,11 @@ class Rotations:
         fastest = self.fastest(parameters, dt, q, p)
         return fastest is not None and fastest.warn()
 
+    def are_slow(self, parameters: Mapping[str, Any], dt: float, q: Array, p: Array) -> bool:
+        """Return whether no body of one state turns further in a step than the method bears."""
+        return not self.bodies or (
+            self._largest_of_one(parameters, _only(dt), q, p)[1] <= self._limit)
+
     def warn_of(self, trajectory: Trajectory) -> bool:
         """Warn and return as ``warn`` does, for some stored states after the start, with the last.
         """

@@ -30,6 +30,7 @@ from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import SOLVERS, Binding
 from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..compilation.stepper_module import load_module, provenance
+from ..integration.call_memory import CallMemory
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.linear_frequency import warn_of_frequency
 from ..integration.run_arguments import (
@@ -107,6 +108,7 @@ class Stepper(Dynamics):
         #: The largest rotation in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
+        self._memory = CallMemory()
         self._impacts: Binding | None = None
 
     def __repr__(self) -> str:
@@ -214,11 +216,16 @@ class Stepper(Dynamics):
         InputError
             As ``integrate`` does.
         """
+        given = (dt, dtau, None, 0, 1, solver)
+        plan = self._memory.recall(self, start, p, given, parameters)
+        if plan is not None:
+            return Simulation(self, plan.run, as_flag("record", record))
         method = as_solver(solver)
         state = merged_start(self, start, p, parameters)
         run = self._resolved(self._run_arguments(
             state.q, state.p, dt=span_or_own(self.binding, start, Span(dt, dtau))[0], steps=0,
             parameters=state.parameters, t0=state.t, solver=method, excess=state.excess))
+        self._memory.keep(self, start, given, parameters, state, Integration(run))
         self._warned(run)
         return Simulation(self, run, as_flag("record", record))
 
@@ -345,7 +352,10 @@ class Stepper(Dynamics):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        plan = self._integration(
+        given, recalled = (dt, dtau, t_end, steps, every, solver), None
+        if inputs is None and events is None:
+            recalled = self._memory.recall(self, start, p, given, parameters)
+        plan = recalled or self._integration(
             start, p, Span(dt, dtau, t_end, steps), parameters=parameters, inputs=inputs,
             every=every, events=events, solver=solver)
         run = plan.run
@@ -363,14 +373,15 @@ class Stepper(Dynamics):
 
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
         # one warning of a kind for a run: of its start, or of its stored states
-        warned = not run.steps or self._warned(run) or run.rows < 2
+        warned = not run.steps or (not recalled and self._warned(run)) or run.rows < 2
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
             if observed_events:
                 from ..events.observer import observed
 
                 trajectory = observed(self, run, observed_events, report, plan.end_event)
             else:
-                trajectory = integrate(self.binding, self.manifest, run, report)
+                trajectory = integrate(self.binding, self.manifest, run, report,
+                                       constants=plan.constants)
         # derivatives take the steps that it had
         run = run.until(trajectory.report.steps) if run.open_end else run
         if not warned:
@@ -478,6 +489,7 @@ class Stepper(Dynamics):
     ) -> Integration:
         """Return the arguments of ``integrate``, checked, with numbers for what is searched."""
         (dt, steps), t_end = span_or_own(self.binding, start, span), span.t_end
+        own_events = events is None
         state = merged_start(self, start, p, parameters, impacts=True)
         events, names = events_or_own(start, events), self.manifest.system.event_quantities
         impacts = as_impacts(events, names, state.impacts)
@@ -498,8 +510,11 @@ class Stepper(Dynamics):
         number = self.binding.number
         end_time = {"t_end": as_real("t_end", t_end, number),
                     "rest": number(remainder)} if remainder else {}
-        return Integration(changed(run, open_end=bool(end_event), **end_time), observed_events,
+        plan = Integration(changed(run, open_end=bool(end_event), **end_time), observed_events,
                            impacts, end_event)
+        if inputs is None and own_events:
+            self._memory.keep(self, start, (*span, every, solver), parameters, state, plan)
+        return plan
 
     def _recorded(
         self, plan: Integration, out: str | os.PathLike[str], progress: Progress, *,

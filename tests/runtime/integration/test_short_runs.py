@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -42,6 +43,49 @@ def test_recalled_parameters_are_those_of_the_call(gl3) -> None:
             start({**given, "gamma": wrong})
     with pytest.raises(gs.InputError, match="delta"):
         start({**given, "delta": 1.0})
+
+
+def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
+    """Each call is made after a usual one, and again by a stepper without memory of it."""
+    def outcome(*start, **changes):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                run = gl3.integrate(*start, **{"dt": 1e-3, "steps": 1} | changes)
+            except gs.errors.GyrosparkError as error:
+                return type(error), str(error)
+        return (run.t.tobytes(), run.q.tobytes(), run.p.tobytes(), run.parameters, run.report,
+                [str(x.message) for x in caught])
+
+    numbers = {**TOP.parameters}
+    usual = TOP.start
+    heavier, faster, busy = usual.replace(), usual.replace(p=30 * TOP.p0), usual.replace()
+    heavier.parameters = {**numbers, "mgl": 0.5}
+    busy._events = (gs.Event("q0"),)
+    tuned = usual.replace()
+    tuned._rules = {"gamma": "h"}
+    for start, parameters in (((TOP.q0, TOP.p0), numbers), ((usual,), None), ((usual,), numbers)):
+        states = [start, (usual,), (TOP.q0, TOP.p0), (TOP.q0, 30 * TOP.p0), (1.01 * TOP.q0, TOP.p0),
+                  (TOP.q0, TOP.p0 * np.nan), (TOP.q0[:3], TOP.p0), (-TOP.q0, -TOP.p0),
+                  (TOP, TOP.p0), (heavier,), (faster,), (busy,), (tuned,),
+                  (usual.replace(t=2.0),), (usual.replace(q=1.01 * TOP.q0),),
+                  (gs.Start(TOP.q0, TOP.p0, numbers),)]
+        calls = [(x, {"parameters": parameters}) for x in states]
+        calls += [(start, {"parameters": parameters} | changes) for changes in (
+            {"dt": -1e-3}, {"dt": True}, {"dt": None}, {"steps": 1.0}, {"steps": True},
+            {"steps": None, "t_end": 2e-3}, {"every": 0}, {"solver": "newton"}, {"solver": "x"},
+            {"inputs": {"u": 1.0}}, {"events": [gs.Event("q0")]}, {"dtau": 1.0})]
+        calls += [(start, {"parameters": numbers | changes}) for changes in (
+            {"gamma": -1.0}, {"gamma": 1}, {"I1": 9.0}, {"mgl": np.array([0.4])}, {"delta": 1.0})]
+        for state, arguments in calls:
+            outcome(*start, parameters=parameters)
+            assert gl3._memory._last is not None
+            second = outcome(*state, **arguments)
+            gl3._memory = type(gl3._memory)()
+            assert second == outcome(*state, **arguments), (state, arguments)
+    outcome(*start, parameters=numbers)
+    numbers["mgl"] = 0.5
+    assert outcome(*start, parameters=numbers)[3]["mgl"] == 0.5
 
 
 def test_a_start_is_judged_once(gl3, monkeypatch) -> None:

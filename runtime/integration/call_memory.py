@@ -1,0 +1,144 @@
+"""What a call of a stepper recalls of the call before.
+
+A loop calls with other states, and with the same step, parameters and solver: what these were
+checked to be, and their compiled structs, serve again. The state is checked in each call, by the
+same bounds. What does not pass them plainly goes the whole way, which moves, warns or refuses.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping
+from types import NoneType
+from typing import TYPE_CHECKING, Any
+
+from ...core.errors import GyrosparkError
+from ...core.records import changed, dataclass
+from ...core.solver import Solver
+from ...core.start import Start, as_start, has_start
+from ..bindings.array_checks import as_real
+from .consistency import is_plainly_consistent
+from .run_arguments import (
+    IMMUTABLE,
+    Integration,
+    depends_on_time,
+    has_searches,
+    negative_means,
+)
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+    from .starts import StartNumbers
+
+__all__ = ["CallMemory"]
+
+#: Types of arguments that are the same as long as they are the same object.
+_FIXED = {*IMMUTABLE, NoneType, bool, str, tuple, Solver}
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A call whose arguments were usable, and what they gave."""
+
+    #: Those beside the state and the parameters.
+    arguments: tuple[Any, ...]
+    #: The parameters as given: names and values; None where none were.
+    parameters: tuple[list[str], list[Any]] | None
+    #: What the start has beside its state: such entries of its dicts; None of (q, p).
+    start: list[tuple[list[str], list[Any]] | None] | None
+    #: Its span and the parameters that it may have in vain.
+    rest: tuple[Any, ...]
+    plan: Integration
+
+
+class CallMemory:
+    """Memory of the last call of one stepper; threads may share it."""
+
+    def __init__(self) -> None:
+        self._last: _Call | None = None
+
+    def recall(
+        self, stepper: Stepper, start: Any, p: Any, arguments: tuple[Any, ...], parameters: Any
+    ) -> Integration | None:
+        """Return the run of a call that differs from the last one by its state alone, or None.
+
+        None too for a state that is not plainly usable.
+        """
+        last = self._last
+        if (last is None or not all(map(_is_same, arguments, last.arguments))
+                or not _are_same(parameters, last.parameters)):
+            return None
+        q: Any = start
+        t0: Any = 0.0
+        if p is None:
+            start = getattr(start, "start", None)
+            if (type(start) is not Start or last.start is None or start._events
+                    or (start._span, start._spare) != last.rest
+                    or not all(map(_are_same, _dicts_of(start), last.start))):
+                return None
+            q, p, t0 = start.q, start.p, start.t
+        elif last.start is not None or has_start(start):
+            return None
+        binding, run, constants = stepper.binding, last.plan.run, last.plan.constants
+        assert constants is not None
+        try:
+            q, p = stepper._state(q, p)
+            t0 = as_real("t", t0, binding.number)
+        except GyrosparkError:
+            return None  # refused by the checks of another call, whose sentence knows the start
+        if binding.conditions and not is_plainly_consistent(
+                binding, constants.parameters, q, p):
+            return None
+        if not stepper.rotations.are_slow(run.parameters, run.dt, q, p):
+            return None
+        return changed(last.plan, run=changed(run, q=q, p=p, t0=t0,
+                                              parameters=run.parameters.copy()))
+
+    def keep(
+        self, stepper: Stepper, start: Any, arguments: tuple[Any, ...], parameters: Any,
+        state: StartNumbers, plan: Integration,
+    ) -> None:
+        """Keep a call for the next one, if nothing of it depends on its state.
+
+        ``arguments`` are dt, dtau, t_end, steps and others; ``state`` has all parameters.
+        """
+        run, binding = plan.run, stepper.binding
+        of_start = as_start(start) if has_start(start) else None
+        dicts = [] if of_start is None else _dicts_of(of_start)
+        if (plan.events or plan.impacts or arguments[2] is not None
+                or depends_on_time(binding) or binding.clocked
+                or stepper.manifest.system.velocity_names
+                or type(parameters) not in (dict, NoneType)
+                or not {*map(type, arguments)} <= _FIXED
+                or not all({*map(type, x.values())} <= _FIXED for x in (parameters or {}, *dicts))
+                or has_searches(state.parameters) or negative_means(run.parameters)):
+            return
+        self._last = _Call(
+            arguments, _entries(parameters),
+            None if of_start is None else [*map(_entries, dicts)],
+            () if of_start is None else (of_start._span, of_start._spare),
+            changed(plan, run=changed(run, parameters=run.parameters.copy()),
+                    constants=run.constants(binding)))
+
+
+def _dicts_of(start: Start) -> tuple[Mapping[str, Any], ...]:
+    return start.parameters, start.inputs, start._inertias, start._rules
+
+
+def _entries(values: Mapping[str, Any] | None) -> tuple[list[str], list[Any]] | None:
+    return None if values is None else ([*values], [*values.values()])
+
+
+def _are_same(values: Any, kept: tuple[list[str], list[Any]] | None) -> bool:
+    """Return whether a dict has the names kept, in their order, and the same objects."""
+    if values is None or kept is None:
+        return values is kept
+    names, objects = kept
+    return (isinstance(values, dict) and len(values) == len(names)
+            and all(map(operator.is_, values.values(), objects)) and [*values] == names)
+
+
+def _is_same(value: Any, kept: Any) -> bool:
+    """Return whether two arguments are one object, or equal numbers of Python of one type."""
+    return value is kept or (type(value) is type(kept) and type(value) in (float, int)
+                             and value == kept)
