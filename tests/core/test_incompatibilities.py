@@ -61,6 +61,13 @@ def many(name, **options):
     return call
 
 
+def split(**options):
+    """Return a run of the top by exact flows."""
+    top = gs.problems.fast_top()
+    return lambda: gs.stepper("splitting", order=4).integrate(
+        top.q0, top.p0, dt=1e-3, steps=2, parameters=top.parameters | {"gamma": 1.0}, **options)
+
+
 def swept(real="double", **options):
     """Return a sweep of tops."""
     return lambda: gs.sweep("fast-top", {"gamma": [1e-3, 2e-3]}, scheme="IMS", real=real,
@@ -167,9 +174,7 @@ TERMINAL = gs.Event("q1", terminal=True)
 #: Pair → a call that has both.
 CALLS = {
     ("splitting", "frame"): derived(Spec.checked("splitting", order=2).with_frame("symmetries")),
-    ("splitting", "solver"): lambda: gs.stepper(
-        "splitting", order=2, system=systems.case("kepler").system).integrate(
-            [1.0, 0.0], [0.0, 1.0], dt=0.1, steps=2, parameters={"k": 1.0}, solver="newton"),
+    ("splitting", "solver"): split(solver="newton"),
     ("profile", "frame"): derived(SPEC.with_profile("run").with_frame("symmetries")),
     ("profile", "lagrangian"): derived(SPEC.with_profile("run"), "heavy_bob"),
     ("profile", "large"): lambda: generate(
@@ -228,10 +233,7 @@ CALLS = {
     ("impacts", "tangents"): many("kepler", events=gs.Impact("x"), tangents=gs.Tangents()),
     ("reversed", "impacts"): lambda: with_impact().gradient(
         {"q": np.ones((7, 1))}, memory="none"),
-    ("impacts", "splitting"): lambda: gs.stepper(
-        "splitting", order=2, system=systems.case("kepler").system).integrate(
-            [1.0, 0.0], [0.0, 1.0], dt=0.1, steps=2, parameters={"k": 1.0},
-            events=gs.Impact("x")),
+    ("impacts", "splitting"): split(events=gs.Impact("q1")),
     ("impacts", "frame"): hit("heavy_top_in_frame"),
     ("impacts", "energy"): unhit(energy=True),
     ("impacts", "scaled"): scaled(lambda step, start, run: step.integrate(

@@ -108,7 +108,7 @@ def test_a_step_is_the_root_that_fifty_digits_find(scheme, k):
             assert np.abs(p1 - exact.p).max() <= 8 * rounding + 8 * EPSILON * np.abs(p).max()
 
 
-@pytest.mark.parametrize("scheme", SCHEMES, ids=identify)
+@every_scheme
 def test_ensembles_do_them_too(scheme):
     step = stepper(scheme)
     k = np.array(STIFFNESSES)

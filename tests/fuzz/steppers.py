@@ -10,7 +10,6 @@ import numpy as np
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.multibody.models import chain
 
 __all__ = ["NAMES", "Case", "beads", "case"]
 
@@ -58,7 +57,7 @@ def case(name: str) -> Case:
         q, p = step.project([0.6, -0.8, 1.4, -1.4], [0.3, 0.2, 0.1, 0.0], parameters=parameters)
         return Case(step, q, p, parameters)
     if name == "chain":
-        model = chain(3)
+        model = gs.models.double_top()  # which tests step, too
         return Case(gs.stepper("G-L", 2, system=model), model.q0, model.p0, dict(model.parameters))
     top = gs.problems.fast_top()
     scheme = {"gl3": ("G-L", 3, "gamma"), "ems": ("EMS", None, "gamma"),

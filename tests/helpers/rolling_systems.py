@@ -20,10 +20,13 @@ SLEIGH = {"m": 1.0, "I": 0.5, "a": 0.3}
 
 @cache
 def sleigh() -> System:
-    """Chaplygin's sleigh: a blade at distance a behind the centre of mass."""
+    """Chaplygin's sleigh: a blade at distance a behind the centre of mass.
+
+    Its parameters are any numbers, as those of a model file, which so has the same stepper.
+    """
     (x, y, th), p = sp.symbols("x y th", real=True), sp.symbols("px py pth", real=True)
     vx, vy, w = v = sp.symbols("vx vy w", real=True)
-    m, inertia, a = sp.symbols("m I a", positive=True)
+    (m, inertia), a = sp.symbols("m I", real=True, nonzero=True), sp.Symbol("a", real=True)
     return System((x, y, th), p, (m, inertia, a),
                   (p[0]**2 / m + p[1]**2 / m + p[2]**2 / inertia) / 2,
                   velocities=v, name="sleigh",

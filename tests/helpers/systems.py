@@ -224,12 +224,17 @@ def _relativistic() -> Case:
 
 
 def _driven_pendulum() -> Case:
-    """The pivot moves, with drag, a driven force, an input and a spring that time changes."""
+    """The pivot moves, with drag, a driven force, an input and a spring that time changes.
+
+    Its parameters are any numbers, as those of a model file, which so has the same stepper.
+    """
+    m, (g, length, c, a) = sp.Symbol("m", real=True, nonzero=True), sp.symbols("g l c a", real=True)
     return _plane("driven_pendulum", (0.5, -0.8), (0.3, 0.4),
                   {"m": 1.1, "g": 9.81, "l": 0.9, "c": 0.3, "a": 0.2, "push": 0.4},
                   (u**2 + v**2) / (2 * m) + m * g * y + a * sp.cos(3 * t) * x**2,
                   x**2 + (y - a * sp.sin(2 * t))**2 - length**2, time=t, inputs=(push,),
                   forces=(-c * u * v + push, -c * v + sp.sin(5 * t)), t0=0.3,
+                  order=(m, g, length, c, a),
                   quantities={"along": x * sp.cos(t) + a * u - y * length})
 
 

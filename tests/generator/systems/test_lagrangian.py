@@ -49,6 +49,18 @@ def andrews():
 # ---------------------------------------------------------------- motion, the second way
 
 
+def test_energies_are_those_of_the_hamiltonian_written_out():
+    """M⁻¹ in symbols: at random states and times, to the rounding of some twenty operations."""
+    step, entry = systems.stepper("shaken"), systems.case("shaken")
+    other = entry.system.legendre()
+    known = {s: entry.parameters[str(s)] for s in other.parameters}
+    H = sp.lambdify([*other.q, *other.p, other.time], other.H.xreplace(known))
+    for q, p, t in np.random.default_rng(2).standard_normal((5, 3)):
+        found = step.energy([q], [p], parameters=entry.parameters, t=t)
+        assert abs(found - H(q, p, t)) <= 64 * EPS * (1 + abs(found))
+
+
+@pytest.mark.slow  # a second stepper; test_lagrangian_time.py has closed forms
 def test_motion_is_that_of_the_hamiltonian_written_out():
     """M⁻¹ in symbols gives the same states: what differs is the rounding of a hundred steps.
 

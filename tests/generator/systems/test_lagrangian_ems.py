@@ -73,6 +73,7 @@ def test_the_difference_of_h_between_any_two_states(seed):
 # ---------------------------------------------------------------- steps
 
 
+@pytest.mark.slow  # a stepper of one system; laws have bead and driven_pendulum
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_energy_balances_to_rounding_where_everything_moves(solver):
     """H_k − H_0 − W_k, with the work of forces, drives and a breathing sphere; g = 0."""

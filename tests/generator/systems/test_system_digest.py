@@ -10,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+from gyrospark.api import text_of
+from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.system import System
 from gyrospark.generator.systems.system_digest import system_digest
 from gyrospark.runtime.compilation.build_cache import entries
@@ -17,6 +19,7 @@ from helpers.processes import python
 
 Q, P, T = sp.symbols("q0:2"), sp.symbols("p0:2"), sp.Symbol("t")
 A = sp.symbols("a0:2", positive=True)
+EMS = Spec("EMS")
 TERMS = (Q[0] ** 2, Q[0] * Q[1], sp.cos(Q[1]), A[0] * Q[1] ** 4, sp.Rational(1, 3) * A[1] * Q[0],
          sp.exp(-Q[0] ** 2), Q[1] ** 2 / A[1], sp.Float("0.1") * Q[1] ** 2,
          sp.Max(Q[0], Q[1]) ** 3)
@@ -81,7 +84,7 @@ def test_what_is_not_known_in_every_process_has_none():
 def test_a_known_system_is_not_derived_again(tmp_path, monkeypatch):
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
     system = _system(Q[0] ** 2 + Q[1] ** 2 * Q[0] ** 2, name="kept")
-    files = gs.stepper("EMS", system=system).files
+    files, _ = text_of(EMS, system)
     kept = [path for path in entries() if path.name.startswith("system-")]
     assert len(kept) == 1
 
@@ -90,11 +93,11 @@ def test_a_known_system_is_not_derived_again(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr("gyrospark.generator.pipeline.generate", fail)
-        assert gs.stepper("EMS", system=replace(system)).files == files
+        assert text_of(EMS, replace(system)) == (files, None)
         with pytest.raises(AssertionError):
-            gs.stepper("IMS", system=system)
+            text_of(Spec("IMS"), system)
     kept[0].write_text(kept[0].read_text().replace("kept", "kapt", 1))
-    assert gs.stepper("EMS", system=system).files == files
+    assert text_of(EMS, system) == (files, None)
 
 
 def test_warnings_of_a_kept_derivation_are_issued_again(tmp_path, monkeypatch):
@@ -103,4 +106,4 @@ def test_warnings_of_a_kept_derivation_are_issued_again(tmp_path, monkeypatch):
                     velocity_constraints=(sp.Symbol("v0") - sp.Symbol("v1"),))
     for _ in range(2):
         with pytest.warns(gs.errors.InputWarning):
-            gs.stepper("G-L", 1, system=system)
+            text_of(Spec("G-L", 1), system)
