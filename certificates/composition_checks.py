@@ -129,7 +129,11 @@ def _order_in_letters(composition: Composition) -> Condition:
 
 
 def step_coefficients(composition: Composition, words: list[str], as_number: Any) -> Series:
-    """Return the coefficients of a step at words of A and B."""
+    """Return the coefficients of a step at ``words`` of A (drift) and B (kick).
+
+    The step is exp(a₀ A) exp(b₁ B + c₁ [B, [A, B]]) exp(a₁ A) …; ``as_number`` turns its weights,
+    fractions, into the numbers that are multiplied.
+    """
     longest = max(map(len, words))
     drift, kick = drift_flow(longest), kick_flow(longest, composition.has_gradients)
     series = [evaluate_flow(drift, [as_number(composition.drifts[0])], as_number)]

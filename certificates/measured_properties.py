@@ -254,6 +254,7 @@ class Examination:
             return reported(quantity, "a step of the way back, or of a neighbour, failed", "-",
                             "neighbours part too fast")
         kicks = 1 + self._kick / sizes[1]
+        # rounding adds up like a random walk, √(2N) units over both ways; 8 of its deviations
         random_walk = max(64, 8 * (2 * self.steps) ** 0.5)
         bound = reversed_run.growth * kicks * self.round_off.epsilon * random_walk
         value = max(reversed_run.q_error / sizes[0], reversed_run.p_error / sizes[1])

@@ -154,17 +154,20 @@ def momentum_map_of(
 def _exact_map(
     field: LinearField, system: System, exact_values: Mapping[sp.Symbol, sp.Rational]
 ) -> MomentumMap:
-    """Return the map of a symmetry: proved by expansion, where that is short enough."""
+    """Return the map J of a symmetry: proved by expansion, where that is short enough.
+
+    J̇ = J_q·H_p − J_p·(H_q − F) = 0, and G J_p = 0 where J does not move the constraints.
+    """
     J = field.momentum(system.q, system.p)
-    reach = [sp.diff(J, p) for p in system.p]
-    terms = [*(sp.diff(J, q) * v for q, v in zip(system.q, system.H_p, strict=True)),
-             *(-x * f for x, f in zip(reach, system.minus_p_rate, strict=True))]
-    slides = [substitute([a * x for a, x in zip(row, reach, strict=True)], exact_values)
-              for row in system.G]
+    J_p = [sp.diff(J, p) for p in system.p]
+    rate = [*(sp.diff(J, q) * v for q, v in zip(system.q, system.H_p, strict=True)),
+            *(-x * f for x, f in zip(J_p, system.minus_p_rate, strict=True))]
+    constraint_rates = [substitute([a * x for a, x in zip(row, J_p, strict=True)], exact_values)
+                        for row in system.G]
     return MomentumMap(
         field.name, J, field.A, field.a, any_parameters=not exact_values, everywhere=True,
-        turns_constraints=bool(identically_zero(slides)),
-        proof=identically_zero([substitute(terms, exact_values)]),
+        turns_constraints=bool(identically_zero(constraint_rates)),
+        proof=identically_zero([substitute(rate, exact_values)]),
     )
 
 
@@ -217,14 +220,17 @@ class _IndependentMaps:
 
 
 def _echelon(space: Floats, system: System) -> list[LinearField]:
-    """Return a basis in reduced echelon form, with simple fractions where entries are close."""
+    """Return a basis in reduced echelon form, with simple fractions where entries are close.
+
+    ``space`` has the fields in columns: entries (row, column) of A and a, row by row.
+    """
     basis, n = space.T.copy(), system.n
     rank = 0
     for column in range(basis.shape[1]):
         if rank == len(basis):
             break
         pivot = rank + int(np.abs(basis[rank:, column]).argmax())
-        if abs(basis[pivot, column]) < 1e-8:
+        if abs(basis[pivot, column]) < 1e-8:  # round-off of unit vectors: no pivot here
             continue
         basis[[rank, pivot]] = basis[[pivot, rank]]
         basis[rank] /= basis[rank, column]

@@ -246,7 +246,7 @@ def _newton(x: Floats, conditions: Callable[[Floats], _Step]) -> Floats:
     """Return points, shape (n, points), moved to where the conditions vanish.
 
     By the shortest increments that make the linearised conditions vanish; NaN where 12 of them
-    are not enough.
+    are not enough: convergence is quadratic, and points are one by one.
     """
     converged = np.zeros(x.shape[1], dtype=bool)
     for _ in range(12):

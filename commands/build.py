@@ -140,7 +140,7 @@ def _write(
 
 
 def _model(name: str, settings: tuple[str, ...]) -> Any:
-    """Return the name of a model, or with settings what it makes."""
+    """Return the name of a model; with settings, the model that they make."""
     if is_model_file(name):
         from ..generator.models.model_file import read_model
         from ..generator.parsing.text_file import model_text

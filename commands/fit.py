@@ -141,7 +141,7 @@ def _number(text: str) -> float:
 
 
 def _result(outcome: Fit) -> dict[str, Any]:
-    """Return the numbers; null for standard deviations of what is not determined."""
+    """Return the numbers of the report; a standard deviation that the data leave open is null."""
     return {
         "converged": outcome.converged, "samples": len(outcome.residuals), "rms": outcome.rms,
         "truncation": outcome.truncation, "iterations": outcome.iterations,

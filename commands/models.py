@@ -129,7 +129,7 @@ def _examples() -> list[Path]:
 
 
 def _about(path: Path) -> str:
-    """Return the first sentence of what a file, or the chief one of a folder, says of itself."""
+    """Return the first sentence of the description in a file, or in the main file of a folder."""
     if path.is_dir():
         chief = [path / name for name in ("README.md", "main.c", "make.py")]
         path = next((file for file in (*chief, *sorted(path.iterdir())) if file.is_file()), path)

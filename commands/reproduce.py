@@ -92,7 +92,7 @@ def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path 
 
 
 def _sound(results: Sequence[Result]) -> bool:
-    """Return whether every claim holds and every difference has a reason, but for what is known."""
+    """Return whether all claims hold and all differences have a reason, known exceptions apart."""
     from ..studies.summary import tables_of, unexpected, unexplained
 
     return not unexpected(results) and not any(unexplained(table) for table in tables_of(results))

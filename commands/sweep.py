@@ -184,7 +184,7 @@ def _text(result: dict[str, Any]) -> str:
 
 
 def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: bool) -> None:
-    """Print the time and the bytes that a sweep would take, for so many workers."""
+    """Print the time and the bytes that a sweep would take with ``workers`` workers."""
     from dataclasses import asdict
 
     wall = estimate.cpu_seconds / workers

@@ -117,7 +117,7 @@ def whole(value: Any) -> int | None:
 def as_path(name: str, value: Any, example: str) -> Path:
     """Return the path of a file or folder.
 
-    Raises InputError for what is neither text nor a path, and for names that no file can have.
+    Raises InputError for a value that is neither text nor a path, and a name that no file can have.
     """
     usable = isinstance(value, (str, os.PathLike))
     try:
@@ -139,7 +139,7 @@ def why_unwritable(path: Path, error: BaseException) -> str:
 
 
 def check_stepper(stepper: Any, name: str = "stepper") -> None:
-    """Raise InputError for what is no stepper."""
+    """Raise InputError unless the value is a stepper."""
     if not hasattr(stepper, "integrate_ensemble"):
         raise InputError(f"{name} = {shown(stepper)} is no stepper; give what gyrospark.stepper "
                          "returned.")

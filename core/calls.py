@@ -106,7 +106,7 @@ def _explained(function: Any, shown: str, *, bound: bool) -> Any:
             # Without a frame of the function it was not entered: the arguments do not fit.
             if error.__traceback__ is None or error.__traceback__.tb_next is not None:
                 raise
-        raise ArgumentError(_refusal(function, shown, arguments[bound:], named, bound))
+        raise ArgumentError(_refusal(function, shown, arguments[bound:], named, bound=bound))
 
     call.__explained__ = True  # type: ignore[attr-defined]
     return call
@@ -114,9 +114,13 @@ def _explained(function: Any, shown: str, *, bound: bool) -> Any:
 
 def _refusal(
     function: Callable[..., Any], shown: str, arguments: tuple[Any, ...], named: dict[str, Any],
-    bound: bool,
+    *, bound: bool,
 ) -> str:
-    """Return the sentence for arguments that do not fit a function."""
+    """Return the sentence for arguments that do not fit a function, which is called ``shown``.
+
+    ``bound``: its first parameter is self. The first of these that applies: former and unknown
+    names, too many arguments, one given twice, missing ones.
+    """
     parameters = list(inspect.signature(function).parameters.values())[bound:]
     by_place = [each.name for each in parameters
                 if each.kind in (each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD)]

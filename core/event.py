@@ -184,7 +184,7 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     """Return a caller's events, each of a quantity that the system has.
 
     ``quantities`` are names of quantities, coordinates and momenta, and of the time in scaled time.
-    Raises InputError for what is no event, an unknown quantity, two events of one name.
+    Raises InputError for a value that is no event, an unknown quantity, two events of one name.
     """
     if type(argument) is tuple and not argument:
         return ()
@@ -223,7 +223,7 @@ def event_of_text(
 ) -> Event:
     """Return the event that ``"height=0 down stop"`` says.
 
-    ``number`` returns the level that a text says, None for what is none. Raises InputError for
+    ``number`` returns the level in a text, None if it has none. Raises InputError for
     other text.
     """
     match = _TEXT.fullmatch(text)

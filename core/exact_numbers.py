@@ -56,7 +56,7 @@ class Rounded(float):
 
 
 def exact(value: Any) -> Fraction | float | None:
-    """Return a real number as a fraction; as a float what is not finite; None for anything else.
+    """Return a real number as a fraction, NaN and ±∞ as floats, and None for anything else.
 
     Text is no number: "auto" and "m" mean something else, and Decimal("0.1") says it.
     """

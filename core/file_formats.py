@@ -62,7 +62,7 @@ class FileFormat:
         return getattr(import_module(f"{_PACKAGE}.{module}"), function)
 
     def require_packages(self) -> None:
-        """Raise MissingDependencyError where the format needs what is not installed."""
+        """Raise MissingDependencyError if a package that the format needs is not installed."""
         try:
             for package in self.packages:
                 import_module(package)

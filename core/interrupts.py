@@ -65,7 +65,7 @@ def catch_ctrl_c() -> Iterator[Interrupts]:
 
 @contextlib.contextmanager
 def catch_termination() -> Iterator[None]:
-    """Let SIGTERM end a command as an exception does: what is not complete is removed."""
+    """Let SIGTERM end a command as an exception does, so that incomplete files are removed."""
     before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         yield

@@ -113,7 +113,7 @@ class TerminalHandler(logging.Handler):
                 and (_is_terminal() or _is_notebook() or (self.asked and sys.stderr is not None)))
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Show a task that begins or goes on; at its end the one around it, or the result."""
+        """Show a task that begins or advances; at its end the enclosing task, or the result."""
         task = record.task  # type: ignore[attr-defined]
         if task == "end":
             del self._tasks[-1:]
@@ -182,7 +182,7 @@ def log_progress(
     Raises
     ------
     InputError
-        For what is none of these.
+        For a value that is none of these.
     """
     if progress is None:
         _install()

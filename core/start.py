@@ -49,7 +49,7 @@ GAMMA_M = Rule("m")
 
 
 class HasStart(Protocol):
-    """A start, and what has one: models, problems, simulations."""
+    """A start, or an object with a start: a model, a problem, a simulation."""
 
     @property
     def start(self) -> Start:
@@ -209,7 +209,7 @@ def has_start(value: Any) -> TypeGuard[HasStart]:
 
 
 def as_start(value: Any) -> Start:
-    """Return the start of what has one.
+    """Return the start of an object that has one.
 
     Raises InputError for anything else.
     """

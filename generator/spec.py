@@ -118,7 +118,7 @@ class Spec:
         cls, rep: Any = None, system: str | None = None, real: Any = None,
         tableau: Path | None = None,
     ) -> Spec:
-        """Return the spec of a tableau: one in a file, or one that the caller has in hand.
+        """Return the spec of a tableau: of one in a file, or of one that the caller passes on.
 
         Raises InputError naming the value, the allowed ones and the cure.
         """

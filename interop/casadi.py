@@ -44,8 +44,8 @@ def run(
 ) -> Flow:
     """Return a run of a stepper as a CasADi function: (q, p) after ``steps`` steps.
 
-    Arguments are those of ``FlowFunction``; second derivatives are the exact Hessian that IPOPT
-    asks for. With "refuse" give IPOPT ``hessian_approximation="limited-memory"``.
+    Arguments are those of ``FlowFunction``. By default second derivatives are exact, as IPOPT
+    needs; with ``second_order="refuse"`` give IPOPT ``hessian_approximation="limited-memory"``.
     """
     return Flow(stepper, steps, dt, second_order)
 

@@ -325,8 +325,10 @@ class DiscreteFlow:
         no_stored_states = np.zeros((1, size)), np.zeros((1, size))  # their cotangents and slopes
         derivatives = np.zeros((len(w), self.size))
         for j, cotangent in enumerate(w):
+            # forwards: the tangents of dx before each step
             dz = start_directions[:, j].copy()
             tangents = self._tangents_of_steps(run, stored_run, steps, dz, input_directions[j])
+            # backwards: w with its slope, which is 0 at the end
             cotangents = CotangentSlopes.at_end(second, cotangent, np.zeros(size), self.steps)
             directions, _, input_slopes = cotangents.inputs
             directions[:] = input_directions[j]
@@ -334,6 +336,7 @@ class DiscreteFlow:
                 run, parameters, steps, tangents, dz, no_stored_states, self.steps, cotangents)
             if status:
                 raise singular(0, status)
+            # through the projection of the start
             z_bar, slope = cotangents.z_bar
             z_bar[:size], slope[:size] = cotangents.w
             start_slope = pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar,

@@ -52,7 +52,10 @@ def _at(run: Trajectory, body: str) -> tuple[Any, Any]:
 
 
 def rod_inertia(along: Sequence[Fraction]) -> tuple[tuple[Fraction, ...], ...]:
-    """Return the tensor of a rod of 1 kg and square section, 0.1 m wide, in space axes."""
+    """Return the inertia of a rod of 1 kg and square section, b = 0.1 m wide, in space axes.
+
+    (l² + b²)/12 across and b²/6 along the rod, whose length and direction ``along`` has.
+    """
     square, width = sum(x * x for x in along), Fraction("0.01")
     across, axial = (square + width) / 12, width / 6
     return tuple(tuple((across if i == j else 0) - (across - axial) * x * y / square

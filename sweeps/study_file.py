@@ -136,7 +136,7 @@ def _text(content: dict[str, Any], key: str) -> str:
 
 
 def _keep(content: dict[str, Any]) -> list[str] | None:
-    """Return the names of results to keep, or None for all; refuse what is no list of names."""
+    """Return the names of results to keep, None for all; refuse anything but a list of names."""
     keep = content.get("keep")
     if keep is None:
         return None

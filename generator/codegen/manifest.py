@@ -158,7 +158,7 @@ def _composition(scheme: object) -> dict[str, Any]:
 
 
 def _fast_path(program: Program) -> FastPathManifest:
-    """Return whether there is a fixed-point iteration, what was proved for it, or why not."""
+    """Return the entry of the fixed-point iteration: proved properties, or why there is none."""
     iteration = program.iteration
     if iteration is None:
         return FastPathManifest(available=False, reason=program.no_fixed_point)

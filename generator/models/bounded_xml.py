@@ -41,8 +41,8 @@ class Element:
 def read_xml(text: str) -> Element:
     """Return the outermost element of a text.
 
-    Raises InputError, "line 3: …; cure.", for what is no XML, has a document type, or is beyond a
-    bound.
+    Raises InputError, "line 3: …; cure.", for text that is no XML, has a document type, or is
+    beyond a bound.
     """
     parser = expat.ParserCreate("utf-8")
     open_elements: list[Element] = []

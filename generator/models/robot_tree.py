@@ -56,7 +56,7 @@ IDENTITY = Placement(np.zeros(3), np.eye(3))
 
 @dataclass(frozen=True, eq=False)
 class RobotLink:
-    """Mass, centre of mass and inertia about it, in the axes of what has the name."""
+    """Mass, centre of mass and inertia about it, in the axes of the link of this name."""
 
     name: str
     mass: float
@@ -210,7 +210,7 @@ class Robot:
         return body
 
     def inner(self, body: int) -> Placement:
-        """Return where a body is in the frame of what it moves with."""
+        """Return the placement of a body in the frame of the limb that it moves with."""
         placement, limb = IDENTITY, self.limb(body)
         while body != limb:
             placement = self.bodies[body].place.then(placement)

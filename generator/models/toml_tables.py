@@ -173,7 +173,7 @@ class TomlTable:
     def vector(
         self, key: str, count: int, units: Units = MappingProxyType({})
     ) -> list[float]:
-        """Return so many numbers; in text they may have one of the units of ``grammar``."""
+        """Return ``count`` numbers; in text they may have one of the units of ``grammar``."""
         entries = self._list(key, count, f"{count} numbers")
         return [self._number(f"{key}, entry {i},", value, units)
                 for i, value in enumerate(entries, 1)]
@@ -190,12 +190,12 @@ class TomlTable:
             isinstance(x, str) and names_in(x) & {*UNIT_WORDS, "pi"} for x in value)
 
     def matrix(self, key: str, count: int) -> list[list[float]]:
-        """Return so many rows of as many numbers."""
+        """Return ``count`` rows of ``count`` numbers."""
         self._list(key, count, f"{count} rows")
         return self.rows(key, count)
 
     def rows(self, key: str, width: int) -> list[list[float]]:
-        """Return any number of rows of so many numbers."""
+        """Return rows of ``width`` numbers, any number of them."""
         rows = TomlTable(dict(enumerate_rows(key, self._list(key, None, f"rows of {width}"))),
                          self.where, self.file_error, self.constants)
         return [rows.vector(row, width) for row in rows.content]

@@ -24,7 +24,7 @@ _ENDLESS = {"inf": "1e16", "+inf": "1e16", "-inf": "-1e16"}
 
 
 def parse_numbers(text: str, count: int, endless: bool = False) -> list[float] | None:
-    """Return so many finite numbers of a text, None for another text.
+    """Return ``count`` finite numbers of a text, None for another text.
 
     ``endless`` takes inf and -inf, which a range without ends has, as 1e16 and -1e16.
     """
@@ -72,7 +72,7 @@ def numbers_of(
     element: Element, key: str, count: int, default: list[float] | None = None,
     endless: bool = False,
 ) -> list[float]:
-    """Return so many numbers of an attribute."""
+    """Return ``count`` numbers of an attribute, or refuse another text."""
     if default is not None and key not in element.attributes:
         return default
     values = parse_numbers(attribute_of(element, key), count, endless)

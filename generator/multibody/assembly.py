@@ -368,14 +368,16 @@ class Assembly:
         Travels along a body's own axis and joints with points that are no bodies have no layout:
         they have neither an angle nor a reaction to show.
         """
-        def layout(link: Connection, is_counted: bool) -> JointLayout:
+        def layout(link: Connection, *, is_counted: bool) -> JointLayout:
             return joint_at(link, self.poses, [e for e in self._of_link[link] if e in equations],
-                            parameters, values, is_counted)
+                            parameters, values, counted=is_counted)
 
-        joint_layouts = (layout(link, link.name in counted) for link in self.links
+        joint_layouts = (layout(link, is_counted=link.name in counted) for link in self.links
                          if not isinstance(link, Slide) and not any(
                    isinstance(frame, MovingPoint | Particle) for frame in link.frames))
-        aliases = (replace(layout(self.connections[joint], False), name=name, axis_a=(), axis_b=())
+        # an alias shares its joint's point and reaction, but has no angle of its own
+        aliases = (replace(layout(self.connections[joint], is_counted=False), name=name, axis_a=(),
+                           axis_b=())
                    for name, joint in self.components.aliases.items())
         return (*joint_layouts, *aliases)
 
@@ -460,10 +462,11 @@ class Assembly:
             if not body.q:
                 poses[body] = replace(old, x=x)
                 continue
-            turned = RigidMotion(np.array(product(attitude, conjugate(described.q))), np.zeros(3))
+            # the motion that leads from the described pose to this one
+            turn = RigidMotion(np.array(product(attitude, conjugate(described.q))), np.zeros(3))
             assert described.x is not None
             position = x if body.x else described.x
-            motion = RigidMotion(turned.q, position - turned.direction(described.x))
+            motion = RigidMotion(turn.q, position - turn.direction(described.x))
             R = rotation(attitude)
             spin = None if old.spin is None else R @ (old.R.T @ old.spin)
             poses[body] = Pose(attitude, R, position, old.v, spin, motion)
@@ -481,6 +484,7 @@ class Assembly:
 
 
 def _by_first_use(store: Mapping[str, float]) -> Any:
+    """Return a key that sorts symbols in the order in which their values were stored."""
     order = {name: index for index, name in enumerate(store)}
     return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
 
@@ -495,7 +499,7 @@ def body_at(body: Body, parameters: set[sp.Symbol], values: Mapping[str, float])
 
 def joint_at(
     link: Connection, poses: Poses, equations: Iterable[Equation], parameters: set[sp.Symbol],
-    values: Mapping[str, float], counted: bool,
+    values: Mapping[str, float], *, counted: bool,
 ) -> JointLayout:
     """Return the layout of a joint; ``equations`` are those of its constraints that remain.
 
@@ -536,6 +540,7 @@ def _section(
 
 
 def _name(frame: Frame) -> str:
+    """Return a body's name; "" for the ground and moving points, which have no columns."""
     return frame.name if isinstance(frame, Body) else ""
 
 
@@ -550,6 +555,7 @@ def _force_entries(
 def _entries(
     expressions: Sequence[Any], parameters: set[sp.Symbol], values: Mapping[str, float]
 ) -> Entries:
+    """Return each expression as a parameter of the system, or as a number."""
     return tuple(_entry(e, parameters, values) for e in expressions)
 
 

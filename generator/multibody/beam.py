@@ -50,7 +50,7 @@ __all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along",
 
 #: Of the tube that a beam is drawn as: one for all segments.
 COLOUR = "#7d8794"
-_STILL = (1.0, 0.0, 0.0, 0.0)
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
 #: Differences of lengths and components of unit vectors below this are round-off.
 _ROUNDING = 1e-13
 
@@ -92,10 +92,11 @@ class BeamEnd(Frame):
         return self.segment.point(self._shifted(r))
 
     def point_velocity(self, r: Sequence[object] = (0, 0, 0)) -> Vector:
-        """Return the velocity in space of such a point."""
+        """Return the velocity in space of a point in the axes of the segment, from the end."""
         return self.segment.point_velocity(self._shifted(r))
 
     def _shifted(self, r: Sequence[object]) -> list[Any]:
+        """Return a point from the end as one from the origin of the segment."""
         return [as_expression(x) + d for x, d in zip(r, self.on.tolist(), strict=True)]
 
 
@@ -162,7 +163,7 @@ class BeamJoint(Joint):
     rest: Array = field(kw_only=True)
     arc: float = field(kw_only=True)
     factor: int = field(kw_only=True, default=2)
-    relative: Sequence[float] = field(kw_only=True, default=_STILL)
+    relative: Sequence[float] = field(kw_only=True, default=_IDENTITY)
     gap: float = field(kw_only=True, default=0.0)
 
     @property
@@ -221,7 +222,7 @@ class BeamJoint(Joint):
         return bending + self._stretching(store) if self.gap else bending
 
     def section(self, store: Store) -> SectionLayout:
-        """Return where it is along the beam, and what its strains are and meet."""
+        """Return the section: its place along the beam, its strain at rest, and its stiffness."""
         before, after = self.turns(store)
         holder: Literal["a", "b", ""] = "" if self.factor == 2 else (
             "b" if self.a in self.beam.segments else "a")
@@ -266,10 +267,12 @@ class BeamJoint(Joint):
         sides = [(frame, rotation_matrix(turn)) for frame, turn in
                  zip(self.sides, self.turns(store), strict=True)]
         spins = [list(R.T * sp.Matrix(frame.angular_velocity)) for frame, R in sides]
-        change, total = ([y - s * x for x, y in zip(*spins, strict=True)] for s in (1, -1))
-        rate = [(w * x + y) / 2 for x, y in zip(change, cross(u, total), strict=True)]
+        # u̇ = ½ (w (Ω_b − Ω_a) + u × (Ω_a + Ω_b)), angular velocities in the section's axes
+        difference_, total = ([y - s * x for x, y in zip(*spins, strict=True)] for s in (1, -1))
+        rate = [(w * x + y) / 2 for x, y in zip(difference_, cross(u, total), strict=True)]
         ratio, B = self.stiffness_by_strain(store)
         s = [2 * tau * ratio * b * x for b, x in zip(B, rate, strict=True)]
+        # the power −s·u̇ gives the torques ½ (±w s − s × u) on both sides
         for (frame, R), sign in zip(sides, (1, -1), strict=True):
             torque = [(sign * w * x - y) / 2 for x, y in zip(s, cross(s, u), strict=True)]
             yield from frame.torque_on(list(R * sp.Matrix(torque)))

@@ -31,7 +31,7 @@ __all__ = ["gaps_of_plane", "gaps_of_spheres", "points_of"]
 def points_of(name: str, on_a: Any, box: ArrayLike | None) -> Array:
     """Return the points of a contact in the axes of a: rows, eight of a box.
 
-    Raises InputError for what are no points, and a box without extent.
+    Raises InputError for values that are no points, and a box without extent.
     """
     points = real_array(on_a)
     if points is None or points.ndim not in (1, 2) or points.shape[-1] != 3 or not (

@@ -57,6 +57,8 @@ TYPED = 1e-3
 _PARTS = 32
 _STEPS = 60
 _LONGEST = 0.3
+#: Gauss-Newton steps for velocities at most.
+_VELOCITY_STEPS = 20
 #: Singular values below this, relative to the largest, count as zero.
 _RANK = 1e-10
 
@@ -170,6 +172,7 @@ def _offsets(
 
 
 def _listed(targets: Sequence[StartValue], offsets: Sequence[float]) -> str:
+    """Return the nearest possible value of each target beside the given one, as text."""
     return ", ".join(f"{e.measure} of {e.joint!r} {e.value + d:.9g} (given {e.value:.9g})"
                      for e, d in zip(targets, offsets, strict=True))
 
@@ -255,15 +258,16 @@ def warn_of_moved_bodies(
 
 
 def _text(values: Array) -> str:
+    """Return numbers as text, those at round-off of the largest as 0."""
     values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
     return "[" + ", ".join(f"{x:.9g}" for x in values.tolist()) + "]"
 
 
 @dataclass(frozen=True)
 class _Target:
-    """A given velocity: its name, rows of D and value of D u = d."""
+    """A given velocity: its name in messages, rows of D, and the value of D u = d."""
 
-    what: str
+    label: str
     rows: Array
     value: Array
     axes: Array  # from space to the axes in which it is given
@@ -401,25 +405,25 @@ class Velocities:
         shift = self._scaled(self._velocities(projected - self._momenta(self.u)))
         if np.abs(R @ (y + shift) - d).max(initial=0.0) <= scale:
             return projected
-        rows, total, largest = as_dense(numbers.rows(q)), y, np.inf
+        G, solution = as_dense(numbers.rows(q)), y
         momenta_by_y = self._momenta(self._unscaled(np.eye(len(y))))
-        # Gauss-Newton steps: one is enough if H_p is linear in p, and with it f(q, p) in u
-        for _ in range(20):
-            momenta = self._momenta(self._unscaled(total))
+        # Gauss-Newton steps, each from u₀: one is enough if H_p is linear in p, and f(q, p) in u
+        for _ in range(_VELOCITY_STEPS):
+            momenta = self._momenta(self._unscaled(solution))
             rates = numbers.H_pp_times(q, momenta, momenta_by_y)
-            A, terms = rows @ rates, np.abs(rows) @ np.abs(rates)
+            A, terms = G @ rates, np.abs(G) @ np.abs(rates)
             lengths = np.linalg.norm(A, axis=1)
             # Rotations keep |q| = 1: that row is 0, but for its round-off.
             independent = lengths > ROUNDING * np.linalg.norm(terms, axis=1)
-            f = numbers.f(q, momenta) + A @ (y - total)
+            f = numbers.f(q, momenta) + A @ (y - solution)
             step = nearest_step(A[independent] / lengths[independent, None],
                                 f[independent] / lengths[independent],
                                 R, R @ y - d)
-            largest, total = float(np.abs(y + step - total).max()), y + step
-            if largest <= 16 * EPS * float(np.abs(total).max()):
+            change, solution = float(np.abs(y + step - solution).max()), y + step
+            if change <= 16 * EPS * float(np.abs(solution).max()):
                 break
-        u = self._unscaled(total)
-        self._refuse_missed(targets, u, R @ total - d, d, scale)
+        u = self._unscaled(solution)
+        self._refuse_missed(targets, u, R @ solution - d, d, scale)
         return self._momenta(u)
 
     def warn_of_moved(self, p: Array) -> None:
@@ -453,8 +457,9 @@ class Velocities:
                 old, new = target.axes @ target.value, target.axes @ (target.rows @ u)
                 relative_error = error / max(float(np.linalg.norm(d[indices])),
                                              np.finfo(float).tiny)
-                missed.append((relative_error, f"{target.what} is given as {_text(old)}, which the "
-                               f"constraints do not allow; the nearest possible is {_text(new)}"))
+                missed.append((relative_error, f"{target.label} is given as {_text(old)}, which "
+                               "the constraints do not allow; the nearest possible is "
+                               f"{_text(new)}"))
         if not missed:
             return
         worst, text = max(missed)

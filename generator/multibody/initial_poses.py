@@ -188,7 +188,7 @@ class Attitude:
     q: Sequence[float]
 
     def as_quat(self) -> Array:
-        """Return it as a SciPy Rotation does: scalar last."""
+        """Return (x, y, z, w), scalar last, as ``scipy.spatial.transform.Rotation`` does."""
         return np.array([*self.q[1:], self.q[0]])
 
 
@@ -292,7 +292,7 @@ def check_rep(name: str, rep: Any) -> None:
 
 
 def count(value: Any) -> int:
-    """Return a number of steps."""
+    """Return a number of steps as int, or refuse a value that is no whole number ≥ 0."""
     number = whole(value)
     if number is None or number < 0:
         raise InputError(f"steps = {shown(value)} is no whole number from 0 on.")

@@ -40,7 +40,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -133,8 +133,15 @@ class StartValue:
     cosine: sp.Expr | None = None
 
 
-#: A given rate: its joint and name, its value, and coefficients of (v, Ω in space) of bodies.
-StartRate = tuple[str, float, dict[Frame, tuple[Array, Array]]]
+class StartRate(NamedTuple):
+    """A rate that is given at the start: Σ (c_v·v + c_ω·ω) of bodies = ``value``.
+
+    ``coefficients`` has (c_v, c_ω) of each body, ω being its angular velocity in space.
+    """
+
+    joint: str
+    value: float
+    coefficients: dict[Frame, tuple[Array, Array]]
 
 
 def named_vector(
@@ -377,7 +384,7 @@ class Align(Connection):
         """Yield the rate."""
         if self.rate is not None:
             e, zero = self.axis_at(poses), np.zeros(3)
-            yield self.name, self.rate, {self.a: (zero, -e), self.b: (zero, e)}
+            yield StartRate(self.name, self.rate, {self.a: (zero, -e), self.b: (zero, e)})
 
     def turn(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + rate · axis."""

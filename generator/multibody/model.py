@@ -284,7 +284,7 @@ class Model:
         return float(number) if exact(value) is None else value
 
     def _count(self, value: Any) -> int:
-        """Return the number of steps, or refuse what is no whole number from 0 on."""
+        """Return the number of steps, or refuse a value that is no whole number ≥ 0."""
         count = whole(value)
         if count is None or count < 0:
             raise InputError(f"steps of model {self.name!r} is {shown(value)}; give a whole number "

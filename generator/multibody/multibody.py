@@ -1332,7 +1332,7 @@ class Multibody:
         Raises
         ------
         InputError
-            For an unknown body, and for what is no ``gyrospark.Shape``.
+            For an unknown body, and a value that is no ``gyrospark.Shape``.
         """
         if not isinstance(shape, Shape):
             raise InputError(f"shape = {shown(shape)} is none; give a gyrospark.Shape.")

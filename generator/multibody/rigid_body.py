@@ -45,7 +45,7 @@ time = sp.Symbol("t", real=True)
 
 
 def expressions(label: str, values: object, count: int) -> list[sp.Expr]:
-    """Return so many expressions of a list of them, or raise InputError."""
+    """Return ``count`` expressions, or raise InputError for another number of them."""
     entries = [as_expression(e) for e in as_items(label, values, f"{count} expressions")]
     if len(entries) != count:
         raise InputError(f"The {label} has {len(entries)} entries; give {count}.")

@@ -107,17 +107,21 @@ class Rolling(Connection):
         return self.b
 
     def _height(self, store: Store) -> sp.Expr:
+        """Return n·(x + R o − c) − h, the height of the shape over the plane."""
         n, from_plane = self._normal(store), self._point(self._arm(store), store)
         return dot(n, from_plane) - self._support(store)[0]
 
     def _slip(self, store: Store) -> Vector:
-        """Return the velocity of the contact relative to the plane."""
+        """Return ẋ + ω × r − Ω n × (x + r − c), the velocity of the contact relative to the plane.
+
+        r = R o + ρ leads from the origin of the body to the contact.
+        """
         rho = self._support(store)[1]
-        arm = [a + b for a, b in zip(self._arm(store), rho, strict=True)]
+        r = [a + b for a, b in zip(self._arm(store), rho, strict=True)]
         turning = named_number(f"{self.name}_turning", self.turning, store)
-        carried = cross([turning * e for e in self._normal(store)], self._point(arm, store))
+        of_plane = cross([turning * e for e in self._normal(store)], self._point(r, store))
         x, y, z = (v + w - c for v, w, c in zip(
-            self.body.origin_rate, cross(self.body.turning, arm), carried, strict=True))
+            self.body.origin_rate, cross(self.body.turning, r), of_plane, strict=True))
         return x, y, z
 
     def _arm(self, store: Store) -> Vector:
@@ -162,7 +166,7 @@ class Rolling(Connection):
     def _at_start(self, expressions: Sequence[sp.Expr], store: Store, pose: Pose) -> Array:
         """Return values where the body is at the start and turns, its origin at rest."""
         body, omega = self.body, pose.R.T @ (np.zeros(3) if pose.spin is None else pose.spin)
-        rates = numbers(left_matrix(pose.q.tolist())).T @ omega / 2
+        rates = numbers(left_matrix(pose.q.tolist())).T @ omega / 2  # q̇ = ½ L(q)ᵀ Ω
         assert pose.x is not None
         values = zip((*body.q, *body.velocities, *body.x),
                      (*pose.q, *rates, 0, 0, 0, *pose.x) if body.x else (*pose.q, *rates),

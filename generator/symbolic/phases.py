@@ -98,6 +98,7 @@ def since_start(
         return sp.Add(a * time, phi, *map(in_elapsed_time, other_terms))
 
     def in_elapsed_time(x: Any) -> Any:
+        """Return x at t0 + τ; equal subexpressions are rebuilt once."""
         if x not in replacement:
             replacement[x] = rebuilt(x)
         return replacement[x]

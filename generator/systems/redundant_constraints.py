@@ -61,7 +61,7 @@ class Redundancy:
     def of(
         cls, model: str, names: Sequence[str], involved: Sequence[int], left_out: Sequence[int]
     ) -> Redundancy:
-        """Return it of the rows of constraints."""
+        """Return the redundancy of constraints, given by their row numbers, with their names."""
         return cls(model, tuple(names), *(tuple(names[i] for i in rows)
                                           for rows in (involved, left_out)))
 

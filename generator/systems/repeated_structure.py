@@ -94,8 +94,7 @@ class Structure:
         return self._templates_of([(self._with_energy(terms), ()) for terms in groups])
 
     def _with_energy(self, terms: list[sp.Expr]) -> tuple[sp.Expr, ...]:
-        """Return the sum of terms of H̃, and in a co-moving frame the sum of those of the energy H.
-        """
+        """Return Σ terms of H̃; in a co-moving frame also Σ of the terms that the energy H has."""
         if not isinstance(self.system, CoMovingSystem):
             return (sp.Add(*terms),)
         return sp.Add(*terms), sp.Add(*(term for term in terms if term in self._energy))

@@ -40,7 +40,7 @@ def distance(a: Any, b: Any, power: float | sp.Expr = 1.5) -> sp.Expr:
     Raises
     ------
     InputError
-        For what is no point, and for a power that is not positive.
+        For a value that is no point, and a power that is not positive.
     """
     exponent = as_expression(power)
     exponent = sp.Rational(str(exponent)) if exponent.is_Float else exponent
@@ -69,7 +69,7 @@ def rates(*rates: float | sp.Expr) -> sp.Expr:
     Raises
     ------
     InputError
-        For what is no expression, and without a floor.
+        For a value that is no expression, and without a floor.
     """
     terms = [as_expression(rate) for rate in rates]
     if not any(term.is_positive and all(s.is_positive for s in term.free_symbols)

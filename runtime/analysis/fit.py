@@ -565,7 +565,7 @@ def _first_run(
 
 
 def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
-    """Return one standard deviation for each column of residuals; sets ``samples``."""
+    """Return a standard deviation for each column of residuals; sets ``fitting.samples`` to 1."""
     fitting.samples = 1
     columns = fitting.residuals(point).shape[1]
     numbers = as_numbers("sigma", sigma)
@@ -579,9 +579,9 @@ def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
 
 
 def _horizons(horizons: Sequence[int] | None, samples: int, fewest: int) -> list[int]:
-    """Return increasing numbers of samples: ``fewest``, twice as many, and so on; last all of them.
+    """Return increasing numbers of samples: ``fewest`` · 2^k, and at last all samples.
 
-    ``horizons`` are the user's, in place of these.
+    ``horizons`` are the user's numbers; None for these.
     """
     if horizons is None:
         counts = [fewest * 2**k for k in range(64) if fewest * 2**k < samples]

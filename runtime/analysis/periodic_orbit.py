@@ -128,7 +128,7 @@ class PeriodicOrbit:
             ("multipliers", multipliers), ("defect", f"{self.residuals[-1]:.1e}")]))
 
     def run(self, periods: int = 1, every: int = 1) -> Trajectory:
-        """Return the trajectory of so many revolutions."""
+        """Return the trajectory of this number of revolutions."""
         return self._stepper.integrate(
             Start(self.q, self.p, self.parameters, self.t0), dt=self.dt,
             steps=as_positive_count("periods", periods) * self.steps, every=every)

@@ -129,7 +129,7 @@ class InputRows:
 def as_inputs(
     inputs: Any, binding: Compiled, steps: int, runs: int | None = None
 ) -> InputRows | None:
-    """Return the inputs of a run of so many steps, or of ``runs`` such runs; None for None.
+    """Return the inputs of a run of ``steps`` steps, or of ``runs`` such runs; None for None.
 
     The array has the shape (runs, rows, inputs), with 1 run where all have the same inputs, and 1
     row where they stay. Inputs that are checked already are returned as they are. Raises InputError

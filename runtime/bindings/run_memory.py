@@ -96,13 +96,13 @@ class RunState:
                 + binding.image(self.work).size)
 
     def assign(self, binding: Compiled, source: RunState) -> None:
-        """Set this state to another one, from which the run then goes on."""
+        """Overwrite this state, the record and the solver's memory with those of ``source``."""
         self.q[:], self.p[:] = source.q, source.p
         binding.image(self.record)[:] = binding.image(source.record)
         binding.image(self.work)[:] = binding.image(source.work)
 
     def copy(self, binding: Compiled) -> RunState:
-        """Return a state of its own memory."""
+        """Return a copy of the state in new memory."""
         copy = RunState.at_start(binding, self.q, self.p)
         copy.assign(binding, self)
         return copy
@@ -134,7 +134,7 @@ class Rows:
 
     @classmethod
     def allocate(cls, binding: Compiled, *shape: int) -> Rows:
-        """Return so many empty rows, or raise InputError where there is no memory for them."""
+        """Return empty rows of this shape; raise InputError if there is no memory for them."""
         try:
             return cls(binding.new(*shape, binding.n), binding.new(*shape, binding.n),
                        binding.new(*shape, binding.multipliers), np.zeros(shape, dtype=np.intc),
@@ -160,7 +160,7 @@ class Rows:
         return type(self)(*(getattr(self, field.name).copy() for field in fields(self)))
 
     def with_room(self, binding: Compiled, rows: int) -> Rows:
-        """Return these rows in memory for so many."""
+        """Return these rows in memory for ``rows`` rows."""
         # an array that compiled code writes to cannot grow in place
         larger = Rows.allocate(binding, rows)
         larger.assign(np.s_[: len(self.iterations)], self)

@@ -199,15 +199,15 @@ def _expression(text: str) -> Expression:
     """Return an expression of C in reverse Polish notation (Dijkstra's shunting yard)."""
     text = text.replace("c->_used, ", "")  # how many lanes to do; each point is one
     output: Expression = []
-    waiting: list[str] = []  # operators, "(" and functions followed by "("
+    stack: list[str] = []  # operators, "(" and functions followed by "("
     counts: list[int] = []  # arguments so far of each open parenthesis
     operand = False  # whether the last token ends an operand
     position = 0
 
     def release(binding: int) -> None:
         """Move the operators that bind at least as tightly from the stack to the output."""
-        while waiting and waiting[-1] in _OPERATORS and _OPERATORS[waiting[-1]][0] >= binding:
-            output.append((waiting.pop(), "", 0))
+        while stack and stack[-1] in _OPERATORS and _OPERATORS[stack[-1]][0] >= binding:
+            output.append((stack.pop(), "", 0))
 
     while position < len(text):
         token = _TOKEN.match(text, position)
@@ -220,13 +220,13 @@ def _expression(text: str) -> Expression:
         elif token["name"] and text[position : position + 1] == "(":
             if _plain(token["name"]) not in _FUNCTIONS:
                 raise UnreadableError(f"{token['name']} is no known function")
-            waiting.append(_plain(token["name"]) + "(")
+            stack.append(_plain(token["name"]) + "(")
             counts.append(1)
             position += 1
         elif token["name"]:
             output.append(("name", token["name"], 0))
         elif sign == "(":
-            waiting.append("(")
+            stack.append("(")
             counts.append(1)
         elif sign in (")", ","):
             release(0)
@@ -235,20 +235,20 @@ def _expression(text: str) -> Expression:
             if sign == ",":
                 counts[-1] += 1
             else:
-                called, count = waiting.pop(), counts.pop()
-                if called != "(":
-                    output.append(("call", called[:-1], count))
+                opening, count = stack.pop(), counts.pop()
+                if opening != "(":
+                    output.append(("call", opening[:-1], count))
         elif sign in ("+", "-") and not operand:  # a sign, no operation of two operands
             if sign == "-":
-                waiting.append("negate")
+                stack.append("negate")
         else:
             release(_OPERATORS[sign][0])
-            waiting.append(sign)
+            stack.append(sign)
         # a name followed by "(" is a function, whose operand ends at its ")"
         operand = bool(token["number"]) or sign == ")" or bool(
             token["name"] and text[position - 1] != "(")
     release(0)
-    if waiting:
+    if stack:
         raise UnreadableError(text)
     return output
 

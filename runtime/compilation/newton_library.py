@@ -125,7 +125,7 @@ def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
 
 
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a compiled function that raises what has kept its library from being loaded."""
+    """Return a compiled function that raises the error of a library that could not be loaded."""
     def call(*arguments: Any) -> Any:
         """Call the function, and raise the error of a library that could not be loaded meanwhile.
         """

@@ -124,7 +124,7 @@ class DerivativeBinding:
     def quantity_derivatives(
         self, parameters: ParameterStruct, t: Any, q: Array, p: Array, *, energy: bool = False
     ) -> Array | None:
-        """Return the derivatives of each quantity of a state by the rows of a direction.
+        """Return the derivatives of each quantity at a state by the entries of a direction.
 
         Shape (quantities, rows); the last column is by the time t in place of the start time, and
         the column of the step is 0. ``energy`` asks for H alone, which in scaled time follows the
@@ -145,7 +145,7 @@ class DerivativeBinding:
         return derivatives[: len(binding.quantity_names)] if not energy else derivatives[-1:]
 
     def energy_derivatives(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
-        """Return the derivatives of H(q, p, t) in scaled time by the rows of a direction."""
+        """Return the derivatives of H(q, p, t) in scaled time by the entries of a direction."""
         derivatives = self.quantity_derivatives(parameters, 0.0, q, p, energy=True)
         assert derivatives is not None
         row: Array = derivatives[0]
@@ -283,7 +283,7 @@ class KeptRun:
         return self.state.steps
 
     def go_on_from(self, steps: int, q: Array, p: Array) -> KeptRun:
-        """Return the run from a state after so many steps, without the solver's memory."""
+        """Return the run from a state after ``steps`` steps, without the solver's memory."""
         kept_run = KeptRun(self.binding, replace(self.run, q=q, p=p))
         # no steps of the primal module: it sets its memory up, which is copied byte by byte
         state, no_rows = kept_run.state, Rows.allocate(self.binding.own, 0)
@@ -308,9 +308,10 @@ class KeptRun:
 
 
 class QuadDerivativeBinding(DerivativeBinding):
-    """The same for float128: Python takes the steps one by one.
+    """The derivative module of float128: Python takes the primal steps one by one.
 
-    cffi calls its functions through others that take pointers, whose address C cannot use.
+    cffi calls functions of float128 through others that take pointers; C cannot call these by
+    their address.
     """
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:

@@ -111,7 +111,7 @@ class SecondBinding:
     def constraint_slopes(
         self, parameters: ParameterStruct, q: Array, p: Array, dz: Array
     ) -> tuple[Array, Array]:
-        """Return how the derivatives of g and f by the rows of a direction change along dz."""
+        """Return the derivatives along dz of ∂g and ∂f, shape (m, rows) each."""
         binding, (memory, _keep) = self.own, self._memory()
         g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
         if binding.m:

@@ -190,8 +190,8 @@ def solved(A: Array, b: Array) -> Array:
 def null_space(rows: Array) -> Array:
     """Return an orthonormal basis of {x: rows x = 0}, in columns; of any type.
 
-    Gram-Schmidt, done twice, on the rows, and then on unit vectors, that with the largest part
-    outside of what is spanned first.
+    Gram-Schmidt, done twice, on the rows; then on unit vectors, each time on the one that is
+    farthest from the span so far.
     """
     size, basis = rows.shape[1], list[Array]()
     units = [*np.eye(size, dtype=int).astype(rows.dtype)]

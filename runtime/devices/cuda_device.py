@@ -89,7 +89,7 @@ class CudaDevice:
         return host_array
 
     def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
-        """Begin so many threads, in blocks."""
+        """Begin ``threads`` threads, in blocks."""
         name, code = program
         passed = [int(argument.handle.handle) if isinstance(argument, Memory) else argument
                   for argument in arguments]
@@ -102,7 +102,7 @@ class CudaDevice:
         self._stream.sync()
 
     def view(self, array: Any) -> View:
-        """Return an array of another library; what it has begun there is waited for."""
+        """Return an array of another library, after its pending operations on the card."""
         foreign = self._cuda.view.from_any_interface(array, stream_ptr=int(self._stream.handle))
         # in numbers, not in bytes
         strides = foreign.strides

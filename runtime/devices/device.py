@@ -41,7 +41,7 @@ class View:
 
 
 class Device(Protocol):
-    """A card, or what stands in for one."""
+    """A graphics card, or the host in its place (``HostDevice``)."""
 
     def load(self, name: str, text: str) -> Any:
         """Return the compiled kernels of a CUDA text, the stepper's name before each."""
@@ -56,7 +56,7 @@ class Device(Protocol):
         """Return the numbers as an array, once all launches are done."""
 
     def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
-        """Begin so many threads of a kernel; arguments are ``Memory`` and NumPy scalars."""
+        """Begin ``threads`` threads of a kernel; arguments are ``Memory`` and NumPy scalars."""
 
     def wait(self) -> None:
         """Return when all launches are done."""

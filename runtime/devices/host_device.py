@@ -77,7 +77,7 @@ class HostDevice:
         return np.array(memory.handle)
 
     def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
-        """Call the kernel for each thread of as many whole blocks as these are in."""
+        """Call the kernel for each thread, up to the end of the last block, as a card does."""
         library, name = program
         function = getattr(library, f"{name}_{kernel}")
         passed = [ctypes.c_void_p(argument.handle.ctypes.data) if isinstance(argument, Memory)

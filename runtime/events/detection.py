@@ -49,7 +49,7 @@ class Levels:
 
     @classmethod
     def of(cls, binding: Binding, manifest: Manifest, events: tuple[Event, ...]) -> Levels:
-        """Return them for the events of a stepper's runs."""
+        """Return the levels of events in runs of a stepper."""
         system = manifest.system
         columns_by_name = {name: ("p", i) for i, name in enumerate(system.momenta)}
         columns_by_name |= {name: ("q", i) for i, name in enumerate(system.coordinates)}
@@ -209,7 +209,7 @@ class EventDetector:
         self._is_terminal = np.array([event.terminal for event in levels.events])
 
     def scratch_rows(self, steps: int) -> Rows:
-        """Return rows for the states of so many steps that are not stored."""
+        """Return rows for the states of ``steps`` steps that the run does not store."""
         if self._scratch is None or len(self._scratch.iterations) < steps:
             self._scratch = Rows.allocate(self._levels.binding, steps)
         return self._scratch

@@ -141,7 +141,7 @@ class ImpactObserver:
         return impacts
 
     def reported(self, report: Report, count: int) -> Report:
-        """Return the report of a run with so many impacts: losses are no error of H_0."""
+        """Return the report with ``count`` impacts, whose losses are no error of the energy."""
         return replace(report, energy_start=self._start_energy, impacts=count)
 
     def results(self, trajectory: Trajectory, impacts: dict[str, Impacts]) -> Trajectory:

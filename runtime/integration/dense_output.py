@@ -41,7 +41,8 @@ _AT_ONCE = 2**22
 
 @dataclass(frozen=True)
 class Places:
-    """Where times are: after which stored row, how many whole steps on, and the rest of a step."""
+    """Places of times in a run: the stored row before each, then whole steps, then a part of one.
+    """
 
     rows: Array
     steps: Array
@@ -175,8 +176,7 @@ def stored_steps_at(
     """Return the steps of a run that lie just before the times, rising, and its last one.
 
     None in scaled time, where any step may be. The run ends ``remainder`` seconds after its last
-    step. Raises InputError for times outside of the run; where it shall store each so many steps as
-    well.
+    step. Raises InputError for times outside of the run, and for ``every`` other than 1.
     """
     if run.every != 1:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
@@ -229,7 +229,7 @@ def run_together(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
     fill: Callable[[EnsembleStates], None], steps: int, inputs: InputRows | None = None,
 ) -> EnsembleStates:
-    """Return runs of so many steps, each stored, from states that are on their constraints.
+    """Return runs of ``steps`` steps, each stored, from states that are on their constraints.
 
     Raises InputError if one of them finds no step, though the run that they belong to has found its
     own.
@@ -282,7 +282,7 @@ def _parts(trajectory: Trajectory, places: Places) -> list[tuple[int, Array]]:
 def places_of(stepper: Stepper, t0: Any, stored: Array, dt: Any, t: Array) -> Places:
     """Return where the times t are, or refuse those outside of the run.
 
-    ``stored`` are the times of stored rows since the start t0: what is late has digits enough.
+    ``stored`` are the times of stored rows since the start t0, which keep their digits at large t.
     """
     ahead, t = 1 if dt > 0 else -1, t - t0
     reach = _reach(stepper, t0, stored[-1])
@@ -303,7 +303,7 @@ def _reach(stepper: Stepper, t0: Any, elapsed: Any) -> Any:
 def _counted(
     stepper: Stepper, begin: Array, dt: Any, t: Array, reach: Any
 ) -> tuple[Array, Array]:
-    """Return the whole steps from ``begin`` to times t, and the rest of a step."""
+    """Return the numbers of whole steps from ``begin`` to times t, and the remainders in s."""
     ahead, times = 1 if dt > 0 else -1, stepper.binding.times
     steps = np.array([int(x) for x in (t - begin) / dt], dtype=int)
     # a quotient rounds either way

@@ -124,7 +124,7 @@ class RunArguments:
                        inputs=None if self.inputs is None else self.inputs.of_steps(steps))
 
     def refined(self, factor: int) -> Self:
-        """Return the same run with steps so many times smaller, stored as often as before."""
+        """Return the same run with steps of dt/factor, stored as often as before."""
         return replace(self, dt=self.dt / factor, steps=self.steps * factor,
                        every=self.every * factor,
                        inputs=None if self.inputs is None else self.inputs.refined(factor))
@@ -276,7 +276,7 @@ class EnsembleArguments:
         return len(self.q)
 
     def __getitem__(self, i: int) -> RunArguments:
-        """Return one run as it would be checked by itself."""
+        """Return the arguments of run i, as if it had been checked alone."""
         (dt,), (t0,) = (column[i : i + 1].tolist() for column in (self.dt, self.t0))
         parameters = {name: column[i : i + 1].tolist()[0]
                       for name, column in self.parameters.items()}

@@ -121,7 +121,7 @@ def span_or_own(
 
 
 def _refuse_second_state(start: Any, p: Any) -> None:
-    """Refuse p beside a start, which has its own."""
+    """Refuse an argument p in addition to a start, which has momenta."""
     if has_start(start):
         raise ArgumentError(f"p = {shown(p)} is given beside a start, which has its own momenta; "
                             "leave it out, and give other arguments by name, such as dt=1e-3.")
@@ -193,7 +193,7 @@ def _body_of(name: str, inertia: Any) -> tuple[str, Sequence[Sequence[str]]]:
 def _refuse_impossible(
     bodies: Mapping[str, Sequence[str]], values: Mapping[str, Any], changes: Mapping[str, Any]
 ) -> None:
-    """Refuse an inertia of which some are given; what is no number is refused by other checks."""
+    """Refuse impossible moments where some have changed; other checks refuse non-numbers."""
     for label, entries in bodies.items():
         if changes.keys().isdisjoint(entries) or not {*entries} <= values.keys():
             continue
@@ -315,10 +315,10 @@ def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
 def steps_of_all(
     steps: Any, t_end: Any, t: Any, dt: Any, *, whole_steps: bool = True
 ) -> tuple[int, list[Fraction]]:
-    """Return the number of steps of an ensemble: as given, or that which leads all to t_end.
+    """Return the number of whole steps of an ensemble, and what is left of a step up to t_end.
 
-    Of all, or of each, the last part of a step to t_end comes with it, 0 with ``whole_steps``.
-    Raises InputError as ``step_count``; where the trajectories would differ in it.
+    The remainders are one for all trajectories, or one for each; 0 with ``whole_steps``. Raises
+    the errors of ``step_count``, and InputError if trajectories need different numbers of steps.
     """
     pairs = [(0.0, dt)] if t_end is None else [
         *np.broadcast(np.asarray(t, dtype=object), np.asarray(dt, dtype=object))]

@@ -62,7 +62,7 @@ class ChunkSize:
         return self.most
 
     def end(self, steps: int) -> None:
-        """Take the time that so many steps took for the next ones."""
+        """Estimate the time of the next steps from that of the last ``steps`` steps."""
         if self._began is None:
             return
         seconds = self._clock() - self._began
@@ -87,7 +87,7 @@ def integrate(
     Raises
     ------
     StepFailed
-        With everything computed before the failed step, and what was found of its reasons.
+        With the states before the failed step, and the reasons that were found.
     Stopped
         After Ctrl-C, with everything computed until then.
     """

@@ -127,6 +127,7 @@ class _Document:
             **({"animations": [{"name": "run", "samplers": self.samplers,
                                 "channels": self.channels}]} if animated else {}),
         }, allow_nan=False).encode()
+        # little-endian words: each chunk has its length and its kind, "JSON" or "BIN"
         chunks = b"".join(
             struct.pack("<II", len(data), kind) + data for data, kind in (
                 (text + b" " * (-len(text) % 4), 0x4E4F534A), (bytes(self.numbers), 0x004E4942)))

@@ -55,7 +55,7 @@ def colour_of(text: str) -> Array:
 
 
 def mesh_of(shape: Shape, around: int = _AROUND) -> Mesh:
-    """Return the triangles of a shape in body axes, with so many segments of a circle."""
+    """Return the triangles of a shape in body axes; a circle has ``around`` segments."""
     a, b, c = shape.size
     r = max(a, b)
     scale = np.array([a / r, b / r, 1.0])

@@ -85,7 +85,7 @@ class BodyMotion:
         Raises
         ------
         InputError
-            For what is no sequence of axes.
+            For a text that is no sequence of axes.
         """
         factor = np.degrees(1.0) if as_flag("degrees", degrees) else 1.0
         return euler_angles(self.attitude, sequence) * factor
@@ -200,7 +200,7 @@ class BodyMotion:
 
     @property
     def moves(self) -> bool:
-        """Whether it has a position of its own: no point of it is held."""
+        """Whether the body has a position: none of its points is fixed in space."""
         return bool(self._at.x)
 
     def plot(self, path: str | os.PathLike[str] | None = None, *, euler: str = "ZYX",
@@ -232,7 +232,7 @@ class BodyMotion:
         return np.broadcast_to(fixed_point, (*self._run.q.shape[:-1], 3))
 
     def _point(self, on_body: ArrayLike | None) -> Array:
-        """Return a point in body axes, the centre of mass if it is None; refuse what is no point.
+        """Return a point in body axes, by default the centre of mass, or refuse the argument.
         """
         if on_body is None:
             return self.centre

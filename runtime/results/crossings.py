@@ -62,7 +62,7 @@ class Crossings:
         return self._selected(np.arange(len(self)) < 1)
 
     def shown(self, binding: Binding) -> Self:
-        """Return them as users see them: in scaled time t is a coordinate, which q has no more."""
+        """Return the crossings as users see them: in scaled time t is apart from q and p."""
         if not binding.clocked:
             return self
         n = binding.shown
@@ -83,7 +83,7 @@ class Crossings:
         return self._selected(_within(self.t, begin, end, ahead))
 
     def joined(self, later: Self) -> Self:
-        """Return these and later ones."""
+        """Return these crossings followed by later ones."""
         return type(self)(*(np.concatenate([getattr(rows, field.name) for rows in (self, later)])
                             for field in fields(self)))
 

@@ -70,7 +70,7 @@ class _SingleState:
 
 @explain_arguments
 class PresentPlaced(_SingleState, PlacedMotion):
-    """A body in coordinates of its own at the present state; made by ``Simulation.body``."""
+    """A placed body of a simulation at its present state; made by ``Simulation.body``."""
 
 
 @explain_arguments

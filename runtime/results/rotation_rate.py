@@ -77,7 +77,7 @@ class FastestRotation:
 
     @property
     def _consequence(self) -> str:
-        """Return what such a rotation in a step leads to, for the warning."""
+        """Return the consequence of the rotation in a step, as the end of the warning."""
         if self.error is None or self.error > LOST:
             return "the motion is lost within some turns"
         return (f"errors are about {self.error:.0e} of the angle turned, and there are motions for "

@@ -274,7 +274,7 @@ def _check_consistency(arrays: dict[str, Array], fields: dict[str, Any]) -> None
 
 
 def _shape(output: Output, manifest: Manifest, state_count: int) -> tuple[int, ...]:
-    """Return the shape of an output's array in a trajectory of so many states."""
+    """Return the shape of an output's array in a trajectory of ``state_count`` states."""
     inner = output.inner(manifest)
     if output.split:
         return (state_count, len(_names(manifest, output.labels)))

@@ -384,7 +384,7 @@ def _rounded(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> 
 
 
 def _times(t: ArrayLike) -> Array:
-    """Return times in seconds as doubles, or refuse what is not finite."""
+    """Return times in seconds as doubles, or refuse NaN and infinite ones."""
     times = np.asarray(t, dtype=np.float64)
     if not np.isfinite(times).all():
         raise InputError(f"The times {t!r} are not all finite; give seconds as finite numbers.")

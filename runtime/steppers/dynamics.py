@@ -153,7 +153,7 @@ class Dynamics(Differentiation):
             A start as of ``integrate``.
         accelerations : mapping of str to number or array_like, or array_like of shape (n,)
             Of joints and bodies by their names, of as many numbers as they have rows in
-            ``mass_matrix``; no force acts on what is not named. Or d²q/dt² of all coordinates.
+            ``mass_matrix``; no force acts on others. Or d²q/dt² of all coordinates.
         inputs : str or sequence of str, optional
             Inputs of the system, as many as there are rows, whose values are wanted in place of
             forces on the joints. They may enter forces as a sum, each times a number.
@@ -291,7 +291,7 @@ class Dynamics(Differentiation):
 
 
 def _row(name: str, value: Any, width: int) -> Array:
-    """Return a given acceleration as a row of so many doubles."""
+    """Return a given acceleration as a row of ``width`` doubles."""
     row = as_numbers(f"accelerations[{name!r}]", value).astype(float)
     if row.shape not in ((width,), ()) or row.size != width or not np.isfinite(row).all():
         raise InputError(f"accelerations[{name!r}] = {shown(value)} is not {width} finite number"

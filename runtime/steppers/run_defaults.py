@@ -82,7 +82,7 @@ class RunDefaults:
 
     @classmethod
     def of(cls, model: Any) -> RunDefaults:
-        """Return the numbers of a model, a ``gyrospark.Model`` or what has its attributes."""
+        """Return the numbers of a ``gyrospark.Model``, or of an object with its attributes."""
         return cls(
             model.name, model.description, {k: knowing(x) for k, x in model.parameters.items()},
             [knowing(x) for x in model.q0], [knowing(x) for x in model.p0],

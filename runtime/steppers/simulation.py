@@ -189,7 +189,7 @@ class RecordingRun(AdvancingRun):
                                       self._run_state, self._rows[self.steps + 1 :])
 
     def _make_room(self, steps: int) -> None:
-        """Make room for the rows of so many steps; memory that is too small is doubled at least."""
+        """Enlarge the memory for rows to ``steps`` steps, at least to twice its size."""
         if steps > len(self._inputs):
             self._put(max(steps, 2 * len(self._inputs)), self._rows, self._inputs)
 

@@ -332,7 +332,7 @@ class _Rules:
         return parameters
 
     def tuned(self, pilot_limit: int, *, longer: bool) -> Tuned:
-        """Return numbers for the rules, by pilot runs of so many steps at most.
+        """Return numbers for the rules, by pilot runs of at most ``pilot_limit`` steps.
 
         ``longer``: they are for a run that continues where the pilot runs end.
         """
