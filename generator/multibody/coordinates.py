@@ -125,7 +125,7 @@ class Coordinate(Connection):
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
         """Yield the rate."""
         if self.speed is not None:
-            yield self.name, self.speed, {self.b: (np.ones(1), np.zeros(0))}
+            yield StartRate(self.name, self.speed, {self.b: (np.ones(1), np.zeros(0))})
 
     def begin(self, poses: Poses) -> None:
         """Set the value of the coordinate in the described pose."""

@@ -677,9 +677,9 @@ class Cylindrical(Planar):
         if self.speed is not None:
             a, b, e = poses[self.a], poses[self.b], self.hinge.axis_at(poses)
             point = b.space(np.asarray(self.on_b))
-            yield self.name, self.speed, {
+            yield StartRate(self.name, self.speed, {
                 self.a: (-e, -np.cross(point - np.asarray(a.x), e)),
-                self.b: (e, np.cross(point - np.asarray(b.x), e))}
+                self.b: (e, np.cross(point - np.asarray(b.x), e))})
 
     def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start."""
@@ -783,7 +783,7 @@ class Universal(Joint):
         for frame, arm, rate in zip((self.a, self.b), self.arms, self.rates, strict=True):
             if rate is not None:
                 e = poses[frame].moved.direction(arm)
-                yield self.name, rate, {self.a: (zero, -e), self.b: (zero, e)}
+                yield StartRate(self.name, rate, {self.a: (zero, -e), self.b: (zero, e)})
 
     def turn(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + the rates about both arms."""
