@@ -658,7 +658,7 @@ def text_of(spec: Spec, system: Any = None) -> tuple[dict[str, str], RunDefaults
     """Return the files of a stepper of any profile, and the numbers of its model if it has some.
 
     Nothing is compiled. ``system``, a System or a Model, takes the place of the spec's. Raises
-    InputError for what the profile does not take, and whatever is no model.
+    InputError for a system that the profile does not support, and a file that is no model.
     """
     record = derivation(spec, system, with_numbers=True).record()
     return record.files, record.start

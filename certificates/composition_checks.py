@@ -38,7 +38,7 @@ _SMALL = Fraction(1, 10 ** (STORED - 8))
 
 
 def check_composition(composition: Composition) -> list[Condition]:
-    """Return the lines on a composition; those of its base have the base's name before them."""
+    """Return the lines on a composition and on its base; these begin with the base's name."""
     lines = [*_exact(composition), *_conditions(composition)]
     if composition.base in COMPOSITIONS and composition.base != "Strang":
         base = COMPOSITIONS[composition.base]
@@ -73,7 +73,7 @@ def _line(name: str, equation: str, error: Fraction, result: str) -> Condition:
 
 
 def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]:
-    """Yield each order condition at the stored numbers, and the proof of the solution beside."""
+    """Yield each order condition at the stored numbers, and the proof of a solution near them."""
     conditions = OrderConditions(composition)
     for word, residual in zip(conditions.words, conditions.residuals(), strict=True):
         with intervals() as interval:

@@ -170,7 +170,7 @@ class OrderConditions:
         return residual, slopes
 
     def refine(self, x: Sequence[Any]) -> list[Any]:
-        """Return the solution next to x by Newton's method in 90 digits; free unknowns stay."""
+        """Return the solution near x by Newton's method in 90 digits; free unknowns are fixed."""
         with mp.workdps(DIGITS):
             solution = [as_mpf(value) for value in x]
             for _ in range(12):

@@ -90,7 +90,7 @@ def _splitting_proofs(splitting: Splitting) -> list[Condition]:
 
 
 def verify_composition(composition: Composition) -> Verification:
-    """Check the order conditions of a composition of exact flows, and what it keeps."""
+    """Check the order conditions of a composition of flows, its symmetry and symplecticity."""
     return Verification(composition.name, f"{composition.name}, order {composition.order}, "
                         f"{composition.stages} stages", composition.order,
                         check_composition(composition))

@@ -104,7 +104,7 @@ class Impact:
 
 
 def _set_name(record: Event | Impact, kind: str) -> None:
-    """Name a record after its quantity by default; refuse wrong types of what both kinds have."""
+    """Name an event or impact after its quantity by default; refuse fields of wrong types."""
     if not isinstance(record.quantity, str):
         raise InputError(f"An {kind}'s quantity is a name, not {shown(record.quantity)}.")
     if not isinstance(record.name, str):
@@ -211,7 +211,7 @@ def terminal_of(events: Sequence[Event]) -> str:
 
 
 def refuse_unusable_names(events: Sequence[Event | Impact], named: str) -> None:
-    """Refuse events whose names arrays cannot have; ``named`` is what goes by them."""
+    """Refuse events whose names cannot be in the names of arrays; ``named`` says in which."""
     for event in events:
         if not _NAME.fullmatch(event.name):
             raise InputError(f"The event {event.name!r} names {named}; give it a name of letters, "

@@ -91,7 +91,7 @@ def as_inertia(inertia: Any, label: str = "inertia") -> Inertia:
 
 
 def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
-    """Return an inertia whose moments are finite and above 0, and nothing else asked of them."""
+    """Return an inertia whose moments are finite and above 0; other conditions are not checked."""
     if not is_tensor(inertia):
         return as_moments(inertia, label)
     tensor = np.array(inertia, dtype=float)
@@ -139,7 +139,7 @@ def as_moments(inertia: Any, label: str = "inertia", *, zeros: int = 0) -> Momen
 
 
 def _kept(value: Any) -> float:
-    """Return a number as it is given where a double would lose digits, else as a float."""
+    """Return a number unchanged if a double would lose digits of it, else as a float."""
     return cast("float", value) if isinstance(knowing(value), Rounded) else float(value)
 
 
@@ -181,9 +181,9 @@ def inverse_entries(inertia: Inertia) -> list[float]:
 
 
 def tensor_of_inverse(entries: Sequence[float]) -> Tensor:
-    """Return J of K11, K12, K13, K22, K23, K33 of J⁻¹.
+    """Return J from the entries K11, K12, K13, K22, K23, K33 of J⁻¹.
 
-    Raises InputError if they are those of no inertia.
+    Raises InputError if no inertia has this inverse.
     """
     K = np.zeros((3, 3))
     K[np.triu_indices(3)] = np.array(entries, dtype=float)

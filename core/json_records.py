@@ -28,7 +28,7 @@ Decoder = Callable[[Any], Any]
 
 
 class UnfitError(InputError):
-    """A value of JSON has another type than its field; ``place`` is where it stands."""
+    """A value of JSON has another type than its field; ``place`` is its path in the content."""
 
     def __init__(self, reason: str, path: str = "") -> None:
         super().__init__(reason)

@@ -140,7 +140,7 @@ class Projection:
 
 
 def project(system: Constrained, q: Array, p: Array) -> Projection:
-    """Return the consistent state next to (q, p).
+    """Return the consistent state near (q, p): q by ``project_coordinates``, then p.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
 
 
 def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
-    """Return the p with g_q H_p = 0 and A H_p + a = 0 next to the given one, by Newton's method.
+    """Return the p with g_q H_p = 0 and A H_p + a = 0 near the given one, by Newton's method.
 
     p ← p − rowsᵀ W⁻¹ f with rows = (g_q, A), W = f_p rowsᵀ; one step if H is quadratic in p.
     """

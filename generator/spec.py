@@ -161,7 +161,7 @@ def join_name(system: str, method: str, rep: str, real: str, *, framed: bool = F
 
 
 def _system(system: str | None, rep: Any) -> tuple[str, Path | None, str]:
-    """Return name of the system, model file and representation; a model has its own, unless asked.
+    """Return (system, model file, representation); a model chooses it unless ``rep`` is given.
     """
     chosen = "" if rep is None else choose("representation", rep, REPS)
     if system is not None and is_model_file(system):

@@ -200,7 +200,7 @@ def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
 
 
 def _hamiltonian(system: System, elements: Elements | None) -> str:
-    """Return H as text: in full, or as so many terms of each form."""
+    """Return H as text: in full, or the number of terms of each element template."""
     if isinstance(system, LagrangianSystem):
         return system.texts()[0]
     if elements is None:
@@ -259,7 +259,7 @@ def _section(section: SectionLayout) -> SectionManifest:
 
 
 def _vectors(source: JointLayout | SectionLayout | ConstraintForce, *names: str) -> dict[str, Any]:
-    """Return its vectors of these names; () where it has none."""
+    """Return the vectors under these attributes of a layout; () where it has none."""
     return {name: _entries(getattr(source, name) or ()) for name in names}
 
 

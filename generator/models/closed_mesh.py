@@ -1,4 +1,4 @@
-"""Volume, centre and inertia of what a closed surface of triangles encloses.
+"""Volume, centre and inertia of the solid within a closed surface of triangles.
 
     V = Σ a·(b × c)/6,   V x = Σ V_k (a + b + c)/4,
     ∫ r rᵀ dV = Σ V_k ((a + b + c)(a + b + c)ᵀ + a aᵀ + b bᵀ + c cᵀ)/20
@@ -48,7 +48,7 @@ def convex_hull(triangles: Floats) -> Floats:
 
 
 def mesh_volume(triangles: Floats, *, overlaps: bool = False) -> Volume:
-    """Return volume, centre and inertia of what triangles enclose, seen counterclockwise.
+    """Return volume, centre and inertia of a solid; triangles are counterclockwise from outside.
 
     With ``overlaps`` each tetrahedron from the centre of the surface counts as positive, as in
     MuJoCo's "legacy": the same for convex surfaces, too much for others. Raises InputError,

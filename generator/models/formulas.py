@@ -304,10 +304,10 @@ def _number(value: Value) -> Any:
 def _formula(
     arguments: Sequence[Value], levels: int, terms: int, operation: Callable[..., sp.Expr]
 ) -> Value:
-    """Carry out an operation once its bounds are found good; the outcome may be a constant.
+    """Carry out an operation if its bounds permit it; the result may be a constant.
 
-    ``levels`` is by how much the level rises above that of the arguments, ``terms`` how many there
-    would be, were the outcome multiplied out.
+    ``levels`` is added to the largest level of the arguments; ``terms`` is the number of terms
+    that the result would have if it were multiplied out.
     """
     bits = sum(a.bits + 1 for a in arguments)
     level = max((a.level for a in arguments if not a.is_number), default=0) + levels

@@ -75,7 +75,7 @@ def expand_cables(top: Element) -> list[MjcfCable]:
 def _expand(
     element: Element, instances: Mapping[str, Element], defaults: str
 ) -> Iterator[MjcfCable]:
-    """Expand the cables in an element; ``defaults`` names what would change their parts."""
+    """Expand the cables in an element; ``defaults`` are classes that would change their parts."""
     if "childclass" in element.attributes:
         defaults = "a childclass"
     for k, child in enumerate(element.children):
@@ -158,7 +158,7 @@ def _numbers(element: Element, key: str, text: str, most: float = math.inf) -> l
 
 
 def _material(composite: Element, instances: Mapping[str, Element]) -> tuple[float, float, bool]:
-    """Return G, E and whether the rest shape is straight; 0 of a cable without a plugin."""
+    """Return (G, E, whether the rest shape is straight); G = E = 0 of a cable without a plugin."""
     config: dict[str, str] = {}
     for plugin in composite.all("plugin"):
         name, instance = (plugin.attributes.get(key, "") for key in ("plugin", "instance"))

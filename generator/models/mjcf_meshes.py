@@ -83,7 +83,7 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
 
 
 def _remove(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
-    """Remove files and what names them; a material has the colour of a texture of one colour."""
+    """Remove files and elements that name them; a texture of one colour colours its material."""
     textures = {texture.name: texture for texture in spec.textures}
     for material in spec.materials:
         for name in filter(None, material.textures):

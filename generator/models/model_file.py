@@ -193,7 +193,7 @@ def _read(
 
 
 def _with_inputs(model: Model, content: TomlTable) -> Model:
-    """Return the model with what [inputs] names as inputs; their values are those by default."""
+    """Return the model with the parameters in [inputs] as inputs; their values are the defaults."""
     symbols = {str(x): x for x in model.system.parameters}
     table = content.table("inputs")
     for name in table.items():
@@ -211,7 +211,7 @@ def _with_units(model: Model, content: TomlTable) -> Model:
 
 
 def _with_events(model: Model, content: TomlTable) -> Model:
-    """Return the model with what [events] looks for."""
+    """Return the model with the events of the table [events]."""
     table = content.table("events")
 
     def read(name: str) -> Event:

@@ -255,7 +255,7 @@ class RobotBuilder:
         self.coordinates: dict[str, Connection] = {}
 
     def build(self) -> Multibody:
-        """Return bodies and joints.
+        """Return a ``Multibody`` with the bodies, joints, springs and quantities of the robot.
 
         Raises InputError if nothing moves, or what moves has no mass, or joints are none of those
         known here.
@@ -583,7 +583,7 @@ class Names:
         self._taken = {"ground", "gravity"}
 
     def free(self, name: str, kind: str = "") -> str:
-        """Return the name with _ for what C has not; with its kind, or a number, if it is taken."""
+        """Return the name with _ for what C lacks; a name in use gets its kind, or a number."""
         plain = plain_name(name)
         free, count = plain, 1
         while free in self._taken:

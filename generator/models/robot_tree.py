@@ -36,7 +36,7 @@ Limits: TypeAlias = float | Literal["stops"] | None
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a frame is in another one: R maps its axes to those of the other."""
+    """Placement of a frame in another one: its origin x, and R from its axes to the other's."""
 
     x: Floats
     R: Floats
@@ -111,7 +111,7 @@ class RobotBody:
 
 @dataclass(frozen=True)
 class Follower:
-    """A joint whose coordinate is ratio · that of another one + offset."""
+    """A joint whose coordinate is ratio · c + offset, with the coordinate c of another joint."""
 
     name: str
     leader: str
@@ -180,7 +180,7 @@ class LoopJoint:
 
 @dataclass(eq=False)
 class Robot:
-    """Bodies, each after the one above it, and what holds them beside their joints.
+    """Bodies of a robot, each after its parent, with joints, followers, loops and actuators.
 
     Attributes
     ----------

@@ -398,7 +398,7 @@ class Assembly:
                       (numbers.f(self.q0, self.p0), numbers.f(q, p)))
 
     def consistent_state(self, numbers: NumericSystem) -> Projection:
-        """Return the start on the constraints, with what is given kept.
+        """Return the start on the constraints, with the given coordinates and velocities.
 
         Raises InputError for velocities that the constraints do not allow, with the nearest
         possible ones.

@@ -335,7 +335,7 @@ class Link:
     at: Array
 
     def motion(self, by: float) -> RigidMotion:
-        """Return the motion of what follows by a difference of the coordinate."""
+        """Return the motion of the bodies beyond the joint for a change of the coordinate."""
         if self.coordinate.kind == "travel":
             return RigidMotion.along(by * self.axis)
         return RigidMotion.about(self.axis, by, self.at)

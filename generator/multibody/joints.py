@@ -843,7 +843,7 @@ class RheonomicConstraint(Connection):
 
 @dataclass(eq=False, repr=False)
 class Coupling(Connection):
-    """The coordinate of the second joint is ``ratio`` times that of the first, and ``offset``."""
+    """Coupling of two coordinates: c₂ = ratio · c₁ + offset."""
 
     what: tuple[str, str] = field(kw_only=True)
     ratio: float = field(kw_only=True)

@@ -239,6 +239,6 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
 
 
 def _listed(switches: Sequence[sp.Expr]) -> str:
-    """Return w = 0 of the first three switches, and the number of the others."""
+    """Return the first three switches as "w = 0", and the number of further ones."""
     suffix = f" and {len(switches) - 3} more such places" if len(switches) > 3 else ""
     return ", ".join(map(_place, switches[:3])) + suffix

@@ -102,7 +102,7 @@ class FrameMotion:
                 yield point, anchor
 
     def is_placed(self, point: Any) -> bool:
-        """Whether the place of a point is known from another one."""
+        """Whether the position of a point is given relative to another point."""
         return any(neighbour is not point for neighbour in _reached(point))
 
     def place(self, point: Any) -> Any:
@@ -121,7 +121,7 @@ class FrameMotion:
         return component
 
     def _last(self, *vectors: Any) -> Any:
-        """Return the frame with the longest way to it that any of the vectors is given in."""
+        """Return the frame farthest in the tree, of those in which the vectors have components."""
         return max((frame for vector in vectors for _, frame in vector.args),
                    key=lambda frame: len(self._path(frame)), default=self.frame)
 

@@ -110,7 +110,7 @@ def isotropic_flag(J: Array) -> Array:
 
     The span of the last 2 d − k is then the Ω-complement of that of the first k. A symplectic
     matrix keeps this, so that the diagonal of R in its QR decomposition is pairs r, 1/r. The
-    directions are random, for no exponent shall be missed.
+    directions are random, so that they have components along all exponents.
     """
     size, random, vectors = len(J), np.random.default_rng(0), list[Array]()
     for _ in range(size // 2):

@@ -289,5 +289,5 @@ class _Records(list[_Record]):
 
     @property
     def first(self) -> _Record:
-        """The record whose pointer is that of them all."""
+        """The first record of the block, whose pointer is the block's."""
         return self[0]

@@ -136,7 +136,7 @@ class Binding(Compiled):
     def in_scaled_time(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array
     ) -> tuple[Array, Array]:
-        """Return rows of states with what is not shown in scaled time: t, and e = −H(q, p, t).
+        """Return states completed, in scaled time, by t in q and e = −H(q, p, t) in p.
 
         q and p have shape (N, n), t (N,). Where time is not scaled they are returned as they are.
         """
@@ -177,7 +177,7 @@ class Binding(Compiled):
     def momenta(
         self, parameters: ParameterStruct, q: Array, v: Array, t: Array | None = None
     ) -> Array:
-        """Return the momenta of each row of q and velocities, of such a system."""
+        """Return the momenta of each row of q and velocities, of a system from its Lagrangian."""
         return self._other_rates("momenta", parameters, q, v, t)
 
     def _other_rates(

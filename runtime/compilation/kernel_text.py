@@ -91,7 +91,7 @@ class KernelText:
 
     @property
     def statements(self) -> list[tuple[str, str, list[Expression]]]:
-        """Its statements: what is done (local, place, product, return), where, with what."""
+        """The statements: kind (local, place, product, return), target, and expression."""
         return _statements(self.body)
 
     @property

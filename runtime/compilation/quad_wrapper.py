@@ -44,7 +44,7 @@ def wrap_declarations(declarations: str) -> tuple[str, str]:
 
 
 def _struct(body: str, name: str) -> str:
-    """Return a struct without its fields of the type; "...;" lets the C compiler tell the rest."""
+    """Return a struct without its fields of float128; "...;" tells cffi to ask the C compiler."""
     fields = [field.strip() for field in body.split(";") if field.strip()]
     lines = [f"{field};" for field in fields if TYPE not in field]
     ellipsis = ["...;"] if len(lines) < len(fields) else []

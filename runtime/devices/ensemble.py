@@ -175,7 +175,7 @@ def shared_ensemble(
 
 
 def _of_library(shared: Any, like: Any) -> Any:
-    """Return memory as an array of the library of another one; as it is, where that has none."""
+    """Return memory as an array of the library of another array; unchanged if it has no library."""
     library = sys.modules.get(type(like).__module__.partition(".")[0])
     convert = getattr(library, "from_dlpack", None)
     return shared if convert is None else convert(shared)

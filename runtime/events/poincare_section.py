@@ -98,7 +98,7 @@ class Section:
         return column
 
     def _quantity(self, column: int) -> Array:
-        """Return a quantity at each point; each trajectory has parameters of its own."""
+        """Return a quantity at each point, with the parameters of the point's trajectory."""
         binding = self._stepper.binding
         quantity, t = np.empty_like(self.q[:, 0]), self.t.astype(binding.dtype)
         ends = np.searchsorted(self.trajectory, np.arange(len(self._parameters) + 1))

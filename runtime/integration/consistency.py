@@ -87,8 +87,8 @@ def moved_onto_constraints(
 ) -> tuple[Any, Any, str]:
     """Return the start of a model on the constraints of a run, and a text if it moved far.
 
-    A start on them keeps its bits. What cannot be moved is returned as it is: the check of the run
-    says why, after those of its other arguments.
+    A consistent start keeps its bits. One that cannot be projected is returned unchanged: the
+    check of the run refuses it, after the checks of the other arguments.
     """
     binding = stepper.binding
     if not binding.conditions:

@@ -207,8 +207,8 @@ def _advance(
 ) -> None:
     """Advance the targets with the indices ``group`` by ``steps`` steps of dt each, in place.
 
-    They are the states at t0, after ``step_counts`` steps of the run, which says what inputs they
-    have. All take ``step_limit`` steps together, of which each keeps its own.
+    Targets are states at t0 after ``step_counts`` steps of the run, whose inputs they have. All
+    take ``step_limit`` steps together; each target keeps the state after its own number of steps.
     """
     input_rows = trajectory._inputs
     inputs = None if input_rows is None else input_rows.taken(0 * step_counts, step_counts,

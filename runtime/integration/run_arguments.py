@@ -223,7 +223,7 @@ def end_of_run(
 
 @dataclass(frozen=True)
 class Integration:
-    """A checked run, what is located along it, and the name of the event that is its t_end."""
+    """A checked run, its events or impacts, and the name of the event that ends it at t_end."""
 
     run: RunArguments
     #: The impacts, where there are some, which no other events go with.
@@ -628,7 +628,7 @@ def _as_parameter(
 
 @lru_cache(maxsize=16)
 def _names_with_inertia(parameters: tuple[str, ...]) -> list[str]:
-    """Return the names of γ and α, of those of all parameters."""
+    """Return those parameters' names that are γ or α of a body."""
     names = dict.fromkeys(parameters)
     return [name for name in parameters if has_inertia(name, names)]
 

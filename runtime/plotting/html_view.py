@@ -71,7 +71,7 @@ class View:
         return self.path
 
     def _repr_html_(self) -> str:
-        """Return the page in a frame of its own, whose styles and names do not leave it."""
+        """Return the page in an iframe, which keeps its styles and names apart."""
         return (f'<iframe title="{html.escape(self._title)}" style="width:100%;height:{_HEIGHT}px;'
                 f'border:0" sandbox="allow-scripts" srcdoc="{html.escape(self.page)}"></iframe>')
 

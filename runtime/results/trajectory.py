@@ -228,7 +228,7 @@ class Trajectory(Shown):
 
     @property
     def grid_end(self) -> Start:
-        """The state of the last whole step, from which a longer run goes on.
+        """The state after the last whole step, from which a longer run continues.
 
         It is ``run[-1]``, unless ``t_end`` lies between two steps.
 
@@ -246,7 +246,7 @@ class Trajectory(Shown):
         return self[-1]
 
     def _rows(self, row_range: range) -> Trajectory:
-        """Return the run of some of the states; multipliers are those of the steps that end there.
+        """Return the run of some of the states, with the multipliers of the steps that end at them.
 
         Events and impacts are those between the first and the last of them.
         """

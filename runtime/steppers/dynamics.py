@@ -255,7 +255,7 @@ class Dynamics(Differentiation):
         return dict(zip(names, values.tolist(), strict=True))
 
     def _names(self, label: str, entries: Any) -> list[str]:
-        """Return one or more different names, as given by one name or a list of them."""
+        """Return the names in one name or a list of names, or refuse none and repeated ones."""
         names = [entries] if isinstance(entries, str) else [
             as_text(f"an entry of {label}", x) for x in as_items(label, entries, "names")]
         if not names or len({*names}) < len(names):

@@ -34,7 +34,7 @@ __all__ = ["Evaluation"]
 
 
 class Evaluation:
-    """Compiled functions on states: see ``Stepper``, which adds the steps."""
+    """Compiled functions of states: H, velocities, constraints; the base of ``Stepper``."""
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
         """Load the compiled module of these files, and what the manifest says of them."""
@@ -308,7 +308,7 @@ class Evaluation:
         return self._cast(np.broadcast_to(times, shape)).reshape(-1)
 
     def _cast(self, numbers: Array) -> Array:
-        """Return a copy in the stepper's own type; what is beyond its range is infinite."""
+        """Return a copy in the stepper's number type; numbers beyond its range become infinite."""
         return self.binding.converted(numbers)
 
     def _step_of(self, dt: Number | None, dtau: Number | None) -> Any:

@@ -520,7 +520,7 @@ class Stepper(Dynamics):
         self, plan: Integration, out: str | os.PathLike[str], progress: Progress, *,
         resume: bool = False,
     ) -> Trajectory:
-        """Return a run that is streamed to a store; with ``resume`` it goes on where there is one.
+        """Return a run streamed to a store; ``resume`` continues that of an existing store.
         """
         inputs = plan.run.inputs
         changing = inputs is not None and any(x != x for x in inputs.throughout.values())
