@@ -547,6 +547,7 @@ def _of_objects(
     if tableau is not None and not isinstance(tableau, Tableau):
         raise InputError(f"tableau = {shown(tableau)} is neither a file nor a tableau; make "
                          "one with gyrospark.tableau.")
+    # what the C depends on; None: such expressions have no digest, and nothing is cached
     of_system = getattr(model, "system_digest", None) or system_digest(
         system if model is None else model.system)
     of_tableau = system_digest(tableau)

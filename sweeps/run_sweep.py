@@ -176,12 +176,13 @@ def run_study(
         memory = MemorySink(study, fields)
         try:
             _compute(study, fields, set(), memory, threads, client, progress, None)
-        except Stopped as stopped:
+        except Stopped as stopped:  # the cells so far are not lost
             stopped.dataset = memory.dataset(attributes)
             raise
         _warn_of_failures(count_of_each(memory.arrays[STATUS]))
         return memory.dataset(attributes)
     path = new_store_path(out, _AS_FILE)
+    # one process at a time writes a store; finished tiles are not computed again
     with writer_lock(path):
         with storage_errors(path, CURE):
             _prepare(study, fields, path, attributes, resume)

@@ -251,6 +251,7 @@ def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
     D_q, D_p = mean_gradient_of(form.system, (qm, pm), (dq, dp), discrete)
     arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
+    # C has no arrays of length 0: outputs without entries are left out below
     outputs = {"D_q": D_q, "D_p": D_p}
     second = {"D_qq": by_increment(D_q, qm, dq) if nq else [],
               "D_qp": by_increment(D_q, pm, dp) if nq and np else [],

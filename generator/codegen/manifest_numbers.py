@@ -41,6 +41,7 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
                                        unit=override.get("unit", units.get(name)),
                                        start=start.get(name)) for name in names)
 
+    # the order within a role is that of the members of the C's structs
     for x in system.parameters:
         add("input" if x in inputs else "parameter", [str(x)], domain_of(x))
     if system.is_nonautonomous:
@@ -48,6 +49,7 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
     add("q", [str(x) for x in system.q])
     add("p", [str(x) for x in system.p])
     if states and states.velocities:
+        # components of Ω, or the rate of a coordinate x, with the unit of x per second
         for name, x in zip(states.velocities, states.own.rate_of, strict=True):
             add("velocity", [name], unit="rad/s" if x is None else _rate(units[str(x)]))
     add("quantity", [*system.quantities])

@@ -328,6 +328,7 @@ def _formula(
         )
     result = operation(*(a.exact for a in arguments))
     _refuse_rough(result)
+    # powers of equal bases have been added: their sum is bounded, too
     for factor in sp.Mul.make_args(result):
         e = factor.exp if factor.is_Pow else sp.Integer(1)
         if e.is_number and abs(e) > MAX_EXPONENT:

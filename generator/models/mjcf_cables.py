@@ -254,11 +254,13 @@ def _bodies(
     bodies: list[Element] = []
     for k, label in enumerate(_labels(len(edges))):
         h = float(lengths[k])
+        # relative to the segment before, from whose beginning its length leads here
         q = quaternion_of_matrix(frames[k - 1].T @ frames[k] if k else frames[k])
         x = points[0] + offset if k == 0 else [float(lengths[k - 1]), 0.0, 0.0]
         body = Element("body", {"name": f"{prefix}B_{label}", "pos": _text(x), "quat": _text(q)},
                        line)
         if k or initial != "none":
+            # a free joint has none of the attributes of the balls, such as their damping
             is_free = k == 0 and initial == "free"
             joint = {key: value for key, value in parts["joint"].items()
                      if not (is_free and key in _OF_BALLS)}

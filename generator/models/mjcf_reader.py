@@ -204,6 +204,7 @@ class _Reader:
         if m.nbody > MAX_BODIES + 1:
             raise InputError(f"it has {m.nbody - 1} bodies and at most {MAX_BODIES} are allowed.")
         robot.extras = count_refused(m, robot.off)
+        # body 0 of MuJoCo is the world, here the ground, −1
         robot.looks[-1] = self._looks(0)
         for body in range(1, m.nbody):
             self._body(body)

@@ -351,6 +351,7 @@ def _force(
         builder.motor(table.symbol("name", table.text("name")), *_joints(table, kind), **efforts)
         return
     if kind in ("spring", "joint_spring"):
+        # a range of rest lengths has two numbers
         table.require("name", *(["stiffness"] if kind == "spring" else []))
         numbers = {key: tuple(table.vector(key, 2)) if isinstance(table.content[key], list)
                    and key == "rest" else table.number(key)

@@ -353,6 +353,7 @@ class RobotBuilder:
         ends = self.frames[parent], self.frames[limb]
         axes = [self.poses.axes[joint.name] for joint in joints]
         points = [self.poses.points[joint.name] for joint in joints]
+        # a body has six coordinates anyway: nothing to constrain
         if kinds == ["free"] or (kinds == ["slide"] * 3 + ["ball"] and parent < 0
                                  and abs(np.linalg.det(axes[:3])) > _SAME):
             return
@@ -370,6 +371,7 @@ class RobotBuilder:
             self._know(first, build.revolute(name, *ends, **where, angle=value)
                        if first.kind == "hinge" else
                        build.prismatic(name, *ends, **where, travel=value))
+        # coordinates with inertias of their own need no bodies between the joints
         elif all(joint.armature for joint in joints) and set(kinds) <= {"hinge", "slide"}:
             self._chain(limb, ends, axes, points)
         elif not self._special(limb, ends, axes, points):
@@ -417,6 +419,7 @@ class RobotBuilder:
         joints, build = self.robot.bodies[limb].joints, self.builder
         kinds = [joint.kind for joint in joints]
         value = [float(self.start.coordinates[joint.name][0]) for joint in joints]
+        # how many slides come before the first hinge
         slides = kinds.index("hinge") if "hinge" in kinds else len(kinds)
         has_armature = any(joint.armature for joint in joints)
         name = self.joint_name[joints[-1].name]
@@ -524,6 +527,7 @@ class RobotBuilder:
                     build.joint_spring(name, self.coordinates[joint.name],
                                        stiffness=limits or 0.0, rest=(lower, upper))
             return
+        # a joint without a coordinate: a ball has a damper, a single one an armature, else nothing
         is_single = (joint.kind in ("ball", "free")
                      and len(self.robot.bodies[joint.body].joints) == 1)
         elements = " and ".join(

@@ -98,6 +98,7 @@ def parse_sdf(text: str, path: str | Path, rep: Any, options: SdfOptions) -> Mul
         extras = count_extras(top, SDF)
         scopes = _Scopes(top, model)
         links, joints = _read(scopes)
+        # without the option limits, ranges of joints are elements that no model here has
         if stiffness is None:
             extras["limits"] = sum(joint.range is not None for joint in joints)
         refuse_extras(extras, EXTRAS, left_out)

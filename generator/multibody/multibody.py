@@ -335,16 +335,16 @@ class Multibody:
             raise InputError(f"mass has {len(masses)} numbers for {len(ends) - 1} rods; give one "
                              "of each, or one of all.")
         rods: list[Body] = []
-        before: Frame | str | None = a
+        previous: Frame | str | None = a
         for k, (start, end, m) in enumerate(zip(ends[:-1], ends[1:], masses, strict=True), 1):
             if not np.any(end - start):
                 raise InputError(f"Points {k} and {k + 1} of {name!r} coincide; leave out one.")
             rod = self._uniform_rod(f"{name}_{k}", start, end, m, rep, radius)
-            if before is not None and axis is None:
-                self.ball(f"{name}_{k}_joint", before, rod, at=start)
-            elif before is not None:
-                self.revolute(f"{name}_{k}_joint", before, rod, axis_in_space=axis, at=start)
-            before = rod
+            if previous is not None and axis is None:
+                self.ball(f"{name}_{k}_joint", previous, rod, at=start)
+            elif previous is not None:
+                self.revolute(f"{name}_{k}_joint", previous, rod, axis_in_space=axis, at=start)
+            previous = rod
             rods.append(rod)
         return rods
 
@@ -1010,16 +1010,19 @@ class Multibody:
             If the law has no finite value or rate at t = 0, or the joint starts at another rate
             or angle.
         """
-        driven = self._components.turning_joint(name, joint)
-        if isinstance(driven, Flywheel):
-            angle = as_expression(angle) / driven.ratio
-            driven = driven.joints[0]
-        if isinstance(driven, Coordinate):
-            raise InputError(f"The drive {name!r} needs a joint of bodies, and {driven.name!r} is "
-                             "one of a chain; name another joint, or write a motor.")
+        hinge_joint = self._components.turning_joint(name, joint)
+        if isinstance(hinge_joint, Flywheel):
+            # its angle is ratio times that of its joint, which is driven in its place
+            angle = as_expression(angle) / hinge_joint.ratio
+            hinge_joint = hinge_joint.joints[0]
+        if isinstance(hinge_joint, Coordinate):
+            raise InputError(f"The drive {name!r} needs a joint of bodies, and "
+                             f"{hinge_joint.name!r} is one of a chain; name another joint, or "
+                             "write a motor.")
         law = self._law(f"angle of {name!r}", angle)
         begin, rate = self._components.initial_value_and_rate(f"angle of {name!r}", law)
-        hinge = hinge_of(driven)
+        # at t = 0 the joint has the angle and the rate of the law
+        hinge = hinge_of(hinge_joint)
         if hinge.rate not in (None, rate):
             raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
                              f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
@@ -1032,7 +1035,7 @@ class Multibody:
         if hinge.start_angle is None:
             hinge.angle = begin
         return self._join(RheonomicConstraint(
-            name, driven.a, driven.b, joints=(driven,), law=law))
+            name, hinge_joint.a, hinge_joint.b, joints=(hinge_joint,), law=law))
 
     # ------------------------------------------------------------ forces, parameters and quantities
 
@@ -1378,6 +1381,7 @@ class Multibody:
         for latch in latches:
             choose("latch", latch, self._components.latches)
         assembly = Assembly(self._components, left_out, latches)
+        # a given start takes the place of the described one, before latches project its momenta
         if start is not None:
             state = as_start(start)
             assembly.q0, assembly.p0 = (finite(name, x, assembly.q0.shape) for name, x in (
@@ -1391,6 +1395,7 @@ class Multibody:
         self.start = assembly.closed_state(numbers) if latches or start else (
             assembly.consistent_state(numbers))
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
+        # the gaps of a latch that is closed are constraints now, and have no impacts
         return Model(system, store, self.start.q, self.start.p, bodies, visuals=self._visuals,
                      events=[impact for name, impacts in self._components.contacts.items()
                              if name not in latches for impact in impacts], **self._about)

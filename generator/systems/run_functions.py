@@ -104,6 +104,7 @@ def slopes_over_states(
             raise unknown("symbol of a loss with second derivatives", str(symbol), columns_of)
         values[symbol] = columns_of[str(symbol)]
     evaluator = Evaluator(values)
+    # ∂²ℓ/∂x∂y at each stored state; cotangents are those of one term of the sum each
     second = [(str(x), str(y),
                np.broadcast_to(evaluator(derivative(derivative(e, x), y)), run.t.shape))
               for x in values for y in values]

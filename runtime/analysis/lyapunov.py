@@ -178,7 +178,7 @@ def lyapunov(
     every = as_positive_count("every", every, minimum=1)
     state = merged_start(stepper, start, p, parameters)
     step_total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), minimum=1)
-    size = 2 * (stepper.n - stepper.m)
+    size = 2 * (stepper.n - stepper.m)  # dimension of the tangent spaces of the constraints
     vector_count = size if count is None else as_positive_count("count", count, minimum=1)
     if vector_count > size or not size:
         raise InputError(f"count = {vector_count} is more than the dimension 2 (n − m) = {size} of "

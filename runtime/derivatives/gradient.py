@@ -229,6 +229,7 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any
                   for name, slope in parameters.items()}
     arrays = {name: array for name, array in cotangents.items()
               if name not in ("events", "parameters")}
+    # rows of a trajectory are ends of steps first, then the points behind them
     w, s = _arrays(stepper, step_rows + len(kinds.points), arrays, "")
     forces = _of_multipliers(stepper, step_rows + len(kinds.points), arrays)
     new, count = stepper.binding.new, kinds.run.rows + 1

@@ -175,6 +175,7 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
     cell : float
         Distance of its lines, which fade at twice the ``reach`` from the ``centre``.
     """
+    # drawn _OVER times as large, and averaged at the end, against jagged edges
     width, height = (_OVER * n for n in size)
     zoom = Camera(camera.eye, camera.axes, _OVER * camera.focus, _OVER * camera.middle)
     screen_corners = np.concatenate([zoom.project(solid.corners),
@@ -191,6 +192,7 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
     index, depth = rasterize(screen_corners[visible], width, height)
     _paint(image, index, visible, screen_corners, everything, lit, zoom, lamp)
     _outline(image, index, depth, everything.part[visible], lit[visible])
+    # transparent triangles last, where no opaque one is nearer
     glass = np.flatnonzero(~opaque)
     if len(glass):
         index, _ = rasterize(screen_corners[glass], width, height, depth)
