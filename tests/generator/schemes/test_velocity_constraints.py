@@ -1,7 +1,5 @@
 """The equations of a step with velocity constraints: orders, derivatives, work, refusals."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -62,17 +60,19 @@ def test_orders_in_113_bits(make, parameters, start, s):
 # ---------------------------------------------------------------- kernels
 
 
-def driven(make):
-    """Return the system with a row that moves, a time-dependent force, and the time."""
-    system, t = make(), sp.Symbol("t", real=True)
-    first, *others = system.velocity_constraints
-    rows = (first + sp.sin(2 * t) * sp.cos(system.q[0]) / 3 - t * system.velocities[1] / 5, *others)
-    return replace(system, velocity_constraints=rows, time=t, name=f"driven_{system.name}",
-                   forces=(-system.p[0] / 7, *[sp.sin(t)] * (system.n - 1)))
+def driven_sleigh():
+    """Return the Lagrangian of the sleigh with a row that moves, forces of time, and the time."""
+    system, t = sleigh(), sp.Symbol("t", real=True)
+    (row,), v, (m, inertia, _) = system.velocity_constraints, system.velocities, system.parameters
+    row += sp.sin(2 * t) * sp.cos(system.q[0]) / 3 - t * v[1] / 5
+    return gs.System.from_lagrangian(
+        (m * (v[0]**2 + v[1]**2) + inertia * v[2]**2) / 2, system.q, v, system.parameters,
+        velocity_constraints=[row], forces=(-m * v[0] / 7, sp.sin(t), sp.sin(t)), time=t,
+        name="driven_sleigh")
 
 
 def test_jacobian_of_rows_that_move_is_the_derivative_of_the_residual():
-    step, start = gs.stepper("G-L", 2, system=driven(sleigh)), sleigh_state(0.7, 1.5)
+    step, start = stepper_of(driven_sleigh, 2), sleigh_state(0.7, 1.5)
     x = np.random.default_rng(3).standard_normal(step.unknowns)
     at = {"dt": 0.3, "parameters": SLEIGH, "t": 0.4}
     J = step.jacobian(x, *start, **at)
@@ -82,6 +82,7 @@ def test_jacobian_of_rows_that_move_is_the_derivative_of_the_residual():
     assert np.abs(found - J).max() < 1e-8 * np.abs(J).max()
 
 
+@pytest.mark.slow  # a second stepper; the Lagrangian above has its energy and its Jacobian
 def test_a_lagrangian_has_the_motion_of_its_hamiltonian():
     system = skate_chain()
     masses = [system.parameters[0]] * 2 + [system.parameters[1], 1, 1]
@@ -98,7 +99,7 @@ def test_a_lagrangian_has_the_motion_of_its_hamiltonian():
 
 def test_work_of_rows_that_move():
     """A blade on a belt: H gains μ·a, to the order of the method; rows hold at their own time."""
-    step = gs.stepper("G-L", 2, system=driven(sleigh))
+    step = stepper_of(driven_sleigh, 2)
     start = step.project(*sleigh_state(0.7, 1.5), parameters=SLEIGH)
     runs = [step.integrate(*start, dt=2 / n, steps=n, parameters=SLEIGH) for n in (32, 64)]
     gain = runs[1].energies[-1] - runs[1].energies[0]

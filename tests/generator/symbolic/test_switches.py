@@ -9,6 +9,7 @@ from __future__ import annotations
 import platform
 import random
 import re
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from itertools import product
@@ -218,7 +219,7 @@ UNDECIDED = {"max_of_none": sp.Max(0, ROOT), "least_of_none": sp.Min(ROOT, 2),
     pytest.param(real, marks=pytest.mark.slow) for real in ("float", "long-double", "float128"))])
 def test_C_of_every_type(real):
     """Against exact values at all points: a few roundings, and NaN where there is no value."""
-    step = gs.stepper("IMS", system=watched(quantities=QUANTITIES | UNDECIDED), real=real)
+    step = gs.stepper("IMS", system=replace(FORCED, quantities=QUANTITIES | UNDECIDED), real=real)
     eps = max(step.binding.epsilon, EPS)
     for at, _ in points():
         found = step.quantities(at, [0.0, 0.0], parameters=PARAMETERS)
@@ -240,7 +241,7 @@ FORCED = watched(quantities={}, time=t, constraints=[], forces=(
 
 def test_lanes_take_their_own_sides():
     """Trajectories side by side: the bits of each by itself with the same width of lanes."""
-    step = gs.stepper("IMS", system=FORCED)
+    step = gs.stepper("IMS", system=replace(FORCED, quantities=QUANTITIES | UNDECIDED))
     rng = np.random.default_rng(2)
     q, p = rng.uniform(-2, 2, (9, 2)), rng.uniform(-2, 2, (9, 2))
     options = {"dt": 0.02, "steps": 60, "parameters": PARAMETERS}

@@ -16,7 +16,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from forced_systems import PARAMETERS, c, k, tau, u, v, x, y
+from forced_systems import PARAMETERS, c, tau, u, v, x, y
 from gyrospark.generator.multibody.rigid_body import free_body
 from gyrospark.generator.schemes.fast_path import FastSystem
 from gyrospark.generator.schemes.step_equations import hoisted
@@ -193,17 +193,19 @@ def test_wide_numbers():
 
 def test_time_at_a_failure():
     """A step that fails is reported at the run's own time, alone and among others."""
-    H = u**2 / 2
-    system = gs.System((x,), (u,), (k,), H, forces=(u**2 * tau * k,), time=tau, name="runaway")
-    step = gs.stepper("G-L", 2, system=system)
+    step, known = stepper("breathing"), case("breathing").parameters
+    small = known | {"l": 0.1}  # an ellipse that vanishes on the way
+    starts = [step.project([0.9, 0.7], [0.5, 0.4], parameters=parameters, t=0.5)
+              for parameters in (small, known)]
     with pytest.raises(gs.StepFailed) as caught:
-        step.integrate(gs.Start([0.0], [1.0], t=2.0), dt=0.25, steps=100, parameters={"k": 1.0})
+        step.integrate(gs.Start(*starts[0], t=0.5), dt=0.25, steps=100, parameters=small)
     failure = caught.value
-    assert failure.t == 2.0 + (failure.step - 1) * 0.25
-    many = step.integrate_ensemble(gs.Start([[0.0]] * 2, [[1.0], [0.0]], t=[2.0, 1.0]), dt=0.25,
-                                   steps=100, parameters={"k": 1.0})
+    assert failure.step > 1
+    assert failure.t == 0.5 + (failure.step - 1) * 0.25
+    many = step.integrate_ensemble(gs.Start(*map(np.array, zip(*starts, strict=True)), t=0.5),
+                                   dt=0.25, steps=100, parameters=[small, known])
     assert list(many.failures) == [0]
-    assert many.failures[0].t == 2.0 + (many.failures[0].step - 1) * 0.25
+    assert many.failures[0].t == 0.5 + (many.failures[0].step - 1) * 0.25
     assert np.isfinite(many.members[0].report.work)
     assert many.members[0].report.work == many.members[0].work[-1]
 
