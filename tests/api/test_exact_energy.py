@@ -97,8 +97,7 @@ def test_ensembles_and_single_steps():
 @pytest.mark.parametrize("body", [
     False, pytest.param(True, marks=pytest.mark.slow)])  # the derivation of a body takes seconds
 def test_the_certificate_guarantees_energy_and_no_symplecticity(body):
-    kepler = systems.case("kepler")
-    problem = TOP if body else gs.Model(kepler.system, kepler.parameters, kepler.q, kepler.p)
+    problem = TOP if body else gs.Model(well(), {}, [0.3], [1.5])
     certificate = gs.certify(problem, "G-L", 2, energy=True, dt=0.01, steps=20)
     assert certificate.holds
     assert certificate.line("energy").holds is True

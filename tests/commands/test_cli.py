@@ -21,6 +21,7 @@ from gyrospark.commands.run.command import run
 from processes import ROOT, call, cli
 
 IMS = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5"]
+TWO = ["--scheme", "G-L", "--stages", "2"]
 
 
 def test_an_unknown_command_has_the_nearest(gyrospark):
@@ -67,7 +68,7 @@ NUMBERS = {
     "alpha 0": (["--scheme", "G-L", "--stages", "2", "--rep", "alpha", "--alpha", "0"],
                 ["--alpha", "'0'", "other than 0"]),
     "alpha with gamma": (["--alpha", "m"], ["--alpha", "--rep gamma", "--gamma"]),
-    "gamma with alpha": (["--rep", "alpha", "--gamma", "m"], ["--gamma", "--alpha"]),
+    "gamma with alpha": ([*TWO, "--rep", "alpha", "--gamma", "m"], ["--gamma", "--alpha"]),
     "dt word": (["--dt", "fast"], ["--dt", "'fast'", "1e-3"]),
     "steps 1.5": (["--steps", "1.5"], ["--steps", "'1.5'", "whole number"]),
     "steps too many": (["--steps", "9" * 18], ["memory", "every"]),
@@ -287,9 +288,9 @@ def test_failure_of_the_first_step(more, gyrospark):
     assert "--json" in more or re.search("step 1 .*not converged", answer.stdout)
 
 
-@pytest.mark.parametrize("arguments", [["--dt", "1e300"], ["--dt", "1e-320"], ["--gamma", "1e-320"],
-                                       ["--gamma", "1e308"], ["--real", "float", "--dt", "1e-60"]],
-                         ids=" ".join)
+@pytest.mark.parametrize("arguments", [
+    ["--dt", "1e300"], ["--dt", "1e-320"], ["--gamma", "1e-320"], ["--gamma", "1e308"],
+    [*TWO, "--real", "float", "--dt", "1e-60"]], ids=" ".join)
 def test_json_has_no_nan(arguments, gyrospark):
     """Numbers at the edge of the range: it fails in one line, or works; JSON stays JSON."""
     answer = gyrospark(*IMS, *arguments, "--json")

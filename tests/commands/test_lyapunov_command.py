@@ -40,7 +40,7 @@ def test_json(gyrospark):
     (["--steps", "5", "--t-end", "1"], "--t-end"), (["--scheme", "GL"], "G-L"),
 ])
 def test_bad_input(gyrospark, options, word):
-    answer = gyrospark("lyapunov", MODEL, *options)
+    answer = gyrospark("lyapunov", MODEL, *TWO, *options)
     assert answer.code == 2
     assert answer.stderr.count("\n") == 1
     assert word in answer.stderr

@@ -88,18 +88,14 @@ def test_pendulum_swings_as_it_should(document):
     assert np.arctan2(x, -y) == pytest.approx(flight.y[0, -1], abs=1e-9)
 
 
-def test_text_fits_the_system(tmp_path, gyrospark, document):
+def test_text_fits_the_system(orbit, gyrospark, document):
     done = gyrospark("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
     assert "|g(q)|" in done.stdout
     assert "qᵀ" not in done.stdout
-    free = tmp_path / "free.toml"
-    free.write_text(
-        'name = "oscillator"\n[system]\ncoordinates = ["x"]\nmomenta = ["v"]\n'
-        'hamiltonian = "(x**2 + v**2)/2"\n[start]\nq = [1]\np = [0]\n', encoding="utf-8")
-    done = gyrospark("run", free, "--scheme", "EMS", "--dt", "0.1", "--steps", "5")
+    done = gyrospark(*orbit, "--dtau", "0.1", "--steps", "5")
     assert done.code == 0, done.stderr
     assert "constraint" not in done.stdout
-    found = document("run", free, "--scheme", "EMS", "--dt", "0.1", "--steps", "5")
+    found = document(*orbit, "--dtau", "0.1", "--steps", "5")
     assert found["constraint_max"] == found["momentum_constraint_max"] == 0
 
 
@@ -296,18 +292,21 @@ def test_run_length_is_somewhere(bounded, tmp_path):
 # ---------------------------------------------------------------- rules for gamma
 
 
+#: The system of test_run_names.py.
 RULED = """
-name = "ruled"
+name = "settled"
 potential = "k*R33"
 [body]
-inertia = [12, 10, 3]
+inertia = [12, 10, "6*half"]
 rep = "gamma"
 gamma = "{rule}"
 [parameters]
+half = 0.5
 k = 1
+spin = "8*half"
 [start]
 euler = [0, 0.1, 0]
-angular_velocity = [0.3, 0.2, 0.5]
+angular_velocity = [0.3, 0.2, "spin/8"]
 [run]
 dt = 0.1
 """

@@ -151,7 +151,7 @@ def test_what_depends_on_a_setting_follows(gyrospark, tmp_path):
 
     def run(*settings):
         options = [x for setting in settings for x in ("--set", setting)]
-        answer = gyrospark("run", path, "--scheme", "IMS", "--json", *options)
+        answer = gyrospark("run", path, *TWO, "--json", *options)
         assert answer.code == 0, answer.stderr
         return answer.document
 

@@ -126,7 +126,10 @@ def _free_body() -> Case:
 
 
 def _model(name: str, dt: float = 2e-3) -> Case:
-    model = getattr(gs.models, name)()
+    return _of_model(getattr(gs.models, name)(), dt)
+
+
+def _of_model(model: gs.Model, dt: float) -> Case:
     return Case({"system": model}, tuple(model.q0), tuple(model.p0), model.parameters, dt)
 
 
@@ -376,6 +379,39 @@ def _beam() -> Case:
     return Case({"system": model}, tuple(model.q0), tuple(p), model.parameters, 1e-4)
 
 
+def _arm() -> Case:
+    """Two rods with hinges about y, turned by motors; products of inertia move nothing in a plane.
+    """
+    build = gs.Multibody("arm", gravity=(0, 0, -9.81))
+    above: Any = "ground"
+    for k, (angle, rate, drive) in enumerate([(0.4, 1.3, 0.2), (0.9, -0.7, -0.1)]):
+        across = 0.02 + 0.01 * k
+        rod = build.body(f"rod{k}", mass=1.5 - 0.5 * k, position=(0, 0, -0.25 - 0.5 * k),
+                         inertia=[[across, 0, 0.002], [0, across, 0], [0.002, 0, 0.003]])
+        joint = build.revolute(f"hinge{k}", above, rod, at=(0, 0, -0.5 * k), axis=(0, 1, 0),
+                               angle=angle, rate=rate)
+        build.motor(f"motor{k}", joint, torque=(2 + k) * build.input(f"u{k}", drive))
+        build.quantity(f"turn{k}", build.angle(joint))
+        build.quantity(f"speed{k}", build.rate(joint))
+        above = rod
+    return _of_model(build.model(), 5e-3)
+
+
+def _tied() -> Case:
+    """Without gravity: a leaning top on a spring, and two bodies that circle on a rod."""
+    build = gs.Multibody("tied", gravity=(0, 0, 0))
+    tensor = np.array([[0.5, 0.05, 0.02], [0.05, 0.6, 0.01], [0.02, 0.01, 0.4]])
+    c = np.array([0.1, 0, 0.3])
+    build.top("a", mass=2.5, inertia=tensor + 2.5 * (c @ c * np.eye(3) - np.outer(c, c)),
+              centre=c, at=(1, 2, 3), angular_velocity=(0, 0, 1), rep="alpha")
+    build.body("b", mass=0.5, inertia=(0.1, 0.1, 0.1), position=(-1, 0, 0), velocity=(0, -3, 0))
+    build.body("c", mass=0.5, inertia=(0.3, 0.4, 0.5), position=(1, 0, 0), velocity=(0, 3, 0),
+               angular_velocity=(1, 2, 3))
+    build.rod("rod", "b", "c")
+    build.spring("spring", "a", "ground", stiffness=20.0, on_a=c, on_b=(0, 1, 0))
+    return _of_model(build.model(), 5e-3)
+
+
 def _eccentric_satellite() -> Case:
     """A body of mass 1/100 on an orbit of eccentricity .7, under gravity gradient; |Q| = 1."""
     place, velocity = sp.symbols("x y z u v w", real=True)[:3], (u, v, w)
@@ -410,8 +446,8 @@ def _very_eccentric() -> Case:
 
 #: Of these ``names`` returns none: single tests take them by name.
 _OTHERS: dict[str, Callable[[], Case]] = {
-    "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
-    "very_eccentric": _very_eccentric}
+    "arm": _arm, "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
+    "tied": _tied, "very_eccentric": _very_eccentric}
 
 
 _CASES: dict[str, Callable[[], Case]] = {

@@ -252,7 +252,7 @@ def test_parameters_are_refused_by_name():
 
 @pytest.mark.parametrize(("make", "steps", "word"), [
     (lambda: "G-L", 1, "stepper"), (lambda: stepper_of("top"), 0, "steps"),
-    (lambda: systems.stepper("pushed_pendulum", real="float128"), 1, "double")])
+    (lambda: systems.stepper("heavy_top", real="float128"), 1, "double")])
 def test_other_steppers_are_refused(make, steps, word):
     with pytest.raises(InputError, match=word):
         DiscreteFlow(make(), steps)

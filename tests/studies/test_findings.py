@@ -36,7 +36,8 @@ STATE = odd_proof._rational_tops()[0]
 #: The proofs of the slow one are checked by themselves below.
 every_finding = pytest.mark.parametrize("key", [
     pytest.param(key, marks=pytest.mark.slow) if key in (
-        "odd-stages", "frames", "gamma-auto", "alpha-equals-gamma", "zero-of-the-error")
+        "odd-stages", "frames", "gamma-auto", "one-stage-alpha", "alpha-equals-gamma",
+        "zero-of-the-error")
     else key for key in FINDINGS])  # proofs and searches of several seconds
 
 

@@ -81,9 +81,8 @@ def test_chaotic_pendulum_is_paired(every, steps):
 
 def test_first_exponents_alone():
     """With count directions are the same ones."""
-    step = systems.differentiable("two_rods")
-    arguments = {"dt": 0.01, "steps": 500, "parameters": systems.case("two_rods").parameters}
-    every, some = (gs.lyapunov(step, *systems.start("two_rods", step), count=count, **arguments)
+    arguments = {"dt": 0.01, "steps": 500, "parameters": PARAMETERS}
+    every, some = (gs.lyapunov(pendulum(), *released(2, 2), count=count, **arguments)
                    for count in (None, 2))
     assert np.abs(every.exponents[:2] - some.exponents).max() < 1e-12
     assert np.isnan(some.pairing)

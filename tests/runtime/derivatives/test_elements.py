@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -15,15 +17,13 @@ ANGLES = (0.6, 1.1, 0.3, 0.9)
 PLACE = np.cumsum([[np.cos(a), -np.sin(a)] for a in ANGLES], axis=0).ravel()
 
 
-@pytest.fixture(scope="module")
-def steppers():
-    """Steppers of four beads with forces and a drive, their derivatives compiled, by schemes."""
+@cache
+def stepper(scheme):
+    """Return a stepper of four beads with forces and a drive, its derivatives compiled."""
     with budget.shared():
-        by_scheme = {"G-L": gs.stepper("G-L", 2, system=beads(4)),
-                     "EMS": gs.stepper("EMS", system=beads(4))}
-        for step in by_scheme.values():
-            step._derivative_binding()
-    return by_scheme
+        step = gs.stepper(scheme, 2 if scheme == "G-L" else None, system=beads(4))
+        step._derivative_binding()
+    return step
 
 
 def start_of(step):
@@ -36,9 +36,9 @@ def start_of(step):
 @pytest.mark.parametrize(("real", "dt"), [
     ("double", 0.02),
     *(pytest.param("float128", dt, marks=pytest.mark.slow) for dt in (0.02, 0.3))])
-def test_tangents_are_the_limits_of_differences(steppers, real, dt):
+def test_tangents_are_the_limits_of_differences(real, dt):
     """By the start, a parameter, dt and the start time."""
-    step = steppers["G-L"] if real == "double" else gs.stepper("G-L", 2, system=beads(4), real=real)
+    step = stepper("G-L") if real == "double" else gs.stepper("G-L", 2, system=beads(4), real=real)
     size, close = {"double": (2.0**-11, 1e-10), "float128": (2.0**-36, 2e-20)}[real]
     start = start_of(step)
     directions = gs.Tangents("all", ["c"], dt=True, t0=True)
@@ -64,10 +64,11 @@ def test_tangents_are_the_limits_of_differences(steppers, real, dt):
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.1, 0.3])
-@pytest.mark.parametrize("scheme", ["G-L", "EMS"])
-def test_cotangents_are_transposed(steppers, scheme, dt):
+@pytest.mark.parametrize("scheme", [
+    "G-L", pytest.param("EMS", marks=pytest.mark.slow)])  # test_theorems.py has its mean values
+def test_cotangents_are_transposed(scheme, dt):
     """⟨w, Φ'v⟩ = ⟨Φ'ᵀw, v⟩ along start, parameters, dt and t0, to some roundings."""
-    step = steppers[scheme]
+    step = stepper(scheme)
     start, rng = start_of(step), np.random.default_rng(5)
     names = [*BEADS, "dt", "t0"]
     _, _, back = step.vjp(start, dt=dt)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
@@ -47,16 +49,20 @@ def test_too_few_iterations_are_distinguished_from_divergence(gl3):
     assert failed(gl3, dt=0.08, solver="fixed-point").reason == "diverged"
 
 
+@cache
+def damped():
+    """Return a body under a spring and its weight, with friction and a damper."""
+    x, p, k, g, c, a, b = sp.symbols("x p k g c a b", real=True)
+    return gs.stepper("IMS", system=gs.System(
+        (x,), (p,), (k, g, c, a, b), p**2 / 2 + k * x**2 / 2 + g * x,
+        forces=[-c * sp.tanh(a * p) - sp.sinh(b * p)], name="damped"))
+
+
 def test_stagnation_is_reported():
     """A force with a jump: increments neither shrink nor grow, and no rounding explains them."""
-    import sympy as sp
-
-    x, p, t = sp.Symbol("x", real=True), sp.Symbol("p", real=True), sp.Symbol("t", real=True)
-    jump = sp.tanh(10**9 * p)  # friction, as steep as a jump for these steps
-    system = gs.System((x,), (p,), (), p**2 / 2 + x, forces=[-jump], time=t, name="stuck")
-    with pytest.raises(gs.StepFailed) as caught:
-        gs.stepper("IMS", system=system).integrate([0.0], [1e-5], dt=1e-3, steps=50, parameters={},
-                                                   solver="newton")
+    with pytest.raises(gs.StepFailed) as caught:  # friction, as steep as a jump for these steps
+        damped().integrate([0.0], [1e-5], dt=1e-3, steps=50, solver="newton",
+                           parameters={"k": 0, "g": 1, "c": 1, "a": 1e9, "b": 0})
     assert caught.value.reason in ("stagnated", "diverged")
     assert caught.value.increment > 0
 
@@ -80,14 +86,9 @@ def test_ensembles_tell_the_reason_without_looking_for_a_cure(gl3):
 
 def test_newton_that_leaves_the_range_of_numbers_has_diverged():
     """The state is finite, and so are its forces: "not finite" would be said of these."""
-    import sympy as sp
-
-    q, u, c = sp.symbols("q u c", real=True)
-    system = gs.System((q,), (u,), (c,), u**2 / 2 + q**2 / 2, forces=[-sp.sinh(c * u)],
-                       name="sinh_damper")
     with pytest.raises(gs.StepFailed) as caught:
-        gs.stepper("G-L", 2, system=system).integrate([0.0], [3.0], dt=1.0, steps=1,
-                                                      parameters={"c": 50.0})
+        damped().integrate([0.0], [3.0], dt=1.0, steps=1,
+                           parameters={"k": 1, "g": 0, "c": 0, "a": 0, "b": 50})
     assert caught.value.reason == "diverged"
 
 

@@ -83,13 +83,14 @@ def test_a_pulse_that_the_scale_misses_is_warned_of(seen):
     q, p = sp.symbols("c s pc ps", real=True)[:2], sp.symbols("pc ps", real=True)
     rate = q[0] * p[1] - q[1] * p[0]
     torque = 20 * sp.exp(-4 * (t - 5) ** 2)
-    pulse = [18 * sp.exp(-((t - 5) ** 2))] * seen
-    system = gs.System(q, p, (), (p[0] ** 2 + p[1] ** 2) / 2, [q[0] ** 2 + q[1] ** 2 - 1], time=t,
-                       forces=(-torque * q[1], torque * q[0]), name="disc",
-                       time_scale=gs.scales.rates(3 * rate, 1, *pulse))
+    a = sp.Symbol("a", real=True)
+    system = gs.System(q, p, (a,), (p[0] ** 2 + p[1] ** 2) / 2, [q[0] ** 2 + q[1] ** 2 - 1],
+                       time=t, forces=(-torque * q[1], torque * q[0]), name="disc",
+                       time_scale=gs.scales.rates(3 * rate, 1, a * sp.exp(-((t - 5) ** 2))))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        gs.stepper("G-L", 2, system=system).integrate([1, 0], [0, 0.01], dtau=0.3, t_end=10)
+        gs.stepper("G-L", 2, system=system).integrate(
+            [1, 0], [0, 0.01], dtau=0.3, t_end=10, parameters={"a": 18.0 * seen})
     assert [one.category for one in caught] == [gs.errors.InputWarning] * (not seen)
 
 
@@ -130,7 +131,8 @@ def test_times_are_met(name, direction):
 
 @pytest.mark.parametrize(("dtau", "t_end", "every", "real", "round_off"), [
     (0.8, 1.0, 1, "double", EPS), (-0.8, -3.3, 2, "double", EPS), (0.3, 1e-3, 1, "double", EPS),
-    (0.1, 3.0, 7, "double", EPS), (0.8, 1.0, 1, "float128", 2.0**-112)])
+    (0.1, 3.0, 7, "double", EPS),
+    pytest.param(0.8, 1.0, 1, "float128", 2.0**-112, marks=pytest.mark.slow)])  # a stepper
 def test_the_end_of_steps_of_any_length_is_that_among_events(dtau, t_end, every, real, round_off):
     step, event = stepper("eccentric", real=real), gs.Event("t", level=99.0)
     alone, beside = (to("eccentric", t_end, step, dtau=dtau, every=every, **more)
@@ -154,10 +156,10 @@ def test_tangents_of_a_short_rod_are_found_between_steps():
 
 
 def test_states_at_times_are_those_of_the_closed_form():
-    entry, step = case("eccentric"), stepper("eccentric", "G-L", 4)
+    entry, step = case("eccentric"), stepper("eccentric", "G-L", 3)
     times = np.linspace(0, 7, 9)
     found = step.integrate(timed_start("eccentric", step), t_end=7, t_eval=times,
-                           **arguments("eccentric"))
+                           **arguments("eccentric", dtau=0.03))
     wanted = np.array([entry.exact(time) for time in times])
     assert np.abs(found.q - wanted).max() < 3e-9
 
@@ -231,11 +233,11 @@ def test_gradients_at_a_time_are_differences(name):
 
 def test_a_fit_has_the_parameter_and_the_start_of_its_data():
     """Samples at any times, the first at the start; the closed form has k = 1."""
-    entry, step = case("eccentric"), differentiable("eccentric", "G-L", 4)
-    times = np.array([0.0, 0.4, 0.9, 1.7, 2.2, 3.1, 4.6, 5.9, 6.1, 6.6])
+    entry, step = case("eccentric"), differentiable("eccentric")
+    times = np.array([0.0, 0.4, 0.9, 1.3, 1.7])
     data = np.array([entry.exact(time) for time in times])
     begin = timed_start("eccentric", step).replace(parameters={"k": 1.02})
-    found = gs.fit(step, begin, times, data, dtau=0.1, observe=["x", "y"])
+    found = gs.fit(step, begin, times, data, dtau=0.01, observe=["x", "y"])
     assert found.converged
     assert found.rms < 1e-8
     assert abs(found.parameters["k"] - 1) < 1e-8
@@ -311,7 +313,8 @@ def test_a_cell_whose_time_stops_is_nan_with_its_reason():
 # ---------------------------------------------------------------- failures
 
 
-@pytest.mark.parametrize(("scheme", "stages", "done"), [("G-L", 2, 0), ("IMS", None, 1)])
+@pytest.mark.parametrize(("scheme", "stages", "done"), [
+    ("G-L", 2, 0), pytest.param("IMS", None, 1, marks=pytest.mark.slow)])  # a stepper
 def test_a_scale_that_is_not_positive_is_refused_where_it_is_met(scheme, stages, done):
     """x' = 1 with σ = 1 − 4x: long steps jump over x = 1/4, where t stops."""
     step = gs.stepper(scheme, stages, system=gs.System([x], [u], (), u, name="drift",
@@ -400,7 +403,7 @@ def test_a_simulation_in_scaled_time_keeps_parameters_and_counts_no_times():
 @pytest.mark.parametrize(("name", "every"), [("eccentric", 1), ("tethered_pair", 3)])
 def test_trajectories_of_an_ensemble_end_at_a_time(name, every):
     """They have the bits of runs alone, and NaN behind their ends, which take different steps."""
-    entry, step = case(name), differentiable(name)
+    entry, step = case(name), (differentiable if name == "eccentric" else stepper)(name)
     starts = [timed_start(name, step)] * 3
     dtau, t_end = entry.dt * np.array([1.0, 0.5, 0.7]), entry.t0 + 0.9
     event = gs.Event(step.manifest.system.coordinates[0], level=0.25, name="crossing")
@@ -434,12 +437,12 @@ def test_ends_of_ensembles_are_refused_and_fail_one_by_one():
     assert [one.t[-1] for one in many.members] == [0.1, 0.0, 0.1]
 
 
-@pytest.mark.parametrize("span", [{"steps": 80}, {"t_end": 20.0}])
+@pytest.mark.parametrize("span", [{"steps": 267}, {"t_end": 20.0}])
 def test_a_section_takes_steps_of_scaled_time(span):
     """The orbit crosses the axis once a period, at its pericentre, where it began."""
-    step, start = stepper("eccentric", "G-L", 4), timed_start("eccentric", stepper("eccentric"))
+    step, start = stepper("eccentric", "G-L", 3), timed_start("eccentric", stepper("eccentric"))
     event = gs.Event("y", direction=1)
-    found = gs.section(step, start, event=event, dtau=0.2, parameters={"k": 1.0}, **span)
+    found = gs.section(step, start, event=event, dtau=0.06, parameters={"k": 1.0}, **span)
     wanted = 2 * np.pi * np.arange(1, len(found.t) + 1)
     assert len(found.t) > 1
     assert np.abs(found.t - wanted).max() < 1e-7

@@ -114,8 +114,8 @@ def test_a_resumed_store_has_the_reactions(tmp_path):
     assert (stored.reactions == whole.reactions).all()
 
 
-@pytest.mark.parametrize(("real", "bits"), [
-    ("long-double", 64), pytest.param("float", 24, marks=pytest.mark.slow)])
+@pytest.mark.slow  # steppers in other types
+@pytest.mark.parametrize(("real", "bits"), [("long-double", 64), ("float", 24)])
 def test_rows_hold_in_other_types(real, bits):
     if real == "long-double" and np.finfo(np.longdouble).nmant != 63:
         pytest.skip("long double is no x87 number here")
@@ -185,9 +185,12 @@ def test_a_rattleback_has_the_digits_of_its_reference():
     assert np.abs(errors).max() < 1e-8
 
 
-@pytest.mark.parametrize("steps", [1000, pytest.param(100_000, marks=pytest.mark.slow)])
-def test_the_energy_of_a_disc_stays_near(steps):
-    run = stepper_of(disc, 2).integrate(*disc_state(), dt=0.05, steps=steps, parameters=DISC)
+@pytest.mark.parametrize(("make", "parameters", "start", "steps"), [
+    (sleigh, SLEIGH, sleigh_state(0.7, 1.5), 1000),
+    *(pytest.param(disc, DISC, disc_state(), steps, marks=pytest.mark.slow)  # its derivation
+      for steps in (1000, 100_000))])
+def test_the_energy_stays_near(make, parameters, start, steps):
+    run = stepper_of(make, 2).integrate(*start, dt=0.05, steps=steps, parameters=parameters)
     errors = np.abs(run.energies - run.energies[0])
     tenth = steps // 10
     assert errors[-tenth:].max() < 1.5 * errors[:tenth].max() < 1e-4

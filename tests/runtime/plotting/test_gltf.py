@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import RUN, TOP
 from gyrospark.runtime.plotting.scene import scene_of
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
@@ -19,16 +20,7 @@ WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
 @pytest.fixture(scope="module")
 def tied():
-    """A pendulum on a rod, a body on a spring, a rotor on a hinge."""
-    build = gs.Multibody("tied")
-    build.body("a", mass=1, inertia=(0.01, 0.01, 0.01), position=(0, 0, -1), velocity=(0.3, 0, 0))
-    build.body("b", mass=1, inertia=(0.01, 0.01, 0.02), position=(1, 0, 0),
-               angular_velocity=(1, 2, 3))
-    build.rod("rod", "a", "ground", on_b=(0, 0, 0))
-    build.spring("spring", "b", "ground", stiffness=20.0, on_b=(0, 1, 0))
-    model = build.model()
-    step = gs.stepper("IMS", system=model)
-    return step.integrate(model.q0, model.p0, dt=5e-3, steps=40, parameters=model.parameters)
+    return systems.run("tied", systems.stepper("tied", "IMS"), 40)
 
 
 def read(path):
@@ -88,8 +80,8 @@ def test_rods_and_springs_are_ties_of_a_scene(tied):
 def test_its_motion_is_that_of_the_run(tied, tmp_path):
     content, arrays = read(tied.show(tmp_path / "tied.glb"))
     assert content["asset"]["version"] == "2.0"
-    assert content["nodes"][0]["children"] == [1, 2, 3, 4]
-    for name in "ab":
+    assert content["nodes"][0]["children"] == [1, 2, 3, 4, 5]
+    for name in "bc":
         node, animated = motion(content, arrays, name)
         times, places = animated["translation"]
         assert np.abs(times - tied.t).max() < 1e-7
@@ -97,7 +89,7 @@ def test_its_motion_is_that_of_the_run(tied, tmp_path):
         assert np.abs(np.array(node["translation"]) - tied.body(name).position()[0]).max() < 1e-12
     times, rotations = animated["rotation"]
     turned = rotation_matrix(rotations[:, [3, 0, 1, 2]].astype(float))
-    assert np.abs(turned - rotation_matrix(tied.body("b").attitude)).max() < 1e-6
+    assert np.abs(turned - rotation_matrix(tied.body("c").attitude)).max() < 1e-6
     assert (np.sum(rotations[1:] * rotations[:-1], axis=1) > 0).all()
     # Up is +Y: the turn of the root takes the third axis there.
     x, y, z, w = content["nodes"][0]["rotation"]
@@ -107,7 +99,8 @@ def test_its_motion_is_that_of_the_run(tied, tmp_path):
 
 def test_rods_and_springs_reach_from_point_to_point(tied, tmp_path):
     content, arrays = read(tied.show(tmp_path / "tied.glb"))
-    for name, body, point in (("rod", "a", (0, 0, 0)), ("spring", "b", (0, 1, 0))):
+    for name, body, end in (("rod", "b", tied.body("c").position()),
+                            ("spring", "a", np.tile((0, 1, 0), (len(tied), 1)))):
         node, animated = motion(content, arrays, name)
         held = {what: values for what, (_, values) in animated.items()}
         middle = held.get("translation", np.array([node["translation"]]))
@@ -115,7 +108,7 @@ def test_rods_and_springs_reach_from_point_to_point(tied, tmp_path):
         half = held.get("scale", np.array([node["scale"]]))[:, 2:]
         along = rotation_matrix(q[:, [3, 0, 1, 2]].astype(float)) @ [0, 0, 1]
         ends = np.stack([middle - half * along, middle + half * along])
-        wanted = np.stack([tied.body(body).position(), np.tile(point, (len(tied), 1))])
+        wanted = np.stack([tied.body(body).position(), end])
         assert np.abs(ends - wanted).max() < 2e-6
 
 

@@ -155,22 +155,21 @@ def test_meshes_of_a_page_fit_and_are_decoded_to_their_digits(tmp_path):
     assert read_meshes([str(path)], "none") == ({}, {})
 
 
-ROBOT = """<robot name="meshed"><material name="red"><color rgba="1 0 0 1"/></material>
+#: The arm of test_cli.py, with meshes, and a hand that is fast to it.
+ROBOT = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></material>
 <link name="base"><visual><geometry><mesh filename="package://shown/meshes/a.stl"/></geometry>
   </visual></link>
-<link name="arm"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
-  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.2"/></inertial>
+<link name="bar"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
+  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.01"/></inertial>
   <visual><origin xyz="0 0 0.5" rpy="0 0 1.5707963267948966"/>
     <geometry><mesh filename="meshes/a.stl" scale="0.1 0.1 0.1"/></geometry>
     <material name="red"/></visual>
   <visual><geometry><cylinder radius="0.05" length="1"/></geometry></visual></link>
-<link name="hand"><inertial><mass value="1"/>
-  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.2"/></inertial>
-  <visual><geometry><mesh filename="meshes/b.dae"/></geometry></visual></link>
-<joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/>
-  <axis xyz="0 1 0"/></joint>
-<joint name="wrist" type="continuous"><parent link="arm"/><child link="hand"/>
-  <origin xyz="1 0 0"/><axis xyz="0 1 0"/></joint></robot>
+<link name="hand"><visual><geometry><mesh filename="meshes/b.dae"/></geometry></visual></link>
+<joint name="elbow" type="continuous"><parent link="base"/><child link="bar"/>
+  <axis xyz="1 0 0"/></joint>
+<joint name="wrist" type="fixed"><parent link="bar"/><child link="hand"/>
+  <origin xyz="1 0 0"/></joint></robot>
 """
 
 
@@ -186,13 +185,14 @@ def robot(tmp_path):
 
 def test_links_look_as_their_file_says(robot):
     visuals = gs.load_model(robot).visuals
-    (base,), (mesh, rod) = visuals[""], visuals["arm"]
+    (base,), (mesh, rod, hand) = visuals[""], visuals["bar"]
     assert base.file == mesh.file == str(robot.parent / "meshes" / "a.stl")
     assert mesh.colour == "#ff0000"
     assert np.abs(mesh.size - 0.1).max() == 0
-    assert np.abs(mesh.centre - [-0.5, 0, 0.5]).max() < 1e-15  # from the centre of mass
+    assert np.abs(mesh.centre - [0, 0, 1]).max() < 1e-15  # from the centre of mass
     assert np.abs(mesh.axes[:, 0] - [0, 1, 0]).max() < 1e-15
     assert (rod.kind, rod.size.tolist()) == ("disc", [0.05, 0.05, 0.5])
+    assert np.abs(hand.centre - [1, 0, 0.5]).max() < 1e-15
     assert located(Shape("mesh", np.ones(3), file="package://else/a.stl"), robot).file == (
         "package://else/a.stl")
 
@@ -207,7 +207,7 @@ def test_a_page_has_the_meshes_and_names_those_that_it_has_not(robot, gyrospark)
                                  flags=re.DOTALL)[1])
     assert [(mesh["vertices"], mesh["triangles"]) for mesh in scene["meshes"]["0"]] == [(4, 4)]
     assert scene["ground"][0]["mesh"] == scene["bodies"][0]["shapes"][0]["mesh"] == 0
-    assert scene["bodies"][1]["shapes"][0]["kind"] != "mesh"
+    assert scene["bodies"][0]["shapes"][1]["kind"] != "mesh"
     assert any("b.dae" in remark for remark in scene["remarks"])
     assert gyrospark("run", str(robot), *options, "--show", str(page.with_suffix(".glb"))).code == 0
     assert page.with_suffix(".glb").stat().st_size > 1000

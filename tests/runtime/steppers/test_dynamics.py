@@ -88,26 +88,11 @@ def test_a_top_turns_as_euler_has_it():
         64 * EPS * (Omega @ (J * Omega)))
 
 
-def arm(angles=(0.4, 0.9), rates=(1.3, -0.7), drive=(0.2, -0.1)):
-    """Return two rods with hinges about y, and their motors."""
-    build = gs.Multibody("planar_arm", gravity=(0, 0, -9.81))
-    above = "ground"
-    for k in range(2):
-        across = 0.02 + 0.01 * k
-        rod = build.body(f"rod{k}", mass=1.5 - 0.5 * k, inertia=(across, across, 0.003),
-                         position=(0, 0, -0.25 - 0.5 * k))
-        joint = build.revolute(f"hinge{k}", above, rod, at=(0, 0, -0.5 * k), axis=(0, 1, 0),
-                               angle=angles[k], rate=rates[k])
-        build.motor(f"motor{k}", joint, torque=(2 + k) * build.input(f"u{k}", drive[k]))
-        above = rod
-    return build.model()
-
-
 @cache
 def driven():
+    """Return a stepper of two rods with motors, its accelerations compiled, and the model."""
+    step, model = systems.stepper("arm", "IMS"), systems.case("arm").system
     with budget.shared():
-        model = arm()
-        step = gs.stepper("G-L", 2, system=model)
         step.accelerations(model.q0, model.p0, parameters=model.parameters)
     return step, model
 
@@ -226,9 +211,9 @@ def test_what_cannot_be_asked_is_said():
         with pytest.raises(gs.InputError) as error:
             ask()
         assert all(word in str(error.value) for word in words), str(error.value)
-    step, case, q, p = accelerated("pendulum")
+    step, case, q, p = accelerated("driven_pendulum")
     with pytest.raises(gs.InputError) as error:
-        step.accelerations(q, p, parameters=case.parameters).joint("knee")
+        step.accelerations(q, p, parameters=case.parameters, t=case.t0).joint("knee")
     assert "knee" in str(error.value)
     rolling = systems.stepper("sleigh")
     with pytest.raises(gs.InputError) as error:

@@ -6,7 +6,6 @@ import inspect
 import pickle
 import re
 from fractions import Fraction
-from functools import cache
 
 import mpmath as mp
 import numpy as np
@@ -14,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import budget
 import gyrospark as gs
 import systems
 from gyrospark.runtime.integration.run_arguments import steps_until
@@ -29,24 +27,6 @@ NEEDED = {"euler": ("ZYX",)}
 def refused(*words):
     """Expect an InputError that has these words, in this order."""
     return pytest.raises(gs.InputError, match=".*".join(map(re.escape, words)))
-
-
-@cache
-def arm():
-    """A post and an arm, of inertia tensors, on hinges; the model goes by the angle of one."""
-    build = gs.Multibody("post_and_arm")
-    tensor = np.array([[0.05, 0.01, 0.002], [0.01, 0.06, -0.004], [0.002, -0.004, 0.03]])
-    post = build.body("post", mass=4, inertia=tensor, position=(0, 0, 0.25))
-    lower = build.body("lower", mass=2, inertia=tensor, position=(0.3, 0, 0.5))
-    build.revolute("waist", "ground", post, axis=(0, 0, 1), at=(0, 0, 0), rate=0.7)
-    build.revolute("elbow", post, lower, axis=(0, -1, 0), at=(0, 0, 0.5), angle=0.4, rate=-2.0)
-    build.motor("drive", "elbow", torque=build.input("u"))
-    for name in ("waist", "elbow"):
-        build.quantity(f"{name}_turn", build.angle(name))
-        build.quantity(f"{name}_speed", build.rate(name))
-    model = build.model()
-    with budget.shared():
-        return model, gs.stepper("IMS", system=model)
 
 
 def advanced(name, steps=30):
@@ -117,18 +97,18 @@ def test_every_method_of_a_joint_returns_the_last_row_of_a_run(name):
 
 def test_angles_by_which_a_model_goes_are_its_quantities():
     """Two ways: the kernels that were compiled from symbols, and floats; J is a tensor."""
-    model, step = arm()
+    model, step = systems.case("arm").system, systems.stepper("arm", "IMS")
     run = step.integrate(model.q0, model.p0, dt=5e-3, steps=40, parameters=model.parameters)
     sim = step.start(model.q0, model.p0, dt=5e-3, parameters=model.parameters)
     sim.advance(40)
-    for name in ("waist", "elbow"):
-        assert sim.joint(name).angle() == pytest.approx(sim.quantity(f"{name}_turn"), abs=16 * EPS)
-        assert sim.joint(name).rate() == pytest.approx(sim.quantity(f"{name}_speed"), abs=99 * EPS)
+    for k, name in enumerate(["hinge0", "hinge1"]):
+        assert sim.joint(name).angle() == pytest.approx(sim.quantity(f"turn{k}"), abs=16 * EPS)
+        assert sim.joint(name).rate() == pytest.approx(sim.quantity(f"speed{k}"), abs=99 * EPS)
         assert_is_row(sim.joint(name), run.joint(name), JointMotion, "force", "torque", "name",
                       "bodies")
-        assert_is_row(sim.body("lower"), run.body("lower"), BodyMotion, "name")
-    assert sim.joint("elbow").angle(degrees=True) == pytest.approx(
-        np.degrees(sim.quantity("elbow_turn")), rel=16 * EPS)
+        assert_is_row(sim.body("rod1"), run.body("rod1"), BodyMotion, "name")
+    assert sim.joint("hinge1").angle(degrees=True) == pytest.approx(
+        np.degrees(sim.quantity("turn1")), rel=16 * EPS)
 
 
 def test_rates_in_fifty_digits():
@@ -197,29 +177,30 @@ def test_what_is_not_there_is_refused():
 
 def test_inputs_are_those_of_advance():
     """To the bit, recorded or not; a mapping's methods work as those of a dict."""
-    model, step = arm()
+    model, step = systems.case("arm").system, systems.stepper("arm", "IMS")
     one, other = (step.start(model.q0, model.p0, dt=5e-3, parameters=model.parameters,
                              record=record) for record in (False, True))
-    assert dict(one.input) == {"u": 0.0}
-    one.advance(7, u=0.3)
+    assert dict(one.input) == {"u0": 0.2, "u1": -0.1}
+    one.advance(7, u0=0.3)
     one.advance(2)
-    other.input["u"] = 0.3
-    assert (other.input["u"], len(other.input), other.input.get("v")) == (0.3, 1, None)
+    other.input["u0"] = 0.3
+    assert (other.input["u0"], len(other.input), other.input.get("v")) == (0.3, 2, None)
     other.advance(7)
     other.advance(2)
     assert np.array_equal(one.q, other.q)
-    assert other.trajectory.joint("elbow").rate()[-1] == pytest.approx(one.joint("elbow").rate())
-    other.input.update(u=0.1)
-    assert other.parameters["u"] == 0.1
-    assert "u" in other.input
+    assert other.trajectory.joint("hinge1").rate()[-1] == pytest.approx(
+        one.joint("hinge1").rate())
+    other.input.update(u0=0.1)
+    assert other.parameters["u0"] == 0.1
+    assert "u0" in other.input
     assert "v" not in other.input
     for call in (lambda: other.input["v"], lambda: other.input.update(v=1)):
-        with refused("'v'", "u"):
+        with refused("'v'", "u0"):
             call()
-    with refused("'u'", "0"):
-        del other.input["u"]
-    with refused("u", "nan"):
-        other.input["u"] = float("nan")
+    with refused("'u0'", "0"):
+        del other.input["u0"]
+    with refused("u0", "nan"):
+        other.input["u0"] = float("nan")
 
 
 @given(st.fractions(-2, 2, max_denominator=997), st.sampled_from([0.1, -0.1, 1e-3, 0.3, 1 / 3]),

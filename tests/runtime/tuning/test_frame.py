@@ -175,10 +175,12 @@ def test_drag_takes_a_motion_out_of_its_frame_and_new_blocks_into_one():
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_energy_is_the_work_of_drag_to_the_order_of_the_method(solver):
     """F·q̇ has the part of q̇ that the frame moves by itself, Σ ω_i A_i q."""
-    start = gs.Start(TOP.q0, TOP.p0, TOP.parameters | {"c": 0.5})
-    rates = gs.tune(dragged(), start, dt=5e-3, frame="start").parameters
-    largest = [abs(dragged().integrate(start, dt=5e-3 / k, steps=80 * k, solver=solver,
-                                       parameters=rates).energy_error()).max() for k in (1, 2, 4)]
+    start = gs.Start([0.6, 0.0, 0.8], [0.4, 1.1, -0.3], FIELD | {"c": 0.5})
+    rates = gs.tune(framed_point(), start, dt=0.05, frame="start").parameters
+    assert any(rates.values())
+    largest = [abs(framed_point().integrate(start, dt=0.05 / k, steps=80 * k, solver=solver,
+                                            parameters=rates).energy_error()).max()
+               for k in (1, 2, 4)]
     assert largest[0] / largest[1] == pytest.approx(16, rel=0.2)
     assert largest[1] / largest[2] == pytest.approx(16, rel=0.2)
 

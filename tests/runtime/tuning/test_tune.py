@@ -112,9 +112,10 @@ def test_rates_are_given_or_searched():
 
 
 def test_a_frame_is_chosen_with_the_inputs_of_the_run():
-    from framed_point import framed_point
+    from framed_point import PENDULUM, framed_point
 
-    step, start = framed_point(), gs.Start([0.6, 0.0, -0.8], [0.0, 0.7, 0.0], {"k": 1.0, "a": 0.0})
+    step, numbers = framed_point(), {name: PENDULUM[name] for name in "kac"}
+    start = gs.Start([0.6, 0.0, -0.8], [0.0, 0.7, 0.0], numbers)
     name = step.symmetries[0].name
     rates = [gs.tune(step, start, dt=0.1, steps=60, frame="auto", inputs={"u": u}).parameters[name]
              for u in (0.0, -2.0)]
