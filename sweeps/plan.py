@@ -12,6 +12,7 @@ from ..core.errors import InputError
 from ..core.event import Impact
 from ..core.incompatibilities import refuse_together
 from ..core.inertia import refuse_impossible_inertias
+from ..core.real_types import REALS
 from ..core.warnings import warn
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..runtime.bindings.array_checks import as_positive_count
@@ -49,6 +50,9 @@ def plan(
         if stages is not None and count is None:
             raise InputError(f"stages = {shown(stages)} is not a whole number.")
         labels = [str(scheme) if stages is None else f"{scheme} {count}"]
+    refuse_together(  # before anything is compiled
+        sweep="a sweep", float128=isinstance(real, str) and real in REALS
+        and REALS[real].in_mpmath and "numbers of type float128")
     steppers, start = resolve(model, labels, rep, real, frame)
     impacts = [event.name for event in getattr(start, "events", ()) if isinstance(event, Impact)]
     refuse_together(impacts=bool(impacts) and f"impacts of {few(impacts)}", other_runs="a sweep")

@@ -169,7 +169,8 @@ def check_another_system(own, full, parameters, q0, p0):
 
 
 @pytest.mark.parametrize(("scheme", "stages", "name"), [
-    pytest.param("G-L", 2, "two_rods", marks=pytest.mark.slow), ("EMS", None, "dragged_pendulum")])
+    ("EMS", None, "two_rods"), *(pytest.param(*given, marks=pytest.mark.slow) for given in (
+        ("G-L", 2, "two_rods"), ("EMS", None, "dragged_pendulum")))])
 def test_steps_and_derivatives_of_other_systems(scheme, stages, name, tmp_path):
     """Constraints of two rods, where W varies; forces and time."""
     case, full = systems.case(name), systems.differentiable(name, scheme, stages)

@@ -236,8 +236,9 @@ def test_a_pendulum_between_two_stops(hall):
     assert scene_of(run, 100).impacts.tolist() == hits.t.tolist()
 
 
-@pytest.mark.parametrize(("steps", "hits", "error"), [(4000, 100, 1e-14), pytest.param(
-    3_400_000, 100_000, 1e-12, marks=pytest.mark.slow)])  # a hundred thousand hits
+@pytest.mark.slow  # a stepper, a hundred thousand hits; test_impacts.py has EMS
+@pytest.mark.parametrize(("steps", "hits", "error"), [
+    (4000, 100, 1e-14), (3_400_000, 100_000, 1e-12)])
 def test_an_elastic_box_keeps_its_energy(steps, hits, error):
     """By EMS: each corner's impulse has the last bits that keep H, and steps keep it between."""
     with budget.shared():
