@@ -472,7 +472,10 @@ def test_bad_starts_are_refused(tmp_path, options, said):
 
 def test_the_command_runs_it(tmp_path, gyrospark):
     """An actuator is an input, the keyframe a setting; what is wrong ends in one line."""
-    path = written(tmp_path, TWO)
+    path = written(tmp_path, hinged(
+        '<geom size=".1" pos="0 0 -.3"/>', '<joint name="b" axis="0 1 0"/>',
+        after='<actuator><motor name="b" joint="b"/></actuator>'
+              '<keyframe><key name="k" ctrl="2"/></keyframe>'))
     run = ("run", path, "--scheme", "IMS", "--steps", "5", "--json")
     done = gyrospark(*run, "--set", "keyframe=k", "--set", "b=0.5", "--set", "b.rate=2")
     assert done.code == 0, done.stderr

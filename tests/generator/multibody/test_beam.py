@@ -63,11 +63,11 @@ def elastica(load: float) -> tuple[float, float]:
 def test_a_cantilever_is_an_elastica_to_order_two(load):
     exact = elastica(load)
     errors = []
-    for count in (5, 10):
+    for count in (4, 8):
         x, _, z = tip(cantilever(count, (0, 0, -load)).equilibrium(), 1 / count)
         errors.append(np.array([x - exact[0], -z - exact[1]]))
     coarse, fine = np.abs(errors)
-    assert fine.max() <= {1.0: 1.7e-3, 10.0: 6.1e-3}[load]
+    assert fine.max() <= {1.0: 3e-3, 10.0: 1e-2}[load]
     assert np.log2(coarse / fine).min() > 1.8
 
 
@@ -98,12 +98,12 @@ def test_a_sheared_cantilever_bends_and_shears():
     """F L³/(3 EI₂) + F L/GA for small loads, about the second axis of the section."""
     EI, GA, force = (5.0, 2.0), 7.0, 1e-6
     errors = []
-    for count in (4, 8):
+    for count in (3, 6):
         model = cantilever(count, (0, 0, force), bending=EI, stretching=50.0, shearing=GA,
                            normal=(0, 0, 1)).equilibrium()
         z = tip(model, 1 / count)[2]
         errors.append(z / force - (1 / (3 * EI[1]) + 1 / GA))
-    assert abs(errors[1]) <= 0.01 * (1 / 6 + 1 / 7)
+    assert abs(errors[1]) <= 0.02 * (1 / 6 + 1 / 7)
     assert np.log2(errors[0] / errors[1]) > 1.8
 
 
@@ -287,14 +287,14 @@ def test_the_flying_spaghetti():
 def test_frequencies_of_a_cantilever(extension):
     """√ of the eigenvalues of K against M on the tangent space, against Timoshenko's 3.51499."""
     frequencies = []
-    for count in (3, 6):
+    for count in (2, 4):
         build = builder()
         beam = build.beam("rod", count=count, inertia=(1e-4, 1e-4, 2e-4), **STRAIGHT | extension)
         build.fixed("clamp", build.ground, beam.first)
         frequencies.append(lowest_frequency(build.model()))
     exact = 3.5149944278800102071
     errors = exact - np.array(frequencies)
-    assert errors[1] < 0.03
+    assert errors[1] < 0.07
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.2)
 
 
@@ -324,7 +324,7 @@ def loaded(extension: tuple[float, ...] = ()) -> tuple[gs.Model, gs.Trajectory]:
     """
     build = builder()
     more = dict(zip(("stretching", "shearing"), extension, strict=False))
-    beam = build.beam("rod", count=3, **STRAIGHT | {"bending": (1.0, 2.0), "twisting": 3.0} | more)
+    beam = build.beam("rod", count=2, **STRAIGHT | {"bending": (1.0, 2.0), "twisting": 3.0} | more)
     build.fixed("clamp", beam.first, build.ground)
     build.force(beam.last, LOAD)
     with budget.shared():
@@ -347,7 +347,7 @@ def test_forces_and_moments_of_sections_balance_the_load(extension):
     assert line[0, -1] == pytest.approx(tip(model, np.linalg.norm(line[0, -1] - line[0, -2])),
                                         abs=16 * EPS if not extension else 1e-2)
     assert np.abs(line[:, 0]).max() <= 64 * EPS
-    assert beam.arc == pytest.approx([0, 1 / 3, 2 / 3])
+    assert beam.arc == pytest.approx([0, 1 / 2])
     assert np.abs(beam.force() - LOAD).max() <= 1e-8  # multipliers of steps of 1e-3 s
     assert np.abs(beam.moment() - np.cross(line[:, -1:] - line[:, :-1], LOAD)).max() <= 1e-12
     assert np.linalg.norm(beam.force("section"), axis=2) == pytest.approx(np.linalg.norm(LOAD))
@@ -367,7 +367,7 @@ def test_results_of_beams_survive_a_file(tmp_path):
     run.save(tmp_path / "run.npz")
     same = gs.load(tmp_path / "run.npz").beam()
     assert np.array_equal(same.moment(), run.beam().moment())
-    assert same.segments == ("rod_1", "rod_2", "rod_3")
+    assert same.segments == ("rod_1", "rod_2")
 
 
 def test_results_of_other_beams_are_refused():

@@ -39,8 +39,9 @@ def largest(x):
 
 
 #: Each method, and each system with one.
-PAIRS = [("runner", "IMS", None), ("runner", "EMS", None),
-         pytest.param("runner", "LIIIA-B", 3, marks=pytest.mark.slow),  # a stepper more
+PAIRS = [("runner", "EMS", None),
+         *(pytest.param("runner", *scheme, marks=pytest.mark.slow)  # a stepper more
+           for scheme in (("IMS", None), ("LIIIA-B", 3))),
          ("pendulum", "G-L", 2), ("oscillator", "EMS", None)]
 pairs = pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 
@@ -92,8 +93,8 @@ def test_shapes(name, scheme, stages):
         run.axis()
 
 
-@pytest.mark.parametrize(("scheme", "stages", "order"), [
-    ("IMS", None, 2), pytest.param("LIIIA-B", 3, 4, marks=pytest.mark.slow)])  # a stepper more
+@pytest.mark.slow  # steppers of one system; of the top they are quick
+@pytest.mark.parametrize(("scheme", "stages", "order"), [("IMS", None, 2), ("LIIIA-B", 3, 4)])
 def test_order(scheme, stages, order):
     """Halved steps against 1024 of another scheme; of G-L and EMS the order is a law."""
     step, example = stepper_for("runner", scheme, stages), EXAMPLES["runner"]
@@ -163,7 +164,8 @@ def test_consistency_is_checked_in_any_units(mass):
         step.step(*step.project(q, p, parameters=parameters), dt=1e-3, parameters=parameters)
 
 
-@pytest.mark.parametrize(("name", "scheme"), [("runner", "IMS"), ("runner", "EMS")])
+@pytest.mark.parametrize(("name", "scheme"), [
+    pytest.param("runner", "IMS", marks=pytest.mark.slow), ("runner", "EMS")])
 def test_states_of_ims_and_ems_are_starts(name, scheme):
     """Every state of a run is accepted as a start, and goes on as the run did."""
     step, example = stepper_for(name, scheme, None), EXAMPLES[name]
