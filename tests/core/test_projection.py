@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -22,16 +24,21 @@ def curve(*extra):
                      constraint_names=NAMES)
 
 
-@pytest.fixture(scope="module")
-def step():
+@cache
+def compiled_curve():
     return gs.stepper("IMS", system=curve())
 
 
-@pytest.mark.parametrize("compiled", [False, True])
+#: From formulas; and compiled, for which test_consistency.py has other steppers.
+both = pytest.mark.parametrize("where", [
+    curve, pytest.param(compiled_curve, marks=pytest.mark.slow)])
+
+
+@both
 @pytest.mark.parametrize("q", [(1, 0.2, 0.3), (5, 9, 1), (-3, 0.1, 40), (100, -3, 1e3)])
-def test_any_start_is_moved_onto_the_constraints(q, compiled, step):
+def test_any_start_is_moved_onto_the_constraints(q, where):
     p = np.array([1.0, 2.0, 3.0])
-    moved = gs.consistent(step if compiled else curve(), q, p, parameters={"w": 1.0})
+    moved = gs.consistent(where(), q, p, parameters={"w": 1.0})
     assert max(moved.after.values()) <= 8 * EPS
     assert max(moved.hidden_after.values()) <= 16 * EPS * 4
     X, Y, Z = moved.q
@@ -47,9 +54,9 @@ def test_any_start_is_moved_onto_the_constraints(q, compiled, step):
     assert abs(along @ (moved.p - p)) <= 64 * EPS * np.linalg.norm(along) * moved.p_moved
 
 
-def test_the_move_is_the_shortest_to_first_order(step):
+def test_the_move_is_the_shortest_to_first_order():
     """q₁ − q₀ = −G⁺ g + O(g²): halving the distance quarters what is left."""
-    near = gs.consistent(step, (0.6, 0.1, 0.8), (0, 0, 0), parameters={"w": 1.0}).q
+    near = gs.consistent(curve(), (0.6, 0.1, 0.8), (0, 0, 0), parameters={"w": 1.0}).q
     push = np.array([1.0, -2.0, 0.5])
     rest = []
     for size in (1e-2, 5e-3, 2.5e-3):
@@ -69,19 +76,18 @@ def test_consistent_states_stay():
     assert moved.p_moved <= 4 * EPS * np.abs(model.p0).max()
 
 
-def test_report_reads_as_a_table(step):
-    text = str(gs.consistent(step, (1, 0.2, 0.3), (1, 2, 3), parameters={"w": 1.0}))
+def test_report_reads_as_a_table():
+    text = str(gs.consistent(curve(), (1, 0.2, 0.3), (1, 2, 3), parameters={"w": 1.0}))
     assert "1.97" in text.splitlines()[0]
     assert "sphere" in text
     assert "|g_q H_p|" in text
     assert len(text.splitlines()) == 4
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_failures_name_the_constraint(compiled, step):
-    where = step if compiled else curve()
+@both
+def test_failures_name_the_constraint(where):
     with pytest.raises(gs.InputError, match=r"'sphere'.*vanishes"):
-        gs.consistent(where, (0, 0, 0), (0, 0, 0), parameters={"w": 1.0})
+        gs.consistent(where(), (0, 0, 0), (0, 0, 0), parameters={"w": 1.0})
     apart = gs.System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2,
                       (x**2 + y**2 + z**2 - 1, z + 2), name="apart",
                       constraint_names=("sphere", "plane"))
@@ -89,7 +95,7 @@ def test_failures_name_the_constraint(compiled, step):
         gs.consistent(apart, (1, 2, 3), (0, 0, 0), parameters={})
 
 
-def test_arguments_are_checked(step):
+def test_arguments_are_checked():
     with pytest.raises(gs.InputError, match=r"'w'.*value"):
         gs.consistent(curve(), (1, 0, 0), (0, 0, 0), parameters={})
     with pytest.raises(gs.InputError, match="give shape"):

@@ -16,12 +16,12 @@ from systems import case, differentiable, names, run, start, stepper, timed_star
 
 EPS = np.finfo(float).eps
 CLOSED = ["free_body", "oscillator", "driven_oscillator", "kepler", "pendulum", "eccentric"]
-POINTS = ["driven_oscillator", "kepler", "polar", "pendulum", "ellipse", "breathing",
+POINTS = ["driven_oscillator", "kepler", "pendulum", "ellipse", "breathing",
           "relativistic", "driven_pendulum", "dragged_pendulum", "pushed_pendulum", "two_rods",
           "lagrangian", "heavy_bob", "bead"]
 #: The discrete gradient of the others is one of these.
-EMS = ["polar", "pendulum", "breathing", "relativistic", "driven_pendulum",
-       "two_rods", "lagrangian", "bead"]
+EMS = ["pendulum", "breathing", "relativistic", "driven_pendulum", "two_rods",
+       "lagrangian", "bead"]
 ROLLING = ["sleigh", "skate_chain"]
 SCALED = ["eccentric", "scaled_pendulum", "tethered_pair"]
 PAIRS = [*((name, "G-L", 2) for name in (*POINTS, *ROLLING, *SCALED, "heavy_top", "double_top")),
