@@ -10,7 +10,8 @@ What comes in is public: ``import gyrospark as gs``.
     timing           CPU time, jobs in turn, medians
     machine          what a result was measured with
     peers/           one file a program; each is optional
-    tops, fast_top   the paper's fast top: peers, step, ensemble, drift
+    equal_error      programs at equal error: the page docs/peers.md
+    tops, fast_top   the paper's fast top: top, step, ensemble, drift
     reference_states   where the top is at t = 1, 10, 100 and 1000 s, in long double
     scenes, attitudes  bodies on joints as other programs build them; rotations
     bodies           a chain, a four-bar, models of sympy.physics.mechanics, batches

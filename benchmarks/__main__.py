@@ -45,8 +45,10 @@ class Benchmark:
 
 
 BENCHMARKS: dict[str, Benchmark] = {
-    "peers": Benchmark("fast_top", ("peers",), "cost and error of the fast top",
-                       ("dx (m)", "CPU µs/s")),
+    "peers": Benchmark("equal_error", ("peers",), "programs at equal error: the page docs/peers.md",
+                       ("error", "CPU ms")),
+    "top": Benchmark("fast_top", ("top",), "cost and error of the fast top",
+                     ("dx (m)", "CPU µs/s")),
     "step": Benchmark("fast_top", ("step",), "each solver of a step, over dense Newton"),
     "ensemble": Benchmark("fast_top", ("ensemble",), "64 tops at once", ("dx (m)", "CPU µs/s")),
     "drift": Benchmark("fast_top", ("drift",), "energy and position up to 1000 s",
@@ -146,15 +148,19 @@ def tables(name: str, rows: list[Row], choice: Choice) -> dict[str, list[list[st
         rows = [*rows, *laws(rows)]
         return {case: table([row for row in rows if row.case == case])
                 for case in dict.fromkeys(row.case for row in rows)}
+    if name == "peers":
+        from .equal_error import levels, losses
+
+        return {**levels(rows), "where another program is cheaper": losses(rows)}
     more = {}
     if name == "bodies":
         from .bodies import ACCURACIES, COST, ERROR
 
         more = {"cheapest for an error": table(accuracies(rows, COST, ERROR, ACCURACIES, " m"))}
     if name == "adaptive":
-        from .adaptive import levels
+        from .adaptive import levels as levels_of
 
-        more = {"cheapest for an error": table(levels(rows))}
+        more = {"cheapest for an error": table(levels_of(rows))}
     groups: dict[str, list[Row]] = {}
     for row in rows:  # those without numbers are beside those before them
         cost = next(iter(row.numbers), next(reversed(groups), ""))
@@ -188,16 +194,22 @@ def write(name: str, rows: list[Row], choice: Choice, out: Path) -> None:
         from .references import page_of
 
         pages = {"references": lambda: page_of(rows, "references.png")}
+    if name == "peers":
+        from . import equal_error
+
+        pages = {"peers": lambda: equal_error.page(rows, choice, about(()))}
     if name == "robots":
         from .robots import draw_drift, mechanisms, page
 
         shown = mechanisms(choice)
         draw_drift(rows, shown, out / "reference_robots.png")
         pages = {"reference_robots": lambda: page(rows, shown, "reference_robots.png")}
-    for page_name, text in pages.items() if name in ("scale", "references", "robots") else ():
+    for page_name, text in pages.items() if name in _PAGES else ():
         (out / f"{page_name}.md").write_text(text(), encoding="utf-8")
 
 
+#: Benchmarks that write a page.
+_PAGES = ("peers", "scale", "references", "robots")
 _SCALE_PAGE = """# How costs grow
 
 `make bench WHAT="scale --out DIR"` measures the costs below and writes this page as `DIR/scale.md`

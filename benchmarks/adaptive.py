@@ -8,7 +8,7 @@ Arenstorf's orbit is heyoka at a tolerance of 1e-18. SciPy's right-hand side is 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 import gyrospark as gs
 
-from .peers.optional import need
+from .peers.first_order import FirstOrder, heyoka_run, scipy_run
 from .rows import Choice, Entry, Prepared, Row, accuracies, contest
 from .timing import Sample
 
-__all__ = ["adaptive", "levels"]
+__all__ = ["adaptive", "kepler", "levels"]
 
 Array = NDArray[Any]
 
@@ -71,7 +71,8 @@ class Orbit:
 
 def adaptive(choice: Choice) -> list[Row]:
     """Return the rows of each orbit."""
-    orbits = [*(_kepler(e, choice.quick) for e in _ECCENTRICITIES), _arenstorf(choice.quick)]
+    periods = 2.37 if choice.quick else _PERIODS
+    orbits = [*(kepler(e, periods) for e in _ECCENTRICITIES), _arenstorf(choice.quick)]
     return [row for orbit in orbits if choice.only in orbit.name
             for row in contest(orbit.name, list(_entries(orbit)), choice)]
 
@@ -86,11 +87,11 @@ def levels(rows: Sequence[Row]) -> list[Row]:
 # ---------------------------------------------------------------- orbits
 
 
-def _kepler(e: float, quick: bool) -> Orbit:
+def kepler(e: float, periods: float) -> Orbit:
+    """Return an orbit of unit mass and semi-major axis that starts at its pericentre."""
     r = sp.sqrt(_X**2 + _Y**2)
     system = gs.System((_X, _Y), (_U, _V), (), (_U**2 + _V**2) / 2 - 1 / r, name="orbit",
                        time_scale=gs.scales.distance((_X, _Y), (0, 0)))
-    periods = 2.37 if quick else _PERIODS
     # τ of a period: ∫ dt / r^(3/2) = ∫ (1 − e cos E)^(−1/2) dE
     tau = float(np.mean((1 - e * np.cos(np.linspace(0, 2 * np.pi, 4096, endpoint=False))) ** -0.5)
                 * 2 * np.pi)
@@ -130,24 +131,8 @@ def _arenstorf(quick: bool) -> Orbit:
 
 
 def _on_arenstorf(t: float) -> Array:
-    heyoka = need("heyoka")
-    x, v, _ = _ARENSTORF
-    motion = heyoka.taylor_adaptive(_equations(heyoka, "Arenstorf"), [x, 0.0, 0.0, v + x],
-                                    tol=1e-18)
-    motion.propagate_until(t)
-    end: Array = motion.state[:2].copy()
-    return end
-
-
-def _equations(heyoka: Any, name: str) -> list[Any]:
-    x, y, u, v = heyoka.make_vars("x", "y", "u", "v")
-    if name != "Arenstorf":
-        cube = (x**2 + y**2) ** -1.5
-        return [(x, u), (y, v), (u, -x * cube), (v, -y * cube)]
-    one, two = ((x + a) ** 2 + y**2 for a in (_MU, _MU - 1))
-    pull, push = (1 - _MU) * one**-1.5, _MU * two**-1.5
-    return [(x, u + y), (y, v - x), (u, v - pull * (x + _MU) - push * (x - 1 + _MU)),
-            (v, -u - (pull + push) * y)]
+    orbit = _arenstorf(quick=True)
+    return heyoka_run(replace(_first_order(orbit), t_end=t), tol=1e-18)()[:2]
 
 
 # ---------------------------------------------------------------- entries
@@ -199,35 +184,18 @@ def _error(orbit: Orbit, position: Array, t: float) -> float:
 
 
 def _heyoka(orbit: Orbit, tol: str) -> Prepared:
-    heyoka = need("heyoka")
-    start = np.array([*orbit.q, *orbit.p])
-    motion = heyoka.taylor_adaptive(_equations(heyoka, orbit.name), start,
-                                    **({"tol": float(tol)} if tol else {}))
-
-    def run() -> Array:
-        motion.time, motion.state[:] = 0.0, start
-        motion.propagate_until(orbit.t_end)
-        end: Array = motion.state.copy()
-        return end
-
-    return Prepared({"error": _error(orbit, run()[:2], orbit.t_end)}, {"run": run}, _costs(orbit))
+    return _arrived(orbit, heyoka_run(_first_order(orbit), **({"tol": float(tol)} if tol else {})))
 
 
 def _dop853(orbit: Orbit, tol: float) -> Prepared:
-    numba, integrate = need("numba"), need("scipy.integrate", "scipy")
-    t, z = sp.Symbol("t"), sp.Tuple(_X, _Y, _U, _V)
-    rates = sp.Tuple(*orbit.system.H_p, *(-e for e in orbit.system.H_q))
-    function = numba.njit(sp.lambdify([t, z], rates, "math", cse=True))
+    return _arrived(orbit, scipy_run(_first_order(orbit), tol))
 
-    @numba.njit  # type: ignore[untyped-decorator]
-    def derivative(t: float, z: Array) -> Array:
-        return np.array(function(t, (z[0], z[1], z[2], z[3])))
 
-    start = np.array([*orbit.q, *orbit.p])
+def _first_order(orbit: Orbit) -> FirstOrder:
+    system = orbit.system.with_time_scale(None)
+    return FirstOrder((_X, _Y, _U, _V), (*system.H_p, *(-rate for rate in system.H_q)),
+                      (*orbit.q, *orbit.p), orbit.t_end)
 
-    def run() -> Any:
-        return integrate.solve_ivp(derivative, (0.0, orbit.t_end), start, method="DOP853",
-                                   rtol=tol, atol=tol)
 
-    return Prepared({"error": _error(orbit, run().y[:2, -1], orbit.t_end)}, {"run": run},
-                    _costs(orbit))
+def _arrived(orbit: Orbit, run: Callable[[], Array]) -> Prepared:
+    return Prepared({"error": _error(orbit, run()[:2], orbit.t_end)}, {"run": run}, _costs(orbit))

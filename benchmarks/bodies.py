@@ -32,7 +32,7 @@ from .scenes import ReferenceScene, SceneMotion, scene_of
 from .timing import Sample
 
 __all__ = ["ACCURACIES", "COST", "ERROR", "Links", "arm", "batches", "bodies",
-           "mechanics", "scenes", "tree"]
+           "mechanics", "our_centres", "scenes", "tree"]
 
 T_END = 1.0
 COST, ERROR = "CPU ms", "error (m)"
@@ -115,7 +115,7 @@ def bodies(choice: Choice) -> list[Row]:
     for scene in scenes(choice):
         if choice.only in scene.name:
             choice.watch(f"{scene.name}: reference")
-            motion = Motion(partial(_ours, scene), partial(_make, scene.model))
+            motion = Motion(partial(our_centres, scene), partial(_make, scene.model))
             rows += contest(scene.name, [
                 *motion.entries(_OURS), *_exudyn(motion, scene), *_mujoco(motion, scene),
                 *_pydy(motion, scene)], choice)
@@ -126,7 +126,8 @@ def _make(model: gs.Model | gs.System, stages: int, real: Any = "double") -> gs.
     return gs.stepper("G-L", stages, system=model, real=real)
 
 
-def _ours(scene: ReferenceScene, step: gs.Stepper, dt: float) -> Array:
+def our_centres(scene: ReferenceScene, step: gs.Stepper, dt: float) -> Array:
+    """Return the centres of mass after 1 s."""
     model, steps = scene.model, round(T_END / dt)
     start = model.q0, model.p0
     if step.manifest.real != "double":  # rounded to double it is off by more than this allows

@@ -1,6 +1,6 @@
 """The paper's fast top by gyrospark and other programs: cost, error, solvers, ensembles, drift.
 
-    peers       CPU time of a simulated second and errors at ``t_end``
+    top         CPU time of a simulated second and errors at ``t_end``
     step        a step by each solver of gyrospark, over dense Newton
     ensemble    64 tops at once, by one and two workers, and by heyoka's batches
     drift       errors of energy and position at 1, 2, 5, 10, … s
@@ -30,7 +30,7 @@ from .rows import Choice, Entry, Prepared, Row, contest
 from .timing import Sample, stopwatch
 from .tops import FREE_RATE, INERTIA, TopState, energy, parameters, state_of, tops
 
-__all__ = ["drift", "drift_times", "ensemble", "errors_of", "peers", "step"]
+__all__ = ["drift", "drift_times", "ensemble", "errors_of", "step", "top"]
 
 #: CPU seconds that a run to ``t_end`` may take; of a quick contest.
 _MOST, _QUICK_MOST = 60.0, 2.0
@@ -86,7 +86,7 @@ def _contest(case: str, entries: list[PeerEntry], choice: Choice, t_end: float, 
                           for entry in entries], choice)
 
 
-def peers(choice: Choice) -> list[Row]:
+def top(choice: Choice) -> list[Row]:
     """Return cost and errors of each program and setting."""
     t_end = _end(choice, 10.0)
     return _contest(f"fast top, {t_end:g} s", entries(choice.programs), choice, t_end)

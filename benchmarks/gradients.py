@@ -30,10 +30,10 @@ from .scenes import scene_of
 from .timing import with_children
 from .tops import INERTIA, MGL, parameters, tops
 
-__all__ = ["FastTopGradient", "LinkageGradient", "derivatives", "gradients"]
+__all__ = ["OUR_STEPS", "FastTopGradient", "LinkageGradient", "derivatives", "gradients"]
 
 #: Stages → time steps.
-_OURS = {3: (1e-3, 2e-3, 4e-3), 4: (1e-3, 2e-3, 4e-3), 5: (8e-3,), 6: (5e-3, 1e-2)}
+OUR_STEPS = {3: (1e-3, 2e-3, 4e-3), 4: (1e-3, 2e-3, 4e-3), 5: (8e-3,), 6: (5e-3, 1e-2)}
 #: Stages and time step of the truth; half the step tells its error.
 _TRUTH = (6, 4e-3)
 
@@ -66,11 +66,8 @@ class _Case:
         job = make()
         found = job.gradient()
         built = with_children() - begin
-        (start, scaled), off = self.truth
-        mine = self.vector(found)
-        errors = {"by start": _off(mine[0], start)}
-        if found.parameters is not None:
-            errors["by parameters"] = _off(mine[1], scaled)
+        truth, off = self.truth
+        errors = self.errors(found, truth)
         return Prepared(
             {"error": max(errors.values()), **errors, "truth off by": off, "built in (s)": built},
             {"gradient": job.gradient, "run": job.primal},
@@ -149,6 +146,14 @@ class _Case:
         scaled = z_bar[places] * [self.values[name] for name in self.wrt]
         return space.basis().T @ z_bar[: 2 * n], scaled
 
+    def errors(self, found: GradientJob, truth: tuple[Array, Array]) -> dict[str, float]:
+        """Return the errors of a gradient, relative to the largest entry of the true one."""
+        by_start, scaled = self.vector(found)
+        errors = {"by start": _off(by_start, truth[0])}
+        if found.parameters is not None:
+            errors["by parameters"] = _off(scaled, truth[1])
+        return errors
+
     @cached_property
     def truth(self) -> tuple[tuple[Array, Array], float]:
         """The gradient in long double, and how far it is from itself with half the step."""
@@ -226,7 +231,7 @@ def gradients(choice: Choice) -> list[Row]:
 
 
 def _ours(case: _Case) -> Iterator[Entry]:
-    for stages, dts in _OURS.items():
+    for stages, dts in OUR_STEPS.items():
         for dt in dts:
             yield Entry("gyrospark", f"G-L s={stages} adjoint Δt={dt:g}",
                         partial(case.prepared, partial(case.ours, stages, dt)),

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
@@ -21,6 +22,7 @@ from benchmarks import (
     attitudes,
     beams,
     bodies,
+    equal_error,
     events,
     fast_top,
     gradients,
@@ -200,7 +202,7 @@ def test_reference_knows_its_times():
     assert all(reference_states.reference_axes(t).shape == (8, 3) for t in reference_states.TIMES)
     assert {"made with", "checked with"} <= reference_states.about().keys()
     with pytest.raises(gs.InputError, match="1, 10, 100 or 1000"):
-        fast_top.peers(Choice(t_end=3.0))
+        fast_top.top(Choice(t_end=3.0))
 
 
 def test_rotations_are_those_of_other_code():
@@ -404,7 +406,7 @@ def test_scales_grow():
 @pytest.mark.parametrize("e", [0.3, 0.9])
 def test_orbits_are_in_closed_form(e):
     """Half a period leads to the apocentre; a quarter in E, and the law of areas."""
-    position = adaptive._kepler(e, quick=True).position
+    position = adaptive.kepler(e, 1.0).position
     assert np.abs(position(np.pi) - [-1 - e, 0.0]).max() < 1e-13
     assert np.abs(position(np.pi / 2 - e) - [-e, np.sqrt(1 - e**2)]).max() < 1e-13
 
@@ -417,6 +419,83 @@ def test_orbits_are_rows():
                         for kind in ("scaled", "constant"))
     assert not any(row.failed for row in rows)
     assert max(scaled) < 1e-6 < min(constant)
+
+
+# ---------------------------------------------------------------- equal error
+
+
+@pytest.mark.parametrize("name", equal_error.PROBLEMS)
+def test_each_program_has_codes_or_a_reason(name):
+    problem = equal_error.PROBLEMS[name]
+    programs = {code.program for code in problem.codes()}
+    assert programs | set(problem.absent) == set(equal_error.PROGRAMS)
+    assert not programs & set(problem.absent)
+    settings = [(code.program, code.setting) for code in problem.codes()]
+    assert len(settings) == len(set(settings))
+
+
+def test_errors_fall_with_the_step():
+    """Of order 6: half the step, 2⁻⁶ of the error, against Jacobi's functions."""
+    problem = equal_error.PROBLEMS["free body"]
+    coarse, fine = equal_error._Job("free body", "gyrospark", problem.reference(), (
+        "3-G-L Δt=0.5", "3-G-L Δt=0.25"), quick=True)()
+    assert coarse.numbers["error"] / fine.numbers["error"] == pytest.approx(64, rel=0.1)
+    assert coarse.numbers["CPU ms"] > 0
+
+
+def test_the_double_pendulum_ends_where_its_digits_say():
+    """By DOP853 on Lagrange's equations in angles and their rates."""
+    def rates(t, x):
+        a, b, da, db = x
+        c, s = np.cos(a - b), np.sin(a - b)
+        pull = [-s * db**2 - 2 * 9.81 * np.sin(a), s * da**2 - 9.81 * np.sin(b)]
+        return [da, db, *np.linalg.solve([[2, c], [c, 1]], pull)]
+
+    end = solve_ivp(rates, (0, equal_error._SWINGS), [*equal_error._ANGLES, 0, 0],
+                    method="DOP853", rtol=1e-9, atol=1e-9).y[:2, -1]
+    assert end == pytest.approx([float(x) for x in equal_error._ANGLES_AT_END], abs=1e-7)
+
+
+def test_missing_programs_are_named(monkeypatch):
+    """And those that cannot compute a problem; neither is a failure."""
+    for module in ("heyoka", "numba", "diffrax", "jax"):
+        monkeypatch.setitem(sys.modules, module, None)
+    choice = Choice(("heyoka", "scipy", "diffrax", "mujoco"), quick=True, rounds=1,
+                    only="Kepler, e = 0.1")
+    found = equal_error.peers(choice)
+    assert [row.program.split()[0] for row in found] == ["heyoka", "scipy", "diffrax"]
+    assert all("pip install" in row.note and not row.failed for row in found)
+    lines = equal_error.levels(found)["Kepler, e = 0.1"]
+    assert ["pip install" in line[1] for line in lines[1:]] == [True] * 3 + [False] * 2
+    assert [line[0] for line in lines[4:]] == ["mujoco", "exudyn"]
+
+
+def test_the_cheapest_at_equal_error_are_compared():
+    """Only settings that are exact enough, over gyrospark's; what is cheaper is a loss."""
+    def row(program, setting, cost, error):
+        return Row("free body", program, setting, {"CPU ms": cost, "error": error})
+
+    some = [row("gyrospark 1", "long", 2.0, 1e-7), row("gyrospark 1", "short", 4.0, 1e-11),
+            row("heyoka 7", "a", 1.0, 1e-5), row("heyoka 7", "b", 6.0, 1e-11),
+            row("scipy 1", "c", 1.5, 1e-6)]
+    (head, *lines) = equal_error.levels(some)["free body"]
+    assert head == ["program", "1e-06", "1e-10", "1e-13"]
+    assert lines[1] == ["heyoka 7", "6 ms, 3 ×, b", "6 ms, 1.5 ×, b", "–"]
+    assert lines[2] == ["scipy 1", "1.5 ms, 0.75 ×, c", "–", "–"]
+    assert equal_error.losses(some)[1:] == [["free body", "1e-06", "scipy 1", "0.75"]]
+    near = equal_error._near(some[:2], (1e-6, 1e-10))
+    assert near == ("long", "short")
+    assert equal_error._near([*some[:2], row("gyrospark 1", "dear", 7.0, 1e-12)], (1e-6,)) == (
+        "long",)
+    text = equal_error.page(some, QUICK, {
+        "processor": "P", "cores": 2, "load": 0.5, "compiler": "C"})
+    assert "| heyoka 7 | 6 ms, 3 ×, b |" in text
+
+
+@pytest.mark.slow  # a process of its own
+def test_a_process_measures_a_program():
+    choice = Choice(("gyrospark",), quick=True, rounds=2, only="free body")
+    assert {row.setting for row in equal_error.peers(choice)} == {"3-G-L Δt=0.5", "3-G-L Δt=0.25"}
 
 
 # ---------------------------------------------------------------- events, gradients
@@ -492,14 +571,14 @@ def test_gradients_by_spin_are_those_by_momentum():
 def test_command_writes_json_and_a_picture(tmp_path, capsys):
     drawn = importlib.util.find_spec("matplotlib") is not None
     out = ["--out", str(tmp_path / "new")] if drawn else []
-    assert main(["--quick", "--programs", "gyrospark", "--rounds", "1", "--json", *out]) == 0
+    assert main(["top", "--quick", "--programs", "gyrospark", "--rounds", "1", "--json", *out]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document.keys() == {"about", "peers"}
+    assert document.keys() == {"about", "top"}
     assert {"gyrospark", "compiler", "processor", "packages"} <= document["about"].keys()
-    assert document["peers"][0]["samples"]
+    assert document["top"][0]["samples"]
     if drawn:
         assert document == json.loads((tmp_path / "new/bench.json").read_text(encoding="utf-8"))
-        assert (tmp_path / "new/peers.png").read_bytes().startswith(b"\x89PNG")
+        assert (tmp_path / "new/top.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
@@ -511,7 +590,7 @@ def test_command_does_all(tmp_path, capsys):
     assert all(one.about in said or name == "scale" for name, one in BENCHMARKS.items())
     document = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
     assert document.keys() == {"about", *BENCHMARKS}
-    for page in ("scale.md", "references.md", "reference_robots.md"):
+    for page in ("peers.md", "scale.md", "references.md", "reference_robots.md"):
         assert (tmp_path / page).read_text(encoding="utf-8").startswith("# ")
 
 
@@ -524,7 +603,7 @@ def test_rows_with_other_columns_are_another_table():
 
 @pytest.mark.parametrize(("arguments", "named"), [
     (["nonsense"], "nonsense"), (["--programs", "gyrospark,matlab"], "matlab"),
-    (["--t-end", "3", "--programs", "gyrospark"], "10"), (["--rounds", "0"], "--rounds"),
+    (["top", "--t-end", "3", "--programs", "gyrospark"], "10"), (["--rounds", "0"], "--rounds"),
     (["--rounds", "many"], "many")])
 def test_command_refuses_in_a_sentence(arguments, named, capsys):
     with pytest.raises((SystemExit, gs.InputError)) as error:
