@@ -21,7 +21,7 @@ from ..core.solver import Solver
 from ..runtime.bindings.array_checks import as_real
 from ..runtime.bindings.real_numbers import from_text
 from ..runtime.events.impacts import refuse_unusable
-from ..runtime.integration.run_arguments import RunArguments, span_of
+from ..runtime.integration.run_arguments import RunArguments, StartNumbers, span_of
 from ..runtime.results.rotation_rate import LOOKED_AT
 from ..runtime.steppers.stepper import Stepper
 from .array_layout import (
@@ -148,10 +148,9 @@ def resume(
     n, (q0, p0) = stepper.n, ([number(x) for x in about[name]] for name in ("q0", "p0"))
     t0, = q0[n:] or [t0]  # in scaled time the coordinates that are stepped have the time
     run = stepper._resolved(stepper._run_arguments(
-        q0[:n], p0[:n], dt=dt, steps=count,
-        parameters=parameters, t0=t0, every=about["every"], excess=0.0,
+        StartNumbers(q0[:n], p0[:n], parameters, t0), dt=dt, steps=count, every=about["every"],
         solver=Solver(about["solver"], None if tolerance is None else number(tolerance),
-                      about["max_iterations"])))
+                      about["max_iterations"]), scaled=True))
     run.p[n:] = p0[n:]
     run = replace(run, rest=rest, t_end=end)
     events = events_in(about)

@@ -33,8 +33,8 @@ from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..derivatives.kept_steps import refuse_run
 from ..derivatives.tangent_run import tangents_of
 from ..derivatives.tangent_space import Tangents
-from ..integration.run_arguments import step_argument
-from ..integration.starts import StartNumbers, merged_start
+from ..integration.run_arguments import StartNumbers, step_argument
+from ..integration.starts import merged_start
 from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates
 from .least_squares import SHARE, Linear, identify, minimise, reduced_basis
@@ -558,8 +558,7 @@ def _first_run(
                               for name, x in all_parameters.items()}
         q, p = step.project(q, p, parameters=numeric_parameters, t=start.t)
     run = step._resolved(step._run_arguments(
-        q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=input_rows,
-        excess=0.0))
+        replace(start, q=q, p=p, excess=0.0), dt=dt, steps=steps, inputs=input_rows, scaled=True))
     refuse_run(run)
     return run
 

@@ -187,8 +187,7 @@ def lyapunov(
     with_covariant = as_flag("covariant", covariant)
     as_progress(progress)
     run = stepper._resolved(stepper._run_arguments(
-        state.q, state.p, dt=dt, steps=step_total, every=every, parameters=state.parameters,
-        t0=state.t, inputs=inputs, solver=solver))
+        state, dt=dt, steps=step_total, every=every, inputs=inputs, solver=solver))
     refuse_run(run)
     stepper._warned(run)
     benettin = Benettin(stepper, run, vector_count, with_covariant)

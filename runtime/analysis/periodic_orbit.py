@@ -42,7 +42,8 @@ from ...core.records import dataclass
 from ...core.start import HasStart, Start
 from ..bindings.array_checks import as_positive_count
 from ..derivatives.tangent_space import Tangents
-from ..integration.starts import StartNumbers, merged_start
+from ..integration.run_arguments import StartNumbers
+from ..integration.starts import merged_start
 from .unitary_frame import canonical_form, tangent_projection
 
 if TYPE_CHECKING:
@@ -215,8 +216,7 @@ class OrbitSearch:
     ) -> None:
         """Check what is fixed and what is free, and keep the values at the start that stay fixed.
         """
-        run = stepper._resolved(stepper._run_arguments(
-            start.q, start.p, dt=dt, steps=steps, t0=start.t, parameters=start.parameters))
+        run = stepper._resolved(stepper._run_arguments(start, dt=dt, steps=steps))
         self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free
         self.start = run
         self.time_dependent = stepper.binding.time is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from .gradient import loss_of
 from .tangent_space import TangentSpace
 
 if TYPE_CHECKING:
-    from ..integration.starts import StartNumbers
+    from ..integration.run_arguments import StartNumbers
     from ..steppers.stepper import Stepper
 
 __all__ = ["Objective"]
@@ -46,9 +47,9 @@ class Objective:
         rows: Any
         rows, self._hold = (inputs.values, inputs.hold) if isinstance(inputs, Inputs) else (
             inputs, 1)
-        first = stepper._resolved(stepper._run_arguments(
-            start.q, start.p, dt=dt, steps=0, t0=start.t,
-            parameters=stepper._parameters_with_inputs(start.parameters, inputs)))
+        first = stepper._resolved(stepper._run_arguments(replace(
+            start, parameters=stepper._parameters_with_inputs(start.parameters, inputs)),
+            dt=dt, steps=0))
         self._state = first.q, first.p
         binding = stepper._derivative_binding()
         self._basis = TangentSpace(

@@ -28,7 +28,7 @@ from .run_arguments import (
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
-    from .starts import StartNumbers
+    from .run_arguments import StartNumbers
 
 __all__ = ["CallMemory"]
 

@@ -46,10 +46,10 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["IMMUTABLE", "OPEN", "EnsembleArguments", "Integration", "Origin", "ParameterCheck",
-           "RawArguments", "RunArguments", "as_parameters", "checked_runs", "depends_on_time",
-           "end_of_run", "has_searches", "in_scaled_time", "negative_means", "refuse_texts",
-           "span_of", "step_argument", "step_count", "steps_until", "warn_of_late_start",
-           "warn_of_negative", "with_rules"]
+           "RawArguments", "RunArguments", "StartNumbers", "as_parameters", "checked_runs",
+           "depends_on_time", "end_of_run", "has_searches", "in_scaled_time", "negative_means",
+           "refuse_texts", "span_of", "step_argument", "step_count", "steps_until",
+           "warn_of_late_start", "warn_of_negative", "with_rules"]
 
 #: Steps of a run whose end is that of an event, at most: more than any run takes.
 OPEN = 2**62
@@ -318,6 +318,20 @@ class EnsembleArguments:
 
 
 @dataclass(frozen=True)
+class StartNumbers:
+    """A state, all its parameters, and its time, as they were given; of many, rows of them."""
+
+    q: Any
+    p: Any
+    parameters: Any
+    t: Any
+    #: H + e, which is not 0 of states that steps in scaled time have made.
+    excess: Any = 0.0
+    #: Impacts of the model that it is of.
+    impacts: tuple[Impact, ...] = ()
+
+
+@dataclass(frozen=True)
 class RawArguments:
     """The arguments of many runs as a caller passed them, unchecked: rows, numbers, dicts."""
 
@@ -349,10 +363,10 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
     def checked_run(i: int) -> RunArguments:
         """Return run i, checked as a single run is."""
         try:
+            start = StartNumbers(arguments.q[i], arguments.p[i], arguments.parameters_of(i),
+                                 arguments.t0[i], arguments.excess[i])
             return stepper._checked_run(stepper._run_arguments(
-                arguments.q[i], arguments.p[i], dt=arguments.dt[i], t0=arguments.t0[i],
-                parameters=arguments.parameters_of(i), excess=arguments.excess[i],
-                **arguments.common))
+                start, dt=arguments.dt[i], scaled=True, **arguments.common))
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 

@@ -15,18 +15,17 @@ from ...core.arrays import Array
 from ...core.errors import ArgumentError, InputError
 from ...core.event import Event, Impact
 from ...core.inertia import as_inertia, refuse_impossible_inertias
-from ...core.records import dataclass
 from ...core.start import Rule, Start, as_start, has_start
 from ...core.warnings import capture_warnings, warn
 from ..rigid_body.gamma_rules import inertia_names
 from .consistency import moved_onto_constraints
-from .run_arguments import span_of, step_argument, step_count
+from .run_arguments import StartNumbers, span_of, step_argument, step_count
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding
     from ..steppers.evaluation import Evaluation
 
-__all__ = ["Span", "StartNumbers", "after_start", "events_or_own", "merged_start", "merged_starts",
+__all__ = ["Span", "after_start", "events_or_own", "merged_start", "merged_starts",
            "own_inertias", "span_or_own", "start_parameters", "steps_of_all"]
 
 
@@ -39,20 +38,6 @@ class Span(NamedTuple):
     t_end: Any = None
     #: In place of t_end.
     steps: Any = None
-
-
-@dataclass(frozen=True)
-class StartNumbers:
-    """A state, all its parameters, and its time, as they were given; of many, rows of them."""
-
-    q: Any
-    p: Any
-    parameters: Any
-    t: Any
-    #: H + e, which is not 0 of states that steps in scaled time have made.
-    excess: Any = 0.0
-    #: Impacts of the model that it is of.
-    impacts: tuple[Impact, ...] = ()
 
 
 def merged_start(

@@ -25,7 +25,7 @@ from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.inputs import Inputs, as_inputs
 from ..bindings.run_memory import DEFAULT_MEMORY
 from ..compilation.stepper_module import load_module
-from ..integration.run_arguments import Origin, span_of
+from ..integration.run_arguments import Origin, StartNumbers, span_of
 from ..integration.starts import after_start, merged_start
 from ..results.outputs import full_states
 from ..results.trajectory import Trajectory
@@ -325,9 +325,9 @@ class Differentiation(Evaluation):
         if inputs is not None:  # one step: they are parameters
             fed = as_inputs(inputs, self.binding, 1)
             values |= {} if fed is None else fed.first
-        return self._run_of(state.q, state.p, dt=dt, steps=1, parameters=values, t0=state.t)
+        return self._run_of(replace(state, parameters=values), dt=dt, steps=1)
 
-    def _run_of(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
+    def _run_of(self, start: StartNumbers, **options: Any) -> RunArguments:
         raise NotImplementedError
 
     def _kept_step(self, run: RunArguments) -> tuple[SingleStep, TangentSpace]:
@@ -465,9 +465,9 @@ class Differentiation(Evaluation):
             refuse_forgotten(self, run)  # type: ignore[arg-type]
             steps = int(np.rint(float(run.elapsed[-1] / run.dt)))
             arguments = self._run_of(
-                run.q[0], run.p[0], dt=run.dt, steps=steps, every=run.every, solver=solver,
-                parameters=dict(run.parameters), t0=run.t[0], inputs=run._inputs,
-                excess=run[0]._excess)
+                StartNumbers(run.q[0], run.p[0], dict(run.parameters), run.t[0], run[0]._excess),
+                dt=run.dt, steps=steps, every=run.every, inputs=run._inputs, solver=solver,
+                scaled=True)
         else:
             arguments = origin.run if solver == "auto" else replace(origin.run, solver=solver)
         return rows_of(self, run, arguments)  # type: ignore[arg-type]

@@ -17,7 +17,8 @@ from ...core.exact_numbers import Number
 from ...core.start import HasStart
 from ..bindings.array_checks import as_numbers
 from ..compilation.stepper_module import load_module
-from ..integration.starts import StartNumbers, after_start, merged_start
+from ..integration.run_arguments import StartNumbers
+from ..integration.starts import after_start, merged_start
 from .differentiation import Differentiation
 
 if TYPE_CHECKING:

@@ -58,6 +58,7 @@ from ..integration.run_arguments import (
     Origin,
     RawArguments,
     RunArguments,
+    StartNumbers,
     checked_runs,
     end_of_run,
     refuse_texts,
@@ -65,7 +66,6 @@ from ..integration.run_arguments import (
     warn_of_negative,
     with_rules,
 )
-from ..integration.starts import StartNumbers
 from ..integration.step_loop import course, failure_of, trajectory_of
 from ..results.crossings import Crossings, CrossingsOfMany
 from ..results.missed_rates import warn_of_missed_rate
@@ -232,17 +232,17 @@ def integrate_members(
     device: DeviceName | None = None,
     progress: Progress = None,
     end: tuple[Any, Sequence[Fraction]] | None = None,
-    open_end: Any = None,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of starts; see ``Stepper.integrate_ensemble``.
 
-    There are four ways: on a card; each run by itself, with impacts; each by itself up to
-    ``open_end``, t_end in scaled time, where the numbers of steps are not known before; all side by
-    side, which is the usual one. There ``end``, where t_end lies between two steps, is t_end and
-    what is left of a step behind the last whole one, one number for all or one for each run.
-    ``options`` are steps, every and solver.
+    There are four ways: on a card; each run by itself, with impacts; each by itself up to t_end in
+    scaled time, where the numbers of steps are not known before; all side by side, which is the
+    usual one. ``end`` is t_end with nothing in scaled time; where t_end lies between two steps,
+    t_end with what is left of a step behind the last whole one, one number for all or one for each
+    run. ``options`` are steps, every and solver.
     """
+    open_end, end = (end[0], None) if end is not None and not end[1] else (None, end)
     as_progress(progress)
     card = device_for(device, starts.q, starts.p)
     if card is not None:

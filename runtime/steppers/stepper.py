@@ -8,7 +8,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,6 @@ from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.event import Event, Impact, as_events, as_impacts
 from ...core.exact_numbers import Number, Numbers
-from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.progress import Progress, log_progress
@@ -38,6 +37,7 @@ from ..integration.run_arguments import (
     Integration,
     Origin,
     RunArguments,
+    StartNumbers,
     end_of_run,
     has_searches,
     in_scaled_time,
@@ -163,20 +163,20 @@ class Stepper(Dynamics):
         persists: a loop of calls gives the bits of ``integrate``, and costs as few iterations.
         """
         state = merged_start(self, start, p, parameters)
-        q, p, t0, parameters = state.q, state.p, state.t, state.parameters
+        q, p, t0 = state.q, state.p, state.t
         fed = as_inputs(inputs, self.binding, 1)
         if fed is not None:
-            parameters = {name: value for name, value in as_mapping(
-                "parameters", parameters, "{'m': 1.0}").items()
-                if name not in self.binding.input_names}
-        arguments = (dt, solver, parameters)
+            state = changed(state, parameters={name: value for name, value in as_mapping(
+                "parameters", state.parameters, "{'m': 1.0}").items()
+                if name not in self.binding.input_names})
+        arguments = (dt, solver, state.parameters)
         # one for each thread: threads share a stepper, and not the memory of its solver
         previous_step: ContinuedStep | None = getattr(self._local, "previous_step", None)
         # gone until this step has succeeded: a step that fails leaves no memory to go on from
         self._local.previous_step = None
         if previous_step is None or not previous_step.continues(q, p, t0, arguments):
             run = self._checked_run(self._run_arguments(
-                q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver))
+                state, dt=dt, steps=1, inputs=fed, solver=solver))
             self._warned(run)
             # work memory that a step has used needs no initialisation
             work = None if previous_step is None else previous_step.work
@@ -223,35 +223,11 @@ class Stepper(Dynamics):
         method = as_solver(solver)
         state = merged_start(self, start, p, parameters)
         run = self._resolved(self._run_arguments(
-            state.q, state.p, dt=span_or_own(self.binding, start, Span(dt, dtau))[0], steps=0,
-            parameters=state.parameters, t0=state.t, solver=method, excess=state.excess))
+            state, dt=span_or_own(self.binding, start, Span(dt, dtau))[0], steps=0, solver=method,
+            scaled=True))
         self._memory.keep(self, start, given, parameters, state, Integration(run))
         self._warned(run)
         return Simulation(self, run, as_flag("record", record))
-
-    @overload
-    def integrate(
-        self, start: HasStart, /, *, dt: Number | None = None, dtau: Number | None = None,
-        t_end: Number | None = None,
-        steps: int | None = None, parameters: Mapping[str, Number] | None = None,
-        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
-        t_eval: ArrayLike | None = None,
-        events: Event | Impact | Sequence[Event | Impact] | None = None,
-        tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
-        out: str | os.PathLike[str] | None = None, progress: Progress = None,
-    ) -> Trajectory: ...
-
-    @overload
-    def integrate(
-        self, q: ArrayLike, p: ArrayLike, /, *, dt: Number | None = None,
-        dtau: Number | None = None, t_end: Number | None = None, steps: int | None = None,
-        parameters: Mapping[str, Number] | None = None,
-        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
-        t_eval: ArrayLike | None = None,
-        events: Event | Impact | Sequence[Event | Impact] | None = None,
-        tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
-        out: str | os.PathLike[str] | None = None, progress: Progress = None,
-    ) -> Trajectory: ...
 
     def integrate(
         self,
@@ -467,15 +443,15 @@ class Stepper(Dynamics):
         from .ensemble import integrate_members
 
         dt, steps = span_or_own(self.binding, starts, Span(dt, dtau, t_end, steps))
-        open_end = t_end if self.binding.clocked and steps is None else None
+        is_open = self.binding.clocked and steps is None and t_end is not None
         state = merged_starts(self, starts, p, parameters, impacts=True)
         events = events_or_own(starts, events)
         impacts = as_impacts(events, self.manifest.system.event_quantities, state.impacts)
-        count, rests = (1, ()) if open_end is not None else steps_of_all(
+        count, rests = (1, []) if is_open else steps_of_all(
             steps, t_end, state.t, dt, whole_steps=device is not None or bool(impacts))
         return integrate_members(
             self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
-            end=(t_end, rests) if any(rests) else None, open_end=open_end, steps=count, every=every,
+            end=(t_end, rests) if is_open or any(rests) else None, steps=count, every=every,
             solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside
@@ -504,9 +480,8 @@ class Stepper(Dynamics):
         # the part of a step at the end has a row of inputs of its own
         fed: Any = as_inputs(inputs, self.binding, count + 1) if remainder else inputs
         run = self._resolved(self._run_arguments(
-            state.q, state.p, dt=dt, steps=count, every=every, inputs=fed,
-            parameters=state.parameters, t0=state.t, solver=as_solver(solver),
-            excess=state.excess))
+            state, dt=dt, steps=count, every=every, inputs=fed, solver=as_solver(solver),
+            scaled=True))
         number = self.binding.number
         end_time = {"t_end": as_real("t_end", t_end, number),
                     "rest": number(remainder)} if remainder else {}
@@ -567,15 +542,14 @@ class Stepper(Dynamics):
                 for values in parameters]
 
     def _run_arguments(
-        self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-        parameters: Mapping[str, Any] = NO_PARAMETERS, t0: Number = 0.0, every: int = 1,
+        self, start: StartNumbers, *, dt: Number, steps: int, every: int = 1,
         inputs: InputRows | Inputs | Mapping[str, Any] | ArrayLike | None = None,
-        solver: SolverName | Solver = "auto", excess: Number | None = None,
+        solver: SolverName | Solver = "auto", scaled: bool = False,
     ) -> RunArguments:
         """Return the arguments of ``integrate`` as a record; its parameters are as given.
 
-        Callers without ``excess``, H + e at the start in scaled time, are refused that. Raises
-        InputError for any that is unusable, but for the parameters.
+        Callers that are not ``scaled`` are refused scaled time. Raises InputError for any argument
+        that is unusable, but for the parameters.
         """
         method = as_solver(solver)
         if method.kind != "auto":
@@ -584,14 +558,14 @@ class Stepper(Dynamics):
         bound = None if method.tolerance is None else as_real("tolerance", method.tolerance, number)
         count = as_positive_count("steps", steps)
         fed = as_inputs(inputs, self.binding, count)
-        q_start, p_start = self._state(q, p)
-        step = self._step(dt, scaled=excess is not None)
+        q, p = self._state(start.q, start.p)
+        step = self._step(dt, scaled=scaled)
         return changed(  # the constructor of a frozen dataclass takes longer
-            object.__new__(RunArguments), q=q_start, p=p_start, dt=step, steps=count,
+            object.__new__(RunArguments), q=q, p=p, dt=step, steps=count,
             every=as_positive_count("every", every, minimum=1),
-            parameters=self._parameters_with_inputs(parameters, fed), solver=method.kind,
-            tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t", t0, number),
-            inputs=fed, excess=0.0 if excess is None else excess)
+            parameters=self._parameters_with_inputs(start.parameters, fed), solver=method.kind,
+            tolerance=bound, max_iterations=method.max_iterations,
+            t0=as_real("t", start.t, number), inputs=fed, excess=start.excess if scaled else 0.0)
 
     def _refuse_solver(self, kind: SolverName) -> None:
         """Raise InputError for a solver that the steps do not have."""
@@ -620,8 +594,8 @@ class Stepper(Dynamics):
         refuse_inconsistent(self.binding, self.manifest, run)
         return run.with_inputs(run.inputs)
 
-    def _run_of(self, q: ArrayLike, p: ArrayLike, **options: Any) -> RunArguments:
-        return self._resolved(self._run_arguments(q, p, **options))
+    def _run_of(self, start: StartNumbers, **options: Any) -> RunArguments:
+        return self._resolved(self._run_arguments(start, **options))
 
     def _run(self, run: RunArguments) -> Trajectory:
         """Return the trajectory of a checked run, without warnings and events: for pilot runs."""

@@ -22,8 +22,8 @@ from ...core.registry import AIMS, MEANS, Aim
 from ...core.start import HasStart, Rule
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.inputs import Inputs
-from ..integration.run_arguments import end_of_run, step_argument, step_count
-from ..integration.starts import Span, StartNumbers, merged_start
+from ..integration.run_arguments import StartNumbers, end_of_run, step_argument, step_count
+from ..integration.starts import Span, merged_start
 from ..rigid_body.gamma_rules import has_inertia, inertia_of, is_inertia_parameter, mean_inertia
 from .frame_start import Direction, Velocities, directions_of, start_rates
 from .pilots import Pilot, Pilots
@@ -181,6 +181,7 @@ def tune(
     if frame is not None:
         rules |= _rates(step, fixed, choose("frame", frame, ("auto", "start")), aim)
     pilot_limit = as_positive_count("pilot_steps", pilot_steps, minimum=_LEAST)
+    state = replace(state, parameters={**state.parameters, **rules})
     length = Span(dt, dtau, t_end, steps)
     with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
         if step_error is not None:
@@ -196,16 +197,14 @@ def _tuned_step(
     dt, dtau, t_end, steps = length
     clock = step.manifest.system.clock
     span = _span(step_error, t_end, state.t, dt=dt, steps=steps, inputs=inputs)
-    excess: dict[str, Any] = {}
     if clock is not None or dtau is not None:
         largest = exact(as_real("dtau", step_argument(step.binding, dt, dtau)))
         assert clock is not None  # or dtau is refused
         assert isinstance(largest, Fraction)
         end_of_run(clock, (), state.t, t_end, largest)
         # how long a run to t_end takes in τ is not known: the search begins with the fewest steps
-        span, excess = FEWEST * largest, {"excess": state.excess}
-    run = step._run_arguments(state.q, state.p, dt=span, steps=1, t0=state.t, inputs=inputs,
-                              parameters={**state.parameters, **rules}, **excess)
+        span = FEWEST * largest
+    run = step._run_arguments(state, dt=span, steps=1, inputs=inputs, scaled=clock is not None)
     return _Rules(step, run, rules, report).tuned_step(
         span, float(step_error), pilot_limit, None if clock is None else t_end)
 
@@ -222,8 +221,7 @@ def _tuned_parameters(
     # without an end the run is as long as anyone continues it
     unbounded = steps is None and t_end is None
     count = pilot_limit if unbounded else step_count(steps, t_end, state.t, dt)
-    run = step._run_arguments(state.q, state.p, dt=dt, steps=count, t0=state.t, inputs=inputs,
-                              parameters={**state.parameters, **rules})
+    run = step._run_arguments(state, dt=dt, steps=count, inputs=inputs)
     return _Rules(step, run, rules, report).tuned(
         pilot_limit, longer=unbounded or count > pilot_limit)
 

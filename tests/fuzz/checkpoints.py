@@ -21,6 +21,7 @@ import numpy as np
 import gyrospark as gs
 from gyrospark.core.errors import GyrosparkError
 from gyrospark.runtime.bindings.run_memory import Rows
+from gyrospark.runtime.integration.run_arguments import StartNumbers
 from gyrospark.runtime.results.crossings import Crossings
 from gyrospark.storage import array_layout, recorder
 from gyrospark.storage.checkpoint import pack, unpack
@@ -58,7 +59,7 @@ class Case:
         self.path = scratch() / f"{stepper.name}-{len(self.events)}.zarr"
         self._record()
         self.run = stepper._checked_run(stepper._run_arguments(
-            q, p, dt=1e-3, steps=120, every=3, parameters=parameters))
+            StartNumbers(q, p, parameters, 0.0), dt=1e-3, steps=120, every=3))
         group = array_layout.open_group(self.path)
         self.sound = np.asarray(array_layout.array_of(group, array_layout.CHECKPOINT)[:])
         state = unpack(self.binding, self.sound, self.events)

@@ -88,8 +88,8 @@ def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, progres
     """Begin a run in a store, or resume it, as the command line does."""
     state = merged_start(stepper, begin, p, parameters)
     run = stepper._resolved(stepper._run_arguments(
-        state.q, state.p, dt=step_argument(stepper.binding, dt, dtau), steps=steps, every=every,
-        parameters=state.parameters, t0=state.t, solver=solver, excess=state.excess))
+        state, dt=step_argument(stepper.binding, dt, dtau), steps=steps, every=every,
+        solver=solver, scaled=True))
     asked = as_events(events, stepper.manifest.system.event_quantities)
     return recording_of(stepper, run, asked, out, resume=resume, progress=progress)
 
