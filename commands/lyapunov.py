@@ -18,16 +18,12 @@ from .options import (
     whole_number,
 )
 from .run.choices import steps_for
-from .run.command import progress_bar
 from .run.starts import start_of, started
 
 if TYPE_CHECKING:
     from ..runtime.analysis.lyapunov import Lyapunov
 
 __all__ = ["lyapunov"]
-
-#: Below this many steps the work is over before a bar would be seen.
-_BAR_FROM = 5_000
 
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
@@ -69,9 +65,8 @@ def lyapunov(
     _, step, start, begin = started(problem, set, choice)
     state = start_of(step, start, begin)
     size, number = steps_for(start, begin, {"dt": dt, "steps": steps, "t_end": t_end})
-    with progress_bar(number, quiet=as_json, minimum=_BAR_FROM) as progress:
-        spectrum = exponents_of(step, state, dt=size, steps=number,
-                                every=between, count=exponent_count, progress=progress)
+    spectrum = exponents_of(step, state, dt=size, steps=number, every=between,
+                            count=exponent_count)
     result = _result(spectrum)
     if plot is not None:
         spectrum.plot(plot)

@@ -6,8 +6,6 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,16 +76,15 @@ def sweep(
     trouble: Stopped | None = None
     failure: GyrosparkError | None = None
     with catch_signals() as interrupts:  # to the end: a sweep that is complete is reported
-        with _progress(quiet=as_json) as progress:
-            try:
-                run_study(loaded.study, keep=loaded.keep, out=store, resume=resume,
-                          workers=threads, dask=dask, progress=progress)
-            except Stopped as error:
-                trouble = error
-            except KeyboardInterrupt:  # the second one: Python would wait for the tiles in work
-                click.echo("gyrospark: Interrupted; every finished cell is stored.", err=True)
-                sys.stderr.flush()
-                os._exit(130)
+        try:
+            run_study(loaded.study, keep=loaded.keep, out=store, resume=resume, workers=threads,
+                      dask=dask)
+        except Stopped as error:
+            trouble = error
+        except KeyboardInterrupt:  # the second one: Python would wait for the tiles in work
+            click.echo("gyrospark: Interrupted; every finished cell is stored.", err=True)
+            sys.stderr.flush()
+            os._exit(130)
         if trouble is None or is_complete(loaded.study, store):
             result = _result(loaded.study, store, show, time.perf_counter() - started)
             if plot is not None:
@@ -102,38 +99,6 @@ def sweep(
     if failure is not None:
         raise failure
     return 0
-
-
-@contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """Yield a callback that moves a progress bar; None without a terminal."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (TextColumn("{task.completed:,} of {task.total:,} cells"), BarColumn(),
-               TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("cells", total=None)
-        begun = False
-
-        def show(done: int, everything: int) -> None:
-            """Advance the bar; the first call sets the cells that were done before."""
-            nonlocal begun
-            if not begun:  # cells of an earlier call say nothing of the speed
-                bar.reset(task, completed=done, total=everything)
-                begun = True
-            bar.update(task, completed=done, total=everything)
-
-        yield show
 
 
 def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from datetime import timedelta
 from importlib import import_module
 from typing import Any
 
@@ -30,6 +31,8 @@ Progress = Callable[..., Any] | bool | None
 #: Seconds until a task with steps is shown, and between two numbers of it; on a stderr that is no
 #: terminal every number is a line.
 _FIRST, _NEXT, _NEXT_LINE = 1.0, 0.2, 10.0
+#: Seconds to the end of a task that are shown; more are those of a task without an end.
+_SOON, _FAR = 5.0, 1e8
 
 
 class _Status:
@@ -206,16 +209,20 @@ def _log_progress(
         if not _LOGGER.isEnabledFor(logging.DEBUG):
             yield None
             return
-        due, begun = time.perf_counter() + _FIRST, False
+        start = time.perf_counter()
+        due, begun, first = start + _FIRST, False, None
 
         def report(done: int, *_: Any) -> None:
             """Log the share that is done, at intervals, from the main thread alone."""
-            nonlocal due, begun
+            nonlocal due, begun, first
             seconds = time.perf_counter()
+            first = done if first is None else first  # what an earlier call did tells no speed
             if seconds < due or threading.current_thread() is not threading.main_thread():
                 return
             due = seconds + (_NEXT if _is_terminal() or _is_notebook() else _NEXT_LINE)
-            _LOGGER.debug("%s: %.0f %% …", text, 100 * done / max(total, 1),
+            left = (total - done) * (seconds - start) / (done - first) if done > first else 0.0
+            rest = f", {timedelta(seconds=round(left))} left" if _SOON <= left < _FAR else ""
+            _LOGGER.debug("%s: %.0f %%%s …", text, 100 * done / max(total, 1), rest,
                           extra={"task": "step" if begun else "begin"})
             begun = True
 

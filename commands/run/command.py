@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -26,7 +23,7 @@ from ..options import (
     solver_from,
     whole_number,
 )
-from .choices import check_span, steps_of, tuned, with_options
+from .choices import check_span, tuned, with_options
 from .outputs import check_targets, events_of, integrate_to, stored_location
 from .report import (
     about_tuning,
@@ -38,10 +35,7 @@ from .report import (
 )
 from .starts import start_of, started
 
-__all__ = ["progress_bar", "run"]
-
-#: Below this many steps a run is over before a bar would be seen.
-_BAR_FROM = 20_000
+__all__ = ["run"]
 
 
 class RunCommand(Grouped):
@@ -162,9 +156,8 @@ def run(
     }
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
-            count = steps_of(length, t0, None if step.binding.clocked else step_size)
-            with progress_bar(count, quiet=as_json) as progress, capture_warnings() as captured:
-                done = integrate_to(step, state, out, arguments, resume=resume, progress=progress)
+            with capture_warnings() as captured:
+                done = integrate_to(step, state, out, arguments, resume=resume)
             trouble = done.trouble
             if isinstance(trouble, StepFailed):
                 trouble.add_note("Everything before it is reported and saved.")
@@ -203,23 +196,3 @@ def run(
 
 run.help = (run.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
     "(MODELS)", listed(MODELS)).replace("(DEFAULT)", DEFAULT)
-
-
-@contextmanager
-def progress_bar(
-    steps: int, *, quiet: bool, minimum: int = _BAR_FROM
-) -> Iterator[Callable[[int], None] | None]:
-    """Yield a callback that moves a progress bar; None without a terminal, or for few steps."""
-    if quiet or steps < minimum or sys.stderr is None or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.completed:,} of {task.total:,} steps"), BarColumn(),
-               TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("steps", total=steps)
-        yield lambda done: bar.update(task, completed=done)
-
-

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,12 +105,11 @@ def _is_store(out: Path | None) -> bool:
 
 def integrate_to(
     step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any], *, resume: bool,
-    progress: Callable[[int], None] | None,
 ) -> RunOutcome:
     """Integrate and write the states; an error comes with all states before it."""
     if out is not None and _is_store(out):
-        return _stored(step, start, out, arguments, progress, resume=resume)
-    return _in_memory(step, start, out, arguments, progress)
+        return _stored(step, start, out, arguments, resume=resume)
+    return _in_memory(step, start, out, arguments)
 
 
 def stored_location(out: Path | None) -> str:
@@ -122,7 +121,6 @@ def stored_location(out: Path | None) -> str:
 
 def _in_memory(
     step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any],
-    progress: Callable[[int], None] | None,
 ) -> RunOutcome:
     """Integrate in memory and write ``out``; return the outcome with the error that ended the run.
     """
@@ -130,7 +128,7 @@ def _in_memory(
     written = None
     started = time.perf_counter()
     try:
-        trajectory = step.integrate(start, **arguments, progress=progress)
+        trajectory = step.integrate(start, **arguments)
     except (StepFailed, Stopped) as error:
         if error.trajectory is None:  # a pilot run was stopped, and none of this one is done
             raise
@@ -163,8 +161,7 @@ def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopp
 
 
 def _stored(
-    step: Stepper, start: Start, store: Path, arguments: dict[str, Any],
-    progress: Callable[[int], None] | None, *, resume: bool,
+    step: Stepper, start: Start, store: Path, arguments: dict[str, Any], *, resume: bool,
 ) -> RunOutcome:
     """Integrate into a store, or resume it; return the outcome with the error that ended the run.
     """
@@ -178,7 +175,7 @@ def _stored(
     try:
         span = Span(*(arguments.get(name) for name in Span._fields))
         others = {name: arguments[name] for name in arguments.keys() - {*Span._fields}}
-        recording = step._recorded(step._integration(start, None, span, **others), store, progress,
+        recording = step._recorded(step._integration(start, None, span, **others), store,
                                    resume=resume)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, open_recording(store)

@@ -492,7 +492,7 @@ class Stepper(Dynamics):
         return plan
 
     def _recorded(
-        self, plan: Integration, out: str | os.PathLike[str], progress: Progress, *,
+        self, plan: Integration, out: str | os.PathLike[str], progress: Progress = None, *,
         resume: bool = False,
     ) -> Trajectory:
         """Return a run streamed to a store; ``resume`` continues that of an existing store.
