@@ -14,12 +14,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from .arguments import why_unwritable
+from .arguments import as_path, why_unwritable
 from .errors import GyrosparkError, InputError, MissingDependencyError
 from .extras import install
 from .records import dataclass
 
-__all__ = ["FORMATS", "FileFormat", "Kind", "ending_of", "endings", "format_of",
+__all__ = ["FORMATS", "FileFormat", "Kind", "checked_path", "ending_of", "endings", "format_of",
            "result_file"]
 
 _PACKAGE = __name__.partition(".")[0]
@@ -111,6 +111,13 @@ def format_of(path: Path, label: str, *kinds: Kind) -> FileFormat:
             return file_format
     raise InputError(f"{label} cannot be written as {path.name!r}; end it in "
                      f"{', '.join(endings(*kinds))}.")
+
+
+def checked_path(path: str | os.PathLike[str], example: str, label: str, kind: Kind) -> Path:
+    """Return the path if a result of this kind can be written as such a file; see ``format_of``."""
+    target = as_path("path", path, example)
+    format_of(target, label, kind)
+    return target
 
 
 @contextlib.contextmanager

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.arguments import as_path, choose, shown
+from ...core.arguments import choose, shown
 from ...core.errors import InputError, MissingDependencyError
-from ...core.file_formats import ending_of, format_of, result_file
+from ...core.file_formats import checked_path, ending_of, result_file
 from ...core.inertia import real_array
 from ...core.shapes import Shape, ShapeKind
 from .html_view import with_visuals
@@ -99,8 +99,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
     MissingDependencyError
         Without matplotlib, or ffmpeg.
     """
-    target = as_path("path", path, "flip.gif")
-    format_of(target, "A film", "film")
+    target = checked_path(path, "flip.gif", "A film", "film")
     _writer(target, fps=20)
     return target
 

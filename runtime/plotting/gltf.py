@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._version import __version__
-from ...core.arguments import as_path, choose
-from ...core.file_formats import format_of, result_file
+from ...core.arguments import choose
+from ...core.file_formats import checked_path, result_file
 from ...core.shapes import Shape, axes_about
 from .body_shapes import METAL
 from .html_view import with_visuals
@@ -30,7 +30,7 @@ from .solids import COLOURS, Mesh, joined, mesh_of
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["check_model_file", "export_gltf"]
+__all__ = ["export_gltf"]
 
 Array = NDArray[Any]
 
@@ -63,24 +63,11 @@ def export_gltf(
     GyrosparkError
         If the file cannot be written.
     """
-    target = check_model_file(path)
+    target = checked_path(path, "top.glb", "A 3-D model", "model")
     choose("meshes", meshes, MESHES)
     scene, mesh_files = with_visuals(trajectory, scene_of(trajectory, _FRAMES), meshes)
     with result_file(target, "The model") as partial_file:
         partial_file.write_bytes(_Document(scene, mesh_files).as_bytes())
-    return target
-
-
-def check_model_file(path: str | os.PathLike[str]) -> Path:
-    """Return the path if a 3-D model can be written as such a file.
-
-    Raises
-    ------
-    InputError
-        For another ending than .glb.
-    """
-    target = as_path("path", path, "top.glb")
-    format_of(target, "A 3-D model", "model")
     return target
 
 

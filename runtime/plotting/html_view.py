@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.arguments import as_path, choose
-from ...core.file_formats import format_of, result_file
+from ...core.arguments import choose
+from ...core.file_formats import checked_path, result_file
 from ...core.shapes import Shape
 from ...core.warnings import warn
 from .meshes import BUDGET, MESHES, IndexedMesh, MeshesName, encoded, read_meshes
@@ -25,7 +25,7 @@ from .solids import encoded_solids
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["View", "check_page", "view"]
+__all__ = ["View", "view"]
 
 _HERE = Path(__file__).resolve().parent
 #: Frames of a page: enough for a minute of smooth motion, and no more bytes than that of poses.
@@ -65,7 +65,7 @@ class View:
         GyrosparkError
             If the file cannot be written.
         """
-        self.path = check_page(path)
+        self.path = checked_path(path, "top.html", "A page", "page")
         with result_file(self.path, "The page") as partial_file:
             partial_file.write_text(self.page, encoding="utf-8")
         return self.path
@@ -113,7 +113,7 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     """
     choose("shape", shape, DRAWN)
     choose("meshes", meshes, MESHES)
-    target = None if path is None else check_page(path)
+    target = None if path is None else checked_path(path, "top.html", "A page", "page")
     # seven floats of four bytes for the pose of a body, and two numbers a frame
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
     plain = scene_of(trajectory, count)
@@ -122,19 +122,6 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     if target is not None:
         page_view.save(target)
     return page_view
-
-
-def check_page(path: str | os.PathLike[str]) -> Path:
-    """Return the path if a page can be written as such a file.
-
-    Raises
-    ------
-    InputError
-        For another ending than .html.
-    """
-    target = as_path("path", path, "top.html")
-    format_of(target, "A page", "page")
-    return target
 
 
 def with_visuals(

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import as_path, choose
+from ...core.arguments import choose
 from ...core.errors import MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import ending_of, endings, format_of, result_file
+from ...core.file_formats import checked_path, ending_of, endings, result_file
 from ...core.real_types import REALS
 from ..compilation.body_columns import bodies_of
 
@@ -96,8 +96,7 @@ def check_picture_path(path: str | os.PathLike[str]) -> Path:
     MissingDependencyError
         Without matplotlib.
     """
-    target = as_path("path", path, "top.png")
-    format_of(target, "A picture", "picture")
+    target = checked_path(path, "top.png", "A picture", "picture")
     figure_class()
     return target
 
