@@ -275,7 +275,7 @@ def test_a_store_is_resumed_in_the_middle_of_a_cascade(tmp_path, monkeypatch):
                  "events": gs.Impact("floor", restitution=0.5), "out": out}
     with pytest.raises(Interrupted):
         ball.integrate([1.0], [0.0], **arguments, progress=ends_after(3))
-    for calls in (1, 2, 1, 1):
+    for calls in (1, 2):
         with contextlib.suppress(Interrupted), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             gs.resume(out, progress=ends_after(calls))

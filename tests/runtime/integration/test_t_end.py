@@ -14,6 +14,12 @@ from stores import Interrupted, assert_same, assert_same_bytes, small_blocks
 DT, END = 0.01, 0.104
 
 
+def in_pairs(some, others):
+    """Return the product; what is not on its diagonal is slow."""
+    return [pytest.param(x, y, marks=[pytest.mark.slow] * (i % len(others) != j))
+            for i, x in enumerate(some) for j, y in enumerate(others)]
+
+
 def run(name="pendulum", **more):
     step = systems.stepper(name)
     start = gs.Start(*systems.start(name, step), systems.case(name).parameters)
@@ -172,8 +178,8 @@ def test_what_ends_with_a_whole_step_says_so(tmp_path, gyrospark):
     assert answer["done_before"]
 
 
-@pytest.mark.parametrize("every", [1, 3, 5])
-@pytest.mark.parametrize("name", ["pendulum", "driven_oscillator", "sleigh"])
+@pytest.mark.parametrize(("name", "every"), in_pairs(
+    ["pendulum", "driven_oscillator", "sleigh"], [1, 3, 5]))
 def test_stored_runs_end_there(name, every, tmp_path):
     """With the bits of a run in memory; a longer run goes on from the last whole step."""
     step, start, _, made = run(name, every=every)
@@ -189,8 +195,7 @@ def test_stored_runs_end_there(name, every, tmp_path):
         gs.resume(tmp_path / "run.zarr", t_end=0.1201)
 
 
-@pytest.mark.parametrize("place", ["_advance", "_take_last_part"])
-@pytest.mark.parametrize("every", [1, 4])
+@pytest.mark.parametrize(("every", "place"), in_pairs([1, 4], ["_advance", "_take_last_part"]))
 def test_a_killed_run_ends_there_with_the_same_bytes(every, place, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 4)
     step, start, _, _ = run()
@@ -215,8 +220,8 @@ def test_a_killed_run_ends_there_with_the_same_bytes(every, place, tmp_path, mon
     assert_same_bytes(whole, killed)
 
 
-@pytest.mark.parametrize("terminal", [False, True])
-@pytest.mark.parametrize("time", [0.052, 0.1, 0.1013, 0.1065])
+@pytest.mark.parametrize(("time", "terminal"), in_pairs(
+    [0.052, 0.1, 0.1013, 0.1065], [True, False]))
 def test_events_of_stored_runs_and_ensembles_in_the_last_part(time, terminal, tmp_path):
     step, start, whole, _ = run()
     event = gs.Event(step.manifest.system.coordinates[0], float(whole.at([time]).q[0, 0]),

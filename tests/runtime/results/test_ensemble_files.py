@@ -10,6 +10,7 @@ import pytest
 import xarray
 
 import gyrospark as gs
+import systems
 from calls import refused
 from event_runs import pendulum, start
 from gyrospark.runtime.results.state_columns import states_of
@@ -49,6 +50,20 @@ def test_a_dataset_has_what_the_members_have() -> None:
     assert np.array_equal(by_g.q.sel(parameter_g=2.0, coordinate="x"), many.q[2, :, 0])
 
 
+def test_wide_numbers_keep_their_bytes(tmp_path) -> None:
+    """In float128 they are bytes of the archive, and doubles elsewhere."""
+    step, case = systems.stepper("heavy_top", real="float128"), systems.case("heavy_top")
+    q, p = systems.start("heavy_top", step)
+    many = step.integrate_ensemble([q] * 2, [p] * 2, dt=[case.dt, 2 * case.dt], steps=2,
+                                   parameters=case.parameters)
+    with np.load(many.save(tmp_path / "run.npz"), allow_pickle=False) as file:
+        assert json.loads(str(file["about"]))["manifest"]["real"] == "float128"
+        assert any(file[name].shape == (*many.q.shape, 16) for name in file.files)
+    with xarray.open_dataset(many.save(tmp_path / "run.nc"), engine="h5netcdf",
+                             decode_times=False) as file:
+        assert np.array_equal(file.q, many.q.astype(float))
+
+
 def test_a_failure_is_reported() -> None:
     many = failing()
     assert set(many.failures) == {1}
@@ -61,8 +76,7 @@ def test_a_failure_is_reported() -> None:
     assert found.iterations.dtype.kind == "i"
 
 
-@pytest.mark.parametrize("real", [
-    "double", "float128"])
+@pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
 def test_files(real: str, tmp_path) -> None:
     """All three, read by other programs' own readers."""
     many = ensemble(real)

@@ -227,13 +227,13 @@ def test_each_body_has_its_own_gamma():
     q0, p0 = systems.start("double_top", step)
     start = gs.Start(q0, p0, {name: x for name, x in case.parameters.items()
                               if not name.endswith("gamma")})
-    both = gs.tune(step, start, dt=1e-3, gamma="auto", aim="energy", pilot_steps=100)
+    both = gs.tune(step, start, dt=1e-3, gamma="auto", aim="energy", pilot_steps=40)
     assert both.parameters.keys() == {"a_gamma", "b_gamma"}
     mean = both.pilots[0].parameters["b_gamma"]
-    single = gs.tune(step, start, dt=1e-3, gamma="auto", aim="energy", pilot_steps=100,
+    single = gs.tune(step, start, dt=1e-3, gamma="auto", aim="energy", pilot_steps=40,
                      parameters={"b_gamma": mean})
     assert single.parameters.keys() == {"a_gamma"}
     assert both.error <= single.error
-    motion = gs.tune(step, start, dt=1e-3, gamma="auto", steps=100)
+    motion = gs.tune(step, start, dt=1e-3, gamma="auto", steps=40)
     assert next(pilot for pilot in motion.pilots
                 if pilot.parameters == motion.parameters).worst <= 1
