@@ -231,6 +231,7 @@ def compiled(
     """Return the model and its stepper; a named problem has its stepper checked in."""
     frame = options.get("frame")
     if isinstance(model, Problem):
+        # as a model: H in closed form, with the parameters that this form has
         rep = "gamma" if rep is None else rep
         stepper = make_stepper(rep=rep, system=model.system, **options)
         system = SYSTEMS[model.system].make(rep)

@@ -194,6 +194,7 @@ def _reverse(
 
     def second(x: Array, z: Array, w: Array, result: Array) -> tuple[Array, ...]:
         """Return the Jacobian of F'(x)ᵀ w by x, by z (0) and by w."""
+        # columns of w are stacked: by w it is one block F'ᵀ for each column
         first = flow.jacobian(x.T)[0].T
         unit = np.eye(flow.size)[None]
         by_x = np.concatenate([flow.second(flow.adjoint, x.T, np.repeat(

@@ -138,9 +138,11 @@ def unpack(binding: Binding, data: Array, events: Events = ()) -> CheckpointStat
         return body[position - size : position].copy()
 
     def numbers(*shape: int) -> Array:
+        """Return the next numbers, in the stepper's type, as an array of this shape."""
         empty = as_bytes(binding.new(*shape))
         return from_bytes(take(empty.nbytes).reshape(empty.shape), binding.dtype)
 
+    # each integer is checked: compiled code would trust it
     event_count = len(events)
     iterations, status = (int(x) for x in take(16).view("<i8"))
     run = RunState.at_start(binding, numbers(binding.n), numbers(binding.n))
@@ -152,6 +154,7 @@ def unpack(binding: Binding, data: Array, events: Events = ()) -> CheckpointStat
         raise ValueError(_UNSOUND)
     if not events:
         return CheckpointState(run, iterations, status)
+    # counters: of each event its crossings so far, then whether a turning is bracketed already
     state_count, *counters = (int(x) for x in take(8 * (1 + 2 * event_count)).view("<i8"))
     if not (0 <= state_count <= TAIL and min(counters) >= 0 and max(counters[event_count:]) <= 1):
         raise ValueError(_UNSOUND)

@@ -217,6 +217,7 @@ class Recorder:
                                                 self.run, self.block))
             self._compute(writer, interrupts, progress)
             self._commit(writer)
+            # the last part of a step, to a t_end between two steps, is no step of the grid
             if (self.run.rest and self.state.steps == self.run.steps and not self._has_ended()
                     and not interrupts.requested):
                 self._take_last_part(writer)

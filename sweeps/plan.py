@@ -27,7 +27,6 @@ from .tiles import cells_of, tiles_of
 __all__ = ["plan"]
 
 
-
 def plan(
     model: Any, over: Mapping[str, Any], *, scheme: str | None = None, stages: int | None = None,
     rep: str | None = None, real: str | None = None, frame: str | None = None,
@@ -38,27 +37,17 @@ def plan(
     over = as_mapping("over", over, '{"gamma": [4e-4, 8e-4]}')
     parameter_values = {} if parameters is None else as_mapping(
         "parameters", parameters, '{"mgl": 0.4}')
-    if SCHEME in over:
-        if scheme is not None or stages is not None:
-            raise InputError("scheme varies along an axis; leave out scheme and stages.")
-        labels = list(value_axis(SCHEME, over[SCHEME]).labels)
-    else:
-        scheme = DEFAULT_SCHEME if scheme is None else scheme
-        if stages is None and isinstance(scheme, str):
-            stages = DEFAULT_STAGES if scheme in SCHEMES and SCHEMES[scheme].counted else None
-        count = whole(stages)
-        if stages is not None and count is None:
-            raise InputError(f"stages = {shown(stages)} is not a whole number.")
-        labels = [str(scheme) if stages is None else f"{scheme} {count}"]
+    schemes = _schemes(over, scheme, stages)
     refuse_together(  # before anything is compiled
         sweep="a sweep", float128=isinstance(real, str) and real in REALS
         and REALS[real].in_mpmath and "numbers of type float128")
-    steppers, start = resolve(model, labels, rep, real, frame)
+    steppers, start = resolve(model, schemes, rep, real, frame)
     impacts = [event.name for event in getattr(start, "events", ()) if isinstance(event, Impact)]
     refuse_together(impacts=bool(impacts) and f"impacts of {few(impacts)}", other_runs="a sweep")
     binding = steppers[0].binding
     step_name = "dtau" if binding.clocked else "dt"
     names = {*steppers[0].parameter_domains, step_name, SCHEME}
+    # columns of all axes; a table of points has several
     varied = {key for key in over if key in names} | {
         column for key, table in over.items() if key not in names and isinstance(table, Mapping)
         for column in table}
@@ -72,6 +61,7 @@ def plan(
             axis, drawn = _points(key, axis_values, step_name)
             axes.append(axis)
             seed = drawn if seed is None else seed
+    # a model may name dt, but has no Δτ
     if step_name not in varied or dt is not None or dtau is not None:
         dt = step_argument(binding, start.dt if dt is None and not binding.clocked else dt, dtau)
     common_parameters = base_parameters(steppers[0], start, parameter_values, varied)
@@ -81,6 +71,24 @@ def plan(
     _refuse_impossible_inertias(study, start.bodies)
     _warn_of_moved_start(study, common_parameters | study.parameters)
     return study
+
+
+def _schemes(over: Mapping[str, Any], scheme: str | None, stages: Any) -> list[str]:
+    """Return the schemes, such as "G-L 3": those of an axis, or the one of the arguments.
+
+    Raises InputError if both are given, and for stages that are no whole number.
+    """
+    if SCHEME in over:
+        if scheme is not None or stages is not None:
+            raise InputError("scheme varies along an axis; leave out scheme and stages.")
+        return list(value_axis(SCHEME, over[SCHEME]).labels)
+    scheme = DEFAULT_SCHEME if scheme is None else scheme
+    if stages is None and isinstance(scheme, str):
+        stages = DEFAULT_STAGES if scheme in SCHEMES and SCHEMES[scheme].counted else None
+    count = whole(stages)
+    if stages is not None and count is None:
+        raise InputError(f"stages = {shown(stages)} is not a whole number.")
+    return [str(scheme) if stages is None else f"{scheme} {count}"]
 
 
 def _refuse_impossible_inertias(study: Study, inertias: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -117,19 +117,34 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
         fields += [scalar_field(first_of(event.name),
                                 f"time of the first {crossing}; NaN where none", units="s"),
                    scalar_field(count_of(event.name), f"how often {crossing}")]
-    if study.every is not None:
-        samples = (("sample", study.most_steps // study.every + 1), *state)
-        fields += [StoredField("q_samples", samples, {"long_name": "coordinates on the way"}),
-                   StoredField("p_samples", samples,
-                               {"long_name": "momenta on the way", **momentum})]
-        if stepper.binding.clocked:
-            fields.append(StoredField("t_samples", samples[:1],
-                                      {"long_name": "times on the way", "units": "s"}))
+    fields += _sample_fields(study, state, momentum)
+    return [*_selected_fields(fields, keep), _status_field()]
+
+
+def _sample_fields(
+    study: Study, state: tuple[tuple[str, int], ...], momentum: Mapping[str, str]
+) -> list[StoredField]:
+    """Return the fields of the states of a cell during the run, every ``study.every`` steps.
+
+    ``state`` is the dimension of a state, ``momentum`` the attribute with the unit of momenta.
+    """
+    if study.every is None:
+        return []
+    samples = (("sample", study.most_steps // study.every + 1), *state)
+    fields = [StoredField("q_samples", samples, {"long_name": "coordinates on the way"}),
+              StoredField("p_samples", samples, {"long_name": "momenta on the way", **momentum})]
+    if study.steppers[0].binding.clocked:
+        fields.append(StoredField("t_samples", samples[:1],
+                                  {"long_name": "times on the way", "units": "s"}))
+    return fields
+
+
+def _status_field() -> StoredField:
+    """Return the field of the status, whose attributes name its values (CF conventions)."""
     status_texts = meanings()
-    status = StoredField(STATUS, (), {
+    return StoredField(STATUS, (), {
         "long_name": "how the cell ended", "flag_values": list(status_texts),
         "flag_meanings": " ".join(text.replace(" ", "_") for text in status_texts.values())}, "i1")
-    return [*_selected_fields(fields, keep), status]
 
 
 def _selected_fields(fields: list[StoredField], keep: Iterable[str] | None) -> list[StoredField]:

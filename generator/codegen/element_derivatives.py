@@ -59,21 +59,21 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
     kinds = ((structure.templates, elements.energies, _energy),
              (structure.constraint_templates, elements.constraints, _constraint),
              (structure.force_templates, elements.forces, _force))
-    templates = []
-    for kind, (forms, tables, kernels_of) in enumerate(kinds):
-        for form, table in zip(forms, tables, strict=True):
-            if not (form.q or form.p) and kind == 0:
+    derivative_tables = []
+    for kind, (templates, tables, kernels_of) in enumerate(kinds):
+        for template, table in zip(templates, tables, strict=True):
+            if not (template.q or template.p) and kind == 0:
                 continue  # a constant of H has no derivatives
-            derivative_kernels = emit.all(table["name"], kernels_of(form, scheme, times))
+            derivative_kernels = emit.all(table["name"], kernels_of(template, scheme, times))
             by_name = {k["name"]: k for k in (*table["kernels"], *derivative_kernels)}
-            template = table | {"kind": kind, "columns": table["nk"] + len(times),
-                "own": derivative_kernels}
+            extended = table | {"kind": kind, "columns": table["nk"] + len(times),
+                                "own": derivative_kernels}
             groups = {name: [by_name[k] for k in kernels[kind] if k in by_name]
                       for name, kernels in _GROUPS.items()}
-            templates.append(template | {
-                "groups": {name: _group(template, name, kernels)
+            derivative_tables.append(extended | {
+                "groups": {name: _group(extended, name, kernels)
                            for name, kernels in groups.items() if kernels}})
-    return templates
+    return derivative_tables
 
 
 def _group(
@@ -106,10 +106,10 @@ def _group(
 
 
 def _by(
-    form: ElementTemplate, expressions: Sequence[sp.Expr], times: Sequence[sp.Symbol]
+    template: ElementTemplate, expressions: Sequence[sp.Expr], times: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
     """Return the derivatives of expressions by the constants of an instance and by the times."""
-    return by_each(expressions, [*form.constants, *times])
+    return by_each(expressions, [*template.constants, *times])
 
 
 def _nonempty(kernels: Sequence[Kernel]) -> list[Placed]:
@@ -123,70 +123,71 @@ def _nonempty(kernels: Sequence[Kernel]) -> list[Placed]:
 
 
 def _energy(
-    form: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
+    template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
     """Return the kernels of a term of H: dH_q/dc, dH_p/dc and, of IMS and EMS, of D_q and D_p."""
-    element = form.system
-    state = Kernel("rates_by_constants", "dH_q/dc and dH_p/dc", local_inputs(form),
-                   {"H_qc": _by(form, element.H_q if form.q else [], times),
-                    "H_pc": _by(form, element.H_p if form.p else [], times)})
+    element = template.system
+    state = Kernel("rates_by_constants", "dH_q/dc and dH_p/dc", local_inputs(template),
+                   {"H_qc": _by(template, element.H_q if template.q else [], times),
+                    "H_pc": _by(template, element.H_p if template.p else [], times)})
     if isinstance(scheme, SparkScheme):
         return _nonempty([state])
-    nq, np = len(form.q), len(form.p)
+    nq, np = len(template.q), len(template.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
     D_q, D_p = mean_gradient_of(element, (qm, pm), (dq, dp), scheme.discrete)
-    arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
+    arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": template.constants}
     mean = Kernel("mean_by_start", "derivatives of D_q and D_p by qm and pm", arguments,
                   {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm),
                    "D_pq": jacobian(D_p, qm), "D_pp": jacobian(D_p, pm)})
     by_constants = Kernel("mean_by_constants", "dD_q/dc and dD_p/dc", arguments,
-                          {"D_qc": _by(form, D_q, times), "D_pc": _by(form, D_p, times)})
-    hessian = [k for k in term_kernels(form, between=False, constrained=True)
+                          {"D_qc": _by(template, D_q, times), "D_pc": _by(template, D_p, times)})
+    hessian = [k for k in term_kernels(template, between=False, constrained=True)
                if k[0].name == "hessian"]
     return [*_nonempty([state, mean, by_constants]), *hessian]
 
 
 def _constraint(
-    form: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
+    template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
     """Return the kernels of a constraint g: g, G v + g_t and G^T lambda by q and by constants."""
-    nq, m = len(form.q), len(form.expressions)
+    nq, m = len(template.q), len(template.expressions)
     lam, v = vector("lambda", m), vector("d", nq)
-    G = jacobian(form.expressions, form.q)
+    G = jacobian(template.expressions, template.q)
     rates = [sp.Add(*(a * x for a, x in zip(row, v, strict=True))) for row in G]
-    if form.time is not None:
-        g_t = jacobian(form.expressions, [form.time])
+    if template.time is not None:
+        g_t = jacobian(template.expressions, [template.time])
         rates = [sp.Add(rate, row[0]) for rate, row in zip(rates, g_t, strict=True)]
     kernels = [
-        Kernel("by_constants", "dg/dc", local_inputs(form),
-               {"g_c": _by(form, form.expressions, times)}),
-        Kernel("velocity_by_coordinates", "d(G v + g_t)/dq at fixed v", local_inputs(form, d=v),
-               {"f_q": jacobian(rates, form.q)}),
-        Kernel("velocity_by_constants", "d(G v + g_t)/dc at fixed v", local_inputs(form, d=v),
-               {"f_c": _by(form, rates, times)}),
+        Kernel("by_constants", "dg/dc", local_inputs(template),
+               {"g_c": _by(template, template.expressions, times)}),
+        Kernel("velocity_by_coordinates", "d(G v + g_t)/dq at fixed v", local_inputs(template, d=v),
+               {"f_q": jacobian(rates, template.q)}),
+        Kernel("velocity_by_constants", "d(G v + g_t)/dc at fixed v", local_inputs(template, d=v),
+               {"f_c": _by(template, rates, times)}),
     ]
     if isinstance(scheme, SparkScheme):
         kernels.append(Kernel("force_by_constants", "d(G^T lambda)/dc",
-                              local_inputs(form, **{"lambda": lam}),
-                              {"force_c": _by(form, transposed_product(G, lam), times)}))
+                              local_inputs(template, **{"lambda": lam}),
+                              {"force_c": _by(template, transposed_product(G, lam), times)}))
         return _nonempty(kernels)
     qm, dq = vector("qm", nq), vector("dq", nq)
-    mean_G, _ = mean_jacobian(form, qm, dq, scheme.discrete)
+    mean_G, _ = mean_jacobian(template, qm, dq, scheme.discrete)
     force = transposed_product(mean_G, lam)
-    arguments = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
+    arguments = {"qm": qm, "dq": dq, "lambda": lam, "k": template.constants}
     return _nonempty([
         *kernels,
         Kernel("mean_force_by_start", "d(G^T lambda)/dqm between two states", arguments,
                {"K": jacobian(force, qm)}),
         Kernel("mean_force_by_constants", "d(G^T lambda)/dc between two states", arguments,
-               {"force_c": _by(form, force, times)}),
+               {"force_c": _by(template, force, times)}),
     ])
 
 
 def _force(
-    form: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
+    template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
     """Return the kernel of a force F: dF/dc."""
-    arguments = {"q": form.q, "p": form.p, **time_input(scheme.system), "k": form.constants}
+    arguments = {"q": template.q, "p": template.p, **time_input(scheme.system),
+                 "k": template.constants}
     return _nonempty([Kernel("by_constants", "dF/dc", arguments,
-                             {"F_c": _by(form, form.expressions, times)})])
+                             {"F_c": _by(template, template.expressions, times)})])

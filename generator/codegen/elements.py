@@ -42,49 +42,49 @@ Placed = tuple[Kernel, str]
 def elements_of(structure: Structure, derived: Derived) -> Elements:
     """Return the tables and kernels of the element templates of a system."""
     scheme, emit = derived.implicit, Emitter(derived.constants, derived.real)
-    forms = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
+    templates = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
     # constants in the order of the system, so that equal systems have equal C
-    used = sorted({c for form in forms for i in form.instances for c in i.constants})
+    used = sorted({c for template in templates for i in template.instances for c in i.constants})
     index = {c: position for position, c in enumerate(used)}
     between, constrained = isinstance(scheme, MeanScheme), bool(structure.system.m)
     blocks = _Blocks(structure)
     energies = [
-        _form(f"term{f}", form, index)
-        | {"kernels": emit.all(f"term{f}", term_kernels(form, between=between,
+        _table_of(f"term{f}", template, index)
+        | {"kernels": emit.all(f"term{f}", term_kernels(template, between=between,
                                                         constrained=constrained)),
            "blocks": blocks.of_elements[f]}
-        for f, form in enumerate(structure.templates)
+        for f, template in enumerate(structure.templates)
     ]
     constraints = [
-        _form(f"constraint{f}", form, index)
-        | {"kernels": emit.all(f"constraint{f}", constraint_kernels(form, between=between)),
+        _table_of(f"constraint{f}", template, index)
+        | {"kernels": emit.all(f"constraint{f}", constraint_kernels(template, between=between)),
            "places": blocks.places[f]}
-        for f, form in enumerate(structure.constraint_templates)
+        for f, template in enumerate(structure.constraint_templates)
     ]
     forces = [
-        _form(f"force{f}", form, index)
-        | {"kernels": emit.all(f"force{f}", force_kernels(form, time_input(structure.system)))}
-        for f, form in enumerate(structure.force_templates)
+        _table_of(f"force{f}", template, index)
+        | {"kernels": emit.all(f"force{f}", force_kernels(template, time_input(structure.system)))}
+        for f, template in enumerate(structure.force_templates)
     ]
     if isinstance(scheme, MeanScheme):
-        for f, form in enumerate(structure.templates):
+        for f, template in enumerate(structure.templates):
             energies[f]["kernels"] += emit.all(f"term{f}",
-                                               mean_term_kernels(form, scheme.discrete))
-        for f, form in enumerate(structure.constraint_templates):
+                                               mean_term_kernels(template, scheme.discrete))
+        for f, template in enumerate(structure.constraint_templates):
             constraints[f]["kernels"] += emit.all(
-                f"constraint{f}", mean_constraint_kernels(form, scheme.discrete))
+                f"constraint{f}", mean_constraint_kernels(template, scheme.discrete))
     positions, band = _band(structure, scheme)
     condensed = condensation_of(structure, scheme, constraints)
     if condensed:
-        for template, table in zip((*energies, *constraints, *forces), condensed.tables,
-                                   strict=True):
-            template |= table
+        for table, condensed_table in zip((*energies, *constraints, *forces), condensed.tables,
+                                          strict=True):
+            table |= condensed_table
     symbols = list(scheme.system.parameters)
     return Elements(
         energies, constraints, forces,
         used_constants=[str(symbols[c]) for c in used],
         blocks=blocks,
-        covers_momenta=sorted(a for form in structure.templates for i in form.instances
+        covers_momenta=sorted(a for template in structure.templates for i in template.instances
                               for a in i.p) == list(range(structure.system.n)),
         elimination=_elimination_tables(structure.elimination),
         second=_second_derivatives(structure, energies, forces),
@@ -108,7 +108,7 @@ def _elimination_tables(elimination: Elimination) -> dict[str, Any]:
     }
 
 
-def _form(name: str, form: ElementTemplate, index: dict[int, int]) -> dict[str, Any]:
+def _table_of(name: str, template: ElementTemplate, index: dict[int, int]) -> dict[str, Any]:
     """Return the sizes and tables of an element template, as the template of C reads them.
 
     ``q``, ``p`` and ``row`` have, for each instance, indices of coordinates, momenta and rows of
@@ -116,14 +116,14 @@ def _form(name: str, form: ElementTemplate, index: dict[int, int]) -> dict[str, 
     """
     return {
         "name": name,
-        "nq": len(form.q), "np": len(form.p), "nk": len(form.constants),
-        "rows": len(form.instances[0].rows),
-        "count": len(form.instances),
-        "q": [i.q for i in form.instances],
-        "p": [i.p for i in form.instances],
-        "k": [tuple(index[c] for c in i.constants) for i in form.instances],
-        "row": [i.rows for i in form.instances],
-        "text": [str(e).replace("**", "^") for e in form.expressions],
+        "nq": len(template.q), "np": len(template.p), "nk": len(template.constants),
+        "rows": len(template.instances[0].rows),
+        "count": len(template.instances),
+        "q": [i.q for i in template.instances],
+        "p": [i.p for i in template.instances],
+        "k": [tuple(index[c] for c in i.constants) for i in template.instances],
+        "row": [i.rows for i in template.instances],
+        "text": [str(e).replace("**", "^") for e in template.expressions],
     }
 
 
@@ -133,14 +133,14 @@ class Emitter:
     def __init__(self, constants: Constants, real: Real) -> None:
         self.constants, self.real = constants, real
 
-    def all(self, form: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
+    def all(self, prefix: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
         """Return the kernels of an element template, one dict each, as the C template reads them.
 
         ``scalar`` and ``lanes`` are the C, None where the kernel is not needed.
         """
         emitted = []
         for kernel, where in kernels:
-            named = Kernel(f"{form}_{kernel.name}", kernel.doc,
+            named = Kernel(f"{prefix}_{kernel.name}", kernel.doc,
                            {a: s for a, s in kernel.inputs.items() if s}, kernel.outputs,
                            kernel.compensated)
             scalar = emit_kernel(named, self.constants, self.real)
@@ -163,39 +163,39 @@ def _entries(output: Any) -> list[sp.Expr]:
 
 
 def local_inputs(
-    form: ElementTemplate, **more: Sequence[sp.Symbol]
+    template: ElementTemplate, **more: Sequence[sp.Symbol]
 ) -> dict[str, Sequence[sp.Symbol]]:
     """Return the inputs of a kernel of a template: coordinates, momenta, constants."""
-    return {"q": form.q, "p": form.p, **more, "k": form.constants}
+    return {"q": template.q, "p": template.p, **more, "k": template.constants}
 
 
-def term_kernels(form: ElementTemplate, *, between: bool, constrained: bool) -> list[Placed]:
+def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool) -> list[Placed]:
     """Return the kernels of a term of H: H, (H_p, H_q), H_p, H_pp, H_t and second derivatives.
 
     With ``between``, a step of IMS or EMS, whose second derivatives ``mean_term_kernels`` has. H_p
     for numbers and H_pp serve the constraint on the momenta, G H_p + g_t = 0, of ``constrained``
     systems.
     """
-    system = form.system
-    arguments = local_inputs(form)
-    gradients: dict[str, Any] = {"H_q": system.H_q} if form.q else {}
-    if form.p:
+    system = template.system
+    arguments = local_inputs(template)
+    gradients: dict[str, Any] = {"H_q": system.H_q} if template.q else {}
+    if template.p:
         gradients = {"H_p": system.H_p} | gradients
     kernels = [
-        (Kernel("energy", f"H of {_short(system.H)}", arguments, {"H": form.expressions[-1]}),
+        (Kernel("energy", f"H of {_short(system.H)}", arguments, {"H": template.expressions[-1]}),
          BOTH),
         (Kernel("gradient", "derivatives of H", arguments, gradients),
          NUMBERS if between else BOTH),
     ]
-    second: dict[str, Any] = {"H_qq": system.H_qq} if form.q else {}
-    if form.p:
+    second: dict[str, Any] = {"H_qq": system.H_qq} if template.q else {}
+    if template.p:
         kernels.append((Kernel("velocity", "H_p", arguments, {"H_p": system.H_p}),
                         BOTH if constrained else LANES))
         kernels.append((Kernel("mass", "H_pp, the inverse of a mass", arguments,
                                {"H_pp": system.H_pp}),
                         BOTH))
-        second |= ({"H_pq": system.H_pq} if form.q else {}) | {"H_pp": system.H_pp}
-    if form.time is not None and not between:
+        second |= ({"H_pq": system.H_pq} if template.q else {}) | {"H_pp": system.H_pp}
+    if template.time is not None and not between:
         kernels.append((Kernel("energy_rate", "H_t", arguments, {"H_t": system.H_t}), BOTH))
     kernels.append((Kernel("hessian", "second derivatives of H", arguments, second), NUMBERS))
     # IMS and EMS have kernels of their own between two states: ``mean_term_kernels``
@@ -206,61 +206,63 @@ def term_kernels(form: ElementTemplate, *, between: bool, constrained: bool) -> 
             if kernel.outputs and kernel.name not in dropped]
 
 
-def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
+def constraint_kernels(template: ElementTemplate, *, between: bool) -> list[Placed]:
     """Return the kernels of a template of g: g, g(q + d) − g(q), G, Gᵀ λ, K = (Gᵀ λ)_q and g_t."""
-    rows = len(form.expressions)
-    d, lam = vector("d", len(form.q)), vector("lambda", rows)
-    G = jacobian(form.expressions, form.q)
-    arguments, with_lambda = local_inputs(form), local_inputs(form, **{"lambda": lam})
+    g, q = list(template.expressions), template.q
+    d, lam = vector("d", len(q)), vector("lambda", len(g))
+    G = jacobian(g, q)
+    arguments, with_lambda = local_inputs(template), local_inputs(template, **{"lambda": lam})
+    increments = [increment_of(e, q, d, template.time) for e in g]
     kernels = [
-        (Kernel("value", "g", arguments, {"g": list(form.expressions)}, compensated=True), BOTH),
-        (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", local_inputs(form, d=d),
-                {"dg": [increment_of(g, form.q, d, form.time) for g in form.expressions]}), BOTH),
+        (Kernel("value", "g", arguments, {"g": g}, compensated=True), BOTH),
+        (Kernel("increment", "g(q + d) - g(q), no digit lost for small d",
+                local_inputs(template, d=d), {"dg": increments}), BOTH),
         (Kernel("jacobian", "G = dg/dq", arguments, {"G": G}), BOTH),
         (Kernel("reaction", "G^T lambda", with_lambda, {"force": transposed_product(G, lam)}),
          NUMBERS if between else BOTH),
-        (Kernel("curvature", "K = d(G^T lambda)/dq", with_lambda,
-                {"K": curvature(form.expressions, form.q, lam)}), NUMBERS),
+        (Kernel("curvature", "K = d(G^T lambda)/dq", with_lambda, {"K": curvature(g, q, lam)}),
+         NUMBERS),
     ]
-    if form.time is not None:
-        rates = [row[0] for row in jacobian(form.expressions, [form.time])]
+    if template.time is not None:
+        rates = [row[0] for row in jacobian(g, [template.time])]
         kernels.append((Kernel("rate", "g_t", arguments, {"g_t": rates}), BOTH))
+    # IMS and EMS have the curvature between two states: ``mean_constraint_kernels``
     return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
 
 
-def force_kernels(form: ElementTemplate, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
+def force_kernels(template: ElementTemplate, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
     """Return the kernels of a template of forces: F, and F_q and F_p if it depends on the state."""
-    arguments = {"q": form.q, "p": form.p, **time, "k": form.constants}
-    F = list(form.expressions)
+    arguments = {"q": template.q, "p": template.p, **time, "k": template.constants}
+    F = list(template.expressions)
     value = (Kernel("value", "F, which no potential has", arguments, {"F": F}), BOTH)
     derivatives = {name: jacobian(F, symbols)
-                   for name, symbols in (("F_q", form.q), ("F_p", form.p)) if symbols}
+                   for name, symbols in (("F_q", template.q), ("F_p", template.p)) if symbols}
     if not derivatives:  # a force of t alone
         return [value]
     return [value, (Kernel("jacobian", "dF/dq and dF/dp", arguments, derivatives), NUMBERS)]
 
 
-def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
+def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]:
     """Return the mean gradient D of a term of H between two states, and its derivatives.
 
     H(q₁, p₁) − H(q₀, p₀) = D_q·Δq + D_p·Δp for the discrete gradient of EMS (``discrete``); for
     IMS D is the gradient at the midpoint. Inputs are means ``qm``, ``pm`` and increments ``dq``,
     ``dp``; derivatives are by q₁ and p₁ at fixed q₀ and p₀, ½ ∂/∂qm + ∂/∂dq.
     """
-    nq, np = len(form.q), len(form.p)
+    nq, np = len(template.q), len(template.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
-    D_q, D_p = mean_gradient_of(form.system, (qm, pm), (dq, dp), discrete)
-    arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
+    D_q, D_p = mean_gradient_of(template.system, (qm, pm), (dq, dp), discrete)
+    arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": template.constants}
     # C has no arrays of length 0: outputs without entries are left out below
     outputs = {"D_q": D_q, "D_p": D_p}
     second = {"D_qq": by_increment(D_q, qm, dq) if nq else [],
               "D_qp": by_increment(D_q, pm, dp) if nq and np else [],
               "D_pq": by_increment(D_p, qm, dq) if nq and np else [],
               "D_pp": by_increment(D_p, pm, dp) if np else []}
-    drive = [] if form.time is None else [
+    drive = [] if template.time is None else [
         (Kernel("mean_energy_rate", "mean of dH/dt between two states", arguments,
-                {"D_t": mean_slopes_of(form.system, (qm, pm), (dq, dp), discrete)[-1]
-                 if form.system.is_time_dependent else sp.Integer(0)}), BOTH)]
+                {"D_t": mean_slopes_of(template.system, (qm, pm), (dq, dp), discrete)[-1]
+                 if template.system.is_time_dependent else sp.Integer(0)}), BOTH)]
     kernels = [
         (Kernel("mean_gradient", "mean gradient of H between two states", arguments,
                 {a: e for a, e in outputs.items() if e}), BOTH if nq else NUMBERS),
@@ -272,15 +274,15 @@ def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
     return [(kernel, where) for kernel, where in [*kernels, *drive] if kernel.outputs]
 
 
-def mean_constraint_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
+def mean_constraint_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]:
     """Return Gᵀ λ with the mean G between two states, its derivative by q₁, G itself, and g_t."""
-    qm, dq, lam = (vector("qm", len(form.q)), vector("dq", len(form.q)),
-                   vector("lambda", len(form.expressions)))
-    G, rates = mean_jacobian(form, qm, dq, discrete)
+    qm, dq, lam = (vector("qm", len(template.q)), vector("dq", len(template.q)),
+                   vector("lambda", len(template.expressions)))
+    G, rates = mean_jacobian(template, qm, dq, discrete)
     force = transposed_product(G, lam)
-    arguments = {"qm": qm, "dq": dq, "k": form.constants}
-    with_lambda = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
-    drive = [] if form.time is None else [
+    arguments = {"qm": qm, "dq": dq, "k": template.constants}
+    with_lambda = {"qm": qm, "dq": dq, "lambda": lam, "k": template.constants}
+    drive = [] if template.time is None else [
         (Kernel("mean_rate", "g_t between two states", arguments, {"g_t": rates}), BOTH)]
     return [
         *drive,
@@ -293,16 +295,17 @@ def mean_constraint_kernels(form: ElementTemplate, discrete: bool) -> list[Place
 
 
 def mean_jacobian(
-    form: ElementTemplate, qm: list[sp.Symbol], dq: list[sp.Symbol], discrete: bool
+    template: ElementTemplate, qm: list[sp.Symbol], dq: list[sp.Symbol], discrete: bool
 ) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:
     """Return the mean G between two states, and g_t, of a template of constraints.
 
     Row r is the mean gradient of g_r, as of a Hamiltonian without momenta.
     """
-    n = len(form.q)
+    n = len(template.q)
     p, pm, dp = (vector(name, n) for name in ("unused", "pm", "dp"))
-    slopes = [mean_slopes_of(ElementSystem(form.q, tuple(p), form.constants, g, time=form.time),
-                             (qm, pm), (dq, dp), discrete) for g in form.expressions]
+    systems = [ElementSystem(template.q, tuple(p), template.constants, g, time=template.time)
+               for g in template.expressions]
+    slopes = [mean_slopes_of(system, (qm, pm), (dq, dp), discrete) for system in systems]
     # rows of D by q, by the unused p, and by t if there is one
     return [row[:n] for row in slopes], [sp.Add(*row[2 * n:]) for row in slopes]
 
@@ -338,9 +341,9 @@ class _Blocks:
         self.of_elements: list[dict[str, list[Any]]] = []
         self.slots: list[int] = []
         self.entries = 0
-        for form in structure.templates:
+        for template in structure.templates:
             blocks: dict[str, list[Any]] = {"count": [], "place": [], "slot": []}
-            for instance in form.instances if form.p else ():
+            for instance in template.instances if template.p else ():
                 rows = structure.attached(instance)
                 blocks["count"].append(len(rows))
                 blocks["place"].append(self.entries)
@@ -352,15 +355,16 @@ class _Blocks:
                     self.slots += [slot_of[row, column] for column in rows[: i + 1]]
             self.of_elements.append(blocks)
         self.places = []
-        for form in structure.constraint_templates:
-            G = jacobian(form.expressions, form.q)
+        for template in structure.constraint_templates:
+            G = jacobian(template.expressions, template.q)
             self.places.append([
                 # −1: an entry that is 0 for every state, or of a coordinate without momenta, is not
                 # stored
                 [entry_index.get((row, a), -1) if G[r][b] != 0 else -1
                  for r, row in enumerate(instance.rows) for b, a in enumerate(instance.q)]
-                for instance in form.instances])
-        nonzero = {entry for form in self.places for places in form for entry in places}
+                for instance in template.instances])
+        nonzero = {entry for places_of_template in self.places
+                   for places in places_of_template for entry in places}
         self.is_full = nonzero.issuperset(range(self.entries))  # none of the entries is always 0
 
 
@@ -378,18 +382,18 @@ def _second_derivatives(
     block_first, block_count = [0] * n, [0] * n
     block_row: list[int] = []
     mixed: list[dict[int, int]] = [{} for _ in range(n)]  # momentum → row → place in its column
-    pp = 0
-    for form, energy in zip(structure.templates, energies, strict=True):
+    pp = 0  # entries of H_pp so far
+    for template, energy in zip(structure.templates, energies, strict=True):
         energy |= {"pp_start": pp, "mixed": []}
-        for instance in form.instances if form.p else ():
+        for instance in template.instances if template.p else ():
             for a in instance.p:
                 block_first[a], block_count[a] = len(block_row), len(instance.p)
                 block_row += instance.p
                 pp += len(instance.p)
                 for b in instance.q:
                     mixed[a].setdefault(b, len(mixed[a]))
-    for form in structure.force_templates:
-        for instance in form.instances:
+    for template in structure.force_templates:
+        for instance in template.instances:
             for a in instance.p:
                 for row in instance.rows:
                     mixed[a].setdefault(row, len(mixed[a]))
@@ -397,12 +401,12 @@ def _second_derivatives(
     # columns of different length in one array: column e begins at first[e]
     for entries in mixed:
         first.append(first[-1] + len(entries))
-    for form, energy in zip(structure.templates, energies, strict=True):
+    for template, energy in zip(structure.templates, energies, strict=True):
         energy["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
-                         for i in form.instances]
-    for form, force in zip(structure.force_templates, forces, strict=True):
+                         for i in template.instances]
+    for template, force in zip(structure.force_templates, forces, strict=True):
         force["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
-                         for i in form.instances]
+                         for i in template.instances]
     return {"block_first": block_first, "block_count": block_count, "block_row": block_row,
             "mixed_first": first, "mixed_row": [b for entries in mixed for b in entries],
             "pp_entries": pp, "mixed_entries": first[-1]}

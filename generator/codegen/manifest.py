@@ -60,61 +60,74 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
     the hash of the three files. Those of profile ``full`` contain neither: one build serves all
     numbers of a model.
     """
-    scheme, system, elements = derived.scheme, derived.system, program.elements
-    tableau, frame = scheme.tableau, derived.frame
+    system, elements, frame = derived.system, program.elements, derived.frame
     return Manifest(
         schema=SCHEMA,
         generator=__version__,
         name=derived.name,
         profile=derived.profile,
         hash="" if derived.profile == "full" else identity,
-        system=SystemManifest(
-            name=system.name,
-            coordinates=_texts(system.q[: shown_count(system)]),
-            momenta=_texts(system.p[: shown_count(system)]),
-            clock=_clock(system),
-            parameters={str(x): domain_of(x) for x in system.parameters},
-            hamiltonian=_hamiltonian(system, elements),
-            constraints=tuple(text_of(g) for g in system.constraints),
-            hidden=tuple(hidden_constraints(derived, elements)),
-            start_parameters=tuple(_start_parameters(derived, elements)),
-            constraint_names=tuple(system.constraint_names),
-            velocity_constraints=_velocity_constraints(system),
-            rigid_body=system.rigid_body,
-            forces=tuple(text_of(f) for f in system.forces),
-            time=str(system.time) if system.is_nonautonomous else None,
-            inputs=_texts(system.inputs),
-            time_in_H_or_g=system.is_time_dependent,
-            quantities={name: text_of(e) for name, e in system.quantities.items()},
-            quantities_take_time=system.time is not None,
-            **_lagrangian(system),
-            **_bodies(system),
-            **_numbers(derived, program),
-            **Switching(system).manifest_fields(
-                scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
-        ),
-        scheme=SchemeManifest(
-            method=derived.method,
-            kind="spark" if tableau else "splitting" if program.flows else "mean",
-            stages=tableau.s if tableau else None,
-            constraint_nodes=tableau.p + 1 if tableau else None,
-            order=scheme.order,
-            unknowns=scheme.size,
-            unknowns_are_state=scheme.unknowns_are_state,
-            multipliers=scheme.multipliers,
-            reactions=scheme.reactions,
-            keeps_momentum_constraint=tableau is not None or program.flows is not None,
-            exact_energy=program.features.exact_energy,
-            remarks=tuple(_remarks(derived, program)),
-            **_composition(scheme),
-        ),
+        system=_system(derived, program),
+        scheme=_scheme(derived, program),
         frame=None if frame is None else frame_manifest(frame, system),
-        tableau=_given_tableau(tableau, constrained=derived.system.m > 0),
+        tableau=_given_tableau(derived.scheme.tableau, constrained=system.m > 0),
         fast_path=_fast_path(program),
         real=derived.real.name,
         operations=elements.operations if elements is not None
         else {k.name: k.operations for k in program.kernels},
     ).text
+
+
+def _system(derived: Derived, program: Program) -> SystemManifest:
+    """Return the entry of the system: names, formulas, bodies, and the model's numbers."""
+    scheme, system, elements = derived.scheme, derived.system, program.elements
+    return SystemManifest(
+        name=system.name,
+        # in scaled time users see neither t nor its momentum among q and p
+        coordinates=_texts(system.q[: shown_count(system)]),
+        momenta=_texts(system.p[: shown_count(system)]),
+        clock=_clock(system),
+        parameters={str(x): domain_of(x) for x in system.parameters},
+        hamiltonian=_hamiltonian(system, elements),
+        constraints=tuple(text_of(g) for g in system.constraints),
+        hidden=tuple(hidden_constraints(derived, elements)),
+        start_parameters=tuple(_start_parameters(derived, elements)),
+        constraint_names=tuple(system.constraint_names),
+        velocity_constraints=_velocity_constraints(system),
+        rigid_body=system.rigid_body,
+        forces=tuple(text_of(f) for f in system.forces),
+        time=str(system.time) if system.is_nonautonomous else None,
+        inputs=_texts(system.inputs),
+        time_in_H_or_g=system.is_time_dependent,
+        quantities={name: text_of(e) for name, e in system.quantities.items()},
+        quantities_take_time=system.time is not None,
+        **_lagrangian(system),
+        **_bodies(system),
+        **_numbers(derived, program),
+        **Switching(system).manifest_fields(
+            scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
+    )
+
+
+def _scheme(derived: Derived, program: Program) -> SchemeManifest:
+    """Return the entry of the scheme: its kind, order, numbers of unknowns and multipliers."""
+    scheme, tableau = derived.scheme, derived.scheme.tableau
+    return SchemeManifest(
+        method=derived.method,
+        kind="spark" if tableau else "splitting" if program.flows else "mean",
+        stages=tableau.s if tableau else None,
+        constraint_nodes=tableau.p + 1 if tableau else None,
+        order=scheme.order,
+        unknowns=scheme.size,
+        unknowns_are_state=scheme.unknowns_are_state,
+        multipliers=scheme.multipliers,
+        reactions=scheme.reactions,
+        # IMS and EMS let f oscillate at their truncation error
+        keeps_momentum_constraint=tableau is not None or program.flows is not None,
+        exact_energy=program.features.exact_energy,
+        remarks=tuple(_remarks(derived, program)),
+        **_composition(scheme),
+    )
 
 
 def _clock(system: System) -> ClockManifest | None:

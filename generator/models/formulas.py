@@ -185,6 +185,7 @@ class _Formulas:
                 )
             if exponent.is_number:
                 return self.evaluated(sp.Pow, mp.power, [base, exponent])
+        # bounds of the expansion: a root counts as one level, any other power as two
         size = math.floor(abs(_number(exponent))) if exponent.is_number else 1
         terms = math.comb(base.terms + size - 1, size)
         product = replace(base, bits=base.bits * max(size, 1))

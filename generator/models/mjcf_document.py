@@ -131,6 +131,7 @@ class _Guard:
         """Return the outermost element of the file that an element names, and its bytes."""
         name = element.attributes.get("file", "")
         self._check_path(element, "file", name, [""])
+        # one spelling of a path, so that a file that is included twice is noticed
         plain = (self.folder / name).resolve().relative_to(self.folder.resolve()).as_posix()
 
         def refuse(why: str) -> InputError:

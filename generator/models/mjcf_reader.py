@@ -283,6 +283,7 @@ class _Reader:
         """Return groups and shapes of the geoms of a body, without planes and invisible ones."""
         m, looks = self.m, []
         for k in range(m.ngeom):
+            # MuJoCo's default grey means: the colour of the material, or none was given
             material = int(m.geom_matid[k])
             rgba = m.geom_rgba[k]
             if material >= 0 and np.array_equal(rgba, _GREY):

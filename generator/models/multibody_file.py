@@ -290,6 +290,7 @@ def _names(
     position: dict[str, sp.Expr] = {}
     motion: dict[str, sp.Expr] = {"t": builder.time}
     for name, body in bodies.items():
+        # an end of a beam has a place, but no coordinates of its own
         if isinstance(body, BeamEnd):
             position |= {f"{name}_{x}": e for x, e in zip("xyz", body.point(), strict=True)}
             position |= _axes(name, body.segment)

@@ -147,6 +147,7 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
     keys = robot_format(text, path).options
     options: dict[str, Any] = {"angles": {}, "rates": {}}
     for key, value in settings.items():
+        # what is no option of the format is the coordinate or the rate of a joint
         if key not in keys or key in options:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)

@@ -56,11 +56,13 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     chosen = body.choice("rep", REPS, "gamma") if rep is None else rep
     inertia = _inertia(body)
     tensor = is_tensor(inertia)
+    # γ or α by a rule is computed from the moments when a run begins
     ruled = body.content.get(chosen) in RULES
     weight = {} if ruled else _weight(body, chosen)
     _add_mass(body, formulas)
     if tensor:
         _add_tensor(inertia, formulas)
+    # formulas: a potential has the attitude, torques and quantities the motion too
     letters = () if tensor else moments
     position = _place(letters)
     symbols = position if "t" in formulas.parameters else position | {"t": rigid_body.time}
@@ -75,6 +77,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
               ] if "time_scale" in content else []
     parameters, renamed, values = formulas.in_use(
         [potential, *torque, *quantities.values(), *scales])
+    # of a tensor H has the entries of J⁻¹, whose values are parameters, too
     values |= weight | (
         dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True)) if tensor else
         dict(zip(map(str, moments), cast("Moments", inertia), strict=True)))

@@ -183,6 +183,7 @@ def power(base: Value, exponent: Value) -> Value:
     if e.q == 2:
         _refuse_root(base)
     if base.is_rational and e.q == 1:
+        # exact arithmetic would carry out any power: its size is known beforehand
         if base.bits * abs(e) > MAX_BITS + abs(e):
             raise RefusedError(
                 f"This power has about {base.bits * abs(e)} bits and at most {MAX_BITS} are "

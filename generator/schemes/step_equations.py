@@ -160,6 +160,7 @@ class SparkScheme:
                    {"H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}),
         ]
         if system.forces:
+            # −ṗ at λ = 0 takes the place of H_q, so that stage loops need no second kernel
             kernels = [
                 Kernel("gradient", "H_q = dH/dq - F, H_p = dH/dp", state,
                        {"H_q": system.minus_p_rate, "H_p": system.H_p}),

@@ -67,8 +67,12 @@ def _exponents(biased: int) -> list[tuple[int, int]]:
 def _polynomial(
     e: sp.Expr, places: dict[sp.Symbol, int], results: dict[sp.Expr, _Polynomial]
 ) -> _Polynomial:
-    """Return the terms of an expression; ``places`` of symbols, results of subexpressions are kept.
+    """Return (monomial → integer coefficient, common denominator) of an expression.
+
+    Both ``places`` of symbols in monomials and ``results`` of subexpressions are extended. Raises
+    _OtherExpressionError for an expression that is no polynomial.
     """
+    # a monomial is one integer with _BITS bits for each exponent: a product adds monomials
     if e.is_Symbol:
         return {1 << (_BITS * places.setdefault(e, len(places))): 1}, 1
     if e.is_Rational:
@@ -84,6 +88,7 @@ def _polynomial(
                 total[m] = total.get(m, 0) + a * (denominator // d)
         results[e] = total, denominator
     elif e.is_Mul:
+        # short factors first: intermediate products stay short
         factors = sorted((_polynomial(factor, places, results) for factor in e.args),
                          key=lambda factor: len(factor[0]))
         product = factors[0]
@@ -92,7 +97,7 @@ def _polynomial(
         results[e] = product
     elif e.is_Pow and e.exp.is_Integer and (e.base.is_Symbol or e.exp > 0):
         base, d = _polynomial(e.base, places, results)
-        if len(base) == 1:
+        if len(base) == 1:  # a power of one term, the exponent of which may be negative
             (m, a), = base.items()
             results[e] = {m * int(e.exp): a ** abs(int(e.exp))}, d ** abs(int(e.exp))
         else:

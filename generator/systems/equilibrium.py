@@ -42,6 +42,7 @@ class _Statics:
     def __init__(self, system: System, parameters: Mapping[str, float], t: float) -> None:
         """Write H_q + Gᵀλ − F = 0 and g = 0 as sums over element templates, with their Jacobians.
         """
+        # L(q, λ) = H(q, 0) + λ·g has L_q = H_q + Gᵀλ and L_λ = g: λ are further coordinates
         at_rest = dict.fromkeys(system.p, sp.Integer(0))
         multipliers = [sp.Dummy(f"lambda{k}", real=True) for k in range(system.m)]
         L = sp.Add(system.H.xreplace(at_rest),
@@ -58,6 +59,7 @@ class _Statics:
         self.parts += [(form, -1.0, [list(form.expressions)],
                         jacobian(list(form.expressions), form.q))
                        for form in structure.force_templates]
+        # H_p at p = 0, which must vanish at an equilibrium
         self.velocities = [(form, form.system.H_p) for form in Structure(system).templates
                            if form.p]
 

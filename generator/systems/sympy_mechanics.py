@@ -227,6 +227,7 @@ def _refuse_substituted(
     for body in bodies:
         v = body.masscenter.vel(mechanics.motion.frame).to_matrix(mechanics.motion.frame)
         A, a = coefficients_of(_named(mechanics, list(v), names), velocities)
+        # a is the coefficient of ṫ = 1: one closed 1-form in (q, t) for each component
         rows, x = [[*row, rate] for row, rate in zip(A, a, strict=True)], [*q, t]
         constants = symbols_of([e for row in rows for e in row]) - {*x}
         values = {s: float(rng.uniform(0.5, 2.0)) for s in sorted(constants, key=str)}

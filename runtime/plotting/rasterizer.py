@@ -271,6 +271,7 @@ class _Lamp:
         first = np.cross(self.towards, over)
         first /= np.linalg.norm(first)
         self._axes = np.stack([first, np.cross(self.towards, first), self.towards])
+        # the depth map covers all corners, with a margin for the blurred edges of shadows
         lamp_corners = corners @ self._axes.T
         low, high = lamp_corners.reshape(-1, 3).min(axis=0), lamp_corners.reshape(-1, 3).max(axis=0)
         margin = 2.5 * _SOFT * _LAMP
@@ -279,6 +280,7 @@ class _Lamp:
         self._shift = margin - low[:2] * self._scale
         self._low = low[2] - span
         index, self._depth = rasterize(self._pixels(corners), _LAMP, _LAMP)
+        # a surface does not shade itself: depths within the bias are equal
         self._bias = 0.02 * span
         self._mask = (index >= 0).astype(float)
         for _ in range(3):
