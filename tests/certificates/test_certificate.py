@@ -161,8 +161,7 @@ def test_equilibrium(scheme, stages):
 
 def test_energy_of_a_small_swing():
     """1 − cos θ is worth ε, however small θ is: EMS is not accused of it."""
-    t, p = sp.symbols("t p", real=True)
-    system = gs.System((t,), (p,), (), p**2 / 2 + 9 * (1 - sp.cos(t)), name="small")
+    system = systems.case("swing").system
     found = gs.certify(gs.Model(system, {}, [1e-9], [0.0], dt=0.01, steps=100), "EMS")
     energy = found.line("energy")
     assert energy.holds is True

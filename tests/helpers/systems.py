@@ -369,6 +369,11 @@ def _ball() -> Case:
                   quantities={"floor": x, "roof": 1 - x, "speed": u / m}, dt=0.01)
 
 
+def _swing() -> Case:
+    """A pendulum by its angle, without a parameter."""
+    return _plane("swing", (0.3,), (0.0,), {}, u**2 / 2 + 9 * (1 - sp.cos(x)), dt=0.01)
+
+
 def _beam() -> Case:
     """Two free segments of a beam that stretches and shears, which move apart."""
     build = gs.Multibody("beams", gravity=(0, 0, 0))
@@ -447,7 +452,7 @@ def _very_eccentric() -> Case:
 #: Of these ``names`` returns none: single tests take them by name.
 _OTHERS: dict[str, Callable[[], Case]] = {
     "arm": _arm, "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
-    "tied": _tied, "very_eccentric": _very_eccentric}
+    "swing": _swing, "tied": _tied, "very_eccentric": _very_eccentric}
 
 
 _CASES: dict[str, Callable[[], Case]] = {

@@ -107,9 +107,9 @@ def test_a_system_of_ones_own_with_forces_time_and_quantities():
 
 def test_no_fast_path_no_constraint_no_parameter():
     """A tableau-free corner: nothing is swept side by side, nothing needs to be consistent."""
-    model = model_of("henon_heiles")
+    model = model_of("swing")
     result = gs.sweep(model, {"dt": [0.01, 0.02, 0.05]}, scheme="EMS", steps=50, solver="newton")
-    run = alone(systems.stepper("henon_heiles", "EMS"), {}, 0.05, 50, model.q0, model.p0,
+    run = alone(systems.stepper("swing", "EMS"), {}, 0.05, 50, model.q0, model.p0,
                 solver="newton")
     assert np.array_equal(result.q[2], run.q[-1])
 
