@@ -69,3 +69,10 @@ def late_failures():
                     found.append((step, options, failure))
                     break
     return found
+
+
+def jacobian_by_differences(step, x, q, p, **how):
+    """Return ∂r/∂x of a step's residual by central differences: 1e-12 and ε/h, h = 1e-6."""
+    columns = [(step.residual(x + d, q, p, **how) - step.residual(x - d, q, p, **how)) / 2e-6
+               for d in 1e-6 * np.eye(len(x))]
+    return np.transpose(columns)

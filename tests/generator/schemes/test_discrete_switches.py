@@ -17,6 +17,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from calls import jacobian_by_differences
 from gyrospark.certificates.midpoint_conditions import check_mean_scheme
 from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
@@ -261,15 +262,13 @@ def test_jacobian_is_that_of_the_residual():
     """Against central differences at random unknowns, half of them across a kink."""
     step = gs.stepper("EMS", system=FAIR)
     run = {"dt": 0.5, "parameters": FAIR_PARAMETERS}
-    rng, h = np.random.default_rng(3), 1e-6
+    rng = np.random.default_rng(3)
     for _ in range(10):
         at_q, at_p, unknowns = (rng.uniform(-1, 1, n) for n in (4, 4, 8))
         J = step.jacobian(unknowns, at_q, at_p, **run)
         assert np.isfinite(J).all()
-        for i, e in enumerate(np.eye(8)):
-            column = (step.residual(unknowns + h * e, at_q, at_p, **run)
-                      - step.residual(unknowns - h * e, at_q, at_p, **run)) / (2 * h)
-            assert np.abs(J[:, i] - column).max() <= 1e-7 * np.abs(J).max()
+        found = jacobian_by_differences(step, unknowns, at_q, at_p, **run)
+        assert np.abs(found - J).max() <= 1e-7 * np.abs(J).max()
 
 
 def test_conditions_hold():

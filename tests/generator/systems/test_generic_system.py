@@ -162,20 +162,3 @@ def test_consistency_is_checked_in_any_units(mass):
     for _ in range(10):
         q, p = case.q * (1 + 0.1 * rng.standard_normal(2)), mass * rng.standard_normal(2)
         step.step(*step.project(q, p, parameters=parameters), dt=1e-3, parameters=parameters)
-
-
-@pytest.mark.parametrize(("name", "scheme"), [
-    pytest.param("runner", "IMS", marks=pytest.mark.slow), ("runner", "EMS")])
-def test_states_of_ims_and_ems_are_starts(name, scheme):
-    """Every state of a run is accepted as a start, and goes on as the run did."""
-    step, example = stepper_for(name, scheme, None), EXAMPLES[name]
-    q, p = next(states(name, 1, step))
-    how = {"dt": 0.02, "parameters": example.parameters}
-    run = step.integrate(q, p, steps=20, solver="newton", **how)
-    for k in range(20):
-        q, p = step.step(run.q[k], run.p[k], solver="newton", **how)
-        assert np.array_equal(q, run.q[k + 1])
-        assert np.array_equal(p, run.p[k + 1])
-        q, p = step.step(run.q[k], run.p[k], **how)
-        for new, old in ((q, run.q[k + 1]), (p, run.p[k + 1])):
-            assert np.abs(new - old).max() < 1e-13 * (1 + np.abs(old).max())
