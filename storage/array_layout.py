@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,14 @@ from zarr.codecs import BytesCodec, Crc32cCodec
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import WIDE_BYTES
-from ..runtime.results.outputs import OUTPUTS, QUANTITY, description_of, names_in_files
+from ..runtime.results.crossings import Crossings, Impacts
+from ..runtime.results.outputs import (
+    OUTPUTS,
+    QUANTITY,
+    description_of,
+    description_of_column,
+    names_in_files,
+)
 from .chunks import Chunk, write_chunks
 from .durable_files import DurableStore, write_durably
 
@@ -51,15 +58,6 @@ _MOST_ROWS = 2**18
 _BLOCK_OF_EVENTS, _MOST_EVENTS = 2**20, 2**12
 #: Fill bytes of wide numbers not yet computed; 16 of them are NaN.
 WIDE_FILL = 255
-#: Columns of crossings and of impacts: name, meaning, unit.
-_OF_CROSSINGS = (
-    ("t", "times of {}", "s"), ("q", "coordinates at {}", ""), ("p", "momenta at {}", ""),
-    ("steps", "whole steps before {}", ""),
-    ("rising", "1 where the quantity rises along the run", ""),
-    ("elapsed", "times of {} since the start", "s"))
-_OF_IMPACTS = (
-    ("p_after", "momenta after {}", ""), ("impulse", "impulses of {}", ""),
-    ("energy_lost", "energy lost in {}", "J"), ("work", "work of the forces before {}", "J"))
 
 
 @dataclass(frozen=True)
@@ -113,18 +111,10 @@ def wide_name(name: str) -> str:
 
 def fields_of(manifest: Manifest) -> list[StoredField]:
     """Return the arrays of states that a store of this stepper has, in the order of ``OUTPUTS``."""
-    system, real = manifest.system, REALS[manifest.real]
-    fields = []
-    for output in OUTPUTS:
-        component_names: dict[str, Any] = {}
-        names = getattr(system, output.labels) if output.labels and not output.split else ()
-        if names:
-            component_names["components"] = list(names)
-        fields += [StoredField(name, output.inner(manifest) or (),
-                               description_of(output, manifest, name) | component_names,
-                               output.dtype or real.stored, real.wide and not output.whole)
-                   for name in names_in_files(output, manifest)]
-    return fields
+    real = REALS[manifest.real]
+    return [StoredField(name, output.inner(manifest) or (), description_of(output, manifest, name),
+                        output.dtype or real.stored, real.wide and not output.whole)
+            for output in OUTPUTS for name in names_in_files(output, manifest)]
 
 
 def fields_of_events(
@@ -135,22 +125,19 @@ def fields_of_events(
     ``events`` are those of the attributes: impacts have a restitution.
     """
     real = REALS[manifest.real]
-    inner = {output.name: (output.inner(manifest) or (),
-                           description_of(output, manifest, output.name))
-             for output in OUTPUTS if output.name in ("q", "p")}
+    state = (("coordinate", len(manifest.system.coordinates)),)
+    inner = {"q": state, "p": state, "p_after": state}  # other columns have one number
 
-    def stored(name: str, column: str, text: str, unit: str = "") -> StoredField:
+    def stored(name: str, column: str) -> StoredField:
         """Return the field of one array of an event, with its shape, unit and type."""
-        # "q", "p" and "q_after", "p_after" have the shape of a state; other columns one number
-        shape, attributes = inner.get(column[:1] if column[1:] in ("", "_after") else "", ((), {}))
         kind = {"steps": "i8", "rising": "i1", "t": "f8", "elapsed": "f8"}.get(column, real.stored)
-        return StoredField(f"event_{name}_{column}", shape, attributes | {"long_name": text}
-                           | ({"units": unit} if unit else {}), kind,
+        return StoredField(f"event_{name}_{column}", inner.get(column, ()),
+                           description_of_column(manifest, name, column), kind,
                            real.wide and not kind.startswith("i"))
 
-    return {name: [stored(name, column, text.format(name), unit) for column, text, unit in (
-        *_OF_CROSSINGS, *(_OF_IMPACTS if "restitution" in asked else ()))]
-        for name, asked in events.items()}
+    return {name: [stored(name, column.name)
+                   for column in fields(Impacts if "restitution" in asked else Crossings)]
+            for name, asked in events.items()}
 
 
 def names_of(fields: Iterable[StoredField]) -> list[str]:

@@ -20,8 +20,9 @@ from ..bindings.binding import Binding
 from ..bindings.run_memory import ParameterStruct
 
 __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "absent", "array_from_files",
-           "arrays_in_files", "defect_sizes", "description_of", "flat_multipliers", "full_states",
-           "labels_of", "names_in_files", "place_of_quantity", "value_of"]
+           "arrays_in_files", "defect_sizes", "description_of", "description_of_column",
+           "flat_multipliers", "full_states", "labels_of", "names_in_files", "place_of_quantity",
+           "value_of"]
 
 #: Dimensions of one state's entry: (name, length) of each.
 Inner = tuple[tuple[str, int], ...]
@@ -268,11 +269,31 @@ def absent(output: Output, row_count: int, dtype: Any) -> Array:
                     dtype=dtype)
 
 
-def description_of(output: Output, manifest: Manifest, name: str) -> dict[str, str]:
-    """Return the attributes of the array of this name: long name and units."""
+#: Fields of ``Crossings`` and ``Impacts``: meaning, unit. States have the units of the run's.
+_OF_EVENTS = {
+    "t": ("times of {}", "s"), "q": ("coordinates at {}", ""), "p": ("momenta at {}", ""),
+    "steps": ("whole steps before {}", ""),
+    "rising": ("1 where the quantity rises along the run", ""),
+    "elapsed": ("times of {} since the start", "s"),
+    "p_after": ("momenta after {}", ""), "impulse": ("impulses of {}", ""),
+    "energy_lost": ("energy lost in {}", "J"), "work": ("work of the forces before {}", "J")}
+
+
+def description_of(output: Output, manifest: Manifest, name: str) -> dict[str, Any]:
+    """Return the attributes of the array of this name: long name, units, names of its columns."""
     units = output.units or (output.body_units if manifest.system.rigid_body else "")
     long_name = output.long_name.format(name.removeprefix(QUANTITY))
-    return {"long_name": long_name, **({"units": units} if units else {})}
+    names = getattr(manifest.system, output.labels) if output.labels and not output.split else ()
+    return {"long_name": long_name, **({"units": units} if units else {}),
+            **({"components": list(names)} if names else {})}
+
+
+def description_of_column(manifest: Manifest, event: str, column: str) -> dict[str, Any]:
+    """Return the attributes of a column of an event: long name, units, names of its columns."""
+    text, units = _OF_EVENTS[column]
+    attributes = next((description_of(output, manifest, column) for output in OUTPUTS
+                       if output.name == column.removesuffix("_after")), {})
+    return attributes | {"long_name": text.format(event)} | ({"units": units} if units else {})
 
 
 def labels_of(system: SystemManifest) -> dict[str, tuple[list[str], str]]:

@@ -29,7 +29,13 @@ from ..bindings.real_numbers import WIDE_BYTES, as_bytes
 from ..rigid_body.euler_angles import check_sequence
 from .body_motion import FrameName
 from .crossings import Crossings
-from .outputs import OUTPUTS, description_of, labels_of, names_in_files
+from .outputs import (
+    OUTPUTS,
+    description_of,
+    description_of_column,
+    labels_of,
+    names_in_files,
+)
 from .state_columns import (
     event_headings,
     events_path,
@@ -155,12 +161,9 @@ def table_of_run(
     inner: dict[str, tuple[str, ...]] = {}
     descriptions: dict[str, dict[str, Any]] = {}
     for output in OUTPUTS:
-        has_names = output.labels and not output.split
-        names = getattr(manifest.system, output.labels) if has_names else ()
-        component_names = {"components": list(names)} if names else {}
         for name in names_in_files(output, manifest):
             inner[name] = () if output.split else tuple(d for d, _ in output.inner(manifest) or ())
-            descriptions[name] = description_of(output, manifest, name) | component_names
+            descriptions[name] = description_of(output, manifest, name)
     labels, titles = labels_of(manifest.system), {}
     bodies = _bodies(run, euler, degrees, angular_velocity, attitudes)
     for name, array in bodies.items():
@@ -270,23 +273,12 @@ def _table_of_event(
     names of its arrays begin with ``event_NAME_``, so that one file holds several events.
     """
     along = f"event_{name}"
-    texts = {"t": f"times of {name}", "q": f"coordinates at {name}", "p": f"momenta at {name}",
-             "steps": f"whole steps before {name}",
-             "rising": "1 where the quantity rises along the run",
-             "elapsed": f"times of {name} since the start",
-             "p_after": f"momenta after {name}", "impulse": f"impulses of {name}",
-             "energy_lost": f"energy lost in {name}",
-             "work": f"work of the forces before {name}"}
-    units = {"t": {"units": "s"}, "elapsed": {"units": "s"}, "energy_lost": {"units": "J"},
-             "work": {"units": "J"}}
     columns = [run_crossings.columns for run_crossings in crossings]
-    # impacts have columns that crossings have not
-    texts = {column: texts[column] for column in columns[0]}
     arrays = {f"{along}_{column}": np.concatenate([by_column[column] for by_column in columns])
-              for column in texts}
+              for column in columns[0]}
     arrays[f"{along}_rising"] = arrays[f"{along}_rising"].astype(np.int8)  # NetCDF has no bool
-    descriptions = {f"{along}_{field}": {"long_name": text} | units.get(field, {})
-                    for field, text in texts.items()}
+    descriptions = {f"{along}_{column}": description_of_column(manifest, name, column)
+                    for column in columns[0]}
     if by_trajectory:
         arrays = {f"{along}_trajectory": np.repeat(np.arange(len(crossings)),
                                                    [*map(len, crossings)])
