@@ -134,10 +134,8 @@ class _Stage:
     def __init__(self, figure: Any, scene: Scene, meshes: Mapping[str, IndexedMesh],
                  frames: list[int]) -> None:
         """Place the camera so that all frames fit, and draw the parts of the figure that stay."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.patches import Patch
 
-        FigureCanvasAgg(figure)
         self.scene = scene
         # the camera stands still: it is placed so that these frames fit
         in_view = [*frames[::max(1, len(frames) // _IN_VIEW)], frames[-1]]

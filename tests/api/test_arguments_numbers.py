@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 
@@ -19,6 +20,10 @@ def test_time_step_of_any_real_type(gl3):
                sp.Rational(1, 128), Decimal("0.0078125"), mp.mpf(2) ** -7, sp.Float(2) ** -7,
                sp.sqrt(sp.Rational(1, 2)) ** 14):
         assert np.array_equal(gl3.step(TOP.q0, TOP.p0, dt=dt, parameters=PARAMETERS), expected)
+
+
+def test_a_model_keeps_the_digits_of_its_time_step():
+    assert replace(gs.models.double_pendulum(), dt=Fraction(1, 3)).dt == Fraction(1, 3)
 
 
 def test_more_states_than_memory_are_refused(gl3):

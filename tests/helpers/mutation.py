@@ -50,6 +50,8 @@ HEAVY = ("cffi", "click", "jinja2", "matplotlib.figure", "mpmath", "numpy", "ric
          "scipy.spatial.transform", "sympy", "xarray")
 #: A change that no suite survives: exact numbers and errors import this module.
 FATAL = ("core/errors.py", "raise AssertionError\n")
+#: Lines below a signature that are looked at, and CPU seconds of tests that a survivor meets last.
+SIGNATURE, REST = 30, 120.0
 #: What ``--near`` ends with, by package: whole texts, whole runs.
 WHOLE = {"core": ["api/test_misspelt_arguments.py", "refusals/test_run_arguments.py",
                   "commands/test_cli.py"],
@@ -248,7 +250,11 @@ class Map:
 
     def tests(self, mutant: Mutant) -> list[tuple[float, list[tuple[float, str]]]]:
         """Return (share of this module, (seconds, test)) of files of tests, most special first."""
-        for line in (*range(mutant.line, mutant.first - 1, -1), 0):
+        # a signature and what stands in no function are executed at import, in whichever test
+        lines = range(mutant.line, mutant.first - 1, -1)
+        if mutant.text.startswith("def "):
+            lines = range(mutant.line + 1, mutant.line + SIGNATURE)
+        for line in (*(lines if mutant.function else ()), 0):
             found = []
             for stem, seen in self.seen.items():
                 lines = seen["lines"].get(mutant.file, {})
@@ -264,7 +270,10 @@ class Map:
         return []
 
     def choose(self, mutant: Mutant) -> list[list[tuple[float, str]]]:
-        """Return cheap and special tests, more (six files, 40 CPU s), three whole files."""
+        """Return cheap and special tests, more (six files, 40 CPU s), three whole files, the rest.
+
+        The rest are the cheapest of all tests that execute the line, ``REST`` CPU s of them.
+        """
         files = self.tests(mutant)
         first = {test for _, tests in files[:4] for test in tests[:2]}
         first |= set(sorted(test for _, tests in files for test in tests[:2])[:5])
@@ -275,7 +284,15 @@ class Map:
                     then.append(test)
                     left -= test[0]
         whole = dict.fromkeys(tests[0][1].split("::")[0] for _, tests in files[:3])
-        return [part for part in (sorted(first), then, [(20.0, name) for name in whole]) if part]
+        rest, left = [], REST
+        for test in sorted(test for _, tests in files for test in tests):
+            if test not in first and test not in then and test[1].split("::")[0] not in whole:
+                left -= test[0]
+                if left < 0:
+                    break
+                rest.append(test)
+        return [part for part in (sorted(first), then, [(20.0, name) for name in whole], rest)
+                if part]
 
 
 def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:

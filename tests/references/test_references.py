@@ -262,7 +262,9 @@ def test_the_picture(gyrospark, tmp_path):
     answer = gyrospark("reference", "spherical-pendulum", "--quick", "--plot", "error.svg",
                        "--out", "page.md", "--json")
     assert answer.code == 0, answer.stderr
-    assert "3-G-L" in (tmp_path / "error.svg").read_text(encoding="utf-8")
+    picture = (tmp_path / "error.svg").read_text(encoding="utf-8")
+    assert "3-G-L" in picture
+    assert "stroke-width: 0;" not in picture
     assert "](error.svg)" in (tmp_path / "page.md").read_text(encoding="utf-8")
 
 

@@ -372,6 +372,7 @@ def test_a_files_events_are_written(tmp_path, end: str) -> None:
         dataset = gs.load(out).dataset()
         assert dataset.event_half_p.sel(coordinate="y").values == run.events["half"].p[:, 1]
         assert dataset.event_landing_rising.values.tolist() == [0]
+        assert "event_landing_trajectory" not in dataset  # a column of ensembles
         CliRunner().invoke(gyrospark, ["export", str(out), str(tmp_path / "run.npz")],
                            standalone_mode=False)
         assert gs.load(tmp_path / "run.npz").events["landing"].t[0] == run.t[-1]
