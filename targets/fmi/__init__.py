@@ -10,6 +10,6 @@ Open first: ``target``.
     archive         libraries for platforms, and the file that holds all
     slave           a loaded FMU, by ctypes
 
-core.h, fmi2.c and fmi3.c are the C beside them. fmi2.h and fmi3.h declare the types that
+core.h, common.h, fmi2.c and fmi3.c are the C beside them. fmi2.h and fmi3.h declare the types that
 co-simulation reads, and export.h refuses the functions that an FMU here does not offer.
 """

@@ -36,21 +36,10 @@ static fmi2Status refuse(fmi2Component c, const char *text)
     return fmi2Error;
 }
 
-#define REPORT(c, call) \
-    reason_t reason = { "" }, *why = &reason; \
-    const status_t status = (call); \
-    return report(c, status, why)
+#include "common.h"
 
 EXPORT const char *FMI(GetTypesPlatform)(void) { return FMI2_PLATFORM; }
 EXPORT const char *FMI(GetVersion)(void) { return FMI2_VERSION; }
-
-/* Only sentences about a status are logged, and those always. */
-EXPORT fmi2Status FMI(SetDebugLogging)(fmi2Component c, fmi2Boolean on, size_t n,
-    const fmi2String names[])
-{
-    (void)c, (void)on, (void)n, (void)names;
-    return fmi2OK;
-}
 
 EXPORT fmi2Component FMI(Instantiate)(fmi2String name, fmi2Type type, fmi2String guid,
     fmi2String resources, const fmi2CallbackFunctions *calls, fmi2Boolean visible,
@@ -72,8 +61,6 @@ EXPORT fmi2Component FMI(Instantiate)(fmi2String name, fmi2Type type, fmi2String
     return i;
 }
 
-EXPORT void FMI(FreeInstance)(fmi2Component c) { free(c); }
-
 EXPORT fmi2Status FMI(SetupExperiment)(fmi2Component c, fmi2Boolean has_tolerance,
     fmi2Real tolerance, fmi2Real start, fmi2Boolean has_stop, fmi2Real stop)
 {
@@ -84,18 +71,6 @@ EXPORT fmi2Status FMI(SetupExperiment)(fmi2Component c, fmi2Boolean has_toleranc
 EXPORT fmi2Status FMI(EnterInitializationMode)(fmi2Component c)
 {
     REPORT(c, core_enter(MODEL(c), MODEL(c)->time, why));
-}
-
-EXPORT fmi2Status FMI(ExitInitializationMode)(fmi2Component c)
-{
-    REPORT(c, core_exit(MODEL(c), why));
-}
-EXPORT fmi2Status FMI(Terminate)(fmi2Component c) { REPORT(c, core_terminate(MODEL(c), why)); }
-
-EXPORT fmi2Status FMI(Reset)(fmi2Component c)
-{
-    *MODEL(c) = initial;
-    return fmi2OK;
 }
 
 EXPORT fmi2Status FMI(GetReal)(fmi2Component c, const fmi2ValueReference r[], size_t n,
@@ -132,43 +107,6 @@ EXPORT fmi2Status FMI(GetBooleanStatus)(fmi2Component c, const fmi2StatusKind ki
         return refuse(c, "the one status that is a boolean is fmi2Terminated");
     *value = 0;
     return fmi2OK;
-}
-
-EXPORT fmi2Status FMI(GetFMUstate)(fmi2Component c, fmi2FMUstate *state)
-{
-    REPORT(c, core_keep(MODEL(c), state, why));
-}
-
-EXPORT fmi2Status FMI(SetFMUstate)(fmi2Component c, fmi2FMUstate state)
-{
-    REPORT(c, core_restore(MODEL(c), state, why));
-}
-
-EXPORT fmi2Status FMI(FreeFMUstate)(fmi2Component c, fmi2FMUstate *state)
-{
-    (void)c;
-    free(*state);
-    *state = NULL;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status FMI(SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t *size)
-{
-    (void)c, (void)state;
-    *size = STATE_BYTES;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status FMI(SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[],
-    size_t size)
-{
-    REPORT(c, core_write(state, (unsigned char *)bytes, size, why));
-}
-
-EXPORT fmi2Status FMI(DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size,
-    fmi2FMUstate *state)
-{
-    REPORT(c, core_read((const unsigned char *)bytes, size, state, why));
 }
 
 /* The rest of the interface. */

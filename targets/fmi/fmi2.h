@@ -10,6 +10,10 @@
 #endif
 #define FMI(name) JOIN(FMI2_FUNCTION_PREFIX, fmi2##name)
 #define FMI_NAME(name) "fmi2" #name
+/* Names of functions of kept states, which the versions of FMI spell differently. */
+#define FMI_STATE(verb) FMI(verb##FMUstate)
+#define FMI_DESERIALIZE FMI(DeSerializeFMUstate)
+#define FMI_STATE_SIZE FMI(SerializedFMUstateSize)
 #define FMI2_VERSION "2.0"
 #define FMI2_PLATFORM "default"
 
@@ -34,5 +38,10 @@ typedef struct {
     void (*step_finished)(void *environment, fmi2Status);
     void *componentEnvironment;
 } fmi2CallbackFunctions;
+
+/* Types of common.h. */
+typedef fmi2Status fmi_status;
+typedef fmi2Boolean fmi_boolean;
+typedef fmi2Byte fmi_byte;
 
 #endif

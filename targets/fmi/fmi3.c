@@ -29,20 +29,9 @@ static fmi3Status refuse(fmi3Instance c, const char *text)
     return fmi3Error;
 }
 
-#define REPORT(c, call) \
-    reason_t reason = { "" }, *why = &reason; \
-    const status_t status = (call); \
-    return report(c, status, why)
+#include "common.h"
 
 EXPORT const char *FMI(GetVersion)(void) { return FMI3_VERSION; }
-
-/* Only sentences about a status are logged, and those always. */
-EXPORT fmi3Status FMI(SetDebugLogging)(fmi3Instance c, fmi3Boolean on, size_t n,
-    const fmi3String names[])
-{
-    (void)c, (void)on, (void)n, (void)names;
-    return fmi3OK;
-}
 
 EXPORT fmi3Instance FMI(InstantiateCoSimulation)(fmi3String name, fmi3String token,
     fmi3String resources,
@@ -68,25 +57,11 @@ EXPORT fmi3Instance FMI(InstantiateCoSimulation)(fmi3String name, fmi3String tok
     return i;
 }
 
-EXPORT void FMI(FreeInstance)(fmi3Instance c) { free(c); }
-
 EXPORT fmi3Status FMI(EnterInitializationMode)(fmi3Instance c, fmi3Boolean has_tolerance,
     fmi3Float64 tolerance, fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop)
 {
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
     REPORT(c, core_enter(MODEL(c), start, why));
-}
-
-EXPORT fmi3Status FMI(ExitInitializationMode)(fmi3Instance c)
-{
-    REPORT(c, core_exit(MODEL(c), why));
-}
-EXPORT fmi3Status FMI(Terminate)(fmi3Instance c) { REPORT(c, core_terminate(MODEL(c), why)); }
-
-EXPORT fmi3Status FMI(Reset)(fmi3Instance c)
-{
-    *MODEL(c) = initial;
-    return fmi3OK;
 }
 
 EXPORT fmi3Status FMI(GetFloat64)(fmi3Instance c, const fmi3ValueReference r[], size_t n,
@@ -114,43 +89,6 @@ EXPORT fmi3Status FMI(DoStep)(fmi3Instance c, fmi3Float64 t, fmi3Float64 H, fmi3
     *event = *terminate = *early = false;
     *last = MODEL(c)->time;
     return report(c, status, &reason);
-}
-
-EXPORT fmi3Status FMI(GetFMUState)(fmi3Instance c, fmi3FMUState *state)
-{
-    REPORT(c, core_keep(MODEL(c), state, why));
-}
-
-EXPORT fmi3Status FMI(SetFMUState)(fmi3Instance c, fmi3FMUState state)
-{
-    REPORT(c, core_restore(MODEL(c), state, why));
-}
-
-EXPORT fmi3Status FMI(FreeFMUState)(fmi3Instance c, fmi3FMUState *state)
-{
-    (void)c;
-    free(*state);
-    *state = NULL;
-    return fmi3OK;
-}
-
-EXPORT fmi3Status FMI(SerializedFMUStateSize)(fmi3Instance c, fmi3FMUState state, size_t *size)
-{
-    (void)c, (void)state;
-    *size = STATE_BYTES;
-    return fmi3OK;
-}
-
-EXPORT fmi3Status FMI(SerializeFMUState)(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[],
-    size_t size)
-{
-    REPORT(c, core_write(state, bytes, size, why));
-}
-
-EXPORT fmi3Status FMI(DeserializeFMUState)(fmi3Instance c, const fmi3Byte bytes[], size_t size,
-    fmi3FMUState *state)
-{
-    REPORT(c, core_read(bytes, size, state, why));
 }
 
 /* The rest of the interface. */

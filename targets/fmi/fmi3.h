@@ -20,6 +20,10 @@
 #endif
 #define FMI(name) JOIN(PREFIX, fmi3##name)
 #define FMI_NAME(name) "fmi3" #name
+/* Names of functions of kept states, which the versions of FMI spell differently. */
+#define FMI_STATE(verb) FMI(verb##FMUState)
+#define FMI_DESERIALIZE FMI(DeserializeFMUState)
+#define FMI_STATE_SIZE FMI(SerializedFMUStateSize)
 #define FMI3_VERSION "3.0"
 
 typedef void *fmi3Instance, *fmi3FMUState, *fmi3InstanceEnvironment;
@@ -33,5 +37,10 @@ typedef void (*fmi3LogMessageCallback)(
     void *environment, fmi3Status, fmi3String category, fmi3String text);
 /* Of intermediate values, which the FMU has none of: never called. */
 typedef void (*fmi3IntermediateUpdateCallback)(void);
+
+/* Types of common.h. */
+typedef fmi3Status fmi_status;
+typedef fmi3Boolean fmi_boolean;
+typedef fmi3Byte fmi_byte;
 
 #endif

@@ -53,7 +53,8 @@ class Fmu:
         version, name = self.version, manifest.name
         variables = variables_of(manifest, options)
         core_files = {file: (_HERE / file).read_text(encoding="utf-8")
-                      for file in ("core.h", "export.h", f"fmi{version}.h", f"fmi{version}.c")}
+                      for file in ("core.h", "export.h", "common.h", f"fmi{version}.h",
+                                   f"fmi{version}.c")}
         code = {
             **{file: sources[file] for file in (f"{name}.c", f"{name}.h")}, **core_files,
             "model.h": model_header(manifest, options, variables, version),
