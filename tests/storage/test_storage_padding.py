@@ -40,14 +40,14 @@ def dirty(tmp_path_factory):
 
 
 def start(step):
-    case, (q, p) = systems.case("dragged_pendulum"), systems.start("dragged_pendulum", step)
-    return {"q": q, "p": p, "dt": case.dt, "steps": 60, "every": 3, "parameters": case.parameters}
+    case, (q, p) = systems.case("heavy_top"), systems.start("heavy_top", step)
+    return {"q": q, "p": p, "dt": case.dt, "steps": 30, "every": 3, "parameters": case.parameters}
 
 
 @pytest.mark.parametrize("real", ["long-double", "double"])
 def test_a_store(real, dirty, tmp_path):
     """Of a type with padding, and of one without."""
-    step = systems.stepper("dragged_pendulum", real=real)
+    step = systems.stepper("heavy_top", real=real)
     for pattern in (0, 171):
         dirty(pattern)
         recorded(step, tmp_path / f"{pattern}.zarr", **start(step))
@@ -55,7 +55,7 @@ def test_a_store(real, dirty, tmp_path):
 
 
 def test_a_file(dirty, tmp_path):
-    plain, files = systems.stepper("dragged_pendulum", real="long-double"), []
+    plain, files = systems.stepper("heavy_top", real="long-double"), []
     for pattern in (0, 171):
         dirty(pattern)
         run = integrate(plain, **start(plain))

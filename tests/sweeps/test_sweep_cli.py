@@ -37,7 +37,7 @@ def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
 
 def test_dry_run_computes_nothing_and_is_about_right(tmp_path, gyrospark, monkeypatch):
     text = STUDY.replace("steps = 100", "steps = 300")  # more than the pilots have
-    monkeypatch.setattr(cost_estimate, "_SAMPLES", 24)
+    monkeypatch.setattr(cost_estimate, "_SAMPLES", 8)
     path = study_file(tmp_path, text)
     done = gyrospark("sweep", "study.toml", "--dry-run", "--json")
     assert done.code == 0, done.stderr
