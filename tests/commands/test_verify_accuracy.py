@@ -14,7 +14,7 @@ from gyrospark.certificates.accuracy_over_time import Accuracy, accuracy, draw
 
 def test_errors_fall_with_the_order(gl3):
     """And are those against a much finer run of another method."""
-    step = gs.stepper("LIIIA-B", 2, "gamma")
+    step = gs.stepper("IMS")
     found = accuracy(step, TOP.q0, TOP.p0, dt=1e-3, steps=100, parameters=PARAMETERS)
     assert step.order == found.order == 2
     assert found.dt == [4e-3 / 2**k for k in range(7)]
@@ -29,7 +29,7 @@ def test_errors_fall_with_the_order(gl3):
 
 
 def test_steps_without_a_solution_are_left_out():
-    step = gs.stepper("LIIIA-B", 2, "gamma")
+    step = gs.stepper("LIIIA-B", 3)
     found = accuracy(step, TOP.q0, TOP.p0, dt=0.03, steps=40, parameters=PARAMETERS)
     assert 0 < len(found.dt) < 7
     assert len(found.dt) == len(found.error) == len(found.seconds)

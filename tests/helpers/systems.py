@@ -369,6 +369,12 @@ def _ball() -> Case:
                   quantities={"floor": x, "roof": 1 - x, "speed": u / m}, dt=0.01)
 
 
+def _quartic() -> Case:
+    """H is not quadratic in p."""
+    return _plane("quartic", (0.5,), (-1.0,), {}, u**4 / 4 + x**2 / 2, dt=0.01,
+                  quantities={"floor": x})
+
+
 def _swing() -> Case:
     """A pendulum by its angle, without a parameter."""
     return _plane("swing", (0.3,), (0.0,), {}, u**2 / 2 + 9 * (1 - sp.cos(x)), dt=0.01)
@@ -452,7 +458,7 @@ def _very_eccentric() -> Case:
 #: Of these ``names`` returns none: single tests take them by name.
 _OTHERS: dict[str, Callable[[], Case]] = {
     "arm": _arm, "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
-    "swing": _swing, "tied": _tied, "very_eccentric": _very_eccentric}
+    "quartic": _quartic, "swing": _swing, "tied": _tied, "very_eccentric": _very_eccentric}
 
 
 _CASES: dict[str, Callable[[], Case]] = {
