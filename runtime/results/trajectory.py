@@ -559,11 +559,7 @@ class Trajectory(Shown):
         InputError
             Where the stepper is not known, and as ``Stepper.gradient``.
         """
-        maker = self._stepper if stepper is None else stepper
-        if not callable(getattr(maker, "gradient", None)):
-            raise InputError(
-                f"This trajectory of {self.manifest.name} does not know the stepper that made "
-                "it; give gradient(..., stepper=...).")
+        maker: Any = self._maker(stepper, "gradient(..., stepper=...)")
         return maker.gradient(self, cotangents, **options)
 
     def hessian(
@@ -583,11 +579,7 @@ class Trajectory(Shown):
         InputError
             Where the stepper is not known, and as ``Stepper.hessian``.
         """
-        maker = self._stepper if stepper is None else stepper
-        if not callable(getattr(maker, "hessian", None)):
-            raise InputError(
-                f"This trajectory of {self.manifest.name} does not know the stepper that made "
-                "it; give hessian(..., stepper=...).")
+        maker: Any = self._maker(stepper, "hessian(..., stepper=...)")
         return maker.hessian(self, cotangents, **options)
 
     def made_by(self, stepper: Maker, origin: Any = None) -> Trajectory:
