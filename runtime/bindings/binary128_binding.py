@@ -176,11 +176,12 @@ class QuadBinding(Binding):
     # ------------------------------------------------------------ calls
 
     def integrate(
-        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
+        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows,
+        row: int = 0,
     ) -> int:
         """Advance a state in place by up to ``steps`` steps; return the status."""
         # Rows are converted: those of this call, not all that are left.
-        return super().integrate(constants, steps, every, state, rows[: steps // every])
+        return super().integrate(constants, steps, every, state, rows[row : row + steps // every])
 
     def integrate_lanes(
         self, constants: RunConstants, steps: int, every: int, batch: BatchState, rows: Rows,

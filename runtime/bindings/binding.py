@@ -218,6 +218,17 @@ class Binding(Compiled):
             function(self.set_of(parameters, i), rows, *self._times(None), *pointers)
         return g, f
 
+    def defects_of_entries(
+        self, parameters: ParameterStruct, q: list[float], p: list[float]
+    ) -> tuple[list[float], list[float]]:
+        """Return what ``defects`` does as lists, of doubles in lists: arrays take longer."""
+        new, reals, rows = self.ffi.new, self._reals, len(q) // self.n
+        g, f = new(reals, rows * self.m or 1), new(reals, rows * self.conditions)
+        self.function("defects")(parameters, rows, *self._times(None), new(reals, q),
+                                 new(reals, p), g, f)
+        return (self.ffi.unpack(g, rows * self.m) if self.m else []), self.ffi.unpack(
+            f, rows * self.conditions)
+
     def sets(self, parameters: ParameterStruct) -> int:
         """Return the number of parameter structs in an array of them, or 1 for one struct."""
         is_array = self.ffi.typeof(parameters).kind == "array"

@@ -83,6 +83,7 @@ class Compiled:
         #: Types of the structs: cffi takes as long to look up a name as to make the struct.
         self._types = {kind: self.ffi.typeof(f"{name}_{kind} *")
                        for kind in ("parameters", "options", "report")}
+        self._types["int[]"] = self.ffi.typeof("int[]")
         frames = getattr(module, "frames", None)
         #: Bytes of stack that calls take at most; work memory is larger than all their arrays.
         self.frames: int = 2 * self.ffi.sizeof(f"{name}_work") if frames is None else frames
@@ -258,20 +259,23 @@ class Compiled:
     # ------------------------------------------------------------ calls
 
     def integrate(
-        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
+        self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows,
+        row: int = 0,
     ) -> int:
         """Advance a state in place by up to ``steps`` steps; return the status.
 
-        Every ``every``-th state is stored, from the first of the rows on; without rows none is.
+        Every ``every``-th state is stored, from ``row`` on; without rows none is.
         """
-        work = [self.pointer(rows.work)] if self.has_forces else []
+        pointer, n = self.pointer, self.n * row
+        work = [pointer(rows.work, row)] if self.has_forces else []
         counts = (self.ffi.NULL if rows.iterations.size == 0
-                  else self.ffi.from_buffer("int[]", rows.iterations, require_writable=True))
+                  else self._from_buffer(self._types["int[]"], rows.iterations, True) + row)
         return int(self.function("integrate")(
             constants.parameters, constants.options, *self._fed(constants.inputs)[:2],
-            constants.dt, steps, every, *map(self.pointer, (
-                state.q, state.p, rows.q, rows.p, rows.multipliers)),
-            counts, *work, state.record, state.work,
+            constants.dt, steps, every, pointer(state.q), pointer(state.p),
+            pointer(rows.q, n), pointer(rows.p, n),
+            pointer(rows.multipliers, self.multipliers * row), counts, *work, state.record,
+            state.work,
         ))
 
     def _fed(self, inputs: InputRows | None) -> list[Any]:

@@ -17,6 +17,7 @@ from ...core.records import changed, dataclass
 from ...core.solver import Solver
 from ...core.start import Start, as_start, has_start
 from ..bindings.array_checks import as_real
+from ..results.rotation_rate import Limits, are_slow
 from .consistency import is_plainly_consistent
 from .run_arguments import (
     IMMUTABLE,
@@ -49,6 +50,7 @@ class _Call:
     #: Its span and the parameters that it may have in vain.
     rest: tuple[Any, ...]
     plan: Integration
+    limits: Limits
 
 
 class CallMemory:
@@ -65,7 +67,8 @@ class CallMemory:
         None too for a state that is not plainly usable.
         """
         last = self._last
-        if (last is None or not all(map(_is_same, arguments, last.arguments))
+        if (last is None or not (all(map(operator.is_, arguments, last.arguments))
+                                 or all(map(_is_same, arguments, last.arguments)))
                 or not _are_same(parameters, last.parameters)):
             return None
         q: Any = start
@@ -80,16 +83,15 @@ class CallMemory:
         elif last.start is not None or has_start(start):
             return None
         binding, run, constants = stepper.binding, last.plan.run, last.plan.constants
-        assert constants is not None
         try:
             q, p = stepper._state(q, p)
             t0 = as_real("t", t0, binding.number)
         except GyrosparkError:
             return None  # refused by the checks of another call, whose sentence knows the start
-        if binding.conditions and not is_plainly_consistent(
-                binding, constants.parameters, q, p):
+        if not are_slow(last.limits, q.tolist(), p.tolist()):
             return None
-        if not stepper.rotations.are_slow(run.parameters, run.dt, q, p):
+        if binding.conditions and not is_plainly_consistent(
+                binding, constants.parameters, q, p):  # type: ignore[union-attr]
             return None
         return changed(last.plan, run=changed(run, q=q, p=p, t0=t0,
                                               parameters=run.parameters.copy()))
@@ -105,7 +107,8 @@ class CallMemory:
         run, binding = plan.run, stepper.binding
         of_start = as_start(start) if has_start(start) else None
         dicts = [] if of_start is None else _dicts_of(of_start)
-        if (plan.events or plan.impacts or arguments[2] is not None
+        limits = stepper.rotations.limits(run.parameters, run.dt)
+        if (limits is None or plan.events or plan.impacts or arguments[2] is not None
                 or depends_on_time(binding) or binding.clocked
                 or stepper.manifest.system.velocity_names
                 or type(parameters) not in (dict, NoneType)
@@ -118,7 +121,7 @@ class CallMemory:
             None if of_start is None else [*map(_entries, dicts)],
             () if of_start is None else (of_start._span, of_start._spare),
             changed(plan, run=changed(run, parameters=run.parameters.copy()),
-                    constants=run.constants(binding)))
+                    constants=run.constants(binding)), limits)
 
 
 def _dicts_of(start: Start) -> tuple[Mapping[str, Any], ...]:

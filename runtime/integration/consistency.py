@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from ..steppers.evaluation import Evaluation
     from .run_arguments import RunArguments
 
-__all__ = ["Defects", "defects_of_starts", "moved_onto_constraints", "refuse_inconsistent",
-           "refuse_singular_mass", "text_of_move"]
+__all__ = ["Defects", "defects_of_starts", "is_plainly_consistent", "moved_onto_constraints",
+           "refuse_inconsistent", "refuse_singular_mass", "text_of_move"]
 
 #: Coordinates, of more of which moves of each by itself would take gigabytes.
 _MOST_COORDINATES = 2000
@@ -46,6 +46,10 @@ _ROUNDING = 4096
 _TYPED = 1e-12
 #: Numbers up to which floats are faster than arrays.
 _FEW = 32
+#: The same of moved states.
+_FEW_COORDINATES = 8
+#: Squares between these have sums and products that stay in the range of doubles.
+_USUAL = 1e-200, 1e200
 
 
 @dataclass(frozen=True)
@@ -231,6 +235,11 @@ class _Moves:
     #: What an explicit Euler step is multiplied by.
     euler: float
 
+    @cached_property
+    def entries(self) -> tuple[list[list[float]], list[list[float]]]:
+        """The first, and the last forth and back, as lists."""
+        return self.q[::_DRAWS].tolist(), self.p[::_DRAWS].tolist()
+
 
 def _added(values: Array) -> Array:
     sums: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
@@ -282,9 +291,28 @@ def is_plainly_consistent(
     return consistent
 
 
-@np.errstate(all="ignore")
 def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p: Array) -> bool:
     """Return what ``is_plainly_consistent`` does of another state than the last."""
+    moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
+    if binding.dtype is np.float64 and binding.n <= _FEW_COORDINATES:
+        states = q.tolist(), p.tolist()
+        squares = [sum(map(operator.mul, x, x)) for x in states]
+        if all(x == 0 or _USUAL[0] < x < _USUAL[1] for x in squares):
+            moved = [[a + scale * w for row in rows for a, w in zip(x, row, strict=True)]
+                     for x, scale, rows in zip(states, [nudge * math.sqrt(x) for x in squares],
+                                               moves.entries, strict=True)]
+            g, f = binding.defects_of_entries(parameters, *moved)
+            if _is_small(f, binding.conditions, epsilons) and (
+                    not g or _is_small(g, binding.m, epsilons)):
+                return True  # the other moves could only raise the bounds
+    with np.errstate(all="ignore"):  # takes as long as half of the above
+        return _is_within_bounds_of_arrays(binding, parameters, q, p)
+
+
+def _is_within_bounds_of_arrays(
+    binding: Binding, parameters: ParameterStruct, q: Array, p: Array
+) -> bool:
+    """Return the same with all moves, and of any type of numbers."""
     moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):
@@ -293,10 +321,7 @@ def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p
         states.append(moved if double else moved.astype(binding.dtype))
     for d in binding.defects(parameters, *states):
         if 0 < d.size <= _FEW:  # in Python's floats: half of the time
-            entries, count = d.ravel().tolist(), d.shape[1]
-            plus, minus = entries[count : (_DRAWS + 1) * count], entries[(_DRAWS + 1) * count :]
-            bound = epsilons / 2 * max(map(abs, map(operator.sub, plus, minus)))
-            if not all(map(bound.__ge__, map(abs, entries[:count]))):
+            if not _is_small(d.ravel().tolist(), d.shape[1], epsilons):
                 return False
             continue
         size, change = np.abs(d[0]), np.abs(d[1 : _DRAWS + 1] - d[_DRAWS + 1 :]).ravel()
@@ -304,6 +329,17 @@ def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p
         if size.size and not size[size.argmax()] <= epsilons / 2 * change[change.argmax()]:
             return False
     return True
+
+
+def _is_small(entries: list[float], count: int, epsilons: float) -> bool:
+    """Return whether the first ``count`` entries, of the state itself, are within their bound.
+
+    The others are those of the moves forth, and then back.
+    """
+    middle = (len(entries) + count) // 2
+    plus, minus = entries[count:middle], entries[middle:]
+    bound = epsilons / 2 * max(map(abs, map(operator.sub, plus, minus)))
+    return all(map(bound.__ge__, map(abs, entries[:count])))
 
 
 def _scales(binding: Binding) -> tuple[float, float]:

@@ -134,8 +134,13 @@ def course(
     rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
     rows.q[0], rows.p[0] = run.q, run.p
     state = RunState.at_start(binding, run.q, run.p, binding.works.take())
-    if observer is None:
-        status, rows = fill(binding, run, rows, state, stop, progress, constants=constants)
+    if (observer is None and progress is None and run.stored_steps is None
+            and 0 < run.steps <= FIRST_STEPS and not run.steps % run.every and not stop()):
+        # what ``fill`` does of a run that is one piece
+        status = binding.integrate(constants or run.constants(binding), run.steps, run.every, state,
+                                   rows, 1)
+    elif observer is None:
+        status, rows = fill(binding, run, rows, state, stop, progress)
     else:
         status, rows = fill(binding, run, rows, state,
                             lambda: observer.end is not None or stop(), progress, observer.advance)
@@ -150,14 +155,13 @@ def course(
 def fill(
     binding: Binding, run: RunArguments, rows: Rows, state: RunState, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, step_on: StepOn | None = None,
-    constants: RunConstants | None = None,
 ) -> tuple[int, Rows]:
     """Fill the rows of a run from its start, as ``course`` does; return the status and the rows.
 
     These are others with more room, if there was none for all steps. ``step_on`` is
     ``binding.integrate``, or takes steps as it does and looks at each of them.
     """
-    constants, pace = constants or run.constants(binding), ChunkSize(step_on is not None)
+    constants, pace = run.constants(binding), ChunkSize(step_on is not None)
     status = 0
     if not run.steps or step_on is not None or stop():  # else the first steps start the record
         status = binding.integrate(constants, 0, 1, state, rows[:0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,8 @@ from ..compilation.body_columns import BodyAt, bodies_of
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["LOOKED_AT", "LOST", "FastestRotation", "Rotations", "fastest_rotation", "phase_error"]
+__all__ = ["LOOKED_AT", "LOST", "FastestRotation", "Limits", "Rotations", "are_slow",
+           "fastest_rotation", "phase_error"]
 
 #: A method of order r bears turns of r/2 + 1/2 rad a step, up to this. Measured on the fast top and
 #: on free bodies with three moments, one of them beside the separatrix, over 20 turns: the error of
@@ -37,6 +38,10 @@ _MOST_A_FLOW = 2.0
 LOOKED_AT = 64
 #: Bodies of one state up to which floats are faster than arrays.
 _FEW = 8
+
+
+#: Of each body its inertia, the places of its q and p, and the largest |Ω|.
+Limits = list[tuple[list[float], Sequence[int], float]]
 
 
 @dataclass(frozen=True)
@@ -194,10 +199,16 @@ class Rotations:
         fastest = self.fastest(parameters, dt, q, p)
         return fastest is not None and fastest.warn()
 
-    def are_slow(self, parameters: Mapping[str, Any], dt: float, q: Array, p: Array) -> bool:
-        """Return whether no body of one state turns further in a step than the method bears."""
-        return not self.bodies or (
-            self._largest_of_one(parameters, _only(dt), q, p)[1] <= self._limit)
+    def limits(self, parameters: Mapping[str, float], dt: float) -> Limits | None:
+        """Return what bounds the rotations of a state, None of many bodies, or where a frame moves.
+
+        For each body its inertia, the places of its q and p, and the largest |Ω| that the method
+        bears with the step.
+        """
+        if len(self.bodies) > _FEW or any(parameters.get(name) for name in self._rates):
+            return None
+        return [([parameters[key] for key in body.inertia], body.q, self._limit / abs(float(dt)))
+                for body in self.bodies.values()]
 
     def warn_of(self, trajectory: Trajectory) -> bool:
         """Warn and return as ``warn`` does, for some stored states after the start, with the last.
@@ -231,6 +242,15 @@ def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:
     """Return |Ω Δt| of the body that turns fastest in the stored states of a run, if one does."""
     return Rotations(trajectory.manifest).fastest(
         trajectory.parameters, trajectory.time_steps, trajectory.q, trajectory.p)
+
+
+def are_slow(limits: Limits, q: list[float], p: list[float]) -> bool:
+    """Return whether no |Ω| of a state exceeds its limit of ``Rotations.limits``."""
+    for inertia, places, largest in limits:
+        if not _speed(inertia, [*map(q.__getitem__, places)],
+                      [*map(p.__getitem__, places)]) <= largest:
+            return False
+    return True
 
 
 def phase_error(order: int, radians: float) -> float:

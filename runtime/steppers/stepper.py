@@ -6,6 +6,7 @@ import os
 import textwrap
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -53,7 +54,7 @@ from ..integration.starts import (
     span_or_own,
     steps_of_all,
 )
-from ..integration.step_loop import integrate
+from ..integration.step_loop import FIRST_STEPS, integrate
 from ..results.missed_rates import warn_of_missed_rate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
@@ -350,7 +351,10 @@ class Stepper(Dynamics):
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
         # one warning of a kind for a run: of its start, or of its stored states
         warned = not run.steps or (not recalled and self._warned(run)) or run.rows < 2
-        with log_progress(f"integrating {self.name}", run.steps, progress) as report:
+        # steps between two looks at the time show no share that is done
+        quiet = progress is None and run.steps <= FIRST_STEPS and not run.open_end
+        with nullcontext() if quiet else log_progress(
+                f"integrating {self.name}", run.steps, progress) as report:
             if observed_events:
                 from ..events.observer import observed
 

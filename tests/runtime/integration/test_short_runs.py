@@ -91,14 +91,14 @@ def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
 def test_a_start_is_judged_once(gl3, monkeypatch) -> None:
     """Constraints and parameters of a start are evaluated once, also by a loop of calls."""
     evaluated = []
-    for owner, name in ((gl3.binding, "defects"), (run_arguments, "as_parameters")):
+    for owner, name in ((gl3.binding, "defects_of_entries"), (run_arguments, "as_parameters")):
         function = getattr(owner, name)
         monkeypatch.setattr(owner, name, lambda *x, name=name, function=function: (
             evaluated.append(name), function(*x))[1])
     changes = {"mgl": 0.375}  # a number that no other test gives
     for _ in range(2):
         gl3.integrate(TOP, dt=1e-3, steps=1, parameters=changes)
-    assert sorted(evaluated) == ["as_parameters", "defects"]
+    assert sorted(evaluated) == ["as_parameters", "defects_of_entries"]
     for q, p in ((TOP.q0 * 1.01, TOP.p0), (TOP.q0, TOP.p0 + TOP.q0)):
         with pytest.raises(gs.InputError, match="constraints"):
             gl3.integrate(q, p, dt=1e-3, steps=1, parameters=TOP.parameters | changes)
