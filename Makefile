@@ -4,7 +4,7 @@ BIN := .venv/bin
 # mypy needs a folder named as the package; the repository may be cloned under any name.
 LINK := .venv/src/gyrospark
 # Bytecode is written of what is imported, when it is: most of what is installed never is. Workers of
-# the tests would each compile the largest packages.
+# the tests would each compile the largest packages, which is done beside the check of types.
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -e
 LARGE := distributed, h5netcdf, matplotlib.pyplot, pandas, scipy.spatial.transform, sympy, xarray, zarr
 
@@ -21,11 +21,11 @@ test: .venv/ready
 	+$(MAKE) --no-print-directory -j 2 lint quick
 
 # Types take one process half a minute: beside the tests, it costs no waiting.
-quick: .venv/ready
+quick: .venv/bytecode
 	$(BIN)/pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 # Whole products, long runs, millions of steps: what "slow" marks.
-test-long: .venv/ready
+test-long: .venv/bytecode
 	$(BIN)/pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder -m slow
 
 # Speed and accuracy beside other programs: make bench WHAT="events --rounds 3"
@@ -56,9 +56,12 @@ generated: .venv/ready
 .venv/ready: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(INSTALL) ".[test]"
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -c "import $(LARGE)"
 	mkdir -p .venv/src && ln -sfn ../.. $(LINK) && ln -sfn ../../benchmarks .venv/src/benchmarks
 	touch .venv/demo $@
+
+.venv/bytecode: .venv/ready
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -c "import $(LARGE)"
+	touch $@
 
 .venv/docs: pyproject.toml
 	$(PYTHON) -m venv .venv
