@@ -237,7 +237,7 @@ def late_failure():
     step = gs.stepper("G-L", 2, system="free_body")
     parameters = {"gamma": gs.gamma(top.inertia)} | {
         name: value for name, value in top.parameters.items() if name in step.parameter_domains}
-    for dt in np.arange(0.03, 0.08, 0.002).round(4).tolist():
+    for dt in np.arange(0.044, 0.08, 0.002).round(4).tolist():
         for most in (6, 7, 8, 10):
             try:
                 step.integrate(top.q0, top.p0, dt=dt, steps=400, parameters=parameters,

@@ -51,19 +51,20 @@ def test_arrays_and_merged_parameters_are_starts(gl3):
     assert heavier.pilots[0].parameters["gamma"] == gs.gamma((0.003, 0.003, TOP.inertia[2]))
 
 
-def test_the_search_of_a_model_is_made_by_its_runs(gl3):
+def test_the_search_of_a_model_is_made_by_its_runs():
     """As ``gamma = "auto"`` of a file; it is the same search, and a number that is given wins."""
+    step = systems.stepper("heavy_top")
     start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "auto"})
-    tuned = gs.tune(gl3, TOP, dt=2e-3, steps=40, gamma="auto")
-    run = gl3.integrate(start, dt=2e-3, steps=40)
+    tuned = gs.tune(step, TOP, dt=2e-3, steps=40, gamma="auto")
+    run = step.integrate(start, dt=2e-3, steps=40)
     assert run.parameters["gamma"] == tuned.parameters["gamma"] != MEAN
-    given = gl3.integrate(start, dt=2e-3, steps=40, parameters={"gamma": MEAN})
+    given = step.integrate(start, dt=2e-3, steps=40, parameters={"gamma": MEAN})
     assert given.parameters["gamma"] == MEAN
-    simulation = gl3.start(start, dt=2e-3)
-    longer = gs.tune(gl3, TOP, dt=2e-3, gamma="auto")
+    simulation = step.start(start, dt=2e-3)
+    longer = gs.tune(step, TOP, dt=2e-3, gamma="auto")
     assert simulation.parameters["gamma"] == longer.parameters["gamma"]
-    for refusing in (lambda: gl3.step(start, dt=2e-3),
-                     lambda: gl3.integrate_ensemble([start, start], dt=2e-3, steps=3)):
+    for refusing in (lambda: step.step(start, dt=2e-3),
+                     lambda: step.integrate_ensemble([start, start], dt=2e-3, steps=3)):
         with refused("gamma.*tune"):
             refusing()
 
