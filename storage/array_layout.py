@@ -135,7 +135,8 @@ def fields_of_events(
                            description_of_column(manifest, name, column), kind,
                            real.wide and not kind.startswith("i"))
 
-    return {name: [stored(name, column.name)
+    # In files "p" are the momenta before an impact, as of other events, and "p_after" those after.
+    return {name: [stored(name, column.name.replace("p_before", "p_after"))
                    for column in fields(Impacts if "restitution" in asked else Crossings)]
             for name, asked in events.items()}
 
