@@ -17,6 +17,7 @@ import pytest
 from gyrospark.core.solver import as_solver
 from gyrospark.runtime.bindings.compiled_module import Compiled
 from gyrospark.runtime.bindings.run_memory import RunConstants
+from gyrospark.runtime.integration.call_memory import CallMemory
 from gyrospark.runtime.integration.run_arguments import RunArguments
 from gyrospark.runtime.results.outputs import defect_sizes
 
@@ -51,13 +52,14 @@ def newton_in_python():
     def with_run(run, binding):
         return ConstantsOfRun(**vars(constants(run, binding)), run=run)
 
-    def integrate(binding, constants, steps, every, state, rows):
+    def integrate(binding, constants, steps, every, state, rows, row=0):
         if state.steps == 0:  # the compiled code starts the record; no step is taken
             compiled(binding, constants, 0, 1, state, rows[:0])
-        return advance(binding, constants, steps, every, state, rows)
+        return advance(binding, constants, steps, every, state, rows[row:])
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(RunArguments, "constants", with_run)
+        patch.setattr(CallMemory, "recall", lambda *_: None)  # it has those of compiled runs
         patch.setattr(Compiled, "integrate", integrate)
         yield
 
