@@ -59,7 +59,16 @@ class FastSystem:
             return polynomial
         if not all(x.is_polynomial(*self.system.q) for x in (polynomial, *self.system.constraints)):
             return polynomial
-        return sp.expand(sp.reduced(polynomial, list(self.system.constraints), *self.system.q)[1])
+        # SymPy would simplify each coefficient that has p and a root of p, for seconds: in a
+        # division by q roots are symbols
+        terms = [polynomial, *self.system.constraints]
+        roots = {part for x in terms for part in x.atoms(sp.Pow)
+                 if not part.exp.is_Integer and part.free_symbols
+                 and part.free_symbols.isdisjoint(self.system.q)}
+        symbols = {root: sp.Dummy() for root in sorted(roots, key=sp.default_sort_key)}
+        divided, *divisors = (x.xreplace(symbols) for x in terms)
+        remainder = sp.reduced(divided, divisors, *self.system.q)[1]
+        return sp.expand(remainder.xreplace({symbol: root for root, symbol in symbols.items()}))
 
     def _is_constant(self, e: sp.Expr) -> bool:
         return bool(e.free_symbols.isdisjoint(
