@@ -37,7 +37,7 @@ from ..runtime.results.outputs import (
     description_of_column,
     names_in_files,
 )
-from .chunks import Chunk, write_chunks
+from .chunk_writer import Chunk, write_chunks
 from .durable_files import DurableStore, write_durably
 
 __all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "SOURCE", "WIDE_FILL", "StoredField", "array_of",

@@ -20,7 +20,7 @@ from ..core.records import changed
 from ..core.solver import Solver
 from ..runtime.bindings.array_checks import as_real
 from ..runtime.bindings.real_numbers import from_text
-from ..runtime.events.impacts import refuse_unusable
+from ..runtime.events.impact_observer import refuse_unusable
 from ..runtime.integration.run_arguments import RunArguments, StartNumbers, span_of
 from ..runtime.results.rotation_rate import LOOKED_AT
 from ..runtime.steppers.stepper import Stepper

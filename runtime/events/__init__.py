@@ -10,6 +10,6 @@ Open first: ``detection.EventDetector``.
     last_step         the part of a step to a time between two steps
     observer          the events of a long run, located in pieces
     end_time          the end of a run in scaled time
-    impacts           runs with impacts, which compiled code locates
+    impact_observer   runs with impacts, which compiled code locates
     poincare_section  Poincaré sections of many starts
 """

@@ -30,7 +30,7 @@ from ..results.outputs import States, flat_multipliers, full_states
 from ..results.trajectory import Trajectory
 from .detection import Levels, Memory
 from .end_time import EndTimeObserver
-from .impacts import ImpactObserver
+from .impact_observer import ImpactObserver
 from .location import TerminalEvent, crossings_of, detectors_for, ending
 
 if TYPE_CHECKING:

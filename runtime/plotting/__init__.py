@@ -18,6 +18,6 @@ Open first: ``scene.scene_of`` for bodies, ``trajectory_plots`` for curves.
     gltf              a 3-D model that moves, for other programs
     meshes            meshes of robots within the bytes of a page
     html_view         a page that moves: view.html, view.css, view.js; solids.js has the shapes of
-                      bodies, webgl.js draws triangles, scene.js a scene, also without WebGL,
-                      mesh_data.js reads meshes
+                      bodies, webgl.js draws triangles, scene.js a scene, also without WebGL;
+                      the camera is in scene.js, for pictures in picture
 """

@@ -46,7 +46,7 @@ from ..devices.ensemble import (
 )
 from ..devices.trajectories import Trajectories, gathered
 from ..events.detection import Levels
-from ..events.impacts import refuse_unusable
+from ..events.impact_observer import refuse_unusable
 from ..events.last_step import joined_with_part
 from ..events.location import crossings_of, detectors_for
 from ..events.observer import observer_to_end, with_end_apart, with_events

@@ -338,7 +338,7 @@ class Stepper(Dynamics):
         run = plan.run
         observed_events: Any = plan.events
         if plan.impacts:
-            from ..events.impacts import refuse_unusable
+            from ..events.impact_observer import refuse_unusable
 
             refuse_unusable(self, run, plan.impacts)
         if out is not None:

@@ -19,7 +19,7 @@ from gyrospark.generator.schemes.named_schemes import SCHEMES
 from gyrospark.generator.spec import Spec
 from gyrospark.interop.discrete_flow import DiscreteFlow
 from gyrospark.runtime.devices.ensemble import refuse_on_device
-from gyrospark.runtime.events.impacts import refuse_unusable
+from gyrospark.runtime.events.impact_observer import refuse_unusable
 from gyrospark.runtime.results.joint_motion import cotangents_of_multipliers
 from processes import ROOT
 

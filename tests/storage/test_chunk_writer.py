@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.storage.array_layout import create_array
-from gyrospark.storage.chunks import Chunk, write_chunks
+from gyrospark.storage.chunk_writer import Chunk, write_chunks
 from interruption import differences
 
 
