@@ -82,27 +82,43 @@ def _group(
     """Return the matrix-vector products of a template in a group, as the template of C reads them.
 
     ``calls`` are the kernels; ``matrices`` their outputs, each of which is multiplied by the
-    direction ``by`` (q, p or constants c) and added to the sum ``of``; ``outputs`` and ``inputs``
-    are these sums and directions with their lengths ``n`` and the index tables of the instances.
+    direction ``by`` (q, p or constants c) and added to the sum ``of``; ``places`` are (row, column)
+    of the entries that are not always 0. ``outputs`` and ``inputs`` are these sums and directions
+    with their lengths ``n``, the index tables of the instances, and the entries ``used``.
     """
     sums = {"force": "q" if template["kind"] == 0 else "row", "velocity": "p",
             "out": "q" if name.endswith("force") else "row"}
     size = {"q": template["nq"], "p": template["np"], "row": template["rows"],
             "c": template["columns"]}
-    matrices = [{"name": output, "of": of, "by": by, "transposed": transposed,
-                 "rows": size[by if transposed else sums[of]],
-                 "columns": size[sums[of] if transposed else by]}
-                for kernel in kernels for output in kernel["outputs"]
-                for of, by, transposed in _PRODUCTS[output]]
+    matrices: list[dict[str, Any]] = []
+    for kernel in kernels:
+        first, nonzero = 0, set(kernel["nonzero"])
+        for output in kernel["outputs"]:
+            for of, by, transposed in _PRODUCTS[output]:
+                rows, columns = (size[side] for side in (
+                    (by, sums[of]) if transposed else (sums[of], by)))
+                places = [divmod(e, columns) for e in range(rows * columns) if first + e in nonzero]
+                matrices.append({"name": output, "of": of, "by": by, "transposed": transposed,
+                                 "rows": rows, "columns": columns, "places": places})
+            first += rows * columns
     sign = "-" if template["kind"] == 2 else "+"
     return {
         "calls": kernels,
         "matrices": matrices,
-        "outputs": [{"name": of, "index": sums[of], "n": size[sums[of]], "sign": sign}
-                    for of in dict.fromkeys(m["of"] for m in matrices)],
-        "inputs": [{"name": by, "index": by, "n": size[by], "sign": "+"}
-                   for by in dict.fromkeys(m["by"] for m in matrices) if by != "c"],
+        "outputs": [{"name": of, "index": sums[of], "n": size[sums[of]], "sign": sign, "used": used}
+                    for of, used in _used(matrices, "of").items()],
+        "inputs": [{"name": by, "index": by, "n": size[by], "sign": "+", "used": used}
+                   for by, used in _used(matrices, "by").items() if by != "c"],
     }
+
+
+def _used(matrices: Sequence[dict[str, Any]], side: str) -> dict[str, list[int]]:
+    """Return the entries of each sum, side "of", or direction, "by", in a nonzero product."""
+    used: dict[str, set[int]] = {}
+    for m in matrices:
+        for place in m["places"]:
+            used.setdefault(m[side], set()).add(place[m["transposed"] != (side == "by")])
+    return {name: sorted(entries) for name, entries in used.items()}
 
 
 def _by(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 import sympy as sp
 
@@ -20,3 +22,17 @@ def test_constants_of_h_have_no_derivatives(scheme):
     made = generate(Spec.checked(*scheme), system=system, derivatives=True, structured=True)
     assert "preloaded" in made.source.name
     assert any("_tangent" in text for text in made.source.files().values())
+
+
+def test_products_leave_out_entries_that_are_always_zero():
+    """Of H_pp = 1/m, H_qq of k x y and K = 2 lambda the entries beside these."""
+    x, y, px, py = sp.symbols("x y px py", real=True)
+    m, k = sp.symbols("m k", positive=True)
+    H = (px**2 + py**2) / (2 * m) + k * x * y
+    system = gs.System((x, y), (px, py), (m, k), H, [x**2 + y**2 - 1], name="saddle")
+    made = generate(Spec.checked("G-L", 2), system=system, derivatives=True, structured=True)
+    text = "".join(made.source.files().values())
+    factors = {name: set(re.findall(rf"m->\w+\[i\]\.{name}\[(\d)\]\[(\d)\]\*", text))
+               for name in ("H_pp", "H_qq", "K")}
+    assert factors == {"H_pp": {("0", "0")},  # one template, with px and with py
+                       "H_qq": {("0", "1"), ("1", "0")}, "K": {("0", "0"), ("1", "1")}}
