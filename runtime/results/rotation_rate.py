@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -38,6 +39,8 @@ _MOST_A_FLOW = 2.0
 LOOKED_AT = 64
 #: Bodies of one state up to which floats are faster than arrays.
 _FEW = 8
+#: States of a run, likewise.
+_FEW_ROWS = 16
 
 
 #: Of each body its inertia, the places of its q and p, and the largest |Ω|.
@@ -216,9 +219,16 @@ class Rotations:
         count = len(trajectory) - 1 if self.bodies else 0
         if count < 2:  # a step's end is the start of the next call, which looks at it
             return False
+        q, p = trajectory.q, trajectory.p
+        if count <= _FEW_ROWS and q.dtype == np.float64 and (
+                trajectory.manifest.system.clock is None):
+            limits = self.limits(trajectory.parameters, trajectory.dt)
+            if limits is not None and all(map(are_slow, itertools.repeat(limits), q.tolist(),
+                                              p.tolist())):
+                return False
         sampled = slice(None, 0, -max(1, count // LOOKED_AT))
-        return self.warn(trajectory.parameters, trajectory.time_steps[sampled],
-                         trajectory.q[sampled], trajectory.p[sampled])
+        return self.warn(trajectory.parameters, trajectory.time_steps[sampled], q[sampled],
+                         p[sampled])
 
     def warn_of_many(self, parameters: Mapping[str, Any], dt: Array, q: Array, p: Array) -> None:
         """Warn as ``warn_of`` does, of the runs of an ensemble; q and p are (runs, states, n).
