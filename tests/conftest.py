@@ -18,7 +18,7 @@ from compilers import COMPILERS
 from gyrospark.commands import main, main_generate
 from gyrospark.core.errors import CompilerError
 
-pytest_plugins = ["budget", "bytecode", "root_folder"]
+pytest_plugins = ["budget", "root_folder"]
 
 # Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
 # itself, and processes that run longer get a higher level. Set another one to test its code.
