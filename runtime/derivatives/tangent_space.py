@@ -75,11 +75,8 @@ class Tangents:
         """
         for name in ("dt", "t0", "project", "multipliers"):
             as_flag(name, getattr(self, name))
-        names = self.parameters
-        if isinstance(names, str):
-            raise InputError(f"parameters = {shown(names)} is one name; give a list of names.")
         names = tuple(as_text("a parameter's name", name)
-                      for name in as_items("parameters", names, "names"))
+                      for name in as_items("parameters", self.parameters, "names"))
         object.__setattr__(self, "parameters", names)
         if isinstance(self.start, str) and self.start != "all":
             raise InputError(f"start = {shown(self.start)} is unknown; give 'all', an array with "

@@ -90,6 +90,14 @@ def test_shapes_have_the_inertia_of_their_bodies():
         assert part.to_scale
 
 
+@pytest.mark.parametrize(("inertia", "kind"), [
+    ([1, 1, 1], "sphere"), ([1, 1, 1.5], "disc"), ([1, 1.2, 1.5], "box")])
+def test_equal_moments_are_seen(inertia, kind, gl3):
+    free = gs.problems.free_body(inertia=inertia)
+    (part,) = scene_of(gl3.integrate(free, dt=1e-3, steps=1), 10).parts
+    assert part.shapes[0].kind == kind
+
+
 def test_a_body_without_a_mass_has_the_proportions_of_its_moments(gl3):
     free = gs.problems.free_body()
     (part,) = scene_of(gl3.integrate(free, dt=1e-3, steps=20), 10).parts
