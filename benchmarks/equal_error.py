@@ -216,16 +216,17 @@ def _scene(model: Callable[[], gs.Model], t_end: float, read: Callable[[Any], An
 
 def _ours(make: Callable[[int], gs.Stepper], start: Any, t_end: float,
           settings: Sequence[tuple[int, float]], values: Mapping[str, float] | None = None,
-          quick: int = 3) -> Iterator[Code]:
-    """Yield G-L of (stages, steps a second)."""
-    def prepare(stages: int, steps: int) -> Callable[[], Any]:
-        step = make(stages)
-        return lambda: step.integrate(start, dt=t_end / steps, steps=steps, every=steps,
-                                      parameters=values).q[-1]
+          name: str = "{}-G-L", tolerance: float | None = None) -> Iterator[Code]:
+    """Yield our runs of (stages or order, steps a second)."""
+    def prepare(size: int, steps: int) -> Callable[[], Any]:
+        step = make(size)
+        return lambda: step.integrate(
+            start, dt=t_end / steps, steps=steps, every=steps, parameters=values,
+            solver=gs.Solver("auto", tolerance)).q[-1]
 
-    for stages, rate in settings:
-        yield Code("gyrospark", f"{stages}-G-L Δt={1 / rate:.3g}",
-                   partial(prepare, stages, round(t_end * rate)), stages == quick)
+    for size, rate in settings:
+        yield Code("gyrospark", f"{name.format(size)} Δt={1 / rate:.3g}",
+                   partial(prepare, size, round(t_end * rate)), size == 3)
 
 
 def _largest(end: Array, reference: Array) -> float:
@@ -238,10 +239,15 @@ _MOMENTS, _SPIN, _TUMBLE = (6.0, 8.0, 3.0), (0.5, 0.6, 0.7), 100.0
 
 
 def _free_bodies() -> Iterator[Code]:
-    start = gs.problems.free_body(_MOMENTS, _SPIN).start
-    yield from _ours(lambda stages: gs.stepper("G-L", stages, rep="gamma"), start, _TUMBLE, (
-        (3, 2), (3, 4), (4, 1), (4, 2), (6, 0.5), (6, 1), (6, 1.5), (6, 2), (8, 0.5), (8, 0.75),
-        (8, 1)), gs.problems.free_body(_MOMENTS, _SPIN).parameters)
+    problem = gs.problems.free_body(_MOMENTS, _SPIN)
+    ours = partial(_ours, start=problem.start, t_end=_TUMBLE, values=problem.parameters)
+    gauss = partial(gs.stepper, "G-L", rep="gamma")
+    yield from ours(gauss, settings=((3, 2), (3, 4), (4, 1), (4, 2), (6, 0.5), (6, 1), (6, 1.5),
+                                     (6, 2), (8, 0.5), (8, 0.75), (8, 1)))
+    yield from ours(gauss, settings=((8, 0.5), (8, 1)), name="{}-G-L tolerance 1e-12",
+                    tolerance=1e-12)
+    yield from ours(lambda order: gs.stepper("splitting", order=order, rep="gamma"),
+                    settings=((8, 1), (8, 2), (10, 1), (10, 2)), name="splitting of order {}")
     variables = sp.symbols("q0 q1 q2 q3 w1 w2 w3", real=True)
     yield from _first_order(FirstOrder(
         variables, euler_equations(*variables, *map(sp.Float, (*_MOMENTS, 0.0))),
@@ -525,10 +531,11 @@ _PAGE = """# Peers at equal error
 
 `make bench WHAT="peers --out DIR"` measures what follows and writes it as `DIR/peers.md`, with all
 settings in `DIR/bench.json`; `--only "free body"` measures one problem. A program that is not
-installed is named. Measured on: {machine}. Under load times vary by a factor of two, ratios less.
+installed is named. Measured on: {machine}.
+Under load times vary by a factor of two, and ratios with them.
 
 A time is the CPU time of all threads for one run from the start to the end, call included, without
-deriving and compiling: the least of {rounds} processes of each program, the programs in turn. A
+deriving and compiling: the least over {rounds} process(es) of each program, in turn. A
 cell has the time of the cheapest setting whose error is at most that of the column, its ratio to
 gyrospark's time, and the setting; "–": no setting reaches the error. Errors are those at the end
 of the run.
