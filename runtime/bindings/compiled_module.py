@@ -271,14 +271,14 @@ class Compiled:
         counts = (self.ffi.NULL if rows.iterations.size == 0
                   else self._from_buffer(self._types["int[]"], rows.iterations, True) + row)
         return int(self.function("integrate")(
-            constants.parameters, constants.options, *self._fed(constants.inputs)[:2],
+            constants.parameters, constants.options, *self.input_arguments(constants.inputs)[:2],
             constants.dt, steps, every, pointer(state.q), pointer(state.p),
             pointer(rows.q, n), pointer(rows.p, n),
             pointer(rows.multipliers, self.multipliers * row), counts, *work, state.record,
             state.work,
         ))
 
-    def _fed(self, inputs: InputRows | None) -> list[Any]:
+    def input_arguments(self, inputs: InputRows | None) -> list[Any]:
         """Return the arguments for inputs: rows, steps that each is held, rows from run to run.
 
         Functions of one run take the first two. No arguments of a system without inputs.
@@ -335,7 +335,7 @@ class Compiled:
             (rows.q, self.n), (rows.p, self.n), (rows.multipliers, self.multipliers))]
         self.function("integrate_lanes")(
             len(constants.dt), constants.parameters, constants.options,
-            *self._fed(constants.inputs), self.pointer(constants.dt), steps, every,
+            *self.input_arguments(constants.inputs), self.pointer(constants.dt), steps, every,
             rows.q.shape[1], self.pointer(batch.q), self.pointer(batch.p), *places, counts + row,
             *work, batch.records,
             self.ffi.from_buffer("int[]", batch.status, require_writable=True), *memory,
@@ -374,7 +374,7 @@ class Compiled:
         structs = self.ffi.from_buffer(f"{self.name}_parameters[]", parameters)
         q_out, p_out = (self.ffi.NULL, self.ffi.NULL) if out is None else map(self.pointer, out)
         self.function("integrate_many")(
-            count, structs, options, *self._fed(None), self.pointer(dt), steps, every,
+            count, structs, options, *self.input_arguments(None), self.pointer(dt), steps, every,
             self.pointer(q), self.pointer(p), q_out, p_out,
             self.ffi.from_buffer(f"{self.name}_report[]", reports, require_writable=True),
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory)

@@ -108,7 +108,7 @@ class Compiler:
 
     @property
     def lower_flags(self) -> dict[Level, list[str]]:
-        """Flags, behind these, for objects of which -O3 makes nothing faster: less of it.
+        """Flags added behind ``flags`` for objects that full -O3 makes no faster.
 
         Loops of an iteration have constant numbers of turns and long kernels are straight lines,
         which take as long with "most" of -O3; so does with -O2 what is called once a step or a run.

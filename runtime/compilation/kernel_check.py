@@ -249,7 +249,7 @@ def differences(
     for function in functions:
         unchecked |= {name: f"{text} is not read" for name, text in function.unread.items()}
         for number, kernel in enumerate(function.kernels):
-            worst, missing = _compare(module, function, number, working, wide, real, points)
+            worst, missing = _worst_mismatch(module, function, number, working, wide, real, points)
             compared[kernel.name] = len(outputs_of(kernel)) - len(missing)
             mismatches += [] if worst is None else [worst]
             if missing:
@@ -258,7 +258,7 @@ def differences(
     return mismatches, compared, unchecked
 
 
-def _compare(
+def _worst_mismatch(
     module: Any, function: CheckFunction, number: int, working: Arithmetic, wide: Arithmetic,
     real: Real, count: int,
 ) -> tuple[KernelMismatch | None, list[str]]:

@@ -181,7 +181,8 @@ class DerivativeBinding:
         address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(
             primal.lib, f"{primal.name}_integrate")))
         return int(binding.function("integrate_and_keep")(
-            address, run.parameters, run.constants.options, *binding._fed(arguments.inputs)[:2],
+            address, run.parameters, run.constants.options,
+            *binding.input_arguments(arguments.inputs)[:2],
             arguments.dt, count, binding.pointer(q), binding.pointer(p), binding.pointer(x),
             run.state.record,
             run.state.work))
@@ -231,7 +232,7 @@ class DerivativeBinding:
             return steps.take_tangents(dz, every, rows, multipliers, tangents)
         binding, (memory, _keep) = self.own, self.memory()
         return int(binding.function("integrate_tangent")(
-            parameters, *binding._fed(run.inputs)[:2], run.dt, steps.first, steps.count,
+            parameters, *binding.input_arguments(run.inputs)[:2], run.dt, steps.first, steps.count,
             binding.pointer(steps.q), binding.pointer(steps.p), binding.pointer(steps.x),
             dz.shape[1],
             binding.pointer(dz), every, binding.pointer(rows), binding.pointer(multipliers),
@@ -256,10 +257,10 @@ class DerivativeBinding:
             return steps.take_adjoint(cotangents, multipliers, w, z_bar, inputs_bar, [
                 2 * self.n + binding.parameter_names.index(u) for u in binding.input_names])
         # the rows of inputs and how many steps each is held; derivatives do not loop over them
-        fed = [*binding._fed(run.inputs)[:2],
-               binding.pointer(inputs_bar)] if binding.input_names else []
+        inputs = [*binding.input_arguments(run.inputs)[:2],
+                  binding.pointer(inputs_bar)] if binding.input_names else []
         return int(binding.function("integrate_adjoint")(
-            parameters, *fed, run.dt, steps.first, steps.count, binding.pointer(steps.q),
+            parameters, *inputs, run.dt, steps.first, steps.count, binding.pointer(steps.q),
             binding.pointer(steps.p), binding.pointer(steps.x), binding.pointer(cotangents), every,
             binding.pointer(multipliers), binding.pointer(w), binding.pointer(z_bar), memory))
 

@@ -343,8 +343,8 @@ class _AdjointRun:
         self.binding = stepper._derivative_binding()
         self.own, n = self.binding.own, stepper.binding.n
         names = [*stepper.binding.parameter_names, "dt", "t0"]
-        fed = stepper.binding.input_names if run.inputs is not None else []
-        self.input_columns = [2 * n + names.index(u) for u in fed]
+        input_names = stepper.binding.input_names if run.inputs is not None else []
+        self.input_columns = [2 * n + names.index(u) for u in input_names]
         points = cotangents.points
         self.steps_of_points = np.array([point.step for point, *_ in points], int)
         self.frame = FrameMotion(self.binding, stepper.symmetries, run)
@@ -358,7 +358,8 @@ class _AdjointRun:
         self.z_bar[-2] = (cotangents.times * run.steps_of_rows(run.steps)).sum()
         # a state behind the last whole step has inputs of its own
         beyond = bool(len(points)) and int(self.steps_of_points.max()) == run.steps
-        self.inputs_bar: Array = self.own.new((run.steps + beyond) if fed else 0, len(fed))
+        self.inputs_bar: Array = self.own.new(
+            (run.steps + beyond) if input_names else 0, len(input_names))
         self.parameters = self.own.parameters(run.parameters, run.t0)
         self.switched = 0
 

@@ -101,10 +101,11 @@ class SecondBinding:
         are the cotangents of stored states, every ``every`` steps, and their slopes.
         """
         binding, (memory, _keep) = self.own, self._memory()
-        fed = ([*binding._fed(run.inputs)[:2], *map(binding.pointer, cotangents.inputs)]
-               if binding.input_names else [])
+        inputs = ([*binding.input_arguments(run.inputs)[:2],
+                   *map(binding.pointer, cotangents.inputs)]
+                  if binding.input_names else [])
         return int(binding.function("integrate_second")(
-            parameters, *fed, run.dt, steps.first, steps.count,
+            parameters, *inputs, run.dt, steps.first, steps.count,
             *map(binding.pointer, (steps.q, steps.p, steps.x, tangents, dz, *rows)), every,
             *map(binding.pointer, (*cotangents.w, *cotangents.z_bar)), memory))
 

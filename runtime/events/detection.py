@@ -133,7 +133,7 @@ class Brackets:
 
     @classmethod
     def together(cls, groups: Sequence[Brackets]) -> Brackets:
-        """Return all of them, in order."""
+        """Return the brackets of all groups, one group behind the other."""
         names = ("event", "step", "q", "p", "before", "after", "turning", "on_level",
                  "past")
         return cls(*(np.concatenate([getattr(brackets, name) for brackets in groups])

@@ -169,7 +169,7 @@ class ImpactObserver:
         places = np.zeros((_CAPACITY + 1, 2), np.dtype("l"))
         hits = binding.new(_CAPACITY, 4 + 3 * binding.n)
         status = int(binding.function("integrate_impacts")(
-            constants.parameters, constants.options, *binding._fed(constants.inputs)[:2],
+            constants.parameters, constants.options, *binding.input_arguments(constants.inputs)[:2],
             self._run.t0, constants.dt, steps, every, len(self._gaps),
             *(binding.ffi.from_buffer("int[]", x) for x in (self._gaps, self._depends)),
             binding.pointer(self._restitution), binding.ffi.from_buffer("int[]", self._ends),

@@ -277,7 +277,7 @@ def _level_roots(work: _Work) -> _Roots:
                     brackets.step[indices_through], np.ones(len(indices_through)),
                     since[through], q[through], p[through], slope_before[through] < 0)
     roots = _joined([best.roots(start_slope[inside] < 0), at_end])
-    return _selected(roots, _has_direction(work, roots))
+    return _selected(roots, _is_accepted(work, roots))
 
 
 def _double_roots(work: _Work) -> _Roots:
@@ -294,7 +294,7 @@ def _double_roots(work: _Work) -> _Roots:
           work.tolerance(twice) / (high - low))
     rising = np.concatenate([before, value]) < 0
     roots = best.roots(rising)
-    return _selected(roots, _has_direction(work, roots))
+    return _selected(roots, _is_accepted(work, roots))
 
 
 def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
@@ -371,8 +371,8 @@ def _zero_and_one(work: _Work, indices: Array) -> tuple[Array, Array]:
     return zero, zero + 1
 
 
-def _has_direction(work: _Work, roots: _Roots) -> Array:
-    """Return whether roots have the directions of their events, and are not the start of the run.
+def _is_accepted(work: _Work, roots: _Roots) -> Array:
+    """Return which roots have the directions of their events and are not the start of the run.
 
     A run that starts from an event is at its level within the rounding of times, that of t0 if it
     is a small share of a step: this root belongs to the run before.

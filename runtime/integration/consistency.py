@@ -292,8 +292,12 @@ def is_plainly_consistent(
 
 
 def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p: Array) -> bool:
-    """Return what ``is_plainly_consistent`` does of another state than the last."""
-    moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
+    """Return whether |d| ≤ (64 ε/ν) max |d(x + ν |x| w) − d(x − ν |x| w)|/2 for g and f, as d.
+
+    x is (q, p), w the moves of ``_draws`` and ν that of ``_move_scales``. These few moves
+    may find too little change: ``_judged`` decides about what they refuse.
+    """
+    moves, nudge, epsilons = _draws(binding.n), *_move_scales(binding)
     if binding.dtype is np.float64 and binding.n <= _FEW_COORDINATES:
         states = q.tolist(), p.tolist()
         squares = [sum(map(operator.mul, x, x)) for x in states]
@@ -313,7 +317,7 @@ def _is_within_bounds_of_arrays(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array
 ) -> bool:
     """Return the same with all moves, and of any type of numbers."""
-    moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
+    moves, nudge, epsilons = _draws(binding.n), *_move_scales(binding)
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):
         y = x if double else x.astype(float)
@@ -342,8 +346,8 @@ def _is_small(entries: list[float], count: int, epsilons: float) -> bool:
     return all(map(bound.__ge__, map(abs, entries[:count])))
 
 
-def _scales(binding: Binding) -> tuple[float, float]:
-    """Return the part of |q| or |p| of a move, and what 64 ε are in parts of it."""
+def _move_scales(binding: Binding) -> tuple[float, float]:
+    """Return ν = 2⁻¹⁰ ε^¼, the size of a move as a part of |q| or |p|, and 64 ε/ν."""
     nudge = 2.0**-10 * binding.epsilon**0.25
     return nudge, 64 * binding.epsilon / nudge
 
@@ -358,7 +362,7 @@ def _judged(
     that of f likewise, with what forces add to p in a step (``keeps_f``), or with the change of f
     in an explicit Euler step. Only rows beyond the first bound take the second, which costs a call.
     """
-    nudge, epsilons = _scales(binding)
+    nudge, epsilons = _move_scales(binding)
     dq, dp = (nudge * np.sqrt(np.einsum("ij,ij->i", x, x))
               for x in (x.astype(float, copy=False) for x in (q, p)))
     g, f, *changes = _sizes(binding, parameters, q, p, dq, dp, moves)

@@ -755,7 +755,7 @@ def _nearest_count(end: Fraction, begin: Fraction, step: Fraction) -> tuple[int,
 
 
 def _fraction(name: str, value: Any) -> Fraction:
-    """Return a number of any type as it is."""
+    """Return the exact value of a number of any type; InputError for what is no number."""
     as_real(name, value)
     number = exact(value)
     assert isinstance(number, Fraction), shown(value)

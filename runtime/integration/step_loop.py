@@ -128,7 +128,8 @@ def course(
 ) -> tuple[Trajectory, int, RunState]:
     """Return the trajectory of a run, its status (0, or that of a failed step) and its last state.
 
-    It goes up to its end, to a step that fails, to the event that ends it, or until ``stop()``.
+    The run goes up to its end, to a step that fails, to the event that ends it, or until
+    ``stop()`` is true.
     """
     # how many steps an open end takes is not known: ``fill`` makes room as they come
     rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
@@ -158,8 +159,8 @@ def fill(
 ) -> tuple[int, Rows]:
     """Fill the rows of a run from its start, as ``course`` does; return the status and the rows.
 
-    These are others with more room, if there was none for all steps. ``step_on`` is
-    ``binding.integrate``, or takes steps as it does and looks at each of them.
+    The rows returned are new ones with more room where those given were too few. ``step_on`` is
+    ``binding.integrate`` or takes its arguments, and observes each step.
     """
     constants, pace = run.constants(binding), ChunkSize(step_on is not None)
     status = 0

@@ -323,8 +323,8 @@ class Differentiation(Evaluation):
         state = merged_start(self, start, p, parameters)
         values = dict(as_mapping("parameters", state.parameters, "{'m': 1.0}"))
         if inputs is not None:  # one step: they are parameters
-            fed = as_inputs(inputs, self.binding, 1)
-            values |= {} if fed is None else fed.first
+            input_rows = as_inputs(inputs, self.binding, 1)
+            values |= {} if input_rows is None else input_rows.first
         return self._run_of(replace(state, parameters=values), dt=dt, steps=1)
 
     def _run_of(self, start: StartNumbers, **options: Any) -> RunArguments:

@@ -382,8 +382,8 @@ def _checked(
         _each_parameters(stepper._parameters_with_inputs(starts.parameters, inputs), size,
                          stepper.parameter_domains), options)
     count = as_positive_count("steps", options["steps"]) + (end is not None)
-    fed = as_inputs(inputs, stepper.binding, count, runs=size)
-    runs = replace(checked_runs(stepper, arguments), inputs=fed)
+    input_rows = as_inputs(inputs, stepper.binding, count, runs=size)
+    runs = replace(checked_runs(stepper, arguments), inputs=input_rows)
     if end is not None:
         runs = runs.to_end(stepper.binding, *end)
     warn_of_negative(runs.parameters)

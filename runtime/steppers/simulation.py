@@ -163,7 +163,7 @@ class RecordingRun(AdvancingRun):
         self._rows = Rows.allocate(binding, FIRST_STEPS + 1)
         self._rows.q[0], self._rows.p[0] = run.q, run.p
         #: The inputs of each step, and whether any were given.
-        self._inputs, self._fed = binding.new(FIRST_STEPS, len(binding.input_names)), False
+        self._inputs, self._has_inputs = binding.new(FIRST_STEPS, len(binding.input_names)), False
         self._piece(0)
 
     @property
@@ -203,7 +203,7 @@ class RecordingRun(AdvancingRun):
 
     def feed(self, row: Array) -> None:
         """Go on with other inputs, which the run has among its parameters."""
-        self._fed = True
+        self._has_inputs = True
 
     def set_parameters(self, parameters: dict[str, Any]) -> None:
         """Refuse other values of the parameters: a trajectory has one of each."""
@@ -215,12 +215,13 @@ class RecordingRun(AdvancingRun):
         """State and memory, in which a run differs from one that has just begun."""
         done = self.steps
         return (*super().image, self.binding.image(self.record).tobytes(),
-                self._rows[: done + 1].copy(), self._inputs[:done].copy(), self._fed, self._failed)
+                self._rows[: done + 1].copy(), self._inputs[:done].copy(), self._has_inputs,
+                self._failed)
 
     @image.setter
     def image(self, image: tuple[Any, ...]) -> None:
         AdvancingRun.image.__set__(self, image[:3])  # type: ignore[attr-defined]
-        report, rows, inputs, self._fed, self._failed = image[3:]
+        report, rows, inputs, self._has_inputs, self._failed = image[3:]
         self.binding.image(self.record)[:] = np.frombuffer(report, dtype=np.uint8)
         self._put(max(self.steps, FIRST_STEPS), rows, inputs)
 
@@ -229,7 +230,7 @@ class RecordingRun(AdvancingRun):
         done = self.steps
         rows = self._rows[: done + 1].copy()
         inputs = InputRows(self.binding.input_names, self._inputs[None, :done].copy(), 1)
-        run = replace(self.run, steps=done).with_inputs(inputs if self._fed else None)
+        run = replace(self.run, steps=done).with_inputs(inputs if self._has_inputs else None)
         record = self.binding.report()
         self.binding.image(record)[:] = self.binding.image(self.record)
         return trajectory_of(self.binding, manifest, run, rows, record, self.q.copy(),

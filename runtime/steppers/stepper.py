@@ -165,8 +165,8 @@ class Stepper(Dynamics):
         """
         state = merged_start(self, start, p, parameters)
         q, p, t0 = state.q, state.p, state.t
-        fed = as_inputs(inputs, self.binding, 1)
-        if fed is not None:
+        input_rows = as_inputs(inputs, self.binding, 1)
+        if input_rows is not None:
             state = changed(state, parameters={name: value for name, value in as_mapping(
                 "parameters", state.parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names})
@@ -177,15 +177,15 @@ class Stepper(Dynamics):
         self._local.previous_step = None
         if previous_step is None or not previous_step.continues(q, p, t0, arguments):
             run = self._checked_run(self._run_arguments(
-                state, dt=dt, steps=1, inputs=fed, solver=solver))
+                state, dt=dt, steps=1, inputs=input_rows, solver=solver))
             self._warned(run)
             # work memory that a step has used needs no initialisation
             work = None if previous_step is None else previous_step.work
             previous_step = ContinuedStep(self.binding, run, arguments, work)
-        if fed is not None:
-            previous_step.feed(fed.at(0))
+        if input_rows is not None:
+            previous_step.feed(input_rows.at(0))
         if previous_step.advance(1):
-            run = previous_step.run_from(q, p, t0).with_inputs(fed)
+            run = previous_step.run_from(q, p, t0).with_inputs(input_rows)
             end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
             return end.q[-1], end.p[-1]
         self._local.previous_step = previous_step
@@ -482,9 +482,9 @@ class Stepper(Dynamics):
             steps, t_end = OPEN, None
         count, remainder = span_of(steps, t_end, state.t, dt)
         # the part of a step at the end has a row of inputs of its own
-        fed: Any = as_inputs(inputs, self.binding, count + 1) if remainder else inputs
+        input_rows: Any = as_inputs(inputs, self.binding, count + 1) if remainder else inputs
         run = self._resolved(self._run_arguments(
-            state, dt=dt, steps=count, every=every, inputs=fed, solver=as_solver(solver),
+            state, dt=dt, steps=count, every=every, inputs=input_rows, solver=as_solver(solver),
             scaled=True))
         number = self.binding.number
         end_time = {"t_end": as_real("t_end", t_end, number),
@@ -561,15 +561,17 @@ class Stepper(Dynamics):
         number = self.binding.number
         bound = None if method.tolerance is None else as_real("tolerance", method.tolerance, number)
         count = as_positive_count("steps", steps)
-        fed = as_inputs(inputs, self.binding, count)
+        input_rows = as_inputs(inputs, self.binding, count)
         q, p = self._state(start.q, start.p)
         step = self._step(dt, scaled=scaled)
         return changed(  # the constructor of a frozen dataclass takes longer
             object.__new__(RunArguments), q=q, p=p, dt=step, steps=count,
             every=as_positive_count("every", every, minimum=1),
-            parameters=self._parameters_with_inputs(start.parameters, fed), solver=method.kind,
+            parameters=self._parameters_with_inputs(start.parameters, input_rows),
+            solver=method.kind,
             tolerance=bound, max_iterations=method.max_iterations,
-            t0=as_real("t", start.t, number), inputs=fed, excess=start.excess if scaled else 0.0)
+            t0=as_real("t", start.t, number), inputs=input_rows,
+            excess=start.excess if scaled else 0.0)
 
     def _refuse_solver(self, kind: SolverName) -> None:
         """Raise InputError for a solver that the steps do not have."""
