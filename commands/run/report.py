@@ -26,6 +26,10 @@ __all__ = ["about_tuning", "as_text", "axis_errors", "json_text", "result_of", "
 _AT_REST = 1e-13
 #: Largest move of a start onto the constraints, in parts of its size, that is none: typed digits.
 _MOVED = 1e-12
+#: Numbers of a ``StepReport`` that a report has under the same names, in its order.
+_REPORTED = ("energy_start", "energy_error_max", "energy_error_mean", "constraint_max",
+             "constraint_mean", "momentum_constraint_max", "momentum_constraint_mean",
+             "iterations_mean", "iterations_max", "newton_steps")
 
 
 def json_text(result: dict[str, Any]) -> str:
@@ -74,16 +78,7 @@ def result_of(
         "t_end": end,
         "q": list(report.q),
         "p": list(report.p),
-        "energy_start": report.energy_start,
-        "energy_error_max": report.energy_error_max,
-        "energy_error_mean": report.energy_error_mean,
-        "constraint_max": report.constraint_max,
-        "constraint_mean": report.constraint_mean,
-        "momentum_constraint_max": report.momentum_constraint_max,
-        "momentum_constraint_mean": report.momentum_constraint_mean,
-        "iterations_mean": report.iterations_mean,
-        "iterations_max": report.iterations_max,
-        "newton_steps": report.newton_steps,
+        **{name: getattr(report, name) for name in _REPORTED},
         **({"energy_waits": report.energy_waits} if step.manifest.scheme.exact_energy
            else {}),
         "seconds": done.seconds,
@@ -105,36 +100,47 @@ def result_of(
     if trajectory.quantities:
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
-    events = done.trajectory.events
-    impacts = done.trajectory.impacts
-    if impacts:  # then ``events`` are the same crossings, without impulses
-        result["impacts"] = {name: {"t": [float(t) for t in hits.t],
-                                    "impulse": [float(x) for x in hits.impulse],
-                                    "energy_lost": [float(x) for x in hits.energy_lost]}
-                             for name, hits in impacts.items()}
-    elif events:
-        result["events"] = {name: {"t": [float(t) for t in crossings.t],
-                                   "rising": crossings.rising.tolist()}
-                            for name, crossings in events.items()}
+    result |= _events(done.trajectory)
     displacement = max(float(np.abs(np.subtract(x, x0)).max()) for x, x0 in (
         (done.trajectory.q[0], start.q0), (done.trajectory.p[0], start.p0)))
     # the start was projected onto the constraints by more than round-off
     if displacement > _MOVED * max(map(abs, (*start.q0, *start.p0))):
         result["start_moved"] = displacement
+    return result | _ending(done)
+
+
+def _events(trajectory: Trajectory) -> dict[str, Any]:
+    """Return the crossings of a run's events, or its impacts with impulses and lost energies."""
+    events, impacts = trajectory.events, trajectory.impacts
+    if impacts:  # then ``events`` are the same crossings, without impulses
+        return {"impacts": {name: {"t": [float(t) for t in hits.t],
+                                   "impulse": [float(x) for x in hits.impulse],
+                                   "energy_lost": [float(x) for x in hits.energy_lost]}
+                            for name, hits in impacts.items()}}
+    if events:
+        return {"events": {name: {"t": [float(t) for t in crossings.t],
+                                  "rising": crossings.rising.tolist()}
+                           for name, crossings in events.items()}}
+    return {}
+
+
+def _ending(done: RunOutcome) -> dict[str, Any]:
+    """Return why a run ended before its last step, where it was resumed and what it wrote."""
+    ending: dict[str, Any] = {}
+    steps = done.last.report.steps
     if done.ended_by is not None:
-        result["ended"] = {"event": done.ended_by, "t": float(done.last.t[-1])}
-    if done.steps < report.steps:  # some steps of the store are from an earlier call
-        result["resumed_at"] = report.steps - done.steps
-        result["done_before"] = not done.steps and done.trouble is None
+        ending["ended"] = {"event": done.ended_by, "t": float(done.last.t[-1])}
+    if done.steps < steps:  # some steps of the store are from an earlier call
+        ending["resumed_at"] = steps - done.steps
+        ending["done_before"] = not done.steps and done.trouble is None
     if isinstance(done.trouble, StepFailed):
-        failure = done.trouble
-        result["failed"] = {name: getattr(failure, name) for name in
+        ending["failed"] = {name: getattr(done.trouble, name) for name in
                             ("step", "t", "reason", "increment", "dt")}
     if isinstance(done.trouble, Stopped):
-        result["stopped"] = {"step": report.steps, "signal": done.trouble.signal}
+        ending["stopped"] = {"step": steps, "signal": done.trouble.signal}
     if done.out is not None:
-        result["out"] = done.out
-    return result
+        ending["out"] = done.out
+    return ending
 
 
 def warn_of_rest(trajectory: Trajectory, problem: str) -> None:
