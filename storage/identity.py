@@ -55,7 +55,7 @@ def identity_of(
 
 
 def _event_identity(events: tuple[Event | Impact, ...]) -> dict[str, Any]:
-    """Return what of the events a resumed run must have alike: quantities, levels, restitutions."""
+    """Return the quantities, levels and restitutions of events, alike in a resumed run."""
     events_json = {event.name: {"quantity": event.quantity, **(
         {"level": _level(event.level), "direction": event.direction, "terminal": event.terminal}
         if isinstance(event, Event) else

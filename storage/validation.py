@@ -119,7 +119,7 @@ def _check_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
 
 
 def _check_manifest(about: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what is wrong with the manifest of a store."""
+    """Yield the faults of a store's manifest."""
     if not isinstance(about.get("manifest"), Mapping):
         yield "it has no manifest"
         return

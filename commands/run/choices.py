@@ -151,7 +151,7 @@ def check_span(problem: str, options: Mapping[str, str | None]) -> None:
 def _require_span(
     name: str, dt: float | None, steps: int | None, options: Mapping[str, str | None]
 ) -> None:
-    """Refuse options that leave a model's own dt or steps open."""
+    """Refuse options with which a model has no dt, or no number of steps."""
     unset = (options["steps"], options["t_end"], steps) == (None, None, None)
     if options["dt"] is None and dt is None:
         raise InputError(f"--dt is not given and {name} names none; write for example "

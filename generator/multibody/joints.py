@@ -134,7 +134,7 @@ class StartValue:
 
 
 class StartRate(NamedTuple):
-    """A rate that is given at the start: Σ (c_v·v + c_ω·ω) of bodies = ``value``.
+    """A rate given at the start: Σ (c_v·v + c_ω·ω) of bodies = ``value``.
 
     ``coefficients`` has (c_v, c_ω) of each body, ω being its angular velocity in space.
     """
@@ -667,7 +667,7 @@ class Cylindrical(Planar):
                              travel - self.travel - FRACTION * self.moved)
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
-        """Yield what ``rate`` and ``speed`` say of the velocities v and ω of the bodies.
+        """Yield the equations of ``rate`` and ``speed`` for the velocities v and ω of the bodies.
 
         Speed: e·(v_b + ω_b × r_b) − e·(v_a + ω_a × r_a) = speed, with r from a centre of mass to
         the point of b. A row has a name, the right-hand side, and for each body the factors of

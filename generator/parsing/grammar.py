@@ -369,7 +369,7 @@ class _Parser(Generic[V]):
         return value
 
     def end(self) -> None:
-        """Refuse what follows the formula."""
+        """Refuse characters behind the end of the formula."""
         if self.token.kind != "end":
             self.refuse_comparison()
             reason = f"{shorten(self.token.text)} cannot follow here"

@@ -214,7 +214,7 @@ class OrbitSearch:
         self, stepper: Stepper, start: StartNumbers, *, dt: Number, steps: int,
         fix: str | Sequence[str] | None, free: str | None,
     ) -> None:
-        """Check what is fixed and what is free, and keep the values at the start that stay fixed.
+        """Check the fixed and the free variables, and keep the starting values of the fixed ones.
         """
         run = stepper._resolved(stepper._run_arguments(start, dt=dt, steps=steps))
         self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free

@@ -145,7 +145,7 @@ class TangentSpace:
         return null_space(self.normals)
 
     def refuse_off(self, directions: Array) -> None:
-        """Refuse directions that leave g = 0, |G_μ dq| > bound, naming the constraint μ.
+        """Refuse directions off g = 0, |G_μ dq| > bound, naming the constraint μ.
 
         The bound is a share of |G_μ| |dq|, and the round-off of dq beside a change of p.
         """

@@ -1,4 +1,4 @@
-"""What a call of a stepper recalls of the call before.
+"""The memory of a stepper's last call, for calls that repeat it.
 
 A loop calls with other states, and with the same step, parameters and solver: what these were
 checked to be, and their compiled structs, serve again. The state is checked in each call, by the

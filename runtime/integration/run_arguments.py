@@ -642,7 +642,7 @@ def _as_parameter(
 
 @lru_cache(maxsize=16)
 def _names_with_inertia(parameters: tuple[str, ...]) -> list[str]:
-    """Return those parameters' names that are γ or α of a body."""
+    """Return the names of those parameters that are γ or α of a body."""
     names = dict.fromkeys(parameters)
     return [name for name in parameters if has_inertia(name, names)]
 
