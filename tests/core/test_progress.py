@@ -136,6 +136,22 @@ def test_what_is_no_function_and_no_bool_is_refused(wrong, gl3):
         integrate(gl3, progress=wrong)
 
 
+@pytest.mark.parametrize(("seconds", "total", "left"), [
+    (100.0, 100, ["0:13:20"]), (0.5, 100, []), (100.0, 2**60, [])])
+def test_the_time_left_is_of_the_speed_so_far(seconds, total, left, fresh, monkeypatch, caplog):
+    """80 steps as fast as 10 before; none for the last seconds, nor where the end is open."""
+    clock = [0.0]
+    monkeypatch.setattr(progress, "time", types.SimpleNamespace(perf_counter=lambda: clock[-1]))
+    monkeypatch.setattr(progress, "_NEXT_LINE", 0.0)
+    with caplog.at_level("DEBUG", "gyrospark"), progress.log_progress("a run", total) as report:
+        report(10)
+        clock.append(seconds)
+        report(20)
+    first, second, _ = caplog.messages
+    assert re.findall(r"\d+:\d\d:\d\d", first) == []
+    assert re.findall(r"\d+:\d\d:\d\d", second) == left
+
+
 def test_stages_of_what_has_no_steps_are_counted(tmp_path):
     """Derivation and compilation, a certificate and an artefact."""
     top, seen = gs.problems.fast_top(), []

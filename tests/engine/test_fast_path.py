@@ -72,6 +72,20 @@ def test_what_is_not_constant_is_not_taken_for_constant():
     assert not FastSystem(systems.case("relativistic").system).is_affine
 
 
+def test_a_division_by_g_leaves_roots_of_momenta_alone():
+    """W of a relativistic system is SymPy's remainder, and G H_pp Gᵀ where g = 0."""
+    system = systems.case("relativistic").system
+    fast, draw = FastSystem(system), np.random.default_rng(6)
+    (W,), forces = fast.schur[0], [row[0] for row in fast.forces]
+    whole = sum(a * b for a, b in zip(system.G[0], forces, strict=True))
+    remainder = sp.reduced(sp.expand(whole), [*system.constraints], *system.q)[1]
+    for x, *rest in draw.uniform(0.2, 0.9, (2, 6)):
+        for y, expected in ((rest[0], remainder), (np.sqrt(1 - x**4), whole)):
+            state = dict(zip([*system.q, *system.p, *system.parameters], [x, y, *rest[1:]],
+                             strict=True))
+            assert abs(W.subs(state) / expected.subs(state) - 1) < 1e-13
+
+
 def test_folds_take_powers_of_two_into_constants():
     k, l, x = sp.symbols("k l x", real=True)  # noqa: E741
     folds = Folds({k, l})

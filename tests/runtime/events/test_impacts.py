@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
+import zarr
 
 import budget
 import gyrospark as gs
@@ -307,6 +308,9 @@ def test_a_store_ends_at_a_terminal_impact(tmp_path):
     assert stored.status == "ended: floor"
     assert_same(stored, run)
     assert_same_impacts(stored.impacts, run.impacts)
+    group, hits = zarr.open_group(tmp_path / "ball.zarr", mode="r"), run.impacts["floor"]
+    for name, momenta in (("p", hits.p_before), ("p_after", hits.p)):
+        assert np.array_equal(group[f"event_floor_{name}"][:], momenta)
 
 
 def test_a_store_of_more_impacts_than_a_call_returns(tmp_path, monkeypatch):

@@ -18,6 +18,7 @@ from gyrospark.core.exact_numbers import as_double
 from gyrospark.core.manifest import BodyManifest, SystemManifest
 from gyrospark.runtime.compilation.body_columns import BodyAt
 from gyrospark.runtime.integration import lanes, run_arguments
+from gyrospark.runtime.integration.call_memory import CallMemory
 from gyrospark.runtime.results.rotation_rate import Rotations
 
 ARRAYS = ("q", "p", "multipliers", "iterations")
@@ -46,7 +47,7 @@ def test_recalled_parameters_are_those_of_the_call(gl3) -> None:
 
 
 def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
-    """Each call is made after a usual one, and again by a stepper without memory of it."""
+    """Each call is made after a usual one, once more, and by a stepper without memory of it."""
     def outcome(*start, **changes):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -80,12 +81,39 @@ def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
         for state, arguments in calls:
             outcome(*start, parameters=parameters)
             assert gl3._memory._last is not None
-            second = outcome(*state, **arguments)
-            gl3._memory = type(gl3._memory)()
-            assert second == outcome(*state, **arguments), (state, arguments)
+            second, third = (outcome(*state, **arguments) for _ in range(2))
+            gl3._memory = CallMemory()
+            assert second == third == outcome(*state, **arguments), (state, arguments)
     outcome(*start, parameters=numbers)
     numbers["mgl"] = 0.5
     assert outcome(*start, parameters=numbers)[3]["mgl"] == 0.5
+
+
+@pytest.mark.parametrize("name", ["driven_oscillator", "bead", "heavy_top_in_frame", "pendulum"])
+def test_repeated_calls_of_other_systems_give_what_first_calls_give(name) -> None:
+    """With a driven force, velocities, a frame; at other times and states; simulations too."""
+    step, entry = systems.stepper(name), systems.case(name)
+    begin, how = systems.timed_start(name, step), entry.step | {"parameters": entry.parameters}
+    later = step.integrate(begin, steps=1, **how)[-1]
+    starts = [begin, begin.replace(t=begin.t + 2 * entry.dt), begin.replace(q=later.q, p=later.p)]
+
+    def outcome(span, start, memory=None):
+        step._memory = memory or step._memory
+        if span:
+            run = step.integrate(start, **span, **how)
+        else:
+            sim = step.start(start, record=True, **how)
+            sim.advance(1)
+            run = sim.trajectory
+        return run.t.tobytes(), run.q.tobytes(), run.p.tobytes(), run.report
+
+    # one span after the other: a call is recalled for the next start alone
+    calls = [(span, start) for span in ({"steps": 1}, {"t_end": begin.t + 4 * entry.dt}, {})
+             for start in starts]
+    fresh = [outcome(*call, CallMemory()) for call in calls]
+    assert len({repr(one) for one in fresh}) == 2 * len(starts)
+    for call, wanted in zip(calls * 2, fresh * 2, strict=True):
+        assert outcome(*call) == outcome(*call) == wanted, call
 
 
 def test_a_start_is_judged_once(gl3, monkeypatch) -> None:

@@ -248,7 +248,7 @@ def test_turns_that_rates_do_not_tell_are_warned_of():
     assert np.abs(cured - turned[::10]).max() < 1e-9
 
 
-def test_where_states_are_b_out_the_start_has_no_reaction(four_bar):
+def test_where_states_are_left_out_the_start_has_no_reaction(four_bar):
     thin = run(gs.models.four_bar(), name="four_bar", every=10)
     force, whole = thin.joint("hinge1").force(), four_bar.joint("hinge1").force()[::10]
     assert np.isnan(force[0]).all()
