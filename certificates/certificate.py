@@ -228,7 +228,11 @@ class MethodOptions(TypedDict, total=False):
 def compiled(
     model: Model | Problem, rep: RepName | None, options: MethodOptions
 ) -> tuple[Model, Stepper]:
-    """Return the model and its stepper; a named problem has its stepper checked in."""
+    """Return the model and its compiled stepper.
+
+    A named problem becomes a model with the H of its system; its stepper is the named one, whose C
+    is kept in ``generated/``.
+    """
     frame = options.get("frame")
     if isinstance(model, Problem):
         # as a model: H in closed form, with the parameters that this form has
@@ -237,8 +241,8 @@ def compiled(
         system = SYSTEMS[model.system].make(rep)
         parameter_names = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in parameter_names},
-                     model.q0, model.p0, {rep: model.inertia}, PROBLEM_DT, STEPS, model.description,
-                     frame or ""), stepper
+                     model.q0, model.p0, bodies={rep: model.inertia}, dt=PROBLEM_DT, steps=STEPS,
+                     description=model.description, frame=frame or ""), stepper
     if not isinstance(model, Model):
         raise InputError(f"model = {shown(model)} is no gyrospark.Model; make one with "
                          "gyrospark.Model(system, parameters, q0, p0).")

@@ -131,13 +131,14 @@ def _examples() -> list[Path]:
 def _about(path: Path) -> str:
     """Return the first sentence of the description in a file, or in the main file of a folder."""
     if path.is_dir():
-        chief = [path / name for name in ("README.md", "main.c", "make.py")]
-        path = next((file for file in (*chief, *sorted(path.iterdir())) if file.is_file()), path)
-    if path.suffix == ".json":
+        main_files = [path / name for name in ("README.md", "main.c", "make.py")]
+        path = next((file for file in (*main_files, *sorted(path.iterdir()))
+                     if file.is_file()), path)
+    if path.suffix == ".json":  # which has no comments
         return ""
     lines = [re.sub(r'^\s*(#+|"""|<!--|/\*+|\*)\s?', "", line).strip()
              for line in path.read_text(encoding="utf-8").splitlines()
              if not line.startswith("<?xml")]
     start = next((index for index, line in enumerate(lines) if line), 0)
-    sentence = " ".join(lines[start:start + 4])
+    sentence = " ".join(lines[start:start + 4])  # an empty line leaves two blanks
     return sentence.partition(". ")[0].partition("  ")[0].removesuffix('"""').strip().rstrip(".:")

@@ -277,7 +277,10 @@ def _is_well_conditioned(rows: Array) -> bool:
 
 
 def _has_independent_rows(G: csr_array) -> bool:
-    """``_is_well_conditioned`` of a sparse matrix, whose rows it takes at length one."""
+    """Return whether D G Gᵀ D has a Cholesky factor after a shift of 1e-10, D = diag |row|⁻¹.
+
+    ``_is_well_conditioned`` has the same bound for dense matrices: 1e-5 of G's singular values.
+    """
     square = G @ G.T
     sizes = np.sqrt(square.diagonal())
     if not np.isfinite(sizes).all() or not sizes.all():

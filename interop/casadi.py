@@ -180,7 +180,10 @@ def _value(flow: DiscreteFlow, has_second: bool) -> Any:
 def _reverse(
     flow: DiscreteFlow, has_second: bool, name: str, ins: list[str], outs: list[str], count: int
 ) -> Any:
-    """Return x, z, w ↦ F'(x)ᵀ w; its Jacobian is one of second order."""
+    """Return x, z, w ↦ F'(x)ᵀ w; its Jacobian is one of second order.
+
+    w has ``count`` columns, the seeds; z is the value F(x), which CasADi passes and nothing uses.
+    """
     shapes = [(flow.size, 1), (2 * flow.n, 1), (2 * flow.n, count)]
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:

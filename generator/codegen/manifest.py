@@ -222,7 +222,11 @@ def _hamiltonian(system: System, elements: Elements | None) -> str:
 
 
 def _lagrangian(system: System) -> dict[str, Any]:
-    """Return L and its velocities, where H is made of one."""
+    """Return L as text, its velocities, whether M may be indefinite, and the places of its bodies.
+
+    ``placed`` has, for each body that is drawn, the quantities with its centre and axes. {} where
+    H is no Legendre transform of an L.
+    """
     if not isinstance(system, LagrangianSystem):
         return {}
     placed = {name: PlacedManifest(**{key: tuple(names) for key, names in lists.items()})

@@ -112,7 +112,11 @@ class CPrinter:
         )
 
     def _phase(self, e: Phase) -> str:
-        """Return the call of a phase, whose number has twice the digits of the type."""
+        """Return phase(c_high, c_low, …), the call of a phase with the number c = c_high + c_low.
+
+        c_high is c in the type, c_low what is missing: together twice the digits. Of an irrational
+        number 90 digits are taken, more than two numbers of 113 bits have.
+        """
         number, *arguments = e.args
         exact = Fraction(str(sp.N(number, 90))) if not number.is_Rational else Fraction(
             int(number.p), int(number.q))

@@ -51,7 +51,7 @@ class Constants:
     ----------
     parameters : sequence of Symbol
         The parameters, with the inputs.
-    others : sequence of Symbol
+    coordinates : sequence of Symbol
         Further symbols whose names are not used for constants.
     clock : mapping
         Symbols that change within a step → their fields among the constants.
@@ -74,6 +74,7 @@ class Constants:
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
         # The symbols of constants: a set, as H of 100 bodies looks them up for every term.
         self._constant_symbols = frozenset(parameters) - {*inputs}
+        # What was computed of an expression, for the next time that it occurs.
         self._with_elapsed_time: dict[sp.Expr, sp.Expr] = {}
         self._hoisted: dict[sp.Expr, sp.Expr] = {}
         self._is_piecewise: dict[sp.Basic, bool] = {}

@@ -99,7 +99,11 @@ class _Guard:
         element.children = children
 
     def _count(self, element: Element, strip: bool, folders: list[str]) -> float:
-        """Check an element and those in it; return how many elements they make."""
+        """Check an element and those in it; return how many elements they make.
+
+        Files are below one of ``folders``, without their own folder if ``strip``. An attached
+        model counts with its elements, a height field with its cells.
+        """
         for key, value in element.attributes.items():
             if key not in _NAMES and any(map(_NOT_FINITE.fullmatch, value.split())):
                 raise InputError(f"line {element.line}: <{shown(element.name)[1:-1]}> has "

@@ -237,6 +237,7 @@ class BeamJoint(Joint):
 
     def _stretched(self, store: Store) -> Vector:
         """Return GA, EA and the length that the joint stands for."""
+        # equal stiffnesses are one parameter, which C[0] and C[-1] both are
         names = ("shearing", "stretching")[: len({*self.beam.extension})]
         C = [named_number(f"{self.beam.name}_{name}", x, store, ())
              for name, x in zip(names, self.beam.extension, strict=False)]

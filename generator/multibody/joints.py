@@ -698,7 +698,11 @@ class Cylindrical(Planar):
         return normals(direction(poses[self.a].R.T @ self.hinge.axis))
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
-        """Return angle, rate, travel or speed."""
+        """Return angle, rate, travel or speed.
+
+        The travel is e·d + offset for the axis e and the vector d between the points, and begins
+        at ``self.travel``; the speed is e·(v_b − v_a), as ė·d = 0 with d along e.
+        """
         if quantity == "travel":
             a, b = (poses[frame] for frame in (self.a, self.b))
             d = b.space(np.asarray(self.on_b)) - a.space(np.asarray(self.on_a))

@@ -339,8 +339,8 @@ class ForceTerms:
         return [sp.Add(*row_addends) for row_addends in addends]
 
     def _classes_in(self, e: sp.Expr) -> Iterator[frozenset[int]]:
-        """Yield the sets of classes of the terms of an expression."""
-        local = self._local([e])
+        """Yield, for each term of an expression, the set of classes of coordinates in it."""
+        local = self._local([e])  # terms alike but for their symbols share an entry, by places
         if local.key not in self._class_sets:
             self._class_sets[local.key] = frozenset(
                 frozenset(map(local.classes.index, self.support.classes(m)))

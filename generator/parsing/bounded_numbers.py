@@ -115,7 +115,10 @@ def add(values: Sequence[Value]) -> Value:
 
 
 def multiply(values: Sequence[Value]) -> Value:
-    """Return the product."""
+    """Return the product; the rational factors are one, whose size ``rational`` limits.
+
+    SymPy multiplies integers of the other factors out, those of sums excepted: their bits add.
+    """
     product = rational(sp.Integer(1))
     for value in values:
         if value.is_rational:

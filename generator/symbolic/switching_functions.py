@@ -334,7 +334,11 @@ def as_switches(e: sp.Expr) -> sp.Expr:
 
 
 def _piecewise(e: sp.Piecewise, pieces: Sequence[tuple[sp.Expr, Chooser]]) -> sp.Expr:
-    """Return a Piecewise as nested choices, the last piece innermost."""
+    """Return a Piecewise as nested choices, the last piece innermost.
+
+    ``pieces`` has each expression with the function that chooses, (x, otherwise) ↦ choice; a
+    condition that was not understood is a SymPy object still, and refused.
+    """
     if not _is_complete([condition for _, condition in e.args]):
         raise InputError(f"{e} has no value where none of its conditions holds; end it with "
                          "(value, True).")

@@ -208,7 +208,11 @@ def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp
 
 
 def _at_nodes(matrix: sp.Matrix, nodes: Nodes | None) -> sp.Matrix:
-    """Return a matrix of polynomials in a node as numbers, one row for each root of the nodes."""
+    """Return V C: the polynomials of C's columns at the nodes, V_ik = r_i^k for root r_i.
+
+    Roots are taken to 2⁻⁶⁴, enough for the size of a residual; where there are no nodes, or nodes
+    that are values, the matrix has numbers already.
+    """
     if nodes is None or isinstance(nodes, ValueNodes):
         return matrix
     roots = [sp.Rational(r.centre.numerator, r.centre.denominator)

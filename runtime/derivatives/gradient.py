@@ -96,6 +96,8 @@ class Gradient:
     ) -> Gradient:
         """Return the gradient from the cotangent z̄ of all rows, q, p, parameters, Δt and t0.
 
+        z̄ has 2n + parameters + 2 numbers. In scaled time the last coordinate is the time, so that
+        its cotangent is that of t0, and q and p are those that a user sees, without it.
         q and p of z̄ are pulled back through the projection of the start. ``inputs`` has the
         derivatives by each row of inputs; by default the run is one step, whose inputs are
         parameters.

@@ -328,9 +328,10 @@ class EventDetector:
                 np.full(len(row), on_level), past))
 
     def close(self, ahead: tuple[Array, Array] | None = None) -> None:
-        """Bracket turnings in the last step, which has no next one yet.
+        """Bracket turnings in the last step of the rows, which has no next one yet.
 
-        ``ahead`` is the state after the next step, if it is known: a row of q and of p.
+        A turning is a place where x − level may touch 0 between two rows. ``ahead`` is the state
+        after the next step, if it is known: a row of q and of p.
         """
         if self._tail is None:
             return
@@ -341,6 +342,7 @@ class EventDetector:
             [differences, self._differences(self._last_step + 1, *ahead)])
         row, event = _turning(with_next, max(last - 1, 0), last, begins=self._last_step == last,
                               ends=ahead is None)
+        # one turning an event: a second call for the same step adds none
         row, event = row[~self._closed[event]], event[~self._closed[event]]
         self._closed[event] = True
         self._add_brackets(self._last_step - last, row, event, q, p, differences, turning=True)
@@ -353,11 +355,13 @@ class EventDetector:
         return Memory(q, p, self._closed.copy(), self._levels.binding.new(0))
 
     def resume(self, step: int, memory: Memory) -> None:
-        """Resume after ``step`` steps."""
+        """Restore the state of a detector after ``step`` steps, from the last rows it had seen."""
         self._last_step, self._closed = step, memory.closed.copy()
         if len(memory.q):
-            self._tail, self._near = (memory.q, memory.p), True  # examined again without effect
+            # the tail may be near a level: looked at once more, it gives no bracket twice
+            self._tail, self._near = (memory.q, memory.p), True
             times = self._times(step + 1 - len(memory.q), memory.q)
+            # for the values that it writes into ``_last``
             self._levels.near(self._parameters, times, memory.q, memory.p, self._last)
 
     @property

@@ -231,12 +231,15 @@ def run_together(
 ) -> EnsembleStates:
     """Return runs of ``steps`` steps, each stored, from states that are on their constraints.
 
+    Run i begins at row i of q and p, (runs, n), at t0[i], with steps of dt[i]; ``fill`` integrates.
+
     Raises InputError if one of them finds no step, though the run that they belong to has found its
     own.
     """
     number = stepper.binding.number_type
     parameters_of_first = {name: column[0] for name, column in parameters.items()}
-    first = RunArguments(q[0], p[0], dt[0], steps, 1, parameters_of_first, "auto", None, 50, t0[0])
+    first = RunArguments(q[0], p[0], dt[0], steps, every=1, parameters=parameters_of_first,
+                         solver="auto", tolerance=None, max_iterations=50, t0=t0[0])
     ensemble = EnsembleStates.of(stepper, EnsembleArguments(
         first, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
     fill(ensemble)

@@ -84,6 +84,7 @@ def encoded_solids() -> Mapping[str, list[dict[str, Any]]]:
 
     A bar is a tube and two balls.
     """
+    # a wheel's rim is rounded at true proportions, then it is scaled to 1 like the others
     flat = np.array([1.0, 1.0, 0.5 * _WHEEL])
     wheel, sphere = mesh_of(Shape("disc", flat), _ON_PAGES), Shape("sphere", np.ones(3))
     solids = {"box": mesh_of(Shape("box", np.ones(3))),

@@ -238,7 +238,11 @@ def _events(about: Any, crossings: dict[str, dict[str, Array]]) -> dict[str, Any
 
 
 def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
-    """Return the tangents, or None; raise ``ValueError`` for arrays of inconsistent shapes."""
+    """Return the tangents, or None; raise ``ValueError`` for arrays of inconsistent shapes.
+
+    Of k directions: q and p (rows, n, k), start (2n, k), t (rows, k), multipliers
+    (rows − 1, …, k).
+    """
     if not about.get("tangents"):
         return None
     in_binary128 = REALS[about["manifest"].real].in_mpmath

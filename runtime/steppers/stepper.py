@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -229,6 +229,30 @@ class Stepper(Dynamics):
         self._memory.keep(self, start, given, parameters, state, Integration(run))
         self._warned(run)
         return Simulation(self, run, as_flag("record", record))
+
+    @overload
+    def integrate(
+        self, start: HasStart, /, *, dt: Number | None = None, dtau: Number | None = None,
+        t_end: Number | None = None,
+        steps: int | None = None, parameters: Mapping[str, Number] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
+        t_eval: ArrayLike | None = None,
+        events: Event | Impact | Sequence[Event | Impact] | None = None,
+        tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
+        out: str | os.PathLike[str] | None = None, progress: Progress = None,
+    ) -> Trajectory: ...
+
+    @overload
+    def integrate(
+        self, q: ArrayLike, p: ArrayLike, /, *, dt: Number | None = None,
+        dtau: Number | None = None, t_end: Number | None = None, steps: int | None = None,
+        parameters: Mapping[str, Number] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
+        t_eval: ArrayLike | None = None,
+        events: Event | Impact | Sequence[Event | Impact] | None = None,
+        tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
+        out: str | os.PathLike[str] | None = None, progress: Progress = None,
+    ) -> Trajectory: ...
 
     def integrate(
         self,
