@@ -1,9 +1,9 @@
 """Programs at equal error: the cheapest run of each for an error, ``make bench WHAT="peers"``.
 
 A problem has a reference for its end and a list of codes, each a program with one setting and a
-run. Every program runs in a process of its own, one after another, in as many rounds as the
-command line says: a time is the least of them, each a median of CPU seconds of all threads. A
-problem's reference is computed once, before the processes start.
+run. The programs run one after another, in as many rounds as the command line says, each in a
+process of its own if there is more than one round: a time is the least of them, each a median of
+CPU seconds of all threads. A problem's reference is computed once, before the processes start.
 """
 
 from __future__ import annotations
@@ -115,14 +115,14 @@ def _fastest(name: str, reference: Any, choice: Choice) -> list[Row]:
     """
     best: dict[tuple[str, str], Row] = {}
     for number in range(choice.rounds):
-        for program in (one for one in PROGRAMS if one in choice.programs):
+        for program in filter(choice.programs.__contains__, PROGRAMS):
             near = _near([row for key, row in best.items() if key[0] == program],
                          PROBLEMS[name].levels)
             if number and not near:
                 continue
             choice.watch(f"{name}: {program}, process {number + 1} of {choice.rounds}")
-            for row in _alone(_Job(name, program, reference, near, choice.quick),
-                              apart=choice.rounds > 1):
+            job = _Job(name, program, reference, near, choice.quick)
+            for row in _in_own_process(job) if choice.rounds > 1 else job():
                 other = best.setdefault((program, row.setting), row)
                 if row.numbers.get(COST, np.inf) < other.numbers.get(COST, np.inf):
                     best[program, row.setting] = row
@@ -157,10 +157,8 @@ class _Job:
             Choice((self.program,), self.quick, rounds=1))
 
 
-def _alone(job: _Job, *, apart: bool) -> list[Row]:
-    """Return the rows of a job, done in a process of its own where ``apart`` says so."""
-    if not apart:
-        return job()
+def _in_own_process(job: _Job) -> list[Row]:
+    """Return the rows of a job; a process that ends by itself gives a row that says so."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process:
         try:
             return process.submit(job).result()
@@ -484,28 +482,32 @@ def levels(rows: Sequence[Row]) -> dict[str, list[list[str]]]:
 
     A cell has the CPU time of the cheapest run, its ratio to gyrospark's cheapest, and its setting.
     """
-    found = {}
+    tables = {}
     for name in dict.fromkeys(row.case for row in rows):
         problem = PROBLEMS[name]
         lines = [["program", *(f"{level:.0e}" for level in problem.levels)]]
         for program in PROGRAMS:
-            mine = [row for row in rows if row.case == name and row.program.split()[0] == program]
-            if mine:
-                ours, best = (_cheapest(rows, name, one) for one in (PROGRAMS[0], program))
-                lines.append([mine[0].program, *(
-                    _cell(row, ours[level]) for level, row in best.items())])
-                notes = {row.note for row in mine if row.note}
+            program_rows = _rows_of(rows, name, program)
+            if program_rows:
+                own, best = (_cheapest(rows, name, key) for key in (PROGRAMS[0], program))
+                lines.append([program_rows[0].program, *(
+                    _cell(row, own[level]) for level, row in best.items())])
+                notes = {row.note for row in program_rows if row.note}
                 if not any(best.values()) and notes:
                     lines[-1][1] = min(notes)
             elif program in problem.absent:
                 lines.append([program, problem.absent[program], *["–"] * (len(lines[0]) - 2)])
-        found[name] = lines
-    return found
+        tables[name] = lines
+    return tables
+
+
+def _rows_of(rows: Sequence[Row], name: str, program: str) -> list[Row]:
+    return [row for row in rows if row.case == name and row.program.split()[0] == program]
 
 
 def _cheapest(rows: Sequence[Row], name: str, program: str) -> dict[float, Row | None]:
-    mine = [row for row in rows if row.case == name and row.program.split()[0] == program]
-    return {level: cheapest(mine, COST, ERROR, level) for level in PROBLEMS[name].levels}
+    program_rows = _rows_of(rows, name, program)
+    return {level: cheapest(program_rows, COST, ERROR, level) for level in PROBLEMS[name].levels}
 
 
 def _cell(row: Row | None, base: Row | None) -> str:
@@ -519,10 +521,10 @@ def losses(rows: Sequence[Row]) -> list[list[str]]:
     """Return a table of the problems and errors for which another program is cheaper."""
     lines = [["problem", "error", "cheapest", "its time over gyrospark's"]]
     for name in dict.fromkeys(row.case for row in rows):
-        for level, ours in _cheapest(rows, name, PROGRAMS[0]).items():
+        for level, own in _cheapest(rows, name, PROGRAMS[0]).items():
             best = cheapest([row for row in rows if row.case == name], COST, ERROR, level)
-            if best is not None and best is not ours:
-                ratio = "–" if ours is None else text_of(best.numbers[COST] / ours.numbers[COST])
+            if best is not None and best is not own:
+                ratio = "–" if own is None else text_of(best.numbers[COST] / own.numbers[COST])
                 lines.append([name, f"{level:.0e}", best.program, ratio])
     return lines
 
@@ -535,13 +537,13 @@ installed is named. Measured on: {machine}.
 Under load times vary by a factor of two, and ratios with them.
 
 A time is the CPU time of all threads for one run from the start to the end, call included, without
-deriving and compiling: the least over {rounds} process(es) of each program, in turn. A
-cell has the time of the cheapest setting whose error is at most that of the column, its ratio to
-gyrospark's time, and the setting; "–": no setting reaches the error. Errors are those at the end
-of the run.
+deriving and compiling: a median of runs, the least of {rounds} round(s), in which the programs
+take turns. A cell has the time of the cheapest setting whose error is at most that of the
+column, its ratio to gyrospark's time, and the setting; "–": none of the settings tried reaches the
+error. Errors are those at the end of the run.
 
-- **gyrospark**: s-stage Gauss-Lobatto in constant steps, for eccentric orbits also in
-  [steps that adapt](adaptive_steps.md).
+- **gyrospark**: s-stage Gauss-Lobatto in constant steps; for the free body also splitting, for
+  eccentric orbits [steps that adapt](adaptive_steps.md).
 - **heyoka**: Taylor's method with adaptive steps. **scipy**: `solve_ivp` with DOP853 and a
   right-hand side compiled by numba; the loop over steps is Python. **diffrax**: Dopri8, compiled
   with its loop. These have the explicit first-order equations, of bodies Euler's.
@@ -550,12 +552,10 @@ of the run.
 ## Where another program is cheaper
 
 {losses}
-heyoka is cheaper for smooth motion without constraints. Its steps are as long as the motion
-allows; ours are constant, solve implicit equations by iteration, and are certified by their
-residuals. A run also has a fixed cost: the call, and the first steps, in which the predictor of
-the stages has nothing to learn from. The shorter the run and the larger the error, the more that
-counts. heyoka, SciPy and diffrax have no solver for multipliers; in minimal coordinates they could
-run the chain and the four-bar too, whose equations would have to be derived first.
+heyoka's steps are explicit and as long as the motion allows; gyrospark's solve implicit equations
+by iteration, and their length is constant, or given by a scale of time. heyoka, SciPy and diffrax
+have no solver for multipliers; in minimal coordinates they could run the chain and the four-bar
+too, whose equations would have to be derived first.
 
 """
 

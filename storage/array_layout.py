@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -135,10 +135,9 @@ def fields_of_events(
                            description_of_column(manifest, name, column), kind,
                            real.wide and not kind.startswith("i"))
 
-    # In files "p" are the momenta before an impact, as of other events, and "p_after" those after.
-    return {name: [stored(name, column.name.replace("p_before", "p_after"))
-                   for column in fields(Impacts if "restitution" in asked else Crossings)]
-            for name, asked in events.items()}
+    return {name: [stored(name, column) for column in (
+                Impacts if "restitution" in attributes else Crossings).column_names()]
+            for name, attributes in events.items()}
 
 
 def names_of(fields: Iterable[StoredField]) -> list[str]:

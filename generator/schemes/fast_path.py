@@ -65,7 +65,8 @@ class FastSystem:
         roots = {part for x in terms for part in x.atoms(sp.Pow)
                  if not part.exp.is_Integer and part.free_symbols
                  and part.free_symbols.isdisjoint(self.system.q)}
-        symbols = {root: sp.Dummy() for root in sorted(roots, key=sp.default_sort_key)}
+        symbols = {root: sp.Dummy(f"root{i}")
+                   for i, root in enumerate(sorted(roots, key=sp.default_sort_key))}
         divided, *divisors = (x.xreplace(symbols) for x in terms)
         remainder = sp.reduced(divided, divisors, *self.system.q)[1]
         return sp.expand(remainder.xreplace({symbol: root for root, symbol in symbols.items()}))

@@ -221,7 +221,7 @@ class Binding(Compiled):
     def defects_of_entries(
         self, parameters: ParameterStruct, q: list[float], p: list[float]
     ) -> tuple[list[float], list[float]]:
-        """Return what ``defects`` does as lists, of doubles in lists: arrays take longer."""
+        """Return the defects of doubles in lists, as lists: arrays take longer."""
         new, reals, rows = self.ffi.new, self._reals, len(q) // self.n
         g, f = new(reals, rows * self.m or 1), new(reals, rows * self.conditions)
         self.function("defects")(parameters, rows, *self._times(None), new(reals, q),

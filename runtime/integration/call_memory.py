@@ -2,7 +2,8 @@
 
 A loop calls with other states, and with the same step, parameters and solver: what these were
 checked to be, and their compiled structs, serve again. The state is checked in each call, by the
-same bounds. What does not pass them plainly goes the whole way, which moves, warns or refuses.
+same bounds. A state that is not plainly within them is checked as in a first call, which moves it,
+warns or refuses.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.errors import GyrosparkError
 from ...core.records import changed, dataclass
-from ...core.solver import Solver
+from ...core.solver import Solver, as_solver
 from ...core.start import Start, as_start, has_start
 from ..bindings.array_checks import as_real
 from ..results.rotation_rate import Limits, are_slow
@@ -39,7 +40,7 @@ _FIXED = {*IMMUTABLE, NoneType, bool, str, tuple, Solver}
 
 @dataclass(frozen=True)
 class _Call:
-    """A call whose arguments were usable, and what they gave."""
+    """A call whose arguments were usable, and its run."""
 
     #: Those beside the state and the parameters.
     arguments: tuple[Any, ...]
@@ -112,7 +113,7 @@ class CallMemory:
                 or depends_on_time(binding) or binding.clocked
                 or stepper.manifest.system.velocity_names
                 or type(parameters) not in (dict, NoneType)
-                or not {*map(type, arguments)} <= _FIXED
+                or not {*map(type, (*arguments, as_solver(arguments[-1]).tolerance))} <= _FIXED
                 or not all({*map(type, x.values())} <= _FIXED for x in (parameters or {}, *dicts))
                 or has_searches(state.parameters) or negative_means(run.parameters)):
             return

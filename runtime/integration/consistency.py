@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -235,11 +235,6 @@ class _Moves:
     #: What an explicit Euler step is multiplied by.
     euler: float
 
-    @cached_property
-    def entries(self) -> tuple[list[list[float]], list[list[float]]]:
-        """The first, and the last forth and back, as lists."""
-        return self.q[::_DRAWS].tolist(), self.p[::_DRAWS].tolist()
-
 
 def _added(values: Array) -> Array:
     sums: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
@@ -274,6 +269,13 @@ def _draws(n: int) -> _Moves:
     return _Moves(q_moves, p_moves, _forth_and_back, 0.5)
 
 
+@lru_cache(maxsize=8)
+def _entries_of_draws(n: int) -> tuple[list[list[float]], list[list[float]]]:
+    """Return of ``_draws`` no move, and the last forth and back, as lists of q and of p."""
+    moves = _draws(n)
+    return moves.q[::_DRAWS].tolist(), moves.p[::_DRAWS].tolist()
+
+
 def is_plainly_consistent(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array
 ) -> bool:
@@ -297,14 +299,14 @@ def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p
     x is (q, p), w the moves of ``_draws`` and ν that of ``_move_scales``. These few moves
     may find too little change: ``_judged`` decides about what they refuse.
     """
-    moves, nudge, epsilons = _draws(binding.n), *_move_scales(binding)
+    nudge, epsilons = _move_scales(binding)
     if binding.dtype is np.float64 and binding.n <= _FEW_COORDINATES:
         states = q.tolist(), p.tolist()
         squares = [sum(map(operator.mul, x, x)) for x in states]
         if all(x == 0 or _USUAL[0] < x < _USUAL[1] for x in squares):
             moved = [[a + scale * w for row in rows for a, w in zip(x, row, strict=True)]
                      for x, scale, rows in zip(states, [nudge * math.sqrt(x) for x in squares],
-                                               moves.entries, strict=True)]
+                                               _entries_of_draws(binding.n), strict=True)]
             g, f = binding.defects_of_entries(parameters, *moved)
             if _is_small(f, binding.conditions, epsilons) and (
                     not g or _is_small(g, binding.m, epsilons)):

@@ -230,7 +230,7 @@ class Integration:
     events: tuple[Event | Impact, ...] = ()
     impacts: tuple[Impact, ...] = ()
     end_event: str = ""
-    #: Those of the run, if a call before has made them; nothing of such a run is warned of.
+    #: Compiled constants of the run where an earlier call had the same ones.
     constants: RunConstants | None = None
 
 

@@ -82,7 +82,7 @@ def integrate(
 ) -> Trajectory:
     """Return the trajectory of a run, up to the terminal event that its observer finds.
 
-    Who has the run's ``constants`` already passes them.
+    ``constants`` are the run's, computed here where a caller has none.
 
     Raises
     ------

@@ -51,6 +51,11 @@ class Crossings:
     def __len__(self) -> int:
         return len(self.t)
 
+    @classmethod
+    def column_names(cls) -> list[str]:
+        """Return the names of the arrays in files, in the order of ``columns``."""
+        return [field.name for field in fields(Crossings)]
+
     @property
     def columns(self) -> dict[str, Array]:
         """The arrays by their names in files."""
@@ -147,12 +152,17 @@ class Impacts(Crossings):
         """The crossings of the gap through 0, with the momenta before."""
         return Crossings(self.t, self.q, self.p_before, self.steps, self.rising, self.elapsed)
 
+    @classmethod
+    def column_names(cls) -> list[str]:
+        """Return the names of the arrays in files: "p" are the momenta before, as of crossings."""
+        return [*super().column_names(), "p_after", "impulse", "energy_lost", "work"]
+
     @property
     def columns(self) -> dict[str, Array]:
         """The arrays by their names in files, where those of the crossings come first."""
-        return self.crossings.columns | {
-            "p_after": self.p, "impulse": self.impulse, "energy_lost": self.energy_lost,
-            "work": self.work}
+        arrays = (self.p, self.impulse, self.energy_lost, self.work)
+        return self.crossings.columns | dict(zip(self.column_names()[-len(arrays):], arrays,
+                                                 strict=True))
 
     def __repr__(self) -> str:
         if not len(self):

@@ -203,14 +203,16 @@ class Rotations:
         return fastest is not None and fastest.warn()
 
     def limits(self, parameters: Mapping[str, float], dt: float) -> Limits | None:
-        """Return what bounds the rotations of a state, None of many bodies, or where a frame moves.
+        """Return what bounds the rotations of a state; None for many bodies or a frame that moves.
 
         For each body its inertia, the places of its q and p, and the largest |Ω| that the method
         bears with the step.
         """
         if len(self.bodies) > _FEW or any(parameters.get(name) for name in self._rates):
             return None
-        return [([parameters[key] for key in body.inertia], body.q, self._limit / abs(float(dt)))
+        step = abs(float(dt))  # 0 for a wide step that doubles do not reach
+        largest = self._limit / step if step else math.inf
+        return [([parameters[key] for key in body.inertia], body.q, largest)
                 for body in self.bodies.values()]
 
     def warn_of(self, trajectory: Trajectory) -> bool:
