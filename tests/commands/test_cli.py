@@ -594,6 +594,15 @@ def test_tableau_runs(gyrospark):
     assert 1e-12 < np.abs(np.subtract(answer.document["q"], named["q"])).max() < 1e-3
 
 
+@pytest.mark.slow  # a stepper more
+def test_a_tableau_of_a_family_runs_as_the_family(gyrospark):
+    answer = gyrospark("run", "fast-top", "--tableau", EXAMPLE, "--dt", "1e-3", "--steps", "20",
+                       "--json")
+    assert answer.code == 0, answer.stderr
+    named = gyrospark(*RUN, "--json").document
+    assert answer.document["q"] == pytest.approx(named["q"], abs=1e-14)
+
+
 def test_verify_model(gyrospark):
     verify = ("verify", "--model", "fast-top", "--scheme", "IMS", "--steps", "40")
     answer = gyrospark(*verify, "--json")
@@ -635,14 +644,14 @@ def test_verify_model_refuses(gyrospark, arguments, fragments):
 
 def test_gamma_auto_reports_its_gain(gyrospark):
     """As gs.tune does; the run has the error."""
-    run = ("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "100")
+    run = ("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "80")
     step, top = gs.stepper("G-L", 2), gs.problems.fast_top()
     for word, aim in (("auto", "motion"), ("auto-energy", "energy")):
         document = gyrospark(*run, "--gamma", word, "--json").document
-        tuned = gs.tune(step, top, dt=1e-3, steps=100, gamma="auto", aim=aim)
+        tuned = gs.tune(step, top, dt=1e-3, steps=80, gamma="auto", aim=aim)
         assert document["parameters"]["gamma"] == tuned.parameters["gamma"]
         assert document["tuned"]["gain"] == tuned.gain > 1.2
-    assert tuned.reason in gyrospark(*run, "--gamma", word).stdout
+        assert tuned.reason in gyrospark(*run, "--gamma", word).stdout
     assert "tuned" not in gyrospark(*run, "--json").document
 
 

@@ -54,14 +54,15 @@ def test_any_start_is_moved_onto_the_constraints(q, where):
     assert abs(along @ (moved.p - p)) <= 64 * EPS * np.linalg.norm(along) * moved.p_moved
 
 
-def test_the_move_is_the_shortest_to_first_order():
+@both
+def test_the_move_is_the_shortest_to_first_order(where):
     """q₁ − q₀ = −G⁺ g + O(g²): halving the distance quarters what is left."""
-    near = gs.consistent(curve(), (0.6, 0.1, 0.8), (0, 0, 0), parameters={"w": 1.0}).q
+    near = gs.consistent(where(), (0.6, 0.1, 0.8), (0, 0, 0), parameters={"w": 1.0}).q
     push = np.array([1.0, -2.0, 0.5])
     rest = []
     for size in (1e-2, 5e-3, 2.5e-3):
         q = near + size * push
-        moved = gs.consistent(curve(), q, (0, 0, 0), parameters={"w": 1.0}).q
+        moved = gs.consistent(where(), q, (0, 0, 0), parameters={"w": 1.0}).q
         numeric = NumericSystem(curve(), {"w": 1.0})
         first = -np.linalg.pinv(numeric.G(q)) @ numeric.g(q)
         rest.append(np.linalg.norm(moved - q - first))

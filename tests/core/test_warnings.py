@@ -153,6 +153,18 @@ def test_a_negative_parameter_that_is_no_gamma_of_a_body_is_silent():
         warn_of_negative({"gamma": -1.0, "I1": 2.0, "I2": 2.0, "I3": 1.0})
 
 
+@pytest.mark.slow  # a stepper more
+def test_a_run_with_a_negative_gamma_of_no_body_is_silent():
+    import sympy as sp
+
+    x, p, gamma = sp.symbols("x p gamma", real=True)
+    system = gs.System([x], [p], [gamma], p**2 / 2 + gamma * x**2 / 2, name="saddle")
+    step = gs.stepper("EMS", system=system)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        step.integrate([1.0], [0.0], dt=1e-2, steps=3, parameters={"gamma": -1.0})
+
+
 def test_remarks_are_heard_by_the_thread_that_listens():
     heard = {}
 

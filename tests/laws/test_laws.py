@@ -96,7 +96,8 @@ def test_the_jacobian_is_the_derivative_of_the_residual(name, scheme, stages):
 
 
 @pytest.mark.parametrize(("name", "scheme", "stages"), [
-    *((name, "G-L", 2) for name in CLOSED), ("pendulum", "EMS", None)])
+    *((name, "G-L", 2) for name in CLOSED), ("pendulum", "EMS", None),
+    pytest.param("driven_oscillator", "EMS", None, marks=pytest.mark.slow)])  # a stepper more
 def test_the_closed_form_is_approached_with_the_order(name, scheme, stages):
     """Half the step, 2^order less error."""
     step, entry = stepper(name, scheme, stages), case(name)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+
 import gyrospark as gs
 from gyrospark.generator.codegen import constant_loops, emit
 from gyrospark.generator.pipeline import generate
@@ -9,16 +12,20 @@ from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation.kernel_text import kernels_of
 
 
-def test_loops_have_the_constants_of_single_assignments(monkeypatch):
-    """As ``kernels_of`` reads the C of both; steppers of many bodies run what loops evaluate."""
-    model = gs.models.chain(2)
+def sources_of(model, monkeypatch):
+    """Return the name of a stepper, and its files with single assignments and with loops."""
     spec, sources = Spec.checked("IMS"), []
     for few in (64, 3):
         monkeypatch.setattr(constant_loops, "_FEW", few)
         monkeypatch.setattr(emit, "_LARGE", 4 * few)
         sources.append(generate(spec, system=model.system).source)
-    single, looped = (source.files() for source in sources)
-    name = f"{sources[0].name}.c"
+    return sources[0].name, *(source.files() for source in sources)
+
+
+def test_loops_have_the_constants_of_single_assignments(monkeypatch):
+    """As ``kernels_of`` reads the C of both; steppers of many bodies run what loops evaluate."""
+    stem, single, looped = sources_of(gs.models.chain(2), monkeypatch)
+    name = f"{stem}.c"
     assert "parameter_at" not in single[name]
     assert looped[name].count("parameter_at(par, ") > 2
     assert ["#define INLINE_IF_SMALL NOINLINE" in files[name] for files in (single, looped)] == [
@@ -29,3 +36,14 @@ def test_loops_have_the_constants_of_single_assignments(monkeypatch):
     assert sorted(map(repr, one.statements)) == sorted(map(repr, other.statements))
     assert {*one.outputs} == {*other.outputs}
     assert len(one.outputs) > 12
+
+
+@pytest.mark.slow  # two steppers of a chain
+def test_loops_have_the_bits_of_single_assignments(monkeypatch):
+    model = gs.models.chain(2)
+    name, *both = sources_of(model, monkeypatch)
+    runs = [gs.Stepper(name, files).integrate(
+        model.q0, model.p0, dt=1e-3, steps=5, parameters=model.parameters) for files in both]
+    assert np.array_equal(runs[0].q, runs[1].q)
+    assert np.array_equal(runs[0].p, runs[1].p)
+    assert np.abs(runs[0].q[-1] - runs[0].q[0]).max() > 1e-4

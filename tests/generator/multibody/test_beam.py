@@ -319,12 +319,13 @@ def lowest_frequency(model: gs.Model) -> float:
 
 
 @cache
-def loaded(extension: tuple[float, ...] = ()) -> tuple[gs.Model, gs.Trajectory]:
+def loaded(extension: tuple[float, ...] = (), count: int = 2) -> tuple[gs.Model, gs.Trajectory]:
     """Return a cantilever in equilibrium under a load, two steps that keep it there, clamped b-a.
     """
     build = builder()
     more = dict(zip(("stretching", "shearing"), extension, strict=False))
-    beam = build.beam("rod", count=2, **STRAIGHT | {"bending": (1.0, 2.0), "twisting": 3.0} | more)
+    beam = build.beam("rod", count=count, **STRAIGHT | {
+        "bending": (1.0, 2.0), "twisting": 3.0} | more)
     build.fixed("clamp", beam.first, build.ground)
     build.force(beam.last, LOAD)
     with budget.shared():
@@ -336,18 +337,19 @@ def loaded(extension: tuple[float, ...] = ()) -> tuple[gs.Model, gs.Trajectory]:
 LOAD = np.array([0.3, 0.5, -0.8])
 
 
-@pytest.mark.parametrize("extension", [
-    pytest.param((), id="balls"),
-    pytest.param((40.0, 25.0), id="springs", marks=pytest.mark.slow)])  # a long derivation
-def test_forces_and_moments_of_sections_balance_the_load(extension):
+@pytest.mark.parametrize(("extension", "count"), [
+    pytest.param((), 2, id="balls"),
+    pytest.param((), 3, id="more balls", marks=pytest.mark.slow),
+    pytest.param((40.0, 25.0), 3, id="springs", marks=pytest.mark.slow)])  # a long derivation
+def test_forces_and_moments_of_sections_balance_the_load(extension, count):
     """Of the part beyond each section: n = F and M = (P_tip − P) × F, which need no stiffness."""
-    model, run = loaded(extension)
+    model, run = loaded(extension, count)
     beam = run.beam("rod")
     line = beam.line()
     assert line[0, -1] == pytest.approx(tip(model, np.linalg.norm(line[0, -1] - line[0, -2])),
                                         abs=16 * EPS if not extension else 1e-2)
     assert np.abs(line[:, 0]).max() <= 64 * EPS
-    assert beam.arc == pytest.approx([0, 1 / 2])
+    assert beam.arc == pytest.approx(np.arange(count) / count)
     assert np.abs(beam.force() - LOAD).max() <= 1e-8  # multipliers of steps of 1e-3 s
     assert np.abs(beam.moment() - np.cross(line[:, -1:] - line[:, :-1], LOAD)).max() <= 1e-12
     assert np.linalg.norm(beam.force("section"), axis=2) == pytest.approx(np.linalg.norm(LOAD))

@@ -89,10 +89,15 @@ def test_a_late_start_of_a_driven_system_is_warned_of(t0: float, steps: int, sai
 
 @pytest.mark.filterwarnings("ignore:t = .* rounds times")
 @pytest.mark.parametrize("t0", [0.0, *LATE, 1e9 + 0.3])
-def test_a_driven_run_is_as_exact_from_a_late_start(t0: float) -> None:
+@pytest.mark.parametrize(("stages", "dt", "steps", "bound"), [
+    (2, 2**-10, 4000, 64),
+    pytest.param(5, 0.05, 200, 16, marks=pytest.mark.slow)])  # a stepper of five stages
+def test_a_driven_run_is_as_exact_from_a_late_start(
+        t0: float, stages: int, dt: float, steps: int, bound: float) -> None:
     """x'' = −k x − c x' + f cos(ω(t0 + τ)) in closed form, the phase with 50 digits."""
-    step, case = systems.stepper("driven_oscillator"), systems.case("driven_oscillator")
-    run = step.integrate(gs.Start(case.q, case.p, t=t0), dt=2**-10, steps=4000, every=400,
+    step, case = systems.stepper("driven_oscillator", stages=stages), systems.case(
+        "driven_oscillator")
+    run = step.integrate(gs.Start(case.q, case.p, t=t0), dt=dt, steps=steps, every=steps // 10,
                          parameters=case.parameters)
     with mpmath.workdps(50):
         k, c, f, omega = (mpmath.mpf(case.parameters[name]) for name in ("k", "c", "f", "omega"))
@@ -105,5 +110,5 @@ def test_a_driven_run_is_as_exact_from_a_late_start(t0: float) -> None:
         free = x0 - second, second
         exact = [float((sum(a * mpmath.exp(r * tau) for a, r in zip(free, rates, strict=True))
                         + answer * mpmath.expj(omega * tau)).real)
-                 for tau in (mpmath.mpf(2)**-10 * i for i in range(0, 4001, 400))]
-    assert np.abs(run.q[:, 0] - exact).max() < 64 * np.finfo(float).eps
+                 for tau in (mpmath.mpf(dt) * i for i in range(0, steps + 1, steps // 10))]
+    assert np.abs(run.q[:, 0] - exact).max() < bound * np.finfo(float).eps

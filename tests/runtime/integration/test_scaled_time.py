@@ -231,13 +231,16 @@ def test_gradients_at_a_time_are_differences(name):
                 assert abs(along - wanted) < 1e-7 * (1 + abs(wanted))
 
 
-def test_a_fit_has_the_parameter_and_the_start_of_its_data():
+@pytest.mark.parametrize(("stages", "dtau", "times"), [
+    (2, 0.01, [0.0, 0.4, 0.9, 1.3, 1.7]),
+    pytest.param(4, 0.1, [0.0, 0.4, 0.9, 1.7, 2.2, 3.1, 4.6, 5.9, 6.1, 6.6],
+                 marks=pytest.mark.slow)])  # derivatives of a stepper of four stages
+def test_a_fit_has_the_parameter_and_the_start_of_its_data(stages, dtau, times):
     """Samples at any times, the first at the start; the closed form has k = 1."""
-    entry, step = case("eccentric"), differentiable("eccentric")
-    times = np.array([0.0, 0.4, 0.9, 1.3, 1.7])
+    entry, step = case("eccentric"), differentiable("eccentric", stages=stages)
     data = np.array([entry.exact(time) for time in times])
     begin = timed_start("eccentric", step).replace(parameters={"k": 1.02})
-    found = gs.fit(step, begin, times, data, dtau=0.01, observe=["x", "y"])
+    found = gs.fit(step, begin, times, data, dtau=dtau, observe=["x", "y"])
     assert found.converged
     assert found.rms < 1e-8
     assert abs(found.parameters["k"] - 1) < 1e-8
