@@ -116,8 +116,8 @@ def _fastest(name: str, reference: Any, choice: Choice) -> list[Row]:
     best: dict[tuple[str, str], Row] = {}
     for number in range(choice.rounds):
         for program in filter(choice.programs.__contains__, PROGRAMS):
-            near = _near([row for key, row in best.items() if key[0] == program],
-                         PROBLEMS[name].levels)
+            near = _near_cheapest([row for key, row in best.items() if key[0] == program],
+                                  PROBLEMS[name].levels)
             if number and not near:
                 continue
             choice.watch(f"{name}: {program}, process {number + 1} of {choice.rounds}")
@@ -129,7 +129,7 @@ def _fastest(name: str, reference: Any, choice: Choice) -> list[Row]:
     return list(best.values())
 
 
-def _near(rows: Sequence[Row], levels: Sequence[float]) -> tuple[str, ...]:
+def _near_cheapest(rows: Sequence[Row], levels: Sequence[float]) -> tuple[str, ...]:
     """Return the settings that cost up to 1.5 times as much as the cheapest for an error."""
     limits = {level: 1.5 * row.numbers[COST] for level in levels
               if (row := cheapest(rows, COST, ERROR, level)) is not None}
@@ -178,19 +178,19 @@ def _prepared(problem: Problem, code: Code, reference: Any) -> Prepared:
 
 def _first_order(equations: FirstOrder, read: Callable[[Array], Any]) -> Iterator[Code]:
     """Yield heyoka, SciPy and diffrax; ``read`` takes the end from the variables."""
-    def reading(make: Callable[[], Callable[[], Array]]) -> Callable[[], Any]:
+    def reader(make: Callable[[], Callable[[], Array]]) -> Callable[[], Any]:
         run = make()
         return lambda: read(run())
 
     for tol in ("", "1e-14", "1e-12", "1e-10", "1e-8", "1e-6"):
         options = {"tol": float(tol)} if tol else {}
         yield Code("heyoka", f"tol {tol}" if tol else "default",
-                   partial(reading, partial(heyoka_run, equations, **options)), not tol)
+                   partial(reader, partial(heyoka_run, equations, **options)), not tol)
     for tol in ("1e-7", "1e-9", "1e-11", "1e-13"):
         yield Code("scipy", f"DOP853 tol {tol}",
-                   partial(reading, partial(scipy_run, equations, float(tol))), tol == "1e-9")
+                   partial(reader, partial(scipy_run, equations, float(tol))), tol == "1e-9")
         yield Code("diffrax", f"Dopri8 tol {tol}",
-                   partial(reading, partial(diffrax_run, equations, float(tol))), tol == "1e-9")
+                   partial(reader, partial(diffrax_run, equations, float(tol))), tol == "1e-9")
 
 
 def _scene(model: Callable[[], gs.Model], t_end: float, read: Callable[[Any], Any],
@@ -212,9 +212,9 @@ def _scene(model: Callable[[], gs.Model], t_end: float, read: Callable[[Any], An
                            dt == dts[0] and method == next(iter(methods)))
 
 
-def _ours(make: Callable[[int], gs.Stepper], start: Any, t_end: float,
-          settings: Sequence[tuple[int, float]], values: Mapping[str, float] | None = None,
-          name: str = "{}-G-L", tolerance: float | None = None) -> Iterator[Code]:
+def _own_codes(make: Callable[[int], gs.Stepper], start: Any, t_end: float,
+               settings: Sequence[tuple[int, float]], values: Mapping[str, float] | None = None,
+               name: str = "{}-G-L", tolerance: float | None = None) -> Iterator[Code]:
     """Yield our runs of (stages or order, steps a second)."""
     def prepare(size: int, steps: int) -> Callable[[], Any]:
         step = make(size)
@@ -238,14 +238,16 @@ _MOMENTS, _SPIN, _TUMBLE = (6.0, 8.0, 3.0), (0.5, 0.6, 0.7), 100.0
 
 def _free_bodies() -> Iterator[Code]:
     problem = gs.problems.free_body(_MOMENTS, _SPIN)
-    ours = partial(_ours, start=problem.start, t_end=_TUMBLE, values=problem.parameters)
+    own_codes = partial(_own_codes, start=problem.start, t_end=_TUMBLE,
+                        values=problem.parameters)
     gauss = partial(gs.stepper, "G-L", rep="gamma")
-    yield from ours(gauss, settings=((3, 2), (3, 4), (4, 1), (4, 2), (6, 0.5), (6, 1), (6, 1.5),
-                                     (6, 2), (8, 0.5), (8, 0.75), (8, 1)))
-    yield from ours(gauss, settings=((8, 0.5), (8, 1)), name="{}-G-L tolerance 1e-12",
-                    tolerance=1e-12)
-    yield from ours(lambda order: gs.stepper("splitting", order=order, rep="gamma"),
-                    settings=((8, 1), (8, 2), (10, 1), (10, 2)), name="splitting of order {}")
+    yield from own_codes(gauss, settings=(
+        (3, 2), (3, 4), (4, 1), (4, 2), (6, 0.5), (6, 1), (6, 1.5), (6, 2), (8, 0.5), (8, 0.75),
+        (8, 1)))
+    yield from own_codes(gauss, settings=((8, 0.5), (8, 1)), name="{}-G-L tolerance 1e-12",
+                         tolerance=1e-12)
+    yield from own_codes(lambda order: gs.stepper("splitting", order=order, rep="gamma"),
+                         settings=((8, 1), (8, 2), (10, 1), (10, 2)), name="splitting of order {}")
     variables = sp.symbols("q0 q1 q2 q3 w1 w2 w3", real=True)
     yield from _first_order(FirstOrder(
         variables, euler_equations(*variables, *map(sp.Float, (*_MOMENTS, 0.0))),
@@ -272,13 +274,13 @@ _TOP_SECONDS = 10.0
 
 
 def _tops() -> Iterator[Code]:
-    def reading(entry: PeerEntry) -> Callable[[], Any]:
+    def reader(entry: PeerEntry) -> Callable[[], Any]:
         run = entry.prepare()
         return lambda: run(_TOP_SECONDS).q
 
     for entry in entries(("gyrospark", "mujoco", "exudyn")):
         if "newton" not in entry.setting:
-            yield Code(entry.program, entry.setting, partial(reading, entry), entry.quick)
+            yield Code(entry.program, entry.setting, partial(reader, entry), entry.quick)
     variables = sp.symbols("q0 q1 q2 q3 w1 w2 w3", real=True)
     start = state_of(tops()[0])
     yield from _first_order(FirstOrder(
@@ -300,8 +302,8 @@ def _double_pendulums() -> Iterator[Code]:
     H = (u**2 + 2 * v**2 - 2 * u * v * c) / (2 * (2 - c**2)) - sp.Float(9.81) * (
         2 * sp.cos(a) + sp.cos(b))
     system = gs.System((a, b), (u, v), (), H, name="pendulum_in_angles")
-    yield from _ours(lambda stages: gs.stepper("G-L", stages, system=system),
-                     gs.Start(_ANGLES, (0.0, 0.0)), _SWINGS, (
+    yield from _own_codes(lambda stages: gs.stepper("G-L", stages, system=system),
+                          gs.Start(_ANGLES, (0.0, 0.0)), _SWINGS, (
         (3, 20), (3, 40), (4, 10), (4, 20), (6, 5), (6, 10), (6, 12), (6, 20), (8, 4), (8, 6),
         (8, 8)))
     yield from _first_order(FirstOrder(

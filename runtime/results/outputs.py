@@ -270,7 +270,7 @@ def absent(output: Output, row_count: int, dtype: Any) -> Array:
 
 
 #: Fields of ``Crossings`` and ``Impacts``: meaning, unit. States have the units of the run's.
-_OF_EVENTS = {
+_EVENT_COLUMNS = {
     "t": ("times of {}", "s"), "q": ("coordinates at {}", ""), "p": ("momenta at {}", ""),
     "steps": ("whole steps before {}", ""),
     "rising": ("1 where the quantity rises along the run", ""),
@@ -290,7 +290,7 @@ def description_of(output: Output, manifest: Manifest, name: str) -> dict[str, A
 
 def description_of_column(manifest: Manifest, event: str, column: str) -> dict[str, Any]:
     """Return the attributes of a column of an event: long name, units, names of its columns."""
-    text, units = _OF_EVENTS[column]
+    text, units = _EVENT_COLUMNS[column]
     attributes = next((description_of(output, manifest, column) for output in OUTPUTS
                        if output.name == column.removesuffix("_after")), {})
     return attributes | {"long_name": text.format(event)} | ({"units": units} if units else {})

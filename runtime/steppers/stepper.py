@@ -218,8 +218,8 @@ class Stepper(Dynamics):
         InputError
             As ``integrate`` does.
         """
-        given = (dt, dtau, None, 0, 1, solver)
-        plan = self._memory.recall(self, start, p, given, parameters)
+        call_arguments = (dt, dtau, None, 0, 1, solver)
+        plan = self._memory.recall(self, start, p, call_arguments, parameters)
         if plan is not None:
             return Simulation(self, plan.run, as_flag("record", record))
         method = as_solver(solver)
@@ -227,7 +227,7 @@ class Stepper(Dynamics):
         run = self._resolved(self._run_arguments(
             state, dt=span_or_own(self.binding, start, Span(dt, dtau))[0], steps=0, solver=method,
             scaled=True))
-        self._memory.keep(self, start, given, parameters, state, Integration(run))
+        self._memory.keep(self, start, call_arguments, parameters, state, Integration(run))
         self._warned(run)
         return Simulation(self, run, as_flag("record", record))
 
@@ -354,9 +354,9 @@ class Stepper(Dynamics):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        given, recalled = (dt, dtau, t_end, steps, every, solver), None
+        call_arguments, recalled = (dt, dtau, t_end, steps, every, solver), None
         if inputs is None and events is None:
-            recalled = self._memory.recall(self, start, p, given, parameters)
+            recalled = self._memory.recall(self, start, p, call_arguments, parameters)
         plan = recalled or self._integration(
             start, p, Span(dt, dtau, t_end, steps), parameters=parameters, inputs=inputs,
             every=every, events=events, solver=solver)

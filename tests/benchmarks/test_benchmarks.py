@@ -485,9 +485,10 @@ def test_the_cheapest_at_equal_error_are_compared():
     assert lines[1] == ["heyoka 7", "6 ms, 3 ×, b", "6 ms, 1.5 ×, b", "–"]
     assert lines[2] == ["scipy 1", "1.5 ms, 0.75 ×, c", "–", "–"]
     assert equal_error.losses(some)[1:] == [["free body", "1e-06", "scipy 1", "0.75"]]
-    near = equal_error._near(some[:2], (1e-6, 1e-10))
+    near = equal_error._near_cheapest(some[:2], (1e-6, 1e-10))
     assert near == ("long", "short")
-    assert equal_error._near([*some[:2], row("gyrospark 1", "dear", 7.0, 1e-12)], (1e-6,)) == (
+    dear = row("gyrospark 1", "dear", 7.0, 1e-12)
+    assert equal_error._near_cheapest([*some[:2], dear], (1e-6,)) == (
         "long",)
     text = equal_error.page(some, QUICK, {
         "processor": "P", "cores": 2, "load": 0.5, "compiler": "C"})
