@@ -136,7 +136,7 @@ def fields_of_events(
                            real.wide and not kind.startswith("i"))
 
     return {name: [stored(name, column) for column in (
-                Impacts if "restitution" in attributes else Crossings).column_names()]
+                Impacts if "restitution" in attributes else Crossings)._column_names()]
             for name, attributes in events.items()}
 
 

@@ -52,7 +52,7 @@ class Crossings:
         return len(self.t)
 
     @classmethod
-    def column_names(cls) -> list[str]:
+    def _column_names(cls) -> list[str]:
         """Return the names of the arrays in files, in the order of ``columns``."""
         return [field.name for field in fields(Crossings)]
 
@@ -153,15 +153,15 @@ class Impacts(Crossings):
         return Crossings(self.t, self.q, self.p_before, self.steps, self.rising, self.elapsed)
 
     @classmethod
-    def column_names(cls) -> list[str]:
+    def _column_names(cls) -> list[str]:
         """Return the names of the arrays in files: "p" are the momenta before, as of crossings."""
-        return [*super().column_names(), "p_after", "impulse", "energy_lost", "work"]
+        return [*super()._column_names(), "p_after", "impulse", "energy_lost", "work"]
 
     @property
     def columns(self) -> dict[str, Array]:
         """The arrays by their names in files, where those of the crossings come first."""
         arrays = (self.p, self.impulse, self.energy_lost, self.work)
-        return self.crossings.columns | dict(zip(self.column_names()[-len(arrays):], arrays,
+        return self.crossings.columns | dict(zip(self._column_names()[-len(arrays):], arrays,
                                                  strict=True))
 
     def __repr__(self) -> str:
