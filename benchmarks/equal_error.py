@@ -540,9 +540,9 @@ Under load times vary by a factor of two, and ratios with them.
 
 A time is the CPU time of all threads for one run from the start to the end, call included, without
 deriving and compiling: a median of runs, the least of {rounds} round(s), in which the programs
-take turns. A cell has the time of the cheapest setting whose error is at most that of the
-column, its ratio to gyrospark's time, and the setting; "–": none of the settings tried reaches the
-error. Errors are those at the end of the run.
+take turns. A cell has the time of the cheapest setting whose error is at most the
+column's, its ratio to gyrospark's time, and the setting; "–": none of the settings tried reaches
+the error. Errors are those at the end of the run.
 
 - **gyrospark**: s-stage Gauss-Lobatto in constant steps; for the free body also splitting, for
   eccentric orbits [steps that adapt](adaptive_steps.md).

@@ -41,7 +41,7 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
                                        unit=override.get("unit", units.get(name)),
                                        start=start.get(name)) for name in names)
 
-    # the order within a role is that of the members of the C's structs
+    # within a role names have the order of the members of the C structs
     for x in system.parameters:
         add("input" if x in inputs else "parameter", [str(x)], domain_of(x))
     if system.is_nonautonomous:

@@ -42,13 +42,13 @@ _FIXED = {*IMMUTABLE, NoneType, bool, str, tuple, Solver}
 class _Call:
     """A call whose arguments were usable, and its run."""
 
-    #: Those beside the state and the parameters.
+    #: The arguments beside the state and the parameters.
     arguments: tuple[Any, ...]
-    #: The parameters as given: names and values; None where none were.
+    #: Names and values of the argument ``parameters``; None without it.
     parameters: tuple[list[str], list[Any]] | None
-    #: What the start has beside its state: such entries of its dicts; None of (q, p).
+    #: Names and values of each dict of the start; None for a call by (q, p).
     start: list[tuple[list[str], list[Any]] | None] | None
-    #: Its span and the parameters that it may have in vain.
+    #: The start's span, and its parameters that a stepper may ignore.
     rest: tuple[Any, ...]
     plan: Integration
     limits: Limits
@@ -65,7 +65,7 @@ class CallMemory:
     ) -> Integration | None:
         """Return the run of a call that differs from the last one by its state alone, or None.
 
-        None too for a state that is not plainly usable.
+        A state that is not plainly usable gives None, too.
         """
         last = self._last
         if (last is None or not (all(map(operator.is_, arguments, last.arguments))
@@ -91,8 +91,9 @@ class CallMemory:
             return None  # refused by the checks of another call, whose sentence knows the start
         if not are_slow(last.limits, q.tolist(), p.tolist()):
             return None
+        assert constants is not None  # ``keep`` computes them
         if binding.conditions and not is_plainly_consistent(
-                binding, constants.parameters, q, p):  # type: ignore[union-attr]
+                binding, constants.parameters, q, p):
             return None
         return changed(last.plan, run=changed(run, q=q, p=p, t0=t0,
                                               parameters=run.parameters.copy()))

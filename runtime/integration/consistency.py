@@ -46,7 +46,7 @@ _ROUNDING = 4096
 _TYPED = 1e-12
 #: Numbers up to which floats are faster than arrays.
 _FEW = 32
-#: The same of moved states.
+#: Coordinates up to which the moved states are lists of floats, for the same reason.
 _FEW_COORDINATES = 8
 #: Squares between these have sums and products that stay in the range of doubles.
 _USUAL = 1e-200, 1e200
@@ -271,7 +271,7 @@ def _draws(n: int) -> _Moves:
 
 @lru_cache(maxsize=8)
 def _entries_of_draws(n: int) -> tuple[list[list[float]], list[list[float]]]:
-    """Return of ``_draws`` no move, and the last forth and back, as lists of q and of p."""
+    """Return three moves of ``_draws`` as lists of q and of p: 0, the last one forth and back."""
     moves = _draws(n)
     return moves.q[::_DRAWS].tolist(), moves.p[::_DRAWS].tolist()
 

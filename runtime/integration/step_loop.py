@@ -62,7 +62,7 @@ class ChunkSize:
         return self.most
 
     def end(self, steps: int) -> None:
-        """Estimate the time of the next steps from that of the last ``steps`` steps."""
+        """Estimate the time of the next steps from the time of the last ``steps`` steps."""
         if self._began is None:
             return
         seconds = self._clock() - self._began

@@ -78,7 +78,7 @@ class Stepper(Dynamics):
     """A stepper compiled from generated C.
 
     Make one with ``gyrospark.stepper(...)``. Instances may be used from many threads at once; all
-    they hold between calls is, for each thread, the trajectory that ``step`` goes on with, and the
+    they hold between calls is, for each thread, the trajectory that ``step`` continues, and the
     checked arguments of the last call.
 
     Attributes

@@ -28,7 +28,7 @@ def pendulum() -> Example:
     parameters = {"g": 9.81, "l": 0.8}
 
     def by_hand(number):
-        g, l = (number(parameters[name]) for name in "gl")  # noqa: E741
+        g, length = (number(parameters[name]) for name in "gl")
         weight = g * np.array([0 * g, 1 + 0 * g, 0 * g, 1 + 0 * g])
 
         def G(q):
@@ -43,7 +43,8 @@ def pendulum() -> Example:
             H_q=lambda q, p: weight + 0 * q,
             H_p=lambda q, p: 1 * p,
             g=lambda q: np.array([q[0] ** 2 + q[1] ** 2 - 1,
-                                  (q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2 - l**2]),
+                                  (q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2
+                                  - length**2]),
             G=G, mean_gradient=mean_gradient, mean_constraint=lambda q0, q1: G((q0 + q1) / 2),
         )
 
