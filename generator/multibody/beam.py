@@ -366,8 +366,7 @@ def frames_along(
         if half[0] < 1e-6 or abs(angle) > math.pi / 2:
             raise InputError(f"Beam {name!r} turns back, or twists by more than 90°, at segment "
                              f"{max(k, 1)}; give more segments, or a smoother curve.")
-        step = half / np.linalg.norm(half)
-        q = _twisted(np.array(product(step, frames[-1])), angle)
+        q = _twisted(np.array(product(half, frames[-1])), angle)
         frames.append(q / np.linalg.norm(q))
     return frames
 

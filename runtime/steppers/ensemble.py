@@ -334,11 +334,9 @@ def _with_last_parts(
 
     @cache
     def member(i: int) -> Trajectory:
-        """Return trajectory i with its partial step; if it failed, its whole steps."""
-        of_steps = ensemble._make(i)
-        if i in failures:
-            return of_steps
-        joined = joined_with_part(stepper, runs[i], event_tuple, of_steps, parts._make(i))
+        """Return trajectory i, which has not failed, with its partial step."""
+        joined = joined_with_part(
+            stepper, runs[i], event_tuple, ensemble._make(i), parts._make(i))
         return changed(joined, _origin=Origin(runs[i], event_tuple, rest=runs[i].rest))
 
     events = {name: CrossingsOfMany([

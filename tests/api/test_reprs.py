@@ -31,7 +31,9 @@ def built():
     return [build, a, build.ground, build.ball("elbow", a, b, on_a=(0, 0, -0.5), on_b=(0, 0, 0.5)),
             build.revolute("knee", a, b, axis=(1, 0, 0), on_a=(0, 0, 1), on_b=(0, 0, 1)),
             build.rod("rod", a, b, on_a=(0, 0, 1), on_b=(0, 0, 1)),
-            build.spring("spring", a, build.ground, on_a=(0, 0, 1), on_b=(0, 0, 1), stiffness=3.0)]
+            build.spring("spring", a, build.ground, on_a=(0, 0, 1), on_b=(0, 0, 1), stiffness=3.0),
+            gs.Multibody("rods").beam("mast", count=2, mass=1.0, bending=1.0, twisting=1.0,
+                                      start=(0, 0, 0), end=(0, 0, 1)).last]
 
 
 def small_system():

@@ -615,6 +615,7 @@ def test_verify_model(gyrospark):
     text = gyrospark(*verify)
     assert text.code == 0
     assert "∮p·dq" in text.stdout
+    assert all(line["found"].split()[0] in text.stdout for line in document["lines"])
     assert text.stdout.rstrip().endswith("holds")
     assert max(map(len, text.stdout.splitlines()[:-1])) <= 80
 

@@ -246,6 +246,8 @@ def test_tables_12_to_14_together():
 
 def test_misprints_are_named(monkeypatch):
     monkeypatch.setattr(iterations, "_march", lambda *given: March([3] * 16))
+    for number, make in ((11, table_11), (13, table_13), (14, table_14)):
+        assert make(Engine(short=True)).number == number
     cells = table_12(Engine(short=True)).cells
     named = {c.row for c in cells if c.verdict == "misprint"}
     assert named == {"α = γ_m", "α = γ_h"}

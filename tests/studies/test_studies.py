@@ -306,6 +306,7 @@ def test_command_prints_a_table():
     result = CliRunner().invoke(reproduce, ["table-4"], standalone_mode=False)
     assert result.return_value == 0
     assert "30 agrees" in result.output
+    assert "2.35e-06" in result.output  # the paper's
     assert re.search(r"misprint: .*γ_h, EMS: .*19", result.output)
 
 

@@ -512,6 +512,7 @@ def test_joints_actuators_and_sites_have_their_names(tmp_path):
     assert run.joint("b").rate()[0] == pytest.approx(2, abs=1e-12)
     plane = gs.load_model(written(tmp_path, PLANE, "plane.xml"))
     assert {joint.name for joint in plane.system.joints} == {"rootx", "b", "rooty"}
+    assert plane.system.constraint_names[1].startswith("rooty")  # the hinge's: of the whole plane
     loops = tmp_path / "loops.toml"
     loops.write_text('[[joints]]\nname = "rod"\ntype = "rod"\nbodies = ["ground", "tip"]\n'
                      'on_a = [2, 0, 0]\non_b = [0, 0, 0]\n', encoding="utf-8")

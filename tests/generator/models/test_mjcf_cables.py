@@ -113,13 +113,15 @@ def test_vertices_may_be_unequal_and_a_plugin_shared(tmp_path):
         assert energy == pytest.approx(2 / h * B * math.sin(0.2) ** 2, rel=1e-12)
 
 
-def test_a_load_hangs_on_the_end(tmp_path):
+@pytest.mark.parametrize("ends", [
+    'body1="load" body2="cB_last" anchor="0 0 .1"', 'site1="hook" site2="cS_last"'])
+def test_a_load_hangs_on_the_end(tmp_path, ends):
     """A connect of a body to the last segment, and a damper in each joint."""
     load = ('<body name="load" pos="1 0 -.1"><freejoint/><geom size=".05" contype="0" '
-            'conaffinity="0"/></body>')
+            'conaffinity="0"/><site name="hook" pos="0 0 .1"/></body>')
     model = gs.load_model(path_of(tmp_path, cable(
         more='<joint kind="main" damping=".015"/>', around="{}" + load, gravity="0 0 -9.81",
-        after='<equality><connect body1="load" body2="cB_last" anchor="0 0 .1"/></equality>')))
+        after=f"<equality><connect {ends}/></equality>")))
     assert len(model.system.constraints) == 6 + 3 * 6
     still = Motion(model)
     assert still.energy() == pytest.approx(

@@ -100,8 +100,10 @@ def test_two_wheels_on_one_line_are_redundant():
         cart().model()
     assert "redundant" in str(refused.value)
     made = cart()
-    assert made.model(redundant="leave out").system.velocity_count == 3
+    model = made.model(redundant="leave out")
+    assert model.system.velocity_count == 3
     assert len(made.redundancy.left_out) == 1
+    assert model.p0[4] == pytest.approx(3.0 * 0.2, rel=1e-14)  # the axle's, of 1 kg
 
 
 @pytest.mark.parametrize(("shape", "body", "named"), [

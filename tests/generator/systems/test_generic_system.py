@@ -150,6 +150,7 @@ def test_redundant_constraints_fail_clearly(dt):
             continue
         assert failure.step == 1
         assert failure.reason in REASONS.values()
+        assert "'g0', 'g1'" in failure.detail
         assert failure.trajectory.q.shape == (1, 3)
         assert len(failure.trajectory.multipliers) == 0
 

@@ -44,8 +44,8 @@ def fit_pendulum(data=None, observe=("x", "y"), free=("l", "g", "start"), guess=
     step, model, run = pendulum()
     parameters = dict(model.parameters) | (guess or {"l": 0.6, "g": 8.0})
     begin = more.pop("start", gs.Start([0.6, 0.01], [0.02, 0.1]))
-    return gs.fit(step, begin, run.t, run.q if data is None else data, observe=observe, free=free,
-                  parameters=parameters, **{"dt": 0.01} | more)
+    return gs.fit(step, begin, more.pop("times", run.t), run.q if data is None else data,
+                  observe=observe, free=free, parameters=parameters, **{"dt": 0.01} | more)
 
 
 # ---------------------------------------------------------------- what made the data
@@ -353,6 +353,8 @@ def test_data_that_are_no_measurements_are_refused():
         fit_pendulum(data)
     with refused("unit quaternion"):
         top().fit(2 * top().attitudes)
+    with refused("samples"):
+        fit_pendulum(data[:1], times=run.t[:1], dt=None)
     case = dataclasses.replace(top(), t=top().t[::-1])
     with refused("increase"):
         case.fit(case.attitudes)

@@ -128,6 +128,7 @@ def test_a_ring_reaches_from_its_axis_to_the_next():
     assert len(ring.shapes) > 36
     distances = [np.linalg.norm(shape.centre - ring.centre) for shape in ring.shapes]
     assert np.ptp(distances[:36]) < 1e-12 < distances[0]
+    assert distances[0] < max(distances[36:]) < 1.2 * distances[0]
 
 
 def test_long_runs_are_thinned_and_their_pages_stay_small(gl3):
