@@ -25,6 +25,8 @@ Name = TypeVar("Name", bound=str)
 
 #: Names that are shown of a list.
 _FEW = 6
+#: Bytes of a file's name, at most: of ext4, NTFS and APFS.
+_LONGEST_NAME = 255
 
 
 def few(names: Iterable[object]) -> str:
@@ -122,7 +124,8 @@ def as_path(name: str, value: Any, example: str) -> Path:
     usable = isinstance(value, (str, os.PathLike))
     try:
         path = Path(value) if usable else Path()
-        usable = usable and bool(path.name) and b"\0" not in os.fsencode(path)
+        usable = usable and bool(path.name) and b"\0" not in os.fsencode(path) and all(
+            len(os.fsencode(part)) <= _LONGEST_NAME for part in path.parts)
     except (TypeError, UnicodeError):  # a PathLike of bytes; half a character
         usable = False
     if not usable:

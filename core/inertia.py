@@ -24,8 +24,9 @@ from .warnings import warn
 
 __all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
            "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
-           "inverse_entries", "is_tensor", "moments_of", "quaternion_of_matrix", "real_array",
-           "refuse_impossible_inertias", "tensor_of_inverse", "unit_quaternions", "warn_of_degrees"]
+           "inverse_entries", "is_number", "is_tensor", "moments_of", "quaternion_of_matrix",
+           "real_array", "refuse_impossible_inertias", "tensor_of_inverse", "unit_quaternions",
+           "warn_of_degrees"]
 
 #: The two representations of the inertia, by the parameter that each adds; ``RepName`` are its
 #: entries, for editors and type checkers.
@@ -61,6 +62,12 @@ def real_array(value: Any) -> Floats | None:
         return np.array(array, dtype=float)
     except (TypeError, ValueError, OverflowError):  # ragged, symbols, beyond 1e308
         return None
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is one real number, not several and not text."""
+    array = real_array(value)
+    return array is not None and array.ndim == 0
 
 
 def is_tensor(inertia: Any) -> bool:

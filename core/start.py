@@ -56,6 +56,14 @@ class HasStart(Protocol):
         """Where it starts."""
 
 
+def _copied(name: str, value: Any) -> Any:
+    try:
+        return copy(value)
+    except TypeError:  # an iterator, which gives its numbers once
+        raise InputError(f"{name} = {shown(value)} has numbers that can be read once only; give "
+                         "them in a list or an array.") from None
+
+
 class Start:
     """A state with its parameters, its time and inputs: where an integration starts.
 
@@ -94,7 +102,7 @@ class Start:
         t: Number | ArrayLike = 0.0, inputs: Mapping[str, Number] | None = None,
     ) -> None:
         # Copies: arrays that the caller changes later do not change the start.
-        self.q, self.p, self.t = copy(q), copy(p), copy(t)
+        self.q, self.p, self.t = (_copied(*pair) for pair in (("q", q), ("p", p), ("t", t)))
         self.parameters: Mapping[str, Number] = FrozenDict(
             as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}"))
         self.inputs: Mapping[str, Number] = FrozenDict(

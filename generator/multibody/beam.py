@@ -53,6 +53,8 @@ COLOUR = "#7d8794"
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 #: Differences of lengths and components of unit vectors below this are round-off.
 _ROUNDING = 1e-13
+#: Segments of a beam, at most: a thousand take minutes to derive.
+_MOST_SEGMENTS = 100_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -408,9 +410,9 @@ def section_of(
     stretching and shearing, and a damping below 0.
     """
     number = whole(count)
-    if number is None or number < 2:
+    if number is None or not 2 <= number <= _MOST_SEGMENTS:
         raise InputError(f"The count of beam {name!r} is {shown(count)}; give a whole number of "
-                         "segments, 2 or more.")
+                         f"segments, 2 to {_MOST_SEGMENTS}.")
     pair = real_array(bending)
     both = finite(f"bending of {name!r}", bending, () if pair is None or pair.ndim == 0 else (2,))
     first, second = np.broadcast_to(both, 2).tolist()

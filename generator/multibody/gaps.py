@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import shown
 from ...core.arrays import Array
 from ...core.errors import InputError
-from ...core.inertia import real_array
+from ...core.inertia import is_number, real_array
 from .body import Frame, dot
 from .initial_poses import finite, unit, vector
 from .joints import Store, named_number, named_vector, unit_vector
@@ -96,7 +96,7 @@ def _radii(name: str, radius: Any, count: int, store: Store) -> list[sp.Expr]:
 
     Raises InputError for other than one number or ``count`` numbers, and below 0.
     """
-    is_common = np.ndim(radius) == 0
+    is_common = is_number(radius)
     radii = finite(f"radius of {name!r}", [radius] * count if is_common else radius, (count,))
     if radii.min() < 0:
         raise InputError(f"radius of {name!r} is {shown(radius)}; give 0 or more.")

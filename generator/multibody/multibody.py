@@ -34,6 +34,7 @@ from ...core.inertia import (
     Inertia,
     RepName,
     as_inertia,
+    is_number,
     is_tensor,
     moments_of,
     real_array,
@@ -330,7 +331,7 @@ class Multibody:
                 np.isfinite(ends).all()):
             raise InputError(f"points = {shown(points)} is no list of two or more points; give "
                              "rows of three finite numbers.")
-        masses = as_items("mass", mass, "numbers") if np.ndim(mass) else [mass] * (len(ends) - 1)
+        masses = [mass] * (len(ends) - 1) if is_number(mass) else as_items("mass", mass, "numbers")
         if len(masses) != len(ends) - 1:
             raise InputError(f"mass has {len(masses)} numbers for {len(ends) - 1} rods; give one "
                              "of each, or one of all.")

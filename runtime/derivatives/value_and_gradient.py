@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...core.arguments import shown
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.inertia import real_array
 from ...core.solver import as_solver
 from ...core.start import Start
 from ..bindings.array_checks import as_numbers
@@ -55,7 +57,11 @@ class Objective:
         self._basis = TangentSpace(
             binding, binding.own.parameters(first.parameters, first.t0), first.q, first.p,
             stepper.constraint_names).basis()
-        self._input_shape = np.shape(np.zeros((0, 0)) if rows is None else rows)
+        inputs_array = real_array(rows)
+        if "inputs" in wrt and inputs_array is None:
+            raise InputError(f"inputs = {shown(rows)} are no rows of numbers, by which \"inputs\" "
+                             "in wrt asks for derivatives; give a row of each step.")
+        self._input_shape = (0, 0) if inputs_array is None else inputs_array.shape
         self._sizes = dict.fromkeys(wrt, 1) | {
             "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}
 

@@ -44,6 +44,8 @@ _AGREES, _SMALL = 4.0, 0.01
 _CLEAR = 1.05
 #: A path's error below this multiple of its uncertainty is round-off.
 _ROUND_OFF = 4.0
+#: Runs that the reference is extrapolated from have steps of Δt over these.
+_REFINEMENTS = 2, 4, 8
 
 
 @dataclass(frozen=True)
@@ -131,14 +133,16 @@ class Pilots:
         self._runs += 1
         if self._report is not None:
             self._report(self._runs)
-        # rows are at the same times whatever the steps are, so that errors are differences of rows
-        arguments = replace(
-            self.arguments.refined(refinement), every=refinement * self.every,
-            parameters=self.arguments.parameters | self.parameters(x))
         try:
-            return self.stepper._run(self.stepper._checked_run(arguments))
+            return self._integrate(x, refinement)
         except StepFailed:
             return None
+
+    def _integrate(self, x: Array, refinement: int) -> Trajectory:
+        # rows are at the same times whatever the steps are, so that errors are differences of rows
+        return self.stepper._run(self.stepper._checked_run(replace(
+            self.arguments.refined(refinement), every=refinement * self.every,
+            parameters=self.arguments.parameters | self.parameters(x))))
 
     # ------------------------------------------------------------ the reference
 
@@ -156,7 +160,8 @@ class Pilots:
                 in_frame.change < plain.change and self._agrees(plain, in_frame, self.run(base)))):
             reference = in_frame
         if reference is None:
-            self.stepper._run(self.stepper._checked_run(self.arguments.refined(8)))  # raises
+            for refinement in _REFINEMENTS:  # the one that failed fails again
+                self._integrate(base, refinement)
             raise AssertionError("a step that failed has not failed again")
         self._motion, finest = reference.error, reference.finest
         epsilon = self.stepper.binding.epsilon
@@ -178,7 +183,7 @@ class Pilots:
 
         The refinement is its distance from q_4 + (q_4 − q_2)/(2^r − 1). None if a run fails.
         """
-        runs = [self.run(x, refinement) for refinement in (2, 4, 8)]
+        runs = [self.run(x, refinement) for refinement in _REFINEMENTS]
         second, fourth, eighth = (None if run is None else np.asarray(run.q) for run in runs)
         if second is None or fourth is None or eighth is None or runs[-1] is None:
             return None
