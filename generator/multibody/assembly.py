@@ -150,18 +150,20 @@ class Assembly:
                     arms.setdefault(frame, []).append(math.hypot(*r))
                     points.append(self.poses[frame].space(r) - np.asarray(self.poses[link.b].x))
         extent = max(math.hypot(*r) for r in points)
-        slender = {body for beam in self.components.beams for body in beam.segments}
+        # segments of a beam are thin, and the inertia of a robot's file is measured or drawn
+        segments = {body for beam in self.components.beams for body in beam.segments}
         for body, inertia in self.components.inertia.items():
-            if self.components.bodies[body].is_placed or body in slender:
+            if self.components.bodies[body].is_placed or body in segments:
                 continue
             mass = self.components.values[str(body.mass)]
-            radius = math.sqrt(max(moments_of(inertia)) / mass)
-            reach = max(arms[body], default=0.0)
-            if (extent and radius > _LARGE * extent) or (reach and radius < reach / _SMALL):
+            radius_of_gyration = math.sqrt(max(moments_of(inertia)) / mass)
+            longest_arm = max(arms[body], default=0.0)
+            is_small = longest_arm and radius_of_gyration < longest_arm / _SMALL
+            if is_small or (extent and radius_of_gyration > _LARGE * extent):
+                length = longest_arm if is_small else extent
                 warn(f"The inertia of {body.name!r} and its mass, {mass:.6g} kg, have the radius "
-                     f"of gyration {radius:.3g} m, and its joints are within "
-                     f"{reach if reach and radius < reach else extent:.3g} m; check the units, kg "
-                     "and kg m².")
+                     f"of gyration {radius_of_gyration:.3g} m, and its joints are within "
+                     f"{length:.3g} m; check the units, kg and kg m².")
 
     @property
     def _coordinate_symbols(self) -> list[sp.Symbol]:
@@ -180,13 +182,11 @@ class Assembly:
         poses |= {body: start.pose() for body, start in self.components.bodies.items()}
         for point in self.components.moving_points:
             poses[point] = Pose.ground()
-            poses[point].x, poses[point].v = (
-                np.array(columns) for columns in zip(*self.components.start_of_point(point),
-                                                     strict=True))
+            poses[point].x, poses[point].v = np.array(self.components.start_of_point(point)).T
         joints = [link for link in self.links if isinstance(link, Joint)]
         rolling = [link for link in self.links if isinstance(link, Rolling)]
-        propagate_all(poses, "x", [joint.place for joint in joints],
-                      [partial(link.place, self.store) for link in rolling])
+        propagate_all(poses, "x", [joint.propagate_point for joint in joints],
+                      [partial(link.set_position, self.store) for link in rolling])
         for joint in joints:
             if joint.on_a is None or joint.on_b is None:
                 raise InputError(f"Joint {joint.name!r} has no position; give at= in "
@@ -219,9 +219,9 @@ class Assembly:
                 poses = self._poses_at(q)
         joints = [link for link in self.links if isinstance(link, Joint)]
         rolling = [link for link in self.links if isinstance(link, Rolling)]
-        propagate_all(poses, "spin", [link.turn for link in self.links])
-        propagate_all(poses, "v", [joint.move for joint in joints],
-                      [partial(link.move, self.store) for link in rolling])
+        propagate_all(poses, "spin", [link.propagate_spin for link in self.links])
+        propagate_all(poses, "v", [joint.propagate_velocity for joint in joints],
+                      [partial(link.set_velocity, self.store) for link in rolling])
         for link in rolling:
             link.refuse_off_ground(self.store, poses)
         for coordinate in self._coordinates:
@@ -236,22 +236,23 @@ class Assembly:
         order = {body: index for index, body in enumerate(self.components.bodies)}
         # |q|² − 1 = 0 first, then the joints of each body with bodies before it: G M⁻¹ Gᵀ of a
         # chain is block-tridiagonal
-        rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)] if body.q else []
-                for body in self.components.bodies}
+        equations_of = {
+            body: [Equation(f"{body.name}: unit quaternion", body.unit)] if body.q else []
+            for body in self.components.bodies}
         for link in self.links:
             bodies = [frame for frame in link.frames if isinstance(frame, Body)]
-            rows[max(bodies, key=order.__getitem__)] += self._of_link[link]
-        equations = [equation for body in self.components.bodies for equation in rows[body]]
-        on_velocities = [equation for link in self.links if isinstance(link, Rolling)
-                         for equation in link.velocity_equations(self.store)]
-        unknown = without - {equation.name for equation in (*equations, *on_velocities)}
+            equations_of[max(bodies, key=order.__getitem__)] += self._of_link[link]
+        equations = [e for body in self.components.bodies for e in equations_of[body]]
+        velocity_equations = [e for link in self.links if isinstance(link, Rolling)
+                              for e in link.velocity_equations(self.store)]
+        names = [e.name for e in (*equations, *velocity_equations)]
+        unknown = without - {*names}
         if unknown:
             raise InputError(
                 f"There is no constraint {min(unknown)!r} to leave out; the constraints are "
-                f"{', '.join(repr(equation.name) for equation in (*equations, *on_velocities))}."
-            )
-        return ([equation for equation in equations if equation.name not in without],
-                [equation for equation in on_velocities if equation.name not in without])
+                f"{', '.join(map(repr, names))}.")
+        return ([e for e in equations if e.name not in without],
+                [e for e in velocity_equations if e.name not in without])
 
     def _hamiltonian(self) -> sp.Expr:
         """Return H = Σ (T − m g·x) of bodies, V of connections, and potentials."""
@@ -343,8 +344,9 @@ class Assembly:
             if isinstance(link, RheonomicConstraint):
                 counted |= {link.name, link.joints[0].name}
             elif isinstance(link, Coupling | Law):
-                counted |= {joint.name for joint, kind in zip(link.joints, link.what, strict=True)
-                            if kind == "angle" and not isinstance(joint, Arm)}
+                counted |= {
+                    joint.name for joint, quantity in zip(link.joints, link.quantities, strict=True)
+                    if quantity == "angle" and not isinstance(joint, Arm)}
         return counted
 
     def _refuse_unused(self, parameters: Sequence[sp.Symbol], used: Collection[sp.Symbol]) -> None:
@@ -370,16 +372,16 @@ class Assembly:
         """
         def layout(link: Connection, *, is_counted: bool) -> JointLayout:
             return joint_at(link, self.poses, [e for e in self._of_link[link] if e in equations],
-                            parameters, values, counted=is_counted)
+                            parameters, values, is_counted=is_counted)
 
-        joint_layouts = (layout(link, is_counted=link.name in counted) for link in self.links
-                         if not isinstance(link, Slide) and not any(
-                   isinstance(frame, MovingPoint | Particle) for frame in link.frames))
+        layouts = [layout(link, is_counted=link.name in counted) for link in self.links
+                   if not isinstance(link, Slide) and not any(
+                       isinstance(frame, MovingPoint | Particle) for frame in link.frames)]
         # an alias shares its joint's point and reaction, but has no angle of its own
-        aliases = (replace(layout(self.connections[joint], is_counted=False), name=name, axis_a=(),
-                           axis_b=())
-                   for name, joint in self.components.aliases.items())
-        return (*joint_layouts, *aliases)
+        layouts += [replace(layout(self.connections[joint], is_counted=False), name=name,
+                            axis_a=(), axis_b=())
+                    for name, joint in self.components.aliases.items()]
+        return tuple(layouts)
 
     def closed_state(self, numbers: NumericSystem) -> Projection:
         """Return the state with latches closed: p is projected, a plastic impact.
@@ -456,20 +458,20 @@ class Assembly:
         """
         poses, offset = dict(self.poses if of is None else of), 0
         for body in self.components.bodies:
-            old, described = poses[body], self.poses[body]
+            pose, described = poses[body], self.poses[body]
             offset, attitude = offset + len(body.q), q[offset : offset + len(body.q)]
             offset, x = offset + len(body.x), q[offset : offset + len(body.x)]
             if not body.q:
-                poses[body] = replace(old, x=x)
+                poses[body] = replace(pose, x=x)
                 continue
-            # the motion that leads from the described pose to this one
+            # the motion from the described pose to this one: r ↦ R(t) (r − x°) + x, t = q q̄°
             turn = RigidMotion(np.array(product(attitude, conjugate(described.q))), np.zeros(3))
             assert described.x is not None
             position = x if body.x else described.x
             motion = RigidMotion(turn.q, position - turn.direction(described.x))
             R = rotation(attitude)
-            spin = None if old.spin is None else R @ (old.R.T @ old.spin)
-            poses[body] = Pose(attitude, R, position, old.v, spin, motion)
+            spin = None if pose.spin is None else R @ (pose.R.T @ pose.spin)
+            poses[body] = Pose(attitude, R, position, pose.v, spin, motion)
         return poses
 
     def _body_values(self) -> dict[str, float]:
@@ -499,23 +501,29 @@ def body_at(body: Body, parameters: set[sp.Symbol], values: Mapping[str, float])
 
 def joint_at(
     link: Connection, poses: Poses, equations: Iterable[Equation], parameters: set[sp.Symbol],
-    values: Mapping[str, float], *, counted: bool,
+    values: Mapping[str, float], *, is_counted: bool,
 ) -> JointLayout:
-    """Return the layout of a joint; ``equations`` are those of its constraints that remain.
+    """Return the layout of a joint: its points, axes and constraint forces.
 
-    ``counted``: the system depends on its angle, so that full turns count.
+    ``equations`` are its constraints that the system has. ``parameters`` are the system's,
+    ``values`` have also the parameters that no expression contains: these become numbers.
+    ``is_counted``: the system depends on its angle, so that full turns count.
     """
-    store: Store = {}  # of values that are known
-    (on_a, on_b), (axis_a, axis_b) = link.places(store), link.axes(poses, store)
-    zero = hinge_of(link).zero(poses, store) if counted else ()
-    constraint_forces = [
+    def entries(expressions: Sequence[Any]) -> Entries:
+        return _entries(expressions, parameters, values)
+
+    store: Store = {}
+    (on_a, on_b), (axis_a, axis_b) = link.local_points(store), link.axes(poses, store)
+    zero = hinge_of(link).zero(poses, store) if is_counted else ()
+    constraint_forces = tuple(
         (equation.name, _force_entries(equation.constraint_force, parameters, values))
-        for equation in equations]
-    return JointLayout(link.name, _name(link.a), _name(link.b), _entries(on_a, parameters, values),
-                   _entries(on_b, parameters, values), _entries(axis_a, parameters, values),
-                   _entries(axis_b, parameters, values),
-                   _entries(zero, parameters, {**values, **store} if zero else values),
-                   tuple(constraint_forces), _section(link, parameters, values))
+        for equation in equations)
+    return JointLayout(
+        link.name, _name(link.a), _name(link.b), entries(on_a), entries(on_b), entries(axis_a),
+        entries(axis_b),
+        # where no expression has the angle, its zero may have no values but those in ``store``
+        _entries(zero, parameters, {**values, **store} if zero else values),
+        constraint_forces, _section(link, parameters, values))
 
 
 def _section(
@@ -560,7 +568,7 @@ def _entries(
 
 
 def _entry(e: Any, parameters: set[sp.Symbol], values: Mapping[str, float]) -> Entry:
-    """Return a parameter of the system, or the value of another one."""
+    """Return a parameter of the system, or the number of another symbol or expression."""
     if not isinstance(e, sp.Symbol):
         return float(e)
     return e if e in parameters else float(values[str(e)])

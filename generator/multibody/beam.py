@@ -145,10 +145,10 @@ class Beam:
     def stiffness(self, store: Store) -> Vector:
         """Return EI₁, EI₂ and GJ; their values go into ``store``."""
         names = ("bending",) * 2 if len({*self.bending}) == 1 else ("bending1", "bending2")
-        first, second, third = (
+        EI1, EI2, GJ = (
             named_number(f"{self.name}_{name}", value, store, ()) for name, value in
             zip((*names, "twisting"), (*self.bending, self.twisting), strict=True))
-        return first, second, third
+        return EI1, EI2, GJ
 
 
 @dataclass(eq=False, repr=False)
@@ -175,28 +175,31 @@ class BeamJoint(Joint):
         return (self.b, self.a) if holder_is_last else (self.a, self.b)
 
     def turns(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
-        """Return the attitudes of the section in the axes of both sides."""
-        turn = [named_number(f"{self.name}_turn{k}", x, store, UNIT)
-                for k, x in enumerate(self.relative)]
+        """Return the attitudes of the section in the axes of both sides: of a clamp, one is given.
+        """
+        relative = [named_number(f"{self.name}_turn{k}", x, store, UNIT)
+                    for k, x in enumerate(self.relative)]
         identity = [sp.Integer(1), *[sp.Integer(0)] * 3]
-        return (identity, turn) if self.arc else (turn, identity)
+        # the holder is before the first segment, and after the last one
+        return (identity, relative) if self.arc else (relative, identity)
 
-    def turn(self, poses: Poses) -> bool:
+    def propagate_spin(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a."""
         return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
 
-    def places(self, store: Store) -> tuple[Vector, Vector]:
+    def local_points(self, store: Store) -> tuple[Vector, Vector]:
         """Return both points; segments of one length share their parameters."""
         if self.factor == 4:
-            return super().places(store)
-        places = []
+            return super().local_points(store)
+        points = []
         for frame, r, end in ((self.a, self.on_a, "front"), (self.b, self.on_b, "back")):
             assert isinstance(frame, Body)
             assert r is not None
-            is_shared = abs(2 * abs(r[2]) - self.beam.spacing) <= _ROUNDING * self.beam.spacing
-            name = self.beam.name if is_shared else frame.name
-            places.append(named_vector(f"{name}_{end}", r.tolist(), store))
-        return places[0], places[1]
+            # chords of a polygon may be shorter than the arc h: these have points of their own
+            is_full = abs(2 * abs(r[2]) - self.beam.spacing) <= _ROUNDING * self.beam.spacing
+            name = self.beam.name if is_full else frame.name
+            points.append(named_vector(f"{name}_{end}", r.tolist(), store))
+        return points[0], points[1]
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints of a ball; none of a joint that stretches."""
@@ -204,9 +207,10 @@ class BeamJoint(Joint):
             yield from super().equations(poses, store)
 
     def strain(self, store: Store) -> tuple[sp.Expr, Vector]:
-        """Return w and u of the sections on both sides."""
-        (p, q), (before, after) = self.sides, self.turns(store)
-        w, *u = product(conjugate(product(p.attitude, before)), product(q.attitude, after))
+        """Return w and u of w + u = q̄_1 q_2, with the attitudes of the sections on both sides."""
+        q1, q2 = (product(frame.attitude, turn)
+                  for frame, turn in zip(self.sides, self.turns(store), strict=True))
+        w, *u = product(conjugate(q1), q2)
         return w, (u[0], u[1], u[2])
 
     def stiffness_by_strain(self, store: Store) -> tuple[sp.Expr, Vector]:
@@ -215,7 +219,7 @@ class BeamJoint(Joint):
         return self.factor / h, self.beam.stiffness(store)
 
     def energy(self, store: Store) -> sp.Expr:
-        """Return V; values of its parameters go into ``store``."""
+        """Return Σ (f/h) B_k (u_k − u°_k)², and V of the stretching; values go into ``store``."""
         _, u = self.strain(store)
         rest_strain = named_vector(f"{self.name}_rest", self.rest.tolist(), store)
         ratio, B = self.stiffness_by_strain(store)
@@ -238,13 +242,18 @@ class BeamJoint(Joint):
             named_number(f"{self.beam.name}_damping", self.beam.damping, store))
 
     def _stretched(self, store: Store) -> Vector:
-        """Return GA, EA and the length that the joint stands for."""
-        # equal stiffnesses are one parameter, which C[0] and C[-1] both are
-        names = ("shearing", "stretching")[: len({*self.beam.extension})]
-        C = [named_number(f"{self.beam.name}_{name}", x, store, ())
-             for name, x in zip(names, self.beam.extension, strict=False)]
-        end = "gap" if self.gap == self.beam.spacing else "end_gap"
-        return C[0], C[-1], named_number(f"{self.beam.name}_{end}", self.gap, store)
+        """Return GA, EA and the length that the joint stands for.
+
+        The length is h, and h/2 more of the first and of the last joint: the halves of the outer
+        segments next to the ends have no joint.
+        """
+        shearing, stretching = self.beam.extension
+        GA = EA = named_number(f"{self.beam.name}_shearing", shearing, store, ())
+        # equal stiffnesses are one parameter: V is then ½ C |d|², without tangents
+        if stretching != shearing:
+            EA = named_number(f"{self.beam.name}_stretching", stretching, store, ())
+        suffix = "gap" if self.gap == self.beam.spacing else "end_gap"
+        return GA, EA, named_number(f"{self.beam.name}_{suffix}", self.gap, store)
 
     def _extension(self, store: Store) -> tuple[sp.Expr, sp.Expr, Vector, list[Vector]]:
         """Return GA/h, EA/h, P_b − P_a in space, and the tangents of a and b."""
@@ -271,10 +280,12 @@ class BeamJoint(Joint):
                  zip(self.sides, self.turns(store), strict=True)]
         spins = [list(R.T * sp.Matrix(frame.angular_velocity)) for frame, R in sides]
         # u̇ = ½ (w (Ω_b − Ω_a) + u × (Ω_a + Ω_b)), angular velocities in the section's axes
-        difference_, total = ([y - s * x for x, y in zip(*spins, strict=True)] for s in (1, -1))
-        rate = [(w * x + y) / 2 for x, y in zip(difference_, cross(u, total), strict=True)]
+        relative_spin, spin_sum = (
+            [y - sign * x for x, y in zip(*spins, strict=True)] for sign in (1, -1))
+        strain_rate = [(w * x + y) / 2
+                       for x, y in zip(relative_spin, cross(u, spin_sum), strict=True)]
         ratio, B = self.stiffness_by_strain(store)
-        s = [2 * tau * ratio * b * x for b, x in zip(B, rate, strict=True)]
+        s = [2 * tau * ratio * b * x for b, x in zip(B, strain_rate, strict=True)]
         # the power −s·u̇ gives the torques ½ (±w s − s × u) on both sides
         for (frame, R), sign in zip(sides, (1, -1), strict=True):
             torque = [(sign * w * x - y) / 2 for x, y in zip(s, cross(s, u), strict=True)]
@@ -283,23 +294,31 @@ class BeamJoint(Joint):
             yield from self._stretching_damping(tau, store)
 
     def _stretching_damping(self, tau: sp.Expr, store: Store) -> Iterator[GeneralisedForce]:
-        """Yield −τ C Γ̇ of both frames: forces on the points, and torques that keep momenta."""
+        """Yield −τ C Γ̇ of both frames: forces on the points, and torques that keep momenta.
+
+        In a frame that turns at ω, d changes at the rate ḋ − ω × d. With its tangent t
+
+            s = ½ τ (C_⊥ (ḋ − ω × d) + (C_∥ − C_⊥) t·(ḋ − ω × d) t),
+
+        the power −s·(ḋ − ω × d) gives the force s on the point of a, −s on that of b, and the
+        torque d × s on the frame itself.
+        """
         across, along, d, tangents = self._extension(store)
-        places = self.places(store)
-        speed = difference(self.b.point_velocity(places[1]), self.a.point_velocity(places[0]))
-        total = [sp.Integer(0)] * 3
+        points = self.local_points(store)
+        d_rate = difference(self.b.point_velocity(points[1]), self.a.point_velocity(points[0]))
+        force = [sp.Integer(0)] * 3
         for frame, t in zip((self.a, self.b), tangents, strict=True):
             spin = frame.direction(frame.angular_velocity)
-            rate = difference(speed, cross(spin, d))
-            stretch = dot(rate, t)
-            s = [tau * (across * x + (along - across) * stretch * e) / 2
+            rate = difference(d_rate, cross(spin, d))
+            stretch_rate = dot(rate, t)
+            s = [tau * (across * x + (along - across) * stretch_rate * e) / 2
                  for x, e in zip(rate, t, strict=True)]
             torque = cross(d, s)
             assert isinstance(frame, Body)
             yield from frame.torque_on(list(frame.rotation.T * sp.Matrix(torque)))
-            total = [x + y for x, y in zip(total, s, strict=True)]
-        for frame, r, sign in zip((self.a, self.b), places, (1, -1), strict=True):
-            x, y, z = (sign * e for e in total)
+            force = [x + y for x, y in zip(force, s, strict=True)]
+        for frame, r, sign in zip((self.a, self.b), points, (1, -1), strict=True):
+            x, y, z = (sign * e for e in force)
             yield from frame.force_at(r, (x, y, z))
 
 
@@ -359,21 +378,21 @@ def frames_along(
         if math.hypot(x, y) <= 1e-9 * math.hypot(x, y, z):
             raise InputError(f"The normal of beam {name!r} is {shown(normal)}, which has no part "
                              "across its tangent; give a direction across the beam.")
-        q = _twisted(q, math.atan2(y, x))
+        q = _twist(q, math.atan2(y, x))
     frames = [q]
     for k, (a, b) in enumerate(pairwise(t)):
-        # the quaternion of the shortest rotation from a to b, not normalised
-        half = np.array([1 + a @ b, *np.cross(a, b)])
+        # the quaternion of the shortest rotation from a to b, not normalised; 0 for opposite ones
+        shortest = np.array([1 + a @ b, *np.cross(a, b)])
         angle = twist * (arc[k + 1] - arc[k])
-        if half[0] < 1e-6 or abs(angle) > math.pi / 2:
+        if shortest[0] < 1e-6 or abs(angle) > math.pi / 2:
             raise InputError(f"Beam {name!r} turns back, or twists by more than 90°, at segment "
                              f"{max(k, 1)}; give more segments, or a smoother curve.")
-        q = _twisted(np.array(product(half, frames[-1])), angle)
+        q = _twist(np.array(product(shortest, frames[-1])), angle)
         frames.append(q / np.linalg.norm(q))
     return frames
 
 
-def _twisted(q: Array, angle: float) -> Array:
+def _twist(q: Array, angle: float) -> Array:
     """Return the attitude after a rotation about its third axis."""
     return np.array(product(q, [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]))
 
@@ -413,10 +432,10 @@ def section_of(
     if number is None or not 2 <= number <= _MOST_SEGMENTS:
         raise InputError(f"The count of beam {name!r} is {shown(count)}; give a whole number of "
                          f"segments, 2 to {_MOST_SEGMENTS}.")
-    pair = real_array(bending)
-    both = finite(f"bending of {name!r}", bending, () if pair is None or pair.ndim == 0 else (2,))
-    first, second = np.broadcast_to(both, 2).tolist()
-    EI = positive(f"bending of {name!r}", first), positive(f"bending of {name!r}", second)
+    array = real_array(bending)
+    shape = () if array is None or array.ndim == 0 else (2,)
+    EI1, EI2 = np.broadcast_to(finite(f"bending of {name!r}", bending, shape), 2).tolist()
+    EI = positive(f"bending of {name!r}", EI1), positive(f"bending of {name!r}", EI2)
     stiffnesses = {"shearing": shearing, "stretching": stretching}
     missing = [key for key, value in stiffnesses.items() if value is None]
     if len(missing) == 1:

@@ -25,7 +25,7 @@ import numpy as np
 import sympy as sp
 
 from ...core.arrays import Array
-from .body import Body, Frame, GeneralisedForce, Particle, Vector, dot
+from .body import Body, Frame, GeneralisedForce, Particle, Vector, cross, dot
 from .initial_poses import Pose, RigidMotion, conjugate, direction, product
 from .joints import (
     FRACTION,
@@ -102,7 +102,7 @@ class Coordinate(Connection):
         assert isinstance(body, FlywheelBody)
         return body.x[0] if quantity == self.kind else body.rate
 
-    def turned(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
+    def multiple_angle(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
         """Return cos kθ and sin kθ of its turn θ since the start."""
         begin = named_number(f"{self.name}_start", self.value, store)
         angle = count * (self.measure(self.kind, poses, store) - begin)
@@ -143,15 +143,19 @@ class Flywheel(Coordinate):
     ratio: float = field(kw_only=True)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraint; values of its parameters go into ``store``."""
+        """Yield φ/n − s = 0 of a joint that slides, else sin(θ − (φ/n − θ₀)) = 0.
+
+        θ is the turn of the joint since its described pose, θ₀ its angle there. Values of
+        parameters go into ``store``.
+        """
         (joint,), coordinate = self.joints, self.measure(self.kind, poses, store)
-        of_joint = coordinate / named_number(f"{self.name}_ratio", self.ratio, store, UNIT)
+        joint_value = coordinate / named_number(f"{self.name}_ratio", self.ratio, store, UNIT)
         if self.kind == "travel":
-            yield Equation(f"{self.name}: ratio", of_joint - joint.measure("travel", poses, store))
+            yield Equation(f"{self.name}: ratio",
+                           joint_value - joint.measure("travel", poses, store))
             return
         hinge = hinge_of(joint)
-        turn = of_joint - named_number(f"{self.name}_begin", hinge.angle, store)
-        # sin(θ − turn) = 0, with the turn θ of the joint since its described pose
+        turn = joint_value - named_number(f"{self.name}_begin", hinge.angle, store)
         cosine, sine = cosine_and_sine(hinge, poses, store)
         yield Equation(f"{self.name}: ratio", sine * sp.cos(turn) - cosine * sp.sin(turn))
 
@@ -159,8 +163,8 @@ class Flywheel(Coordinate):
     def displacement(self) -> float:
         """The difference of the coordinate: ``ratio`` times that of its joint."""
         (joint,) = self.joints
-        along = joint.moved if isinstance(joint, Cylindrical) else 0.0
-        return self.ratio * (joint.displacement if self.kind == "angle" else along)
+        travel = joint.travel_to_start if isinstance(joint, Cylindrical) else 0.0
+        return self.ratio * (joint.displacement if self.kind == "angle" else travel)
 
     def begin(self, poses: Poses) -> None:
         """Set the value of the coordinate in the described pose, by its joint."""
@@ -216,7 +220,7 @@ class BallFlywheel(Connection):
 
 
 def _slip(joint: Joint, a: Pose, b: Pose) -> Array:
-    """Return the velocity of the point of b against a at the start."""
+    """Return v_b + ω_b × R_b r_b − v_a − ω_a × (x_P − x_a): how P, the point of b, moves on a."""
     arm_b, point = b.R @ joint.on_b, b.space(np.asarray(joint.on_b))
     assert a.x is not None
     slip: Array = b.v + np.cross(b.spin, arm_b) - a.v - np.cross(a.spin, point - a.x)  # type: ignore[arg-type,operator]
@@ -334,11 +338,11 @@ class Link:
     axis: Array
     at: Array
 
-    def motion(self, by: float) -> RigidMotion:
+    def motion(self, change: float) -> RigidMotion:
         """Return the motion of the bodies beyond the joint for a change of the coordinate."""
         if self.coordinate.kind == "travel":
-            return RigidMotion.along(by * self.axis)
-        return RigidMotion.about(self.axis, by, self.at)
+            return RigidMotion.along(change * self.axis)
+        return RigidMotion.about(self.axis, change, self.at)
 
 
 @dataclass(eq=False, repr=False)
@@ -362,14 +366,15 @@ class Chain(Joint):
 
     def _links_at(self, poses: Poses) -> Iterator[tuple[Coordinate, Array, Array]]:
         """Yield each joint with its axis and a point of it in space at the start."""
-        moved = poses[self.a].moved
+        # axes and points are those of the description: the joints before each one move them
+        motion = poses[self.a].motion
         for link in self.links:
-            yield link.coordinate, moved.direction(link.axis), moved.point(link.at)
+            yield link.coordinate, motion.direction(link.axis), motion.point(link.at)
             x = poses[link.coordinate.b].x
             assert x is not None
-            moved = moved @ link.motion(float(x[0]) - link.coordinate.value)
+            motion = motion @ link.motion(float(x[0]) - link.coordinate.value)
 
-    def turn(self, poses: Poses) -> bool:
+    def propagate_spin(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + Σ rate · axis."""
         relative: Array = sum(((coordinate.speed or 0.0) * axis
                                for coordinate, axis, _ in self._links_at(poses)
@@ -377,7 +382,10 @@ class Chain(Joint):
         return propagate("spin", poses[self.a], poses[self.b], relative)
 
     def relative_velocity(self, poses: Poses) -> Array:
-        """Return the velocity of the point of b relative to that of a at the start."""
+        """Return the velocity of the point P of b relative to that of a at the start.
+
+        Σ ṡ e of the slides, and Σ φ̇ e × (x_P − c) of the hinges with the axes e through c.
+        """
         velocity, point = np.zeros(3), poses[self.b].space(np.asarray(self.on_b))
         for coordinate, axis, pivot in self._links_at(poses):
             velocity += (coordinate.speed or 0.0) * (
@@ -387,59 +395,59 @@ class Chain(Joint):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints: attitude and point of b follow from a by the chain of joints.
 
-        From the last joint to the first, ``turned`` is the quaternion of b in a, and ``point`` its
-        point in axes of a: a joint rotates both by cos(φ/2), sin(φ/2) e about its axis e, or moves
-        the point by s e. Values of parameters go into ``store``.
+        From the last joint to the first, ``attitude`` is the quaternion of b in a, and ``point``
+        its point in axes of a: a joint rotates both by cos(φ/2), sin(φ/2) e about its axis e, or
+        moves the point by s e. Values of parameters go into ``store``.
         """
         a, b = poses[self.a], poses[self.b]
         assert a.x is not None
-        on_a, on_b = self.places(store)
+        on_a, on_b = self.local_points(store)
         point: list[sp.Expr] = list(on_a)
-        turned: Sequence[sp.Expr] = tuple(
+        attitude: Sequence[sp.Expr] = tuple(
             named_number(f"{self.name}_before{k}", x, store, UNIT) for k, x in enumerate(
                 direction(np.array(product(conjugate(a.q), b.q))).tolist()))
         for k, link in reversed([*enumerate(self.links, start=1)]):
             coordinate = link.coordinate
-            since = coordinate.measure(coordinate.kind, poses, store) - named_number(
+            displacement = coordinate.measure(coordinate.kind, poses, store) - named_number(
                 f"{coordinate.name}_begin", coordinate.value, store)
             e = unit_vector(f"{self.name}_axis{k}", direction(a.R.T @ link.axis), store)
             if coordinate.kind == "travel":
-                point = [x + since * y for x, y in zip(point, e, strict=True)]
+                point = [x + displacement * y for x, y in zip(point, e, strict=True)]
                 continue
-            half = (sp.cos(since / 2), *(sp.sin(since / 2) * x for x in e))
-            turned = product(half, turned)
-            apart = np.abs(link.at - np.asarray(self.at)).max()
-            if apart <= 1e-15 and point == list(on_a):
-                continue  # it turns about the point that is followed
+            half = displacement / 2
+            attitude = product((sp.cos(half), *(sp.sin(half) * x for x in e)), attitude)
+            # a hinge through the point of b, which no later joint moved, leaves it where it is
+            if np.abs(link.at - np.asarray(self.at)).max() <= 1e-15 and point == list(on_a):
+                continue
             c = named_vector(f"{self.name}_point{k}", (a.R.T @ (link.at - a.x)).tolist(), store)
-            point = [x + y for x, y in zip(
-                c, _turned(e, since, difference((point[0], point[1], point[2]), c)), strict=True)]
-        _, *residual = product(conjugate(self.b.attitude), product(self.a.attitude, turned))
+            arm = difference((point[0], point[1], point[2]), c)
+            point = [x + y for x, y in zip(c, _rotate(e, displacement, arm), strict=True)]
+        # q̄_b q_a × the attitude is ±1 on the constraint: its vector part vanishes
+        _, *residual = product(conjugate(self.b.attitude), product(self.a.attitude, attitude))
         for axis, e in zip("xyz", residual, strict=True):
             yield Equation(f"{self.name}: turn {axis}", e)
         for axis, x, y in zip("xyz", self.a.point(point), self.b.point(on_b), strict=True):
             yield Equation(f"{self.name}: {axis}", x - y)
 
 
-def _turned(e: Vector, angle: sp.Expr, v: Vector) -> list[sp.Expr]:
-    """Return v turned about the unit vector e, by Rodrigues' formula."""
-    along = sum((x * y for x, y in zip(e, v, strict=True)), sp.Integer(0))
-    across = (e[1] * v[2] - e[2] * v[1], e[2] * v[0] - e[0] * v[2], e[0] * v[1] - e[1] * v[0])
+def _rotate(e: Vector, angle: sp.Expr, v: Vector) -> list[sp.Expr]:
+    """Return cos φ v + sin φ e × v + (1 − cos φ)(e·v) e, v rotated by φ about e (Rodrigues)."""
+    along = dot(e, v)
     cosine, sine = sp.cos(angle), sp.sin(angle)
     return [cosine * x + sine * y + (1 - cosine) * along * z
-            for x, y, z in zip(v, across, e, strict=True)]
+            for x, y, z in zip(v, cross(e, v), e, strict=True)]
 
 
 @dataclass(eq=False, repr=False)
 class Law(Connection):
     """An expression of coordinates of joints that is 0."""
 
-    what: tuple[str, ...] = field(kw_only=True)
+    quantities: tuple[str, ...] = field(kw_only=True)
     coordinates: tuple[sp.Symbol, ...] = field(kw_only=True)
     expression: sp.Expr = field(kw_only=True)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
         measures = {x: joint.measure(quantity, poses, store) for x, joint, quantity in zip(
-            self.coordinates, self.joints, self.what, strict=True)}
+            self.coordinates, self.joints, self.quantities, strict=True)}
         yield Equation(f"{self.name}: law", self.expression.xreplace(measures))

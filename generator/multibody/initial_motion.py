@@ -90,7 +90,7 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
         if joint.b in start:
             motion, origin, body = motion.inverse(), joint.b, joint.a
         assert isinstance(body, Body)
-        start[body] = poses[body].after(start[origin].moved @ motion, is_held=not body.x)
+        start[body] = poses[body].after(start[origin].motion @ motion, is_held=not body.x)
     for link in links:
         if isinstance(link, Coordinate):
             x = poses[link.b].x
@@ -126,7 +126,7 @@ def close_loops(
     q = described
     for stage in range(_PARTS + 1):
         sines.set_value(FRACTION, stage / _PARTS)
-        q = _closest(constraints, sines, q)
+        q = _minimise_on_constraints(constraints, sines, q)
     g = np.abs(constraints.g(q))
     if not g.max(initial=0.0) <= size:
         worst = constraints.constraint_names[int(np.argmax(g))]
@@ -183,18 +183,18 @@ def warn_of_moved_joints(
 ) -> None:
     """Warn of angles and travels of a robot's file, other than 0, that q does not have."""
     store = dict(values)
-    targets = [e for link in links for e in _as_given(link).start_values(poses, store)]
+    targets = [e for link in links for e in _with_targets(link).start_values(poses, store)]
     if not targets:
         return
     offsets = _offsets(targets, *_numbers_of(symbols, store, targets), q)
-    moved = [(e, d) for e, d in zip(targets, offsets, strict=True)
-             if abs(d) > ROUNDING * max(float(np.abs(q).max()), 1.0)]
-    if moved:
-        warn(f"The loops move the start: {_listed(*zip(*moved, strict=True))}.")
+    missed_targets = [(target, offset) for target, offset in zip(targets, offsets, strict=True)
+                      if abs(offset) > ROUNDING * max(float(np.abs(q).max()), 1.0)]
+    if missed_targets:
+        warn(f"The loops move the start: {_listed(*zip(*missed_targets, strict=True))}.")
 
 
-def _as_given(link: Connection) -> Connection:
-    """Return a joint whose angle and travel in the description, other than 0, are given."""
+def _with_targets(link: Connection) -> Connection:
+    """Return a joint with its angle and travel in the description, but for 0, as start values."""
     if isinstance(link, Cylindrical):
         link = replace(link, start_travel=link.travel or None)
     if isinstance(link, HingedJoint):
@@ -204,7 +204,9 @@ def _as_given(link: Connection) -> Connection:
     return link
 
 
-def _closest(constraints: NumericConstraints, sines: NumericConstraints, q: Array) -> Array:
+def _minimise_on_constraints(
+    constraints: NumericConstraints, sines: NumericConstraints, q: Array
+) -> Array:
     """Return the q with g(q) = 0 and the least |r(q)|, by Gauss-Newton steps; r are the sines.
 
     Each step δ has G δ = −g and, of these, the least |r_q δ + r|.
@@ -215,13 +217,18 @@ def _closest(constraints: NumericConstraints, sines: NumericConstraints, q: Arra
         largest = float(np.abs(step).max())
         # a longer step could leave the assembly mode of q
         q = q + min(1.0, _LONGEST / (largest or 1.0)) * step
+        # round-off of the least squares: no step is smaller for long
         if largest <= 16 * EPS * float(np.abs(q).max()):
             break
     return q
 
 
 def nearest_step(G: Array, g: Array, R: Array, r: Array) -> Array:
-    """Return the x with the least |R x + r| of those with G x = −g; of several, the shortest."""
+    """Return the x with the least |R x + r| of those with G x = −g; of several, the shortest.
+
+    G is (m, n), R (k, n). Dependent rows of G are allowed, so that the null space is that of the
+    singular value decomposition.
+    """
     if not len(G):
         return -np.asarray(np.linalg.lstsq(R, r, rcond=_RANK)[0])
     # the rows of V beyond the rank of G span its null space
@@ -240,27 +247,34 @@ def warn_of_moved_bodies(
     bodies: Mapping[Body, InitialState], before: Mapping[Frame, Pose], after: Mapping[Frame, Pose]
 ) -> None:
     """Warn of given positions and attitudes that a projection moved by more than round-off."""
-    moved: list[tuple[float, str]] = []
+    corrections: list[tuple[float, str]] = []  # relative change, text
     for body, initial in bodies.items():
-        for quantity, is_given, sizes in (
+        for quantity, is_given, attribute in (
                 ("position", initial.x is not None and len(body.x) == 3, "x"),
                 ("attitude", initial.is_turned, "q")):
             if initial.is_placed or not is_given:
                 continue
-            old, new = getattr(before[body], sizes), getattr(after[body], sizes)
+            old, new = getattr(before[body], attribute), getattr(after[body], attribute)
             change, size = np.abs(new - old).max(), max(np.abs(old).max(), np.abs(new).max())
             if change > ROUNDING * size:
-                moved.append((float(change / size), f"The {quantity} of {body.name!r} is given as "
-                              f"{_text(old)}, and the constraints move it to {_text(new)}"))
-    if moved:
-        suffix = f", and {len(moved) - 1} more like it" if len(moved) > 1 else ""
-        warn(f"{max(moved)[1]}{suffix}. Correct these numbers, or give these with more digits.")
+                corrections.append((
+                    float(change / size), f"The {quantity} of {body.name!r} is given as "
+                    f"{_text(old)}, and the constraints move it to {_text(new)}"))
+    if corrections:
+        warn(f"{_largest(corrections)}. Correct these numbers, or give these with more digits.")
 
 
-def _text(values: Array) -> str:
-    """Return numbers as text, those at round-off of the largest as 0."""
-    values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
-    return "[" + ", ".join(f"{x:.9g}" for x in values.tolist()) + "]"
+def _largest(corrections: Sequence[tuple[float, str]]) -> str:
+    """Return the text of the largest of corrections (change, text), and how many others there are.
+    """
+    suffix = f", and {len(corrections) - 1} more like it" if len(corrections) > 1 else ""
+    return f"{max(corrections)[1]}{suffix}"
+
+
+def _text(vector: Array) -> str:
+    """Return a vector as text, components at round-off of the largest as 0."""
+    vector = np.where(np.abs(vector) > ROUNDING * np.abs(vector).max(), vector, 0.0)
+    return "[" + ", ".join(f"{x:.9g}" for x in vector.tolist()) + "]"
 
 
 @dataclass(frozen=True)
@@ -301,7 +315,7 @@ class Velocities:
         self.slots: dict[tuple[Body, str], slice] = {}
         # p = B u, and S = Lᵀ of M = L Lᵀ, so that |S u|² = uᵀ M u is twice the kinetic energy;
         # a quaternion has four momenta for three rates, so that B has a column for each unit spin
-        self._blocks: list[tuple[slice, slice, Array, Array]] = []
+        self._blocks: list[tuple[slice, slice, Array, Array]] = []  # rows of p, of u, B, S
         u, count, row_count = [], 0, 0
         for body in bodies:
             pose = poses[body]
@@ -363,8 +377,8 @@ class Velocities:
         """
         name, value, coefficients = rate
         row = np.zeros((1, len(self.u)))
-        for frame, parts in coefficients.items():
-            for quantity, gradient in zip(("v", "spin"), parts, strict=True):
+        for frame, gradients in coefficients.items():
+            for quantity, gradient in zip(("v", "spin"), gradients, strict=True):
                 columns = self.slots.get((frame, quantity)) if isinstance(frame, Body) else None
                 prescribed = getattr(self.poses[frame], quantity)
                 if columns is not None:
@@ -431,39 +445,41 @@ class Velocities:
         u = self._velocities(p)
         size = ROUNDING * max(np.abs(self.u).max(), np.abs(u).max())
         u = np.where(np.abs(u) > size, u, 0.0)
-        moved = []
+        corrections = []
         for (body, quantity), columns in self.slots.items():
             change = float(np.abs(u[columns] - self.u[columns]).max())
             if (self.bodies[body].is_placed and not isinstance(body, FlywheelBody)
                     and self.u[columns].any() and change > size):
                 name = "velocity" if quantity == "v" else "angular velocity"
-                moved.append((change, f"the {name} of {body.name!r} in space is "
-                              f"{_text(u[columns])} "
-                              f"({_text(self.u[columns])} by the rates of joints)"))
-        if moved:
-            suffix = f", and {len(moved) - 1} more like it" if len(moved) > 1 else ""
-            warn(f"The loops move the start: {max(moved)[1]}{suffix}. Give rates that the loops "
+                corrections.append((change, f"the {name} of {body.name!r} in space is "
+                                    f"{_text(u[columns])} "
+                                    f"({_text(self.u[columns])} by the rates of joints)"))
+        if corrections:
+            warn(f"The loops move the start: {_largest(corrections)}. Give rates that the loops "
                  "allow, of all joints.")
 
     def _refuse_missed(
-        self, targets: Sequence[_Target], u: Array, off: Array, d: Array, scale: float
+        self, targets: Sequence[_Target], u: Array, residual: Array, d: Array, scale: float
     ) -> None:
-        """Refuse velocities off the constraints; warn where rounding of input explains it."""
+        """Refuse velocities off the constraints; warn where rounding of input explains it.
+
+        ``residual`` is D u − d in the scale of ``keep``, of which ``scale`` is round-off.
+        """
         ends = np.cumsum([len(target.value) for target in targets])
-        missed = []
+        corrections = []
         for target, indices in zip(targets, np.split(np.arange(len(d)), ends[:-1]), strict=True):
-            error = float(np.linalg.norm(off[indices]))
+            error = float(np.linalg.norm(residual[indices]))
             if error > scale:
                 old, new = target.axes @ target.value, target.axes @ (target.rows @ u)
                 relative_error = error / max(float(np.linalg.norm(d[indices])),
                                              np.finfo(float).tiny)
-                missed.append((relative_error, f"{target.label} is given as {_text(old)}, which "
-                               "the constraints do not allow; the nearest possible is "
-                               f"{_text(new)}"))
-        if not missed:
+                corrections.append((
+                    relative_error, f"{target.label} is given as {_text(old)}, which the "
+                    f"constraints do not allow; the nearest possible is {_text(new)}"))
+        if not corrections:
             return
-        worst, text = max(missed)
-        if worst <= TYPED:
+        largest, text = max(corrections)
+        if largest <= TYPED:
             warn(f"{text}, which is taken.")
         else:
             raise InputError(f"{text}. Give that, or leave it out: velocities that are not given "

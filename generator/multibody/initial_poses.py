@@ -68,8 +68,9 @@ class RigidMotion:
 
     def direction(self, v: Array) -> Array:
         """Return a vector, turned."""
-        turned: Array = v if not self.q[1:].any() else rotation(self.q) @ v
-        return turned
+        # a translation keeps the bits of v
+        direction: Array = v if not self.q[1:].any() else rotation(self.q) @ v
+        return direction
 
 
 @dataclass(eq=False)
@@ -86,7 +87,7 @@ class Pose:
         Position and velocity of the origin in space.
     spin : ndarray, shape (3,), or None
         Angular velocity in space.
-    moved : RigidMotion
+    motion : RigidMotion
         From the pose in which the model is described to this one.
     """
 
@@ -95,7 +96,7 @@ class Pose:
     x: Array | None
     v: Array | None
     spin: Array | None
-    moved: RigidMotion = field(default_factory=lambda: RigidMotion.along(np.zeros(3)))
+    motion: RigidMotion = field(default_factory=lambda: RigidMotion.along(np.zeros(3)))
 
     @classmethod
     def ground(cls) -> Pose:
@@ -104,10 +105,10 @@ class Pose:
         return cls(np.array([1.0, 0, 0, 0]), np.eye(3), zero, zero, zero)
 
     def space(self, r: Array) -> Array:
-        """Return the position in space of a point of the frame."""
+        """Return x + R r, the position in space of a point of the frame."""
         assert self.x is not None
-        where: Array = self.x + self.R @ r
-        return where
+        position: Array = self.x + self.R @ r
+        return position
 
     def after(self, motion: RigidMotion, is_held: bool = False) -> Pose:
         """Return the pose after a motion, of a frame whose origin may be held."""
@@ -165,14 +166,18 @@ def numbers(matrix: Any) -> Array:
 
 
 def onto(axis: Array) -> Array:
-    """Return the quaternion of the smallest rotation that turns the third axis into a direction."""
+    """Return the quaternion of the smallest rotation that turns the third axis into a direction.
+
+    It is the rotation by the angle θ between the axes about (−y, x, 0)/sin θ.
+    """
     size = float(np.linalg.norm(axis))
     x, y, z = axis / (size or 1.0)
-    across = math.hypot(x, y)
-    if not across:
+    sine = math.hypot(x, y)
+    # along the third axis no rotation, and against it half a turn about the first
+    if not sine:
         return np.array([1.0, 0, 0, 0] if z >= 0 else [0.0, 1, 0, 0])
-    half = math.atan2(across, z) / 2
-    y, x = y / across, x / across
+    half = math.atan2(sine, z) / 2
+    y, x = y / sine, x / sine
     return np.array([math.cos(half), -y * math.sin(half), x * math.sin(half), 0.0])
 
 
@@ -268,21 +273,21 @@ def optional_vector(label: str, value: Any) -> Array | None:
 def propagate_all(
     poses: Mapping[Any, Pose], attribute: str,
     steps: Sequence[Callable[[Mapping[Any, Pose]], bool]],
-    last: Sequence[Callable[[Mapping[Any, Pose]], bool]] = (),
+    fallbacks: Sequence[Callable[[Mapping[Any, Pose]], bool]] = (),
 ) -> None:
     """Propagate a quantity of poses from body to body until none is None.
 
-    A step sets what follows from known poses, and returns whether it has set anything. One of the
-    ``last`` steps is taken at a time, if no other sets anything; then an unknown one becomes zero.
+    A step sets the values that follow from known poses, and returns whether it has set one. If no
+    step does, one of the ``fallbacks`` sets a value, and if none does, an unknown one becomes 0.
     """
     while True:
         # a sum takes all steps, any() only up to the first that sets something
-        while sum(step(poses) for step in steps) or any(step(poses) for step in last):
+        while sum(step(poses) for step in steps) or any(step(poses) for step in fallbacks):
             pass
-        unknown = next((p for p in poses.values() if getattr(p, attribute) is None), None)
-        if unknown is None:
+        incomplete = next((p for p in poses.values() if getattr(p, attribute) is None), None)
+        if incomplete is None:
             return
-        setattr(unknown, attribute, np.zeros(3))
+        setattr(incomplete, attribute, np.zeros(3))
 
 
 def check_rep(name: str, rep: Any) -> None:
@@ -300,7 +305,7 @@ def count(value: Any) -> int:
 
 
 def nonzero(label: str, value: Any) -> float:
-    """Return γ or α."""
+    """Return a finite number other than 0, such as γ or α."""
     number = float(finite(label, value, ()))
     if number == 0:
         raise InputError(f"The {label} is 0, and the kinetic energy divides by it; give another "
@@ -324,9 +329,10 @@ def conjugate(q: Any) -> list[Any]:
 def normals(axis: Array) -> tuple[Array, Array]:
     """Return two unit vectors that are perpendicular to a unit vector and to each other."""
     k = int(np.argmax(np.abs(axis)))
-    first = np.cross(np.roll(np.eye(3)[k], -1), axis)  # coordinate axes where the axis is one
-    first = direction(first / np.linalg.norm(first))
-    return first, direction(np.cross(axis, first))
+    # e_{k−1} × axis, so that the normals of a coordinate axis are the two others
+    n1 = np.cross(np.roll(np.eye(3)[k], -1), axis)
+    n1 = direction(n1 / np.linalg.norm(n1))
+    return n1, direction(np.cross(axis, n1))
 
 
 def clean(v: Array, *sizes: Array) -> Array:
@@ -336,6 +342,6 @@ def clean(v: Array, *sizes: Array) -> Array:
 
 
 def direction(v: Array) -> Array:
-    """Return a unit vector without round-off: along an axis it has 1 or −1 there."""
+    """Return a unit vector or quaternion without round-off: along an axis it is 1 or −1 there."""
     v = clean(v)
     return np.sign(v) if np.count_nonzero(v) == 1 else v

@@ -145,21 +145,24 @@ class StartRate(NamedTuple):
 
 
 def named_vector(
-    prefix: str, values: Sequence[float], store: Store, plain: Sequence[float] = (0.0,)
+    prefix: str, values: Sequence[float], store: Store, literals: Sequence[float] = (0.0,)
 ) -> Vector:
-    """Return symbols prefix_x, … for a vector and store their values; plain ones stay numbers."""
-    x, y, z = (named_number(f"{prefix}_{axis}", value, store, plain)
+    """Return symbols prefix_x, … for a vector and store their values; ``literals`` stay numbers."""
+    x, y, z = (named_number(f"{prefix}_{axis}", value, store, literals)
                for axis, value in zip("xyz", values, strict=True))
     return x, y, z
 
 
 def propagate(quantity: str, a: Pose, b: Pose, difference: Array) -> bool:
-    """Set the unknown one of two, b = a + ``difference``; return whether one was set."""
-    of_a, of_b = getattr(a, quantity), getattr(b, quantity)
-    if of_a is not None and of_b is None:
-        setattr(b, quantity, of_a + difference)
-    elif of_b is not None and of_a is None:
-        setattr(a, quantity, of_b - difference)
+    """Propagate a quantity of poses by b = a + ``difference``; return whether a value was set.
+
+    ``quantity`` is "spin" or "v". Nothing is set where both values are known, or neither is.
+    """
+    value_a, value_b = getattr(a, quantity), getattr(b, quantity)
+    if value_a is not None and value_b is None:
+        setattr(b, quantity, value_a + difference)
+    elif value_b is not None and value_a is None:
+        setattr(a, quantity, value_b - difference)
     else:
         return False
     return True
@@ -209,8 +212,8 @@ class Connection:
         """Yield the rates that users gave for the start; a connection without any has none."""
         yield from ()
 
-    def turn(self, poses: Poses) -> bool:
-        """Propagate angular velocity to a frame without one; return whether one was found."""
+    def propagate_spin(self, poses: Poses) -> bool:
+        """Propagate angular velocity to a frame without one; return whether it was set."""
         return False
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
@@ -221,8 +224,8 @@ class Connection:
         """Return V, 0; values of its parameters go into ``store``."""
         return sp.Integer(0)
 
-    def places(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
-        """Return its point in the axes of a and of b, () without one."""
+    def local_points(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
+        """Return its point in the axes of a and in those of b, () without a point."""
         return (), ()
 
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
@@ -237,7 +240,7 @@ class Connection:
         """Return one of its ``MEASURES`` as an expression."""
         raise InputError(f"{self.name!r} has no {quantity}.")
 
-    def turned(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
+    def multiple_angle(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
         """Return cos kθ and sin kθ of its turn θ since the start, of a joint with an angle."""
         return multiple(count, *cosine_and_sine(hinge_of(self), poses, store))
 
@@ -258,21 +261,22 @@ class PointConnection(Connection):
     on_a: Array | None = None
     on_b: Array | None = None
 
-    def places(self, store: Store) -> tuple[Vector, Vector]:
+    def local_points(self, store: Store) -> tuple[Vector, Vector]:
         """Return both points in the axes of their frames; their components become parameters."""
-        where = []
+        points = []
         for frame, r in ((self.a, self.on_a), (self.b, self.on_b)):
             assert r is not None
-            named = frame.name if isinstance(frame, Body) else ""
-            if not named and self.name in (getattr(e, "name", "") for e in self.frames):
-                named = "ground"  # its own name begins those of the body's coordinates
-            prefix = f"{self.name}_{named}" if named else self.name
-            where.append(named_vector(prefix, r.tolist(), store))
-        return where[0], where[1]
+            suffix = frame.name if isinstance(frame, Body) else ""
+            # of a joint named as its body, NAME_x would be a coordinate of the body as well
+            if not suffix and self.name in (getattr(e, "name", "") for e in self.frames):
+                suffix = "ground"
+            prefix = f"{self.name}_{suffix}" if suffix else self.name
+            points.append(named_vector(prefix, r.tolist(), store))
+        return points[0], points[1]
 
     def points(self, store: Store) -> tuple[Vector, Vector]:
         """Return both points in space as expressions."""
-        on_a, on_b = self.places(store)
+        on_a, on_b = self.local_points(store)
         return self.a.point(on_a), self.b.point(on_b)
 
     def square(self, store: Store) -> sp.Expr:
@@ -297,7 +301,7 @@ class Joint(PointConnection):
 
     at: Array | None = None
 
-    def place(self, poses: Poses) -> bool:
+    def propagate_point(self, poses: Poses) -> bool:
         """Propagate the point of the joint and positions of bodies; return whether one was set.
 
         x_a + R_a r_a = at = x_b + R_b r_b: each unknown follows from the others.
@@ -318,16 +322,21 @@ class Joint(PointConnection):
                 pose.x, changed = self.at - pose.R @ r, True
         return changed
 
-    def move(self, poses: Poses) -> bool:
-        """Propagate the velocity of the common point; return whether one was unknown."""
+    def propagate_velocity(self, poses: Poses) -> bool:
+        """Propagate the velocity of the common point; return whether a velocity was set.
+
+        v_b = v_a + ω_a × (x_P − x_a) − ω_b × R_b r_b + u, with P the point of b, r_b in the axes
+        of b, and u = ``relative_velocity``.
+        """
         a, b = poses[self.a], poses[self.b]
         assert a.spin is not None
         assert b.spin is not None
         arm_a, arm_b = a.R @ self.on_a, b.R @ self.on_b
         assert a.x is not None
         assert b.x is not None
-        difference = b.x + arm_b - a.x - arm_a
-        turning = np.cross(a.spin, arm_a + difference) - np.cross(b.spin, arm_b)
+        # of a joint that slides, the point of b is away from that of a
+        separation = b.x + arm_b - a.x - arm_a
+        turning = np.cross(a.spin, arm_a + separation) - np.cross(b.spin, arm_b)
         return propagate("v", a, b, turning + self.relative_velocity(poses))
 
     def relative_velocity(self, poses: Poses) -> Array:
@@ -361,7 +370,7 @@ class Align(Connection):
 
     def axis_at(self, poses: Poses) -> Array:
         """Return the axis in space at the start."""
-        return poses[self.a].moved.direction(self.axis)
+        return poses[self.a].motion.direction(self.axis)
 
     def motion(self, poses: Poses) -> RigidMotion:
         """Return the rotation about the axis, through the origin of b."""
@@ -386,7 +395,7 @@ class Align(Connection):
             e, zero = self.axis_at(poses), np.zeros(3)
             yield StartRate(self.name, self.rate, {self.a: (zero, -e), self.b: (zero, e)})
 
-    def turn(self, poses: Poses) -> bool:
+    def propagate_spin(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + rate · axis."""
         rate = (self.rate or 0.0) * self.axis_at(poses)
         return propagate("spin", poses[self.a], poses[self.b], rate)
@@ -395,8 +404,8 @@ class Align(Connection):
         """Yield the constraints; values of their parameters go into ``store``."""
         # the axis is perpendicular to two directions of a; e · e' = 1 would be one equation with a
         # gradient that vanishes where it holds
-        both, axis = self.axes(poses, store)
-        for k, n in enumerate((both[:3], both[3:]), start=1):
+        normals_of_a, axis = self.axes(poses, store)
+        for k, n in enumerate((normals_of_a[:3], normals_of_a[3:]), start=1):
             yield perpendicular(f"{self.name}: axis {k}", self.a, n, self.b, axis)
 
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
@@ -414,15 +423,17 @@ class Align(Connection):
                 unit_vector(f"{self.name}_axis", in_b, store))
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
-        """Return the angle or the rate."""
+        """Return the angle 2 atan2(e·v, w), (w, v) = q̄_a q_b c, or the rate e·Ω_b − e·Ω_a.
+
+        c is the quaternion of ``zero``, e the axis in the axes of the body of which Ω is.
+        """
         in_a, in_b = self.ends(poses, store)
         if quantity == "rate":
             return dot(in_b, self.b.angular_velocity) - dot(in_a, self.a.angular_velocity)
-        # θ = 2 atan2(v, w) of the relative quaternion: half the angle, so that it is smooth for |θ|
-        # < 2π
-        *start, turns = self.zero(poses, store)
-        w, *v = product(conjugate(self.a.attitude), product(self.b.attitude, start))
-        return turns + 2 * sp.atan2(dot(in_a, (v[0], v[1], v[2])), w)
+        # the quaternion has half the angle, so that θ is smooth for |θ| < 2π
+        *c, full_turns = self.zero(poses, store)
+        w, *v = product(conjugate(self.a.attitude), product(self.b.attitude, c))
+        return full_turns + 2 * sp.atan2(dot(in_a, (v[0], v[1], v[2])), w)
 
     def generalised_forces(
         self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
@@ -439,15 +450,18 @@ class Align(Connection):
         return 2 * math.pi * round(angle / (2 * math.pi))
 
     def zero(self, poses: Poses, store: Store) -> tuple[sp.Expr, ...]:
-        """Return c, with q̄_a q_b c the rotation of b relative to a, and the full turns."""
+        """Return the four entries of c, and the full turns in rad.
+
+        q̄_a q_b c is the rotation of b against a by the angle: in the described pose it is that by
+        ``angle`` about the axis, so that c = q̄_b q_a (cos φ/2, e sin φ/2) there.
+        """
         pose_a, pose_b = poses[self.a], poses[self.b]
-        # the quaternion knows the angle to a full turn only: whole turns are a parameter of their
-        # own
+        # the quaternion has the angle but for full turns, which are a parameter of their own
         half = (self.angle - self._full_turns) / 2
-        start = [math.cos(half), *(math.sin(half) * (pose_a.R.T @ self.axis))]
-        before = direction(np.array(product(product(conjugate(pose_b.q), pose_a.q), start)))
+        described_turn = [math.cos(half), *(math.sin(half) * (pose_a.R.T @ self.axis))]
+        c = direction(np.array(product(product(conjugate(pose_b.q), pose_a.q), described_turn)))
         return (*(named_number(f"{self.name}_before{k}", x, store, UNIT)
-                  for k, x in enumerate(before.tolist())),
+                  for k, x in enumerate(c.tolist())),
                 named_number(f"{self.name}_turns", self._full_turns, store))
 
 
@@ -476,9 +490,9 @@ class HingedJoint(Joint):
         """Yield the rate."""
         return self.hinge.start_rates(poses)
 
-    def turn(self, poses: Poses) -> bool:
+    def propagate_spin(self, poses: Poses) -> bool:
         """Propagate the angular velocity as ``Align`` does."""
-        return self.hinge.turn(poses)
+        return self.hinge.propagate_spin(poses)
 
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
         """Return the axes of the hinge."""
@@ -511,7 +525,7 @@ class Fixed(Joint):
 
     relative: Array | None = field(kw_only=True, default=None)
 
-    def turn(self, poses: Poses) -> bool:
+    def propagate_spin(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a."""
         return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
 
@@ -521,9 +535,8 @@ class Fixed(Joint):
         yield from self.turns(poses, store)
 
     def turns(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints on the attitude."""
-        # n_k · m_k = 0 with m_k = R n_{k+1}: near the relative rotation their gradients are the
-        # three axes, so that they are independent
+        """Yield n_k · m_k = 0, k = 1, 2, 3, with n_k the axes of a and m_k = n_{k+1} fixed in b."""
+        # near the relative rotation R the three gradients are the axes: independent
         R = poses[self.a].R.T @ poses[self.b].R if self.relative is None else self.relative
         for k, axis in enumerate("xyz"):
             n = unit_vector(f"{self.name}_normal{k + 1}", np.eye(3)[k], store)
@@ -569,7 +582,7 @@ class Spring(PointConnection):
         if not self.damping:
             return
         c = named_number(f"{self.name}_damping", self.damping, store)
-        on_a, on_b = self.places(store)
+        on_a, on_b = self.local_points(store)
         d = difference(self.b.point(on_b), self.a.point(on_a))
         speed = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
         # c d (d·ḋ)/(d·d): the speed along d, without the root in |d|
@@ -586,17 +599,17 @@ def copies(links: Sequence[Connection]) -> dict[Connection, Connection]:
     return copy_of
 
 
-def difference(to: Vector, start: Vector) -> Vector:
-    """Return the difference of two vectors."""
-    x, y, z = (a - b for a, b in zip(to, start, strict=True))
+def difference(a: Vector, b: Vector) -> Vector:
+    """Return a − b."""
+    x, y, z = (e - f for e, f in zip(a, b, strict=True))
     return x, y, z
 
 
 def named_number(
-    name: str, value: float, store: Store, plain: Sequence[float] = (0.0,)
+    name: str, value: float, store: Store, literals: Sequence[float] = (0.0,)
 ) -> sp.Expr:
-    """Return a symbol for a number and store its value; a plain one stays a number."""
-    if value in plain:
+    """Return a symbol for a number and store its value; one of ``literals`` stays a number."""
+    if value in literals:
         return sp.Integer(int(value))
     store[name] = float(value)
     return sp.Symbol(name, real=True)
@@ -650,13 +663,13 @@ class Cylindrical(Planar):
     MEASURES: ClassVar[tuple[str, ...]] = (*Align.MEASURES, "travel", "speed")
 
     @property
-    def moved(self) -> float:
+    def travel_to_start(self) -> float:
         """Travel of b along the axis from the described pose to the start."""
         return 0.0 if self.start_travel is None else self.start_travel - self.travel
 
     def motion(self, poses: Poses) -> RigidMotion:
         """Return the motion along the axis and about it."""
-        return RigidMotion.along(self.moved * self.hinge.axis) @ super().motion(poses)
+        return RigidMotion.along(self.travel_to_start * self.hinge.axis) @ super().motion(poses)
 
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
         """Yield angle and travel."""
@@ -664,7 +677,7 @@ class Cylindrical(Planar):
         if self.start_travel is not None:
             travel = self.measure("travel", poses, store)
             yield StartValue(self.name, "travel", self.start_travel,
-                             travel - self.travel - FRACTION * self.moved)
+                             travel - self.travel - FRACTION * self.travel_to_start)
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
         """Yield the equations of ``rate`` and ``speed`` for the velocities v and ω of the bodies.
@@ -711,7 +724,7 @@ class Cylindrical(Planar):
             offset = float(clean(np.array([terms.sum()]), terms)[0])
             return named_number(f"{self.name}_offset", offset, store) + self.along(poses, store)
         if quantity == "speed":
-            (in_a, _), (on_a, on_b) = self.hinge.ends(poses, store), self.places(store)
+            (in_a, _), (on_a, on_b) = self.hinge.ends(poses, store), self.local_points(store)
             relative = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
             return dot(self.a.direction(in_a), relative)
         return super().measure(quantity, poses, store)
@@ -723,7 +736,7 @@ class Cylindrical(Planar):
         if quantity not in ("travel", "speed"):
             yield from super().generalised_forces(quantity, effort, poses, store)
             return
-        (in_a, in_b), (on_a, on_b) = self.hinge.ends(poses, store), self.places(store)
+        (in_a, in_b), (on_a, on_b) = self.hinge.ends(poses, store), self.local_points(store)
         for frame, e, r, sign in ((self.a, in_a, on_a, -1), (self.b, in_b, on_b, 1)):
             x, y, z = (sign * effort * c for c in frame.direction(e))
             yield from frame.force_at(r, (x, y, z))
@@ -738,10 +751,10 @@ class Prismatic(Cylindrical):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         yield from super().equations(poses, store)
-        first, second = self.triad(poses)
-        n = unit_vector(f"{self.name}_normal1", first, store)
-        mark = change_axes(poses[self.a], second, poses[self.b])
-        m = unit_vector(f"{self.name}_mark", mark, store)
+        n1, n2 = self.triad(poses)
+        n = unit_vector(f"{self.name}_normal1", n1, store)
+        # n₂ as a direction of b: it stays perpendicular to n₁ of a while b does not turn
+        m = unit_vector(f"{self.name}_mark", change_axes(poses[self.a], n2, poses[self.b]), store)
         yield perpendicular(f"{self.name}: turn", self.a, n, self.b, m)
 
 
@@ -754,16 +767,20 @@ class Screw(Cylindrical):
     def motion(self, poses: Poses) -> RigidMotion:
         """Return the motion along the axis, and the rotation about it."""
         assert self.on_a is not None
+        angle = 2 * math.pi * self.travel_to_start / self.lead
         return super().motion(poses) @ RigidMotion.about(
-            self.hinge.axis, 2 * math.pi * self.moved / self.lead, poses[self.a].space(self.on_a))
+            self.hinge.axis, angle, poses[self.a].space(self.on_a))
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield those of ``Cylindrical``, and sin(θ − φ) = 0 with φ = 2π s/h of the travel s.
+
+        Values of parameters go into ``store``.
+        """
         yield from super().equations(poses, store)
-        turned = 2 * sp.pi / named_number(f"{self.name}_lead", self.lead, store)
-        moved = turned * self.along(poses, store)
+        angle_by_length = 2 * sp.pi / named_number(f"{self.name}_lead", self.lead, store)
+        phi = angle_by_length * self.along(poses, store)
         cosine, sine = cosine_and_sine(self.hinge, poses, store)
-        yield Equation(f"{self.name}: thread", sine * sp.cos(moved) - cosine * sp.sin(moved))
+        yield Equation(f"{self.name}: thread", sine * sp.cos(phi) - cosine * sp.sin(phi))
 
     def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start."""
@@ -786,14 +803,15 @@ class Universal(Joint):
         zero = np.zeros(3)
         for frame, arm, rate in zip((self.a, self.b), self.arms, self.rates, strict=True):
             if rate is not None:
-                e = poses[frame].moved.direction(arm)
+                e = poses[frame].motion.direction(arm)
                 yield StartRate(self.name, rate, {self.a: (zero, -e), self.b: (zero, e)})
 
-    def turn(self, poses: Poses) -> bool:
+    def propagate_spin(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + the rates about both arms."""
-        first, second = ((rate or 0.0) * poses[frame].moved.direction(arm) for frame, arm, rate
-                         in zip((self.a, self.b), self.arms, self.rates, strict=True))
-        return propagate("spin", poses[self.a], poses[self.b], first + second)
+        about_arm_a, about_arm_b = (
+            (rate or 0.0) * poses[frame].motion.direction(arm) for frame, arm, rate
+            in zip((self.a, self.b), self.arms, self.rates, strict=True))
+        return propagate("spin", poses[self.a], poses[self.b], about_arm_a + about_arm_b)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
@@ -810,16 +828,16 @@ class Gear(Connection):
     teeth: tuple[int, int] = field(kw_only=True)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraint; values of its parameters go into ``store``."""
-        (c1, s1), (c2, s2) = (joint.turned(z, poses, store)
-                              for z, joint in zip(self.teeth, self.joints, strict=True))
-        # sin and cos of z₁ θ₁ + z₂ θ₂ by the addition theorem: the same after any number of turns
-        sine, cosine = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
-        meshed = sum(z * joint.displacement for z, joint in zip(
-            self.teeth, self.joints, strict=True))  # where the given angles start
-        phase = named_number(f"{self.name}_phase", meshed, store)
-        yield Equation(f"{self.name}: mesh", sine * sp.cos(phase) - cosine * sp.sin(phase)
-                       if meshed else sine)
+        """Yield sin(z₁ θ₁ + z₂ θ₂ − φ) = 0, φ its value at the start; φ goes into ``store``."""
+        # multiples by the addition theorem: the same after any number of turns
+        cosine, sine = sum_of_angles(*(
+            joint.multiple_angle(z, poses, store)
+            for z, joint in zip(self.teeth, self.joints, strict=True)))
+        start = sum(z * joint.displacement for z, joint in zip(
+            self.teeth, self.joints, strict=True))
+        phi = named_number(f"{self.name}_phase", start, store)
+        yield Equation(f"{self.name}: mesh", sine * sp.cos(phi) - cosine * sp.sin(phi)
+                       if start else sine)
 
 
 @dataclass(eq=False, repr=False)
@@ -832,12 +850,15 @@ class RheonomicConstraint(Connection):
     law: sp.Expr = field(kw_only=True)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraint; values of its parameters go into ``store``."""
+        """Yield sin(f(t) − f₀ − θ) = 0, θ the turn and f₀ the angle of the described pose.
+
+        Values of parameters go into ``store``.
+        """
         hinge = hinge_of(self)
         c, s = cosine_and_sine(hinge, poses, store)
-        # sin(f(t) − φ) = 0, written in cos φ and sin φ: the same for any number of turns
-        since = self.law - named_number(f"{self.name}_begin", hinge.angle, store)
-        yield Equation(f"{self.name}: angle", c * sp.sin(since) - s * sp.cos(since),
+        # in cos θ and sin θ it is the same for any number of turns
+        turn = self.law - named_number(f"{self.name}_begin", hinge.angle, store)
+        yield Equation(f"{self.name}: angle", c * sp.sin(turn) - s * sp.cos(turn),
                        ConstraintForce("axial", hinge.ends(poses, store)[0]))
 
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
@@ -849,7 +870,7 @@ class RheonomicConstraint(Connection):
 class Coupling(Connection):
     """Coupling of two coordinates: c₂ = ratio · c₁ + offset."""
 
-    what: tuple[str, str] = field(kw_only=True)
+    quantities: tuple[str, str] = field(kw_only=True)
     ratio: float = field(kw_only=True)
     offset: float = field(kw_only=True)
 
@@ -859,40 +880,39 @@ class Coupling(Connection):
         # full turns do not change. Any other ratio needs the angle itself, which the coordinates
         # determine only within a full turn.
         ratio = Fraction(repr(self.ratio)).limit_denominator(_FEW_TEETH)
-        hinged = all(isinstance(joint, Align | HingedJoint) for joint in self.joints)
-        if hinged and self.what == ("angle", "angle") and float(ratio) == self.ratio and (
+        are_hinges = all(isinstance(joint, Align | HingedJoint) for joint in self.joints)
+        if are_hinges and self.quantities == ("angle", "angle") and float(ratio) == self.ratio and (
                 0 < abs(ratio.numerator) <= _FEW_TEETH):
-            yield Equation(f"{self.name}: ratio", self._turns(ratio, poses, store))
+            yield Equation(f"{self.name}: ratio", self._sine_of_turns(ratio, poses, store))
             return
-        first, second = (joint.measure(quantity, poses, store)
-                         for joint, quantity in zip(self.joints, self.what, strict=True))
-        k = named_number(f"{self.name}_ratio", self.ratio, store, (0.0, 1.0, -1.0))
+        c1, c2 = (joint.measure(quantity, poses, store)
+                  for joint, quantity in zip(self.joints, self.quantities, strict=True))
+        k = named_number(f"{self.name}_ratio", self.ratio, store, UNIT)
         offset = named_number(f"{self.name}_offset", self.offset, store)
-        yield Equation(f"{self.name}: ratio", second - k * first - offset)
+        yield Equation(f"{self.name}: ratio", c2 - k * c1 - offset)
 
-    def _turns(self, ratio: Fraction, poses: Poses, store: Store) -> sp.Expr:
+    def _sine_of_turns(self, ratio: Fraction, poses: Poses, store: Store) -> sp.Expr:
         """Return sin(n θ₂ − z θ₁ − φ) for a ratio z/n: 0 whatever the number of turns."""
-        first, second = self.joints
+        joint1, joint2 = self.joints
         z, n = ratio.numerator, ratio.denominator
-        (c1, s1), (c2, s2) = (joint.turned(k, poses, store)
-                              for k, joint in ((-z, first), (n, second)))
-        sine, cosine = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
-        # ``turned`` counts from the description, where the joints have angles of their own
-        angle = n * self.offset + z * hinge_of(first).angle - n * hinge_of(second).angle
-        phase = named_number(f"{self.name}_phase", angle, store)
-        return sine * sp.cos(phase) - cosine * sp.sin(phase)
+        cosine, sine = sum_of_angles(*(joint.multiple_angle(k, poses, store)
+                                       for k, joint in ((-z, joint1), (n, joint2))))
+        # ``multiple_angle`` counts from the description, where the joints have angles of their own
+        angle = n * self.offset + z * hinge_of(joint1).angle - n * hinge_of(joint2).angle
+        phi = named_number(f"{self.name}_phase", angle, store)
+        return sine * sp.cos(phi) - cosine * sp.sin(phi)
 
 
 @dataclass(eq=False, repr=False)
 class Motor(Connection):
     """A torque, or a force, on the coordinate of a joint; ``effort`` an expression."""
 
-    what: str = field(kw_only=True)
+    quantity: str = field(kw_only=True)
     effort: sp.Expr = field(kw_only=True)
 
     def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
         """Yield the generalised forces on both bodies."""
-        yield from self.joints[0].generalised_forces(self.what, self.effort, poses, store)
+        yield from self.joints[0].generalised_forces(self.quantity, self.effort, poses, store)
 
 
 @dataclass(eq=False, repr=False)
@@ -902,7 +922,7 @@ class JointSpring(Connection):
     ``rest`` is a number, or an interval, in which the spring is slack.
     """
 
-    what: str = field(kw_only=True)
+    quantity: str = field(kw_only=True)
     coordinate: sp.Symbol = field(kw_only=True)
     rate: sp.Symbol = field(kw_only=True)
     stiffness: float = 0.0
@@ -924,23 +944,36 @@ class JointSpring(Connection):
         """Yield the generalised forces of the damper on both bodies."""
         if self.damping:
             c = named_number(f"{self.name}_damping", self.damping, store)
-            yield from self.joints[0].generalised_forces(self.what, -c * self.rate, poses, store)
+            (joint,) = self.joints
+            yield from joint.generalised_forces(self.quantity, -c * self.rate, poses, store)
 
 
 def cosine_and_sine(hinge: Align, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
-    """Return cos θ and sin θ of the turn about the axis of a hinge since the start."""
+    """Return cos θ = n₁·m₁ and sin θ = n₂·m₁ of the turn about a hinge since the described pose.
+
+    n₁ and n₂ are directions of a perpendicular to the axis and to each other; m₁, fixed in b, is n₁
+    in the described pose.
+    """
     pose_a, pose_b = poses[hinge.a], poses[hinge.b]
-    first, second = normals(direction(pose_a.R.T @ hinge.axis))
-    mark = hinge.b.direction(
-        unit_vector(f"{hinge.name}_mark1", change_axes(pose_a, first, pose_b), store))
-    n1, n2 = (hinge.a.direction(unit_vector(f"{hinge.name}_normal{k}", n, store))
-              for k, n in ((1, first), (2, second)))
-    return dot(n1, mark), dot(n2, mark)
+    normal1, normal2 = normals(direction(pose_a.R.T @ hinge.axis))
+    m1 = hinge.b.direction(
+        unit_vector(f"{hinge.name}_mark1", change_axes(pose_a, normal1, pose_b), store))
+    n1, n2 = (hinge.a.direction(unit_vector(f"{hinge.name}_normal{k}", normal, store))
+              for k, normal in ((1, normal1), (2, normal2)))
+    return dot(n1, m1), dot(n2, m1)
 
 
-def change_axes(of: Pose, v: Array, by: Pose) -> Array:
-    """Return the components of a direction of one frame in the axes of another, at the start."""
-    return direction(by.R.T @ (of.R @ v))
+def change_axes(a: Pose, v: Array, b: Pose) -> Array:
+    """Return R_bᵀ R_a v: a direction in the axes of a, in the axes of b."""
+    return direction(b.R.T @ (a.R @ v))
+
+
+def sum_of_angles(
+    x: tuple[sp.Expr, sp.Expr], y: tuple[sp.Expr, sp.Expr]
+) -> tuple[sp.Expr, sp.Expr]:
+    """Return (cos, sin) of α + β from (cos, sin) of α and of β."""
+    (c1, s1), (c2, s2) = x, y
+    return c1 * c2 - s1 * s2, s1 * c2 + c1 * s2
 
 
 def hinge_of(joint: Connection) -> Align:
@@ -952,7 +985,10 @@ def hinge_of(joint: Connection) -> Align:
 
 
 def multiple(count: int, cosine: sp.Expr, sine: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """Return cos kθ and sin kθ of cos θ and sin θ: smooth for any number of turns."""
+    """Return cos kθ and sin kθ of cos θ and sin θ: smooth for any number of turns.
+
+    The jump of 2π of atan2 is one of 2πk of kθ, which neither function sees.
+    """
     if abs(count) == 1:
         return cosine, count * sine
     angle = count * sp.atan2(sine, cosine)

@@ -171,32 +171,33 @@ def delta_robot(*, rep: RepName = "gamma") -> Model:
     """
     build = Multibody("delta_robot", dt=0.002, steps=2000,
                       description="Delta robot whose arms hang on springs.")
-    base, arm, rod, wide, apart = 0.2, 0.3, 0.6, 0.06, 0.05
+    base_radius, arm, rod, platform_radius, half_gap = 0.2, 0.3, 0.6, 0.06, 0.05
     middle = np.array([0.06, -0.03, -0.55])
     platform = build.body("platform", mass=0.6, inertia=(0.0011, 0.0011, 0.002), rep=rep,
                           position=middle)
     for k in range(3):
-        turned = 2 * math.pi * k / 3
-        out, side = (np.array([math.cos(turned), math.sin(turned), 0.0]),
-                     np.array([-math.sin(turned), math.cos(turned), 0.0]))
-        end = middle + wide * out
-        # The elbow is where the arm's circle about the shoulder meets the rods' sphere.
-        away = end - base * out
-        x, z, off = away @ out, away[2], away @ side
+        azimuth = 2 * math.pi * k / 3
+        radial, tangential = (np.array([math.cos(azimuth), math.sin(azimuth), 0.0]),
+                              np.array([-math.sin(azimuth), math.cos(azimuth), 0.0]))
+        shoulder, wrist = base_radius * radial, middle + platform_radius * radial
+        # The elbow is where the arm's circle about the shoulder meets the rods' sphere: the law of
+        # cosines in the arm's plane, from which the wrist is ``off`` away.
+        d = wrist - shoulder
+        x, z, off = d @ radial, d[2], d @ tangential
         distance = math.hypot(x, z)
         cosine = (arm**2 + distance**2 - rod**2 + off**2) / (2 * arm * distance)
-        raised = math.atan2(z, x) + math.acos(cosine)
-        shoulder = base * out
-        elbow = shoulder + arm * (math.cos(raised) * out + np.array([0, 0, math.sin(raised)]))
+        elevation = math.atan2(z, x) + math.acos(cosine)
+        elbow = shoulder + arm * (
+            math.cos(elevation) * radial + np.array([0, 0, math.sin(elevation)]))
         upper = build._uniform_rod(f"arm{k}", shoulder, elbow, 0.3, rep)
-        build.revolute(f"shoulder{k}", build.ground, upper, axis_in_space=side, at=shoulder)
+        build.revolute(f"shoulder{k}", build.ground, upper, axis_in_space=tangential, at=shoulder)
         build.spring(f"spring{k}", build.ground, upper, stiffness=40.0, length=0.2,
-                     on_a=(base + arm) * out + (0, 0, 0.3), on_b=(arm / 2, 0, 0))
-        for name, offset in (("left", apart), ("right", -apart)):
+                     on_a=(base_radius + arm) * radial + (0, 0, 0.3), on_b=(arm / 2, 0, 0))
+        for name, offset in (("left", half_gap * tangential), ("right", -half_gap * tangential)):
             lower = build._uniform_rod(
-                f"rod{k}_{name}", elbow + offset * side, end + offset * side, 0.08, rep)
-            build.ball(f"elbow{k}_{name}", upper, lower, at=elbow + offset * side)
-            build.ball(f"wrist{k}_{name}", lower, platform, at=end + offset * side)
+                f"rod{k}_{name}", elbow + offset, wrist + offset, 0.08, rep)
+            build.ball(f"elbow{k}_{name}", upper, lower, at=elbow + offset)
+            build.ball(f"wrist{k}_{name}", lower, platform, at=wrist + offset)
     return build.model()
 
 
@@ -213,6 +214,7 @@ def stewart_platform(*, rep: RepName = "gamma") -> Model:
                           position=middle, quaternion=attitude)
     frame = rotation(attitude)
     for k in range(6):
+        # legs in pairs: feet 0.4 rad apart about 0°, 120°, 240°, heads likewise 60° further on
         side = 1 if k % 2 else -1
         foot, head = (radius * np.array([math.cos(angle), math.sin(angle), 0.0])
                       for radius, angle in (
@@ -240,6 +242,7 @@ def chain(count: int = 8, *, rep: RepName = "gamma") -> Model:
     if rods is None or not 1 <= rods <= MOST_RODS:
         raise InputError(f"A chain of {shown(count)} rods cannot be built; give a whole number "
                          f"from 1 to {MOST_RODS}.")
+    # an unknown representation is refused by ``build_chain``, and has no key in the cache
     if rods < _MANY_RODS or rep not in REPS:
         return build_chain(rods, rep)
     model: Model = function_of("api", "cached_model")(
@@ -251,16 +254,16 @@ def build_chain(rods: int, rep: RepName = "gamma") -> Model:
     """Return the chain of ``chain``, made anew: nothing is read from the cache."""
     build = Multibody(f"chain_{rods}", dt=0.002, steps=1000,
                       description=f"{rods} rods on ball joints.")
-    above: Frame = build.ground
+    parent: Frame = build.ground
     for i in range(rods):
         rod = build.body(
             f"b{i}", mass=0.2, inertia=(0.0017, 0.0015, 0.0002), rep=rep,
             quaternion=multiply(turn((1, 0, 0), 0.4 * (-1) ** i), turn((0, 1, 0), 0.05 * i)),
             angular_velocity=(0.2, -0.1, 5.0),
         )
-        pivot = None if i else (0.0, 0.0, 0.0)
-        build.ball(f"j{i}", above, rod, on_a=pivot or (0, 0, -0.15), on_b=(0, 0, 0.15))
-        above = rod
+        build.ball(f"j{i}", parent, rod, on_a=(0, 0, -0.15) if i else (0.0, 0.0, 0.0),
+                   on_b=(0, 0, 0.15))
+        parent = rod
     return build.model()
 
 

@@ -356,6 +356,7 @@ class Multibody:
         m, r = positive(f"mass of {name!r}", mass), positive(f"radius of {name!r}", radius)
         length = float(np.linalg.norm(end - start))
         e = (end - start) / length
+        # axis 2, across the rod, by the coordinate axis that is farthest from the rod
         f = np.cross(e, np.eye(3)[int(np.abs(e).argmin())])
         f /= np.linalg.norm(f)
         across = m * (length**2 / 12 + r**2 / 4)
@@ -396,11 +397,12 @@ class Multibody:
         at, on_body : three floats, optional
             Where the wheel's centre is, in space or on the body; by default the body's origin.
         """
-        along, across = finite(
+        moment_about_axis, moment_across = finite(
             f"inertia of rotor {name!r}, about its axis and across it,", inertia, (2,))
         carrier = self._components.frame(body, shown(name))
         direction = self._axis(name, carrier, carrier, (axis, axis_on_body, axis_in_space))
-        wheel = self.body(name, mass=mass, inertia=(across, across, along),
+        wheel = self.body(name, mass=mass,
+                          inertia=(moment_across, moment_across, moment_about_axis),
                           quaternion=onto(direction))
         if at is None and on_body is None:
             on_body = (0, 0, 0)
@@ -479,29 +481,27 @@ class Multibody:
             name, count, bending, twisting, stretching, shearing, damping)
         nodes, ends, length = curve_of(name, start, end, points, number)
         h, chords = length / number, np.diff(nodes, axis=0)
+        # sections at the start, at the middle of each segment and at the end
         arc = np.array([0.0, *(np.arange(number) + 0.5) / number, 1.0])
         frames = frames_along(name, np.stack([ends[0], *chords, ends[1]]), arc, normal,
                               float(finite(f"twist of {name!r}", twist, ())))
-        of_segment = positive(f"mass of {name!r}", mass) / number
-        thick = None if radius is None else positive(f"radius of {name!r}", radius)
-        moments = moments_of_segment(name, inertia, of_segment, h, thick)
-        v, spin = (optional_vector(f"{option} of {name!r}", value) for option, value in (
+        m = positive(f"mass of {name!r}", mass) / number
+        checked_radius = None if radius is None else positive(f"radius of {name!r}", radius)
+        moments = as_inertia(moments_of_segment(name, inertia, m, h, checked_radius),
+                             f"inertia of {name!r}")
+        halves = np.linalg.norm(chords, axis=1) / 2
+        v, omega = (optional_vector(f"{option} of {name!r}", entry) for option, entry in (
             ("velocity", velocity), ("angular velocity", angular_velocity)))
         segments = []
-        for k, (q, chord) in enumerate(zip(frames[1:-1], chords, strict=True), start=1):
-            middle = (nodes[k - 1] + nodes[k]) / 2
+        for k, (q, half) in enumerate(zip(frames[1:-1], halves.tolist(), strict=True), start=1):
             self._components.claim(f"{name}_{k}", "body")
-            # the velocity of a rigid body, v + ω × (x − x_0), with ω in axes of the segment
-            v_turning = np.zeros(3) if spin is None else np.cross(spin, middle - nodes[0])
-            begin = initial_state(
-                f"{name}_{k}", q, None, middle, v if v is None else v + v_turning,
-                spin if spin is None else rotation(q).T @ spin)
+            state = _segment_state(f"{name}_{k}", q, (nodes[k - 1] + nodes[k]) / 2, nodes[0], v,
+                                   omega)
             body = Body.of_beam(f"{name}_{k}", rep, name)
-            segments.append(self._add(body, begin, of_segment, as_inertia(
-                moments, f"inertia of {name!r}"), None))
-            half = float(np.linalg.norm(chord)) / 2
-            self.visual(body, Shape.bar((0, 0, -half), (0, 0, half), thick or h / 8, COLOUR))
-        halves = np.linalg.norm(chords, axis=1) / 2
+            segments.append(self._add(body, state, m, moments, None))
+            # without a radius, one that looks slender
+            self.visual(body, Shape.bar((0, 0, -half), (0, 0, half), checked_radius or h / 8,
+                                        COLOUR))
         beam = Beam(
             name, tuple(segments),
             BeamEnd(f"{name}_first", segments[0], np.array([0, 0, -halves[0]]), frames[0],
@@ -511,12 +511,13 @@ class Multibody:
             h, EI, GJ, extension, tau, None if rest is None else vector(f"rest of {name!r}", rest))
         self._components.beams.append(beam)
         for k in range(1, number):
-            outer = (k == 1) + (k == number - 1)
+            # the half segments at both ends have no joint: the next one stretches for them
+            outer_count = (k == 1) + (k == number - 1)
             self._join(BeamJoint(
                 f"{name}_joint_{k}", segments[k - 1], segments[k],
                 np.array([0, 0, halves[k - 1]]), np.array([0, 0, -halves[k]]), beam=beam,
                 rest=beam.rest_strain(frames[k], frames[k + 1], 2), arc=k * h,
-                gap=(1 + outer / 2) * h if extension else 0.0))
+                gap=(1 + outer_count / 2) * h if extension else 0.0))
         return beam
 
     # ------------------------------------------------------------ joints
@@ -578,8 +579,8 @@ class Multibody:
         ends = [self._components.end(frame) for frame in frames]
         end = ends[0] or ends[1]
         holder = pair["b"] if ends[0] else pair["a"]
-        inside = next((beam for beam in self._components.beams if holder in beam.segments), None)
-        if end is None or inside is not None:
+        is_segment = any(holder in beam.segments for beam in self._components.beams)
+        if end is None or is_segment:
             raise InputError(
                 f"{name!r} fixes {'two beams to each other' if all(ends) else 'an inner segment'}; "
                 "a beam is fixed at an end, beam.first or beam.last, to the ground or to a body, "
@@ -595,6 +596,7 @@ class Multibody:
             # q and −q are one attitude: the sign that is nearer to the start
             section = section * (1 if section @ end.q >= 0 else -1)
         q_segment = self._components.bodies[end.segment].q
+        # half a segment bends: κ = (4/h) u
         rest_strain = (beam.rest_strain(end.q, q_segment, 4) if end.is_first else
                        beam.rest_strain(q_segment, end.q, 4))
         return BeamJoint(name, **pair, beam=beam, factor=4, rest=rest_strain,
@@ -838,7 +840,7 @@ class Multibody:
         joint1, joint2 = (self._components.joint(joint, f"{name!r}") for joint in (first, second))
         return self._join(Coupling(
             name, joint1.b, joint2.b, joints=(joint1, joint2),
-            what=(_coordinate(joint1), _coordinate(joint2)),
+            quantities=(_coordinate(joint1), _coordinate(joint2)),
             ratio=float(finite(f"ratio of {name!r}", ratio, ())),
             offset=float(finite(f"offset of {name!r}", offset, ()))))
 
@@ -881,15 +883,16 @@ class Multibody:
                 raise InputError(f"Flywheel {name!r} is on the ball joint {driver.name!r} with the "
                                  f"ratio {shown(ratio)}; leave the ratio out, or scale the "
                                  "inertia by its square.")
-            four = self._flywheel_body(name, inertia, 4.0, "0123")
-            return self._join(BallFlywheel(name, driver.b, four, joints=(driver,)))
+            # |ω|² = 4 |ż|², so that T = ½ (4 a) |ż|²
+            quaternion = self._flywheel_body(name, inertia, 4.0, "0123")
+            return self._join(BallFlywheel(name, driver.b, quaternion, joints=(driver,)))
         kind = _coordinate(driver)
         if not isinstance(driver, Align | HingedJoint):
             raise InputError(f"Flywheel {name!r} is on {driver.name!r}, which is no joint of "
                              "bodies with an axis; name one.")
-        times = nonzero(f"ratio of {name!r}", ratio)
+        n = nonzero(f"ratio of {name!r}", ratio)
         body = self._flywheel_body(name, inertia)
-        return self._join(Flywheel(name, driver.b, body, joints=(driver,), kind=kind, ratio=times))
+        return self._join(Flywheel(name, driver.b, body, joints=(driver,), kind=kind, ratio=n))
 
     def chain(
         self, name: str, a: Frame | str, b: Frame | str, joints: Iterable[Mapping[str, Any]]
@@ -914,16 +917,17 @@ class Multibody:
         InputError
             For a joint without a name, an axis or an inertia, and keys that it has not.
         """
-        first, second = self._components.frames(name, a, b)
-        links = [self._chain_link(name, first, joint) for joint in as_items(
+        frame_a, frame_b = self._components.frames(name, a, b)
+        links = [self._chain_link(name, frame_a, joint) for joint in as_items(
             "joints", joints, "mappings")]
         hinges = [link for link in links if link.coordinate.kind == "angle"]
         if not 1 <= len(links) <= 6:
             raise InputError(f"Chain {name!r} has {len(links)} joints; give 1 to 6.")
         for link in links:
             self._join(link.coordinate)
+        # the point of b on the axis of the last hinge, which then leaves it where it is
         point = hinges[-1].at if hinges else np.zeros(3)
-        return self._join(Chain(name, first, second, None, None, point, links=links))
+        return self._join(Chain(name, frame_a, frame_b, None, None, point, links=links))
 
     def _chain_link(self, chain: str, a: Frame, description: Any) -> Link:
         """Return one joint of a chain by its description: a coordinate, its axis and point."""
@@ -945,18 +949,19 @@ class Multibody:
             speed=_number_or_none(f"{rate} of {name!r}", keys.get(rate))), axis, point)
 
     def _flywheel_body(
-        self, name: str, inertia: float, times: float = 1.0, numbers: Sequence[str] = ("",)
+        self, name: str, inertia: float, factor: float = 1.0, indices: Sequence[str] = ("",)
     ) -> FlywheelBody:
-        """Return the body of a flywheel: a coordinate for each of ``numbers``, T = p²/(2 a).
+        """Return the body of a flywheel: a coordinate for each of ``indices``, T = p²/(2 a).
 
-        a is ``times`` the inertia: a ball has four coordinates with a = 4 inertia.
+        a is ``factor`` times the inertia: a ball has four coordinates with a = 4 inertia.
         """
-        body = FlywheelBody.of(name, numbers)
+        body = FlywheelBody.of(name, indices)
         self._components.claim(body.name, "body")
-        self._components.values[str(body.mass)] = times * positive(f"inertia of {name!r}", inertia)
-        zero = np.zeros(len(numbers))
+        # a "mass", for the coordinates are those of a point
+        self._components.values[str(body.mass)] = factor * positive(f"inertia of {name!r}", inertia)
+        zero = np.zeros(len(indices))
         self._components.bodies[body] = InitialState(
-            np.array([1.0, 0, 0, 0]), zero, zero, np.zeros(3))
+            q=np.array([1.0, 0, 0, 0]), x=zero, v=zero, omega=np.zeros(3))
         return body
 
     def law(
@@ -990,7 +995,7 @@ class Multibody:
         return self._join(Law(
             name, measured_joints[0].b, measured_joints[-1].b, joints=tuple(measured_joints),
             coordinates=tuple(symbols),
-            what=tuple(map(_coordinate, measured_joints)), expression=expression))
+            quantities=tuple(map(_coordinate, measured_joints)), expression=expression))
 
     def drive(self, name: str, joint: Connection | str, *, angle: Any) -> RheonomicConstraint:
         """Have the angle of a hinge be a law of t: one constraint, ``name: angle``.
@@ -1075,22 +1080,22 @@ class Multibody:
         By default it acts at the body's origin. Its components are expressions of the bodies'
         symbols, momenta, ``time`` and parameters.
         """
-        target = self._components.body(body, "A force")
-        F = three_expressions(f"force on {target.name!r}", force)
-        r = self._point(f"point of the force on {target.name!r}", body, on_body)
-        self._components.forces += target.force_at([0, 0, 0] if r is None else r.tolist(), F)
+        loaded_body = self._components.body(body, "A force")
+        F = three_expressions(f"force on {loaded_body.name!r}", force)
+        r = self._point(f"point of the force on {loaded_body.name!r}", body, on_body)
+        self._components.forces += loaded_body.force_at([0, 0, 0] if r is None else r.tolist(), F)
 
     def torque(self, body: Body | str, torque: Sequence[Any]) -> None:
         """Let a torque (in body axes, N m) act on a body, as expressions like a force's.
 
         For a top it is taken about the fixed point.
         """
-        turned = self._components.body(body, "A torque")
-        if isinstance(turned, Particle):
-            raise InputError(f"A torque on {turned.name!r}, a point mass, turns nothing; give a "
-                             "force, or a body.")
-        self._components.forces += turned.torque_on(
-            three_expressions(f"torque on {turned.name!r}", torque))
+        loaded_body = self._components.body(body, "A torque")
+        if isinstance(loaded_body, Particle):
+            raise InputError(f"A torque on {loaded_body.name!r}, a point mass, turns nothing; give "
+                             "a force, or a body.")
+        self._components.forces += loaded_body.torque_on(
+            three_expressions(f"torque on {loaded_body.name!r}", torque))
 
     def motor(
         self, name: str, joint: Connection | str, *, torque: Any = None, force: Any = None
@@ -1105,7 +1110,7 @@ class Multibody:
             raise InputError(f"Motor {name!r} needs a torque or a force, one of them.")
         driven = self._components.joint(joint, f"Motor {name!r}")
         self._components.refuse_measure(driven, quantity)
-        return self._join(Motor(name, driven.a, driven.b, joints=(driven,), what=quantity,
+        return self._join(Motor(name, driven.a, driven.b, joints=(driven,), quantity=quantity,
                                 effort=as_expression(effort)))
 
     def joint_spring(
@@ -1122,7 +1127,7 @@ class Multibody:
         spring_joint = self._components.joint(joint, f"Spring {name!r}")
         quantity = _coordinate(spring_joint)
         return self._join(JointSpring(
-            name, spring_joint.a, spring_joint.b, joints=(spring_joint,), what=quantity,
+            name, spring_joint.a, spring_joint.b, joints=(spring_joint,), quantity=quantity,
             coordinate=self._measure(spring_joint, quantity),
             rate=self._measure(spring_joint, RATE_OF[quantity]),
             stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())),
@@ -1177,20 +1182,21 @@ class Multibody:
             raise InputError(f"{name!r} has {'a gap and a body' if a else 'neither bodies nor gap'}"
                              "; give gap=, or the bodies that touch.")
         if a is None:
-            several = isinstance(gap, Sequence) and not isinstance(gap, str)
-            return self._contact(name, list(map(as_expression, gap)) if several else [
-                as_expression(gap)], restitution)
-        ends = self._components.frames(name, a, b)
-        points = points_of(name, on_a, box)
-        ends_of_beams = [end.on if end else 0.0 for end in map(self._components.end, (a, b))]
-        points, base = points + ends_of_beams[0], vector(
-            f"on_b of {name!r}", on_b) + ends_of_beams[1]
-        if normal is None and ends[1] is GROUND:
+            is_list = isinstance(gap, Sequence) and not isinstance(gap, str)
+            return self._contact(
+                name, [as_expression(e) for e in (gap if is_list else [gap])], restitution)
+        frames = self._components.frames(name, a, b)
+        # points at the end of a beam are given from that end, ``on`` in the axes of its segment
+        end_a, end_b = (end.on if end else 0.0 for end in map(self._components.end, (a, b)))
+        points_a = points_of(name, on_a, box) + end_a
+        point_b = vector(f"on_b of {name!r}", on_b) + end_b
+        if normal is None and frames[1] is GROUND:
             normal = (0.0, 0.0, 1.0)
         values = self._components.values
-        return self._contact(
-            name, gaps_of_spheres(name, ends, points, base, radius, values) if normal is None else
-            gaps_of_plane(name, ends, points, base, normal, radius, values), restitution)
+        gaps = (gaps_of_spheres(name, frames, points_a, point_b, radius, values)
+                if normal is None else
+                gaps_of_plane(name, frames, points_a, point_b, normal, radius, values))
+        return self._contact(name, gaps, restitution)
 
     def latch(
         self, name: str, a: Frame | str | None = None, b: Frame | str = GROUND, *,
@@ -1240,11 +1246,12 @@ class Multibody:
         if not ends or (len(ends) == 2 and ends["lower"] >= ends["upper"]):
             raise InputError(f"Stop {name!r} has lower = {lower} and upper = {upper}; give one of "
                              "them, or a lower end below the upper one.")
-        sides = [("lower", 1), ("upper", -1)]
-        limits = [sign * (coordinate - named_number(f"{name}_at_{key}", ends[key],
-                                                    self._components.values))
-                  for key, sign in sides if key in ends]
-        return self._contact(name, limits, restitution, [*ends])
+        # φ = c − lower ≥ 0 and φ = upper − c ≥ 0
+        signs = {"lower": 1, "upper": -1}
+        gaps = [signs[key] * (coordinate - named_number(f"{name}_at_{key}", end,
+                                                        self._components.values))
+                for key, end in ends.items()]
+        return self._contact(name, gaps, restitution, [*ends])
 
     def moving_point(self, name: str, path: Sequence[Any]) -> MovingPoint:
         """Return a moving point of the ground, for joints, rods and springs.
@@ -1440,13 +1447,17 @@ class Multibody:
     def _pair(
         self, name: str, a: Frame | str, b: Frame | str, at: Any, on_a: Any, on_b: Any
     ) -> dict[str, Any]:
-        """Return the arguments of a joint with a common point; at an end of a beam, that end."""
-        (first, second), (on_first, on_second) = self._components.frames(name, a, b), self._points(
-            name, (a, b), (on_a, on_b))
+        """Return the arguments a, b, on_a, on_b and at of a joint with a common point.
+
+        Without any point, a joint at an end of a beam is where that end is at the start.
+        """
+        frame_a, frame_b = self._components.frames(name, a, b)
+        point_a, point_b = self._points(name, (a, b), (on_a, on_b))
         end = self._components.end(a) or self._components.end(b)
-        return {"a": first, "b": second, "on_a": on_first, "on_b": on_second,
-                "at": optional_vector(f"at of {name!r}", end.at if end and at is None and
-                                      (on_a is on_b is None) else at)}
+        if end and at is None and on_a is None and on_b is None:
+            at = end.at
+        return {"a": frame_a, "b": frame_b, "on_a": point_a, "on_b": point_b,
+                "at": optional_vector(f"at of {name!r}", at)}
 
     def _points(
         self, name: str, frames: Sequence[Frame | str], points: Sequence[Any]
@@ -1457,30 +1468,36 @@ class Multibody:
         return on_a, on_b
 
     def _point(self, label: str, frame: Frame | str, entry: Any) -> Array | None:
-        """Return a point in the axes of a body, on from the end of a beam."""
+        """Return a point in the axes of a body; at an end of a beam, ``entry`` is from that end."""
         r, end = optional_vector(label, entry), self._components.end(frame)
-        return r if end is None else end.on if r is None else end.on + r
+        if end is None:
+            return r
+        return end.on if r is None else end.on + r
 
     def _hinge(
         self, name: str, a: Frame | str, b: Frame | str, axes: Axes, rate: float | None = None,
         angle: float | None = None,
     ) -> Align:
         """Return the hinge of a joint: its axis, and its angle and rate if they are given."""
-        first, second = self._components.frames(name, a, b)
-        value = _number_or_none(f"angle of {name!r} in rad", angle)
-        described, start = self._value(value)
+        frame_a, frame_b = self._components.frames(name, a, b)
+        described, start = self._value(_number_or_none(f"angle of {name!r} in rad", angle))
         if start is not None:
             warn_of_degrees(f"The angle of {name!r}", [start],
                             cure=f'{math.radians(start):.6g}, or "{start:g} deg" in a file')
-        return Align(name, first, second, self._axis(name, first, second, axes),
+        return Align(name, frame_a, frame_b, self._axis(name, frame_a, frame_b, axes),
                      _number_or_none(f"rate of {name!r} in rad/s", rate), described, start)
 
     def _travel(self, name: str, travel: float | None) -> dict[str, Any]:
+        """Return the arguments ``travel`` and ``start_travel`` of a joint that slides."""
         described, start = self._value(_number_or_none(f"travel of {name!r}", travel))
         return {"travel": described, "start_travel": start}
 
     def _value(self, value: float | None) -> tuple[float, float | None]:
-        """Return a coordinate of a joint in the described pose, and at the start if it is given."""
+        """Return a coordinate of a joint in the described pose, and at the start if it is given.
+
+        A robot's file places its bodies with all angles and travels; elsewhere these move bodies
+        from where they are described, with all of them 0.
+        """
         return (value or 0.0, None) if self._describes_start else (0.0, value)
 
     def _axis(self, name: str, a: Frame, b: Frame, axes: Axes) -> Array:
@@ -1523,26 +1540,39 @@ class Multibody:
         return body
 
     def _measure(self, joint: Connection | str, quantity: str) -> sp.Symbol:
-        """Return the symbol of a measure."""
-        measured = self._components.joint(joint, f"The {quantity}")
-        self._components.refuse_measure(measured, quantity)
-        symbol = sp.Symbol(f"{measured.name}_{quantity}", real=True)
+        """Return the symbol of a measure; the assembly replaces it by the joint's expression."""
+        link = self._components.joint(joint, f"The {quantity}")
+        self._components.refuse_measure(link, quantity)
+        symbol = sp.Symbol(f"{link.name}_{quantity}", real=True)
         if symbol not in self._components.measures:
             self._components.claim(str(symbol), "parameter")
             self._components.symbols[str(symbol)] = symbol
-            self._components.measures[symbol] = measured, quantity
+            self._components.measures[symbol] = link, quantity
         return symbol
 
     def _law(self, label: str, entry: Any) -> sp.Expr:
-        """Return an expression of time and parameters."""
+        """Return an expression of time and parameters, or raise InputError for other symbols."""
         law = as_expression(entry)
-        strange = law.free_symbols - {TIME} - {
+        other_symbols = law.free_symbols - {TIME} - {
             symbol for name, symbol in self._components.symbols.items()
             if name in self._components.values}
-        if strange:
-            raise InputError(f"The {label} contains {min(map(str, strange))!r}; it may contain "
-                             "time and parameters.")
+        if other_symbols:
+            raise InputError(f"The {label} contains {min(map(str, other_symbols))!r}; it may "
+                             "contain time and parameters.")
         return law
+
+
+def _segment_state(
+    name: str, q: Array, x: Array, start: Array, v: Array | None, omega: Array | None
+) -> InitialState:
+    """Return the state of a segment of a beam that moves as one rigid body.
+
+    Its middle x has the velocity v + ω × (x − x₀), with v that of the start x₀ of the beam; the
+    angular velocity is in axes of the segment, whose attitude is q.
+    """
+    v_turning = np.zeros(3) if omega is None else np.cross(omega, x - start)
+    return initial_state(name, q, None, x, None if v is None else v + v_turning,
+                         None if omega is None else rotation(q).T @ omega)
 
 
 def _matrix(q: Array) -> Array:

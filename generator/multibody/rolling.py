@@ -71,7 +71,7 @@ class Rolling(Connection):
             t = unit_vector(f"{self.name}_tangent{k}", tangent, store)
             yield Equation(f"{self.name}: slip {k}", dot(t, slip))
 
-    def place(self, store: Store, poses: Poses) -> bool:
+    def set_position(self, store: Store, poses: Poses) -> bool:
         """Set a body without a position on the plane; return whether it was set."""
         pose = poses[self.b]
         if pose.x is not None:
@@ -80,7 +80,7 @@ class Rolling(Connection):
         pose.x = self.at - self._at_start([self._height(store)], store, pose)[0] * self.normal
         return True
 
-    def move(self, store: Store, poses: Poses) -> bool:
+    def set_velocity(self, store: Store, poses: Poses) -> bool:
         """Set an unknown velocity so that the contact does not slip; return whether it was set."""
         pose = poses[self.b]
         if pose.v is not None:
