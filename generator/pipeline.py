@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.arguments import few
 from ..core.errors import TableauError
 from ..core.incompatibilities import refuse_together
 from ..core.inertia import REPS
 from ..core.real_types import REALS
+from ..core.records import dataclass
 from ..core.registry import MODELS, SYSTEMS
 from .codegen.emit import Source, emit
 from .codegen.program import Derived
 from .kernels.kernel import Constants
-from .models.model_file import load_model
-from .multibody.model import Model
 from .normal_forms.canonical_system import canonical
 from .schemes.lagrangian_midpoint import mean_scheme
 from .schemes.named_schemes import scheme_named
@@ -32,6 +31,9 @@ from .systems.time_scale import scaled
 from .tableaux.conditions import Condition, check_tableau
 from .tableaux.tableau import Tableau
 from .tableaux.tableau_file import read_tableau
+
+if TYPE_CHECKING:
+    from .multibody.model import Model
 
 __all__ = ["Generated", "generate", "refuse_violations", "tableau_of"]
 
@@ -90,6 +92,8 @@ def generate(
     # 1. system and model: refuse features that exclude each other, kinks and redundant constraints
     is_users_system = system is not None or spec.model is not None
     if system is None and spec.model is not None:
+        from .models.model_file import load_model  # readers of robots: named systems need none
+
         model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
     if spec.order is not None:
         refuse_together(splitting="scheme splitting", frame=(

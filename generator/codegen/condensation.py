@@ -15,10 +15,10 @@ The engine's ``newton/condensed.h`` has the algorithm; here are the places of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
+from ...core.records import dataclass
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..systems.elimination_order import Node, reverse_cuthill_mckee
 from ..systems.repeated_structure import Structure

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -20,6 +20,7 @@ import sympy as sp
 
 from ..._version import __version__
 from ...core.real_types import REALS, Real, round_binary
+from ...core.records import dataclass
 from ...engine.amalgamate import INCLUDE_CHECK, amalgamate
 from ..kernels.c_printer import ON_LANES, SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products

@@ -7,13 +7,13 @@ that a profile or a system does not have is None.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 from ...core.manifest import SymmetryManifest
 from ...core.real_types import Real
+from ...core.records import dataclass
 from ..kernels.kernel import Constants, EmittedKernel
-from ..multibody.model import Model
 from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.start_kernels import StartKernels
 from ..schemes.step_equations import MeanScheme, SparkScheme
@@ -22,6 +22,9 @@ from ..systems.system import System
 from .condensation import Condensation
 from .constant_loops import ConstantLoop
 from .profiles import ProfileName
+
+if TYPE_CHECKING:
+    from ..multibody.model import Model
 
 __all__ = [
     "CompositionText", "Derivatives", "Derived", "DualKernels", "Elements", "Features", "Flows",

@@ -8,9 +8,9 @@ a clock, so that a run has the same bits on a busy machine.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
+from ...core.records import dataclass
 from ..kernels.kernel import EmittedKernel
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..systems.lagrangian import LagrangianSystem

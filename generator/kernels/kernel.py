@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import count
 
 import sympy as sp
 
 from ...core.real_types import Real
+from ...core.records import dataclass
 from ..symbolic.bounded_algebra import is_small
 from ..symbolic.phases import since_start, without_start
 from ..symbolic.shared_subexpressions import expand_shared, name_of, parts_of, symbols_of

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..symbolic.construction import applied, rebuilt
 from ..symbolic.shared_subexpressions import Shared, name_of, parts_of, symbols_of, tree_size
 from .common_subexpressions import common_subexpressions

@@ -9,12 +9,11 @@ surface is closed if each of its edges runs as often one way as the other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...core.arrays import Floats
 from ...core.errors import InputError
+from ...core.records import dataclass
 
 __all__ = ["Volume", "convex_hull", "mesh_volume"]
 

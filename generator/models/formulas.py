@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
@@ -20,6 +20,7 @@ from mpmath import mp
 
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, exact
+from ...core.records import dataclass
 from ..parsing import bounded_numbers as numbers
 from ..parsing.bounded_numbers import Value, rational
 from ..parsing.grammar import parse_quantity

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from xml.sax.saxutils import escape, quoteattr
 
@@ -21,6 +20,7 @@ from ...core.arguments import listed, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import quaternion_of_matrix
+from ...core.records import dataclass
 from ..multibody.initial_poses import rotation, unit
 from .bounded_xml import Element
 from .xml_numbers import NUMBER

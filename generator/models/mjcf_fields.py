@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...core.arguments import few
 from ...core.errors import InputError
+from ...core.records import dataclass
 
 __all__ = ["ENABLE_FLAGS", "REFUSED", "Refusal", "check_fields", "count_refused",
            "fields_of", "flags_of"]

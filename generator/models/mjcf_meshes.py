@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -21,6 +20,7 @@ from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import quaternion_of_matrix
 from ...core.mesh_files import read_triangles
+from ...core.records import dataclass
 from ...core.shapes import Shape
 from ..multibody.initial_poses import rotation, unit
 from .closed_mesh import Volume, convex_hull, mesh_volume

@@ -51,7 +51,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -61,6 +61,7 @@ from ...core.errors import InputError
 from ...core.event import Event, event_of_text
 from ...core.inertia import REPS, RepName
 from ...core.mesh_files import located_all
+from ...core.records import dataclass
 from ...core.registry import FRAMES, SYSTEMS
 from ...core.warnings import capture_warnings, warn
 from ..multibody.model import Model

@@ -18,7 +18,6 @@ to where the loops are closed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -30,6 +29,7 @@ from ...core.errors import ArgumentError, InputError
 from ...core.exact_numbers import decimal
 from ...core.inertia import RepName
 from ...core.mesh_files import located_all
+from ...core.records import dataclass
 from ...core.warnings import warn
 from ..multibody.body import GROUND
 from ..multibody.model import Model

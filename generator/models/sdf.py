@@ -12,7 +12,6 @@ Each element and attribute is in a closed list (``sdf_schema``).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ import numpy as np
 from ...core.arguments import choose, few, listed, proposal, shown
 from ...core.arrays import Floats
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ...core.shapes import Shape
 from ...core.warnings import warn
 from ..multibody.body import GROUND

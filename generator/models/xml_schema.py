@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 from ...core.arguments import proposal, shown
 from ...core.errors import InputError
+from ...core.records import dataclass
 from .bounded_xml import Element
 
 __all__ = ["EXTENSION", "Parts", "Refused", "Schema", "count_extras"]

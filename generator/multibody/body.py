@@ -12,7 +12,7 @@ where J is a tensor.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ import sympy as sp
 
 from ...core.arguments import as_items, shown
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ..systems.expression_arguments import as_expression
 from ..systems.system import INVERSE
 from .rigid_body import (

@@ -16,7 +16,7 @@ twice the kinetic energy. Both are Gauss-Newton steps in the null space of the c
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import sympy as sp
@@ -25,6 +25,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import Inertia, inertia_matrix
 from ...core.projection import as_dense, project_momenta
+from ...core.records import dataclass
 from ...core.warnings import warn
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from .body import Body, Frame

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,6 +19,7 @@ from ...core.exact_numbers import exact
 from ...core.frozen_dict import FrozenDict
 from ...core.html import card, table
 from ...core.inertia import Inertia, as_moments_or_tensor, real_array
+from ...core.records import dataclass
 from ...core.registry import FRAMES, RULES
 from ...core.shapes import Shape
 from ...core.start import Start

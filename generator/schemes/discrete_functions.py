@@ -6,12 +6,13 @@ The rules are listed in ``discrete_gradient``.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..symbolic.cardinal_functions import Asinhc, Atanc, Atanhc, Sinc, Sinhc
 from ..symbolic.piecewise import PiecewiseForm
 from ..symbolic.shared_subexpressions import Shared, parts_of, share

@@ -20,11 +20,11 @@ emitted, which is slower and equally correct.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..kernels.statements import Kernel
 from ..symbolic.bounded_algebra import expanded, is_small
 from ..symbolic.switching_functions import depends_by_steps, switches_of

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import zip_longest
@@ -11,6 +10,7 @@ from typing import Any
 import mpmath as mp
 
 from ...core.real_types import Real, round_binary
+from ...core.records import dataclass
 from ..tableaux.multipliers import multiplier_inverse
 from ..tableaux.tableau import Tableau
 

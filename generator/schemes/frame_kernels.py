@@ -8,11 +8,11 @@ one a. Three rotations of space are one rotation about the axis ω/|ω|.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..kernels.statements import Kernel
 from ..symmetry.frame_symmetries import CoMovingFrame, FrameSymmetry
 from ..symmetry.rotations import Rotation, turned

@@ -15,12 +15,13 @@ For v₀ = v₁, Λ = L and D = (−L_q, v, −L_t). D is symmetric under exchan
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..kernels.statements import Kernel
 from ..symbolic.derivatives import along
 from ..symbolic.identities import IdentityCheck, compare

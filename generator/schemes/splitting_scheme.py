@@ -12,12 +12,12 @@ composition with force gradients. Source: docs/theory/splitting.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import sympy as sp
 
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
 from ..splitting.decomposition import split

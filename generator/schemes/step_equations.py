@@ -28,11 +28,12 @@ The C loops over the stages; the kernels below are expressions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
 from ..symbolic.identities import IdentityCheck, compare, is_refuted

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain, combinations_with_replacement
 from typing import Any
@@ -25,6 +25,7 @@ from typing import Any
 import sympy as sp
 
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ..multibody.rigid_body import left_matrix, rotation_matrix
 from ..normal_forms.expansion import TooLongError
 from ..normal_forms.terms import Monomial, Terms, expression_of, order, symbols_in, term

@@ -32,11 +32,11 @@ Source: McLachlan and Quispel, Splitting methods, Acta Numerica 11 (2002); Chin,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..multibody.rigid_body import rotation_matrix
 from ..symbolic.derivatives import derivative
 from ..symbolic.shared_subexpressions import Shared, share

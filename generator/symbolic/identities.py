@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import mpmath as mp
 import sympy as sp
 
+from ...core.records import dataclass
 from .cardinal_functions import Numeric
 from .shared_subexpressions import Shared, parts_of, symbols_of
 from .switching_functions import Where

@@ -11,11 +11,11 @@ conditions: x < a is tested where x < −a does not hold, which is pointless unl
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..parsing.tokens import shorten
 from .identities import compare
 from .shared_subexpressions import parts_of

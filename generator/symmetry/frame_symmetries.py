@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
 
@@ -32,6 +32,7 @@ from sympy.polys.matrices import DomainMatrix
 from ...core.arguments import few
 from ...core.errors import InputError
 from ...core.incompatibilities import refuse_together
+from ...core.records import dataclass
 from ..symbolic.bounded_algebra import is_small
 from ..symbolic.derivatives import derivative
 from ..symbolic.finite_fields import exactly, identically_zero

@@ -8,7 +8,6 @@ A wrong division is harmless: its fields are tested, and are no symmetries.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
@@ -17,6 +16,7 @@ import numpy as np
 import sympy as sp
 
 from ...core.arrays import Floats
+from ...core.records import dataclass
 from ..multibody.rigid_body import left_matrix
 from ..systems.system import System
 

@@ -10,11 +10,11 @@ so that one sine and one cosine rotate all blocks of one a: a = 1 of points, a =
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..systems.elimination_order import connected
 
 __all__ = ["Rotation", "commute", "rotation_of", "turned"]

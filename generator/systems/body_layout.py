@@ -5,10 +5,11 @@ An entry of a vector is a parameter of the system, or a number where it is no pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import sympy as sp
+
+from ...core.records import dataclass
 
 __all__ = ["BodyLayout", "ConstraintForce", "Entries", "Entry", "JointLayout",
            "SectionLayout"]

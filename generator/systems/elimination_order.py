@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
 from heapq import heappop, heappush
+
+from ...core.records import dataclass
 
 __all__ = ["Elimination", "Node", "connected", "eliminate", "reverse_cuthill_mckee"]
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import sympy as sp
 
 from ...core.arrays import Array
+from ...core.records import dataclass
 from ...core.warnings import warn
 from ..parsing.tokens import shorten
 from ..symbolic.bounded_algebra import is_small

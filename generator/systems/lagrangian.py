@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import shown
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ..parsing.tokens import shorten
 from ..symbolic.derivatives import derivative, slopes
 from ..symbolic.identities import compare

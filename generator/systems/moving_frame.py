@@ -6,11 +6,12 @@ has the other such system.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 
 import sympy as sp
 
+from ...core.records import dataclass
 from .jacobians import gradient, shortest
 from .system import System
 

@@ -8,7 +8,6 @@ are found by one evaluation.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import real_array
 from ...core.projection import as_dense
+from ...core.records import dataclass
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import evaluate
 from .lagrangian import LagrangianSystem

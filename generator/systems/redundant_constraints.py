@@ -8,7 +8,6 @@ ones, at points that Gauss-Newton steps find on g = 0.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +16,7 @@ import sympy as sp
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.projection import as_dense, dependent_rows, solve_sparse
+from ...core.records import dataclass
 from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.rounding_errors import rounding
 from ..symbolic.shared_subexpressions import name_of, symbols_of

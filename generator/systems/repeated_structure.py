@@ -20,11 +20,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import sympy as sp
 
+from ...core.records import dataclass
 from ..symbolic.shared_subexpressions import substitute
 from ..symbolic.switching_functions import depends_by_steps
 from .elimination_order import Elimination, Node, connected, eliminate, reverse_cuthill_mckee

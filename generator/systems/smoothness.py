@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum
 from functools import cached_property, partial
 from itertools import count
@@ -18,6 +18,7 @@ from typing import Any
 import sympy as sp
 
 from ...core.errors import InputError
+from ...core.records import dataclass
 from ..parsing.tokens import shorten
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import Evaluator, mp_context

@@ -18,7 +18,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.frozen_dict import FrozenDict
 from ...core.html import card, table
+from ...core.records import dataclass
 from ..parsing.reserved_names import is_taken
 from .body_layout import BodyLayout, JointLayout
 from .expression_arguments import as_expression, as_sequence, refuse_unless_symbols, shown_formula

@@ -13,13 +13,14 @@ e is −H − W, W the work of forces and of explicit time dependence: it is con
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 
 import sympy as sp
 
 from ...core.arguments import few
 from ...core.errors import InputError
 from ...core.incompatibilities import refuse_together
+from ...core.records import dataclass
 from .lagrangian import LagrangianSystem
 from .moving_frame import TransformedSystem
 from .system import System

@@ -14,13 +14,14 @@ Residuals are exact: zero is proved, not measured (``node_algebra``).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
 import mpmath as mp
 import sympy as sp
 
+from ...core.records import dataclass
 from .energy_parameter import with_energy_parameter
 from .multipliers import multiplier_condition, multiplier_inverse
 from .node_algebra import Nodes, column, magnitude, power

@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
@@ -17,6 +16,7 @@ import mpmath as mp
 import sympy as sp
 
 from ...core.errors import TableauError
+from ...core.records import dataclass
 
 __all__ = ["Enclosure", "enclose_roots", "exact_roots", "gauss_polynomial", "lobatto_polynomial",
            "radau_polynomial"]

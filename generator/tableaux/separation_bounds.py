@@ -12,7 +12,6 @@ zero and is narrower than this proves E = 0; one without zero proves E ≠ 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import lcm, prod
 from typing import Any
 
@@ -21,6 +20,7 @@ from mpmath import mp
 from mpmath.ctx_iv import MPIntervalContext
 
 from ...core.errors import TableauError
+from ...core.records import dataclass
 
 __all__ = ["Rounding", "enclosure", "vanishes", "vanishes_to"]
 

@@ -19,7 +19,6 @@ function of the constrained step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -27,6 +26,7 @@ import sympy as sp
 from sympy import QQ
 from sympy.polys.matrices import DomainMatrix
 
+from ...core.records import dataclass
 from .multipliers import multiplier_inverse
 from .tableau import Tableau
 

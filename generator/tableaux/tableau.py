@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import numbers
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +22,7 @@ import sympy as sp
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, formula, table
+from ...core.records import dataclass
 from .enclosures import enclose_part, map_entries, widest_radius
 from .node_algebra import Nodes, ValueNodes
 from .nodes import BITS, Enclosure, exact_roots
