@@ -7,7 +7,7 @@ nothing else: it keeps the branches of the features, and leaves all other lines 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -45,7 +45,7 @@ def amalgamate(source: str) -> str:
     if '#include "gyrospark/' not in source:
         return source
     pieces: list[str] = []
-    _process(source.replace(INCLUDE_CHECK, ""), {}, pieces)
+    _process(_split(source.replace(INCLUDE_CHECK, "")), {}, pieces)
     text = "".join(pieces)[1:] + "\n"
     while "\n\n\n" in text:  # blank lines around what was left out
         text = text.replace("\n\n\n", "\n\n")
@@ -58,15 +58,36 @@ def complete(files: Mapping[str, str]) -> dict[str, str]:
             for name, text in files.items()}
 
 
+class _Directive(NamedTuple):
+    """A line for this preprocessor, the text above it, and what its conditional consists of."""
+
+    before: str
+    line: str
+    #: Of ``_CONDITIONAL``; None of all other lines.
+    groups: Sequence[str | None]
+
+
+def _split(text: str) -> tuple[list[_Directive], str]:
+    """Return the directives of a text, and what is behind the last; a line feed precedes a line."""
+    text, place, directives = "\n" + text.rstrip("\n"), 0, []
+    for directive in _DIRECTIVE.finditer(text):
+        conditional = _CONDITIONAL.match(directive[1])
+        directives.append(_Directive(text[place : directive.start()], directive[1],
+                                     conditional.groups() if conditional else (None,) * 5))
+        place = directive.end()
+    return directives, text[place:]
+
+
 @cache
-def _header(name: str) -> str:
+def _header(name: str) -> tuple[list[_Directive], str]:
+    """Return a header of the engine, split once for all steppers of a process."""
     try:
         text = (FOLDER / name).read_text(encoding="ascii")
-        return text.partition("*/\n")[2]  # after the comment that says what the file is for
     except OSError as error:
         raise GyrosparkError(
             f"The header {name!r} of the engine is missing in {str(FOLDER)!r}; install gyrospark "
             "again, or generate the file with this version.") from error
+    return _split(text.partition("*/\n")[2])  # after the comment that says what the file is for
 
 
 class _Branch(NamedTuple):
@@ -79,17 +100,16 @@ class _Branch(NamedTuple):
     is_ours: bool
 
 
-def _process(text: str, names: dict[str, int], pieces: list[str]) -> None:
+def _process(
+    text: tuple[list[_Directive], str], names: dict[str, int], pieces: list[str]
+) -> None:
     """Append the lines of a text, a line feed before each; ``names`` are the GS_ names so far."""
     branches: list[_Branch] = []
-    text, place = "\n" + text.rstrip("\n"), 0
-    for directive in _DIRECTIVE.finditer(text):
+    directives, rest = text
+    for before_line, line, (name_test, name, keyword, condition, ending) in directives:
         is_active = all(branch.is_active for branch in branches)
         if is_active:
-            pieces.append(text[place : directive.start()])
-        line, place = directive[1], directive.end()
-        match = _CONDITIONAL.match(line)
-        name_test, name, keyword, condition, ending = match.groups() if match else [None] * 5
+            pieces.append(before_line)
         if condition and (keyword == "if" or branches[-1].is_ours):
             before = keyword == "elif" and branches.pop().has_been_active
             # #elif stands in the branch above it, which need not be active
@@ -122,12 +142,17 @@ def _process(text: str, names: dict[str, int], pieces: list[str]) -> None:
         else:
             pieces.append(f"\n{line}")
     assert not branches
-    pieces.append(text[place:])
+    pieces.append(rest)
+
+
+@cache
+def _tokens(expression: str) -> tuple[str, ...]:
+    return tuple(_TOKEN.findall(expression.partition("/*")[0]))
 
 
 def _value(expression: str, names: dict[str, int]) -> bool:
     """Return the value of a condition: GS_ names, whole numbers, ``! == != && || ( )``."""
-    tokens = _TOKEN.findall(expression.partition("/*")[0])
+    tokens = list(_tokens(expression))
 
     # One function for each level of precedence, the loosest first.
     def disjunction() -> int:

@@ -37,6 +37,8 @@ _CIRCULAR = {sp.sin, sp.cos, sp.tan}
 _HYPERBOLIC = {sp.exp, sp.sinh, sp.cosh, sp.tanh}
 #: Batches of random points, until roots are replaced by random numbers.
 _BATCHES = 40
+#: How far below 2³¹ primes are looked for.
+_PRIME_RANGE = 86_000
 
 
 def primes() -> Iterator[int]:
@@ -44,13 +46,12 @@ def primes() -> Iterator[int]:
 
     There are a few hundred of them, and most expressions have values modulo nearly all.
     """
-    p = 2**31
-    for _ in range(4000):
-        p = int(sp.prevprime(p))
-        # 16 | p − 9: then 8 | p − 1, so that there is an eighth root of 1, with √−1 and √2; and
-        # half of all residues have a root, which is found by one power
-        if p % 16 == 9:
-            yield p
+    # 16 | p − 9: then 8 | p − 1, so that there is an eighth root of 1, with √−1 and √2; and half of
+    # all residues have a root, which is found by one power
+    yield from filter(_is_prime, range(2**31 - 7, 2**31 - _PRIME_RANGE, -16))
+
+
+_is_prime = cache(sp.isprime)
 
 
 @cache
