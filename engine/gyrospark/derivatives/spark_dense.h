@@ -23,20 +23,7 @@ typedef struct {
 } TYPED(linearisation_t);
 
 #if GS_DERIVATIVES_IN_LANES || GS_ON_DUALS
-/* As rates_by_state of spark/rates_by_state.h, on lanes or dual numbers */
-static inline void TYPED(rates_by_state)(const TYPED(constants) *c, const NUMBER q[N],
-    const NUMBER p[N], const NUMBER t[1], NUMBER H_qq[N][N], NUMBER H_qp[N][N], NUMBER H_pq[N][N],
-    NUMBER H_pp[N][N])
-{
-#if GS_FORCES
-    TYPED(hessian)(c, q, p, t, H_qq, H_qp, H_pq, H_pp);
-#else
-    TYPED(hessian)(c, q, p, t, H_qq, H_pq, H_pp);
-    for (int a = 0; a < N; ++a)
-        for (int b = 0; b < N; ++b)
-            H_qp[a][b] = H_pq[b][a];
-#endif
-}
+#include "gyrospark/spark/jacobian_rows.h"
 #endif
 
 #if !GS_LAGRANGIAN
@@ -110,68 +97,6 @@ static int TYPED(linearise_end)(TYPED(constants) *c, NUMBER t, const NUMBER q1[N
 }
 #endif
 
-/* J = dr/dx of (B.1), as spark/jacobian.h has it, from the linearisation. */
-static void TYPED(assemble_jacobian)(TYPED(linearisation_t) *l)
-{
-    NUMBER *J = l->J;
-    const NUMBER h = l->h, zero = TYPED(broadcast)(0), unit = TYPED(broadcast)(1);
-    for (int e = 0; e < U*U; ++e)
-        J[e] = zero;
-    for (int i = 0; i < S; ++i) {
-        for (int j = 0; j < S; ++j) {
-            const NUMBER a_ij = h*tableau.A[i][j], a_hat = h*tableau.A_hat[i][j];
-#if GS_CONSTRAINED
-            NUMBER B[N][N];
-            for (int a = 0; a < N; ++a)
-                for (int b = 0; b < N; ++b) {
-                    NUMBER sum = zero;
-                    for (int k = 0; k < P; ++k)
-                        sum += tableau.A_tilde[i][k]*tableau.A_bar[k][j]*l->K[k][a][b];
-                    B[a][b] = -h*h*sum;
-                }
-#endif
-            for (int a = 0; a < N; ++a) {
-                NUMBER *upper = J + (i*N + a)*U, *lower = J + (K_HAT + i*N + a)*U;
-                for (int b = 0; b < N; ++b) {
-                    const NUMBER one = i == j && a == b ? unit : zero;
-                    NUMBER by_k = a_ij*l->H_pq[i][a][b], by_k_lower = a_ij*l->H_qq[i][a][b];
-#if GS_CONSTRAINED
-                    for (int e = 0; e < N; ++e) {
-                        by_k += l->H_pp[i][a][e]*B[e][b];
-                        by_k_lower += l->H_qp[i][a][e]*B[e][b];
-                    }
-#endif
-                    upper[j*N + b] = one - by_k;
-                    upper[K_HAT + j*N + b] = -a_hat*l->H_pp[i][a][b];
-                    lower[j*N + b] = by_k_lower;
-                    lower[K_HAT + j*N + b] = one + a_hat*l->H_qp[i][a][b];
-                }
-            }
-        }
-#if GS_CONSTRAINED
-        for (int m = 0; m < M; ++m)
-            for (int k = 0; k < P; ++k)
-                for (int a = 0; a < N; ++a) {
-                    NUMBER by_p = zero, by_p_lower = zero;
-                    for (int e = 0; e < N; ++e) {
-                        by_p += l->H_pp[i][a][e]*l->G[k][m][e];
-                        by_p_lower += l->H_qp[i][a][e]*l->G[k][m][e];
-                    }
-                    const NUMBER a_tilde = h*tableau.A_tilde[i][k];
-                    J[(i*N + a)*U + LAMBDA + k*M + m] = a_tilde*by_p;
-                    J[(K_HAT + i*N + a)*U + LAMBDA + k*M + m] = -a_tilde*by_p_lower;
-                }
-#endif
-    }
-#if GS_CONSTRAINED
-    for (int k = 1; k <= P; ++k)
-        for (int m = 0; m < M; ++m)
-            for (int j = 0; j < S; ++j)
-                for (int b = 0; b < N; ++b)
-                    J[(LAMBDA + (k - 1)*M + m)*U + j*N + b] = h*tableau.A_bar[k][j]*l->G[k][m][b];
-#endif
-}
-
 /*
  * Linearises the step from (q, p) with the unknowns x to (q1, p1), which starts at t. `c` are the
  * constants, in which the time may be set.
@@ -231,7 +156,12 @@ static int TYPED(linearise)(TYPED(constants) *c, NUMBER t, NUMBER h, const NUMBE
 #else
     (void)p_end;
 #endif
-    TYPED(assemble_jacobian)(l);
+    for (int e = 0; e < U*U; ++e)
+        l->J[e] = TYPED(broadcast)(0);
+    for (int i = 0; i < S; ++i)
+        TYPED(fill_stage_rows)(NULL, h, i, l->H_qq[i], l->H_qp[i], l->H_pq[i], l->H_pp[i],
+            IF_CONSTRAINED(l->G, l->K,) l->J);
+    IF_CONSTRAINED(TYPED(fill_node_rows)(NULL, h, l->G, l->J);)
     return TYPED(factorise_matrix)(U, l->J, l->pivots);
 }
 

@@ -22,20 +22,12 @@
  */
 #if !GS_SPARK
 enum { K_HAT = DP };
-#define STAGE(i, j) 1
-#define HAT(i, j) 1
-#define TILDE(i, l) 1
-#define BAR(l, j) 1
-#elif GS_EXACT_ENERGY
-#define STAGE(i, j) stage_entry(w, i, j)
-#define HAT(i, j) stage_entry(w, i, j)
-#define TILDE(i, l) force_entry(w, i, l)
-#define BAR(l, j) node_entry(w, l, j)
+#define A_STAGE(theta, i, j) 1
+#define A_HAT(theta, i, j) 1
+#define A_TILDE(theta, i, l) 1
+#define A_BAR(theta, l, j) 1
 #else
-#define STAGE(i, j) tableau.A[i][j]
-#define HAT(i, j) tableau.A_hat[i][j]
-#define TILDE(i, l) tableau.A_tilde[i][l]
-#define BAR(l, j) tableau.A_bar[l][j]
+#include "gyrospark/spark/coefficients.h"
 #endif
 
 /* a <- a^-1 by Gauss-Jordan elimination with partial pivoting */
@@ -160,17 +152,17 @@ static void assemble_condensed(work_t *w, real dt)
     for (int l = 0; l < P; ++l)
         for (int n = 0; n < P; ++n)
             for (int i = 0; i < S; ++i)
-                by_mobility[l][n][i] = dt*BAR(l + 1, i)*(dt*TILDE(i, n));
+                by_mobility[l][n][i] = dt*A_BAR(w->theta, l + 1, i)*(dt*A_TILDE(w->theta, i, n));
 #endif
     for (int i = 0; i < S; ++i)
         for (int j = 0; j < S; ++j) {
-            by_q[i][j] = dt*STAGE(i, j);
-            by_force[i][j] = dt*HAT(i, j);
+            by_q[i][j] = dt*A_STAGE(w->theta, i, j);
+            by_force[i][j] = dt*A_HAT(w->theta, i, j);
             for (int k = 0; k < S; ++k)
-                by_stage[i][k][j] = dt*HAT(i, k)*(dt*STAGE(k, j));
+                by_stage[i][k][j] = dt*A_HAT(w->theta, i, k)*(dt*A_STAGE(w->theta, k, j));
 #if GS_CONSTRAINED
             for (int l = 0; l < P; ++l)
-                by_curvature[i][l][j] = dt*TILDE(i, l)*(dt*BAR(l, j));
+                by_curvature[i][l][j] = dt*A_TILDE(w->theta, i, l)*(dt*A_BAR(w->theta, l, j));
 #endif
         }
     for (int a = 0; a < N; ++a)
@@ -204,9 +196,9 @@ static void assemble_condensed(work_t *w, real dt)
         for (int l = 0; l < P; ++l)
             for (int i = 0; i < S; ++i) {
                 band_row(J, CONDENSED_BAND, multiplier + l)[coordinate + i] =
-                    dt*BAR(l + 1, i)*constraint_entry(m, l + 1, e);
+                    dt*A_BAR(w->theta, l + 1, i)*constraint_entry(m, l + 1, e);
                 band_row(J, CONDENSED_BAND, coordinate + i)[multiplier + l] =
-                    dt*TILDE(i, l)*constraint_entry(m, l, e);
+                    dt*A_TILDE(w->theta, i, l)*constraint_entry(m, l, e);
             }
     }
     for (int e = 0; e < FREE_PAIRS; ++e) {
@@ -241,10 +233,10 @@ static void eliminate_free(const work_t *w, real dt, int is_solved, real *restri
         for (int l = 0; l < P; ++l)
             for (int i = 0; i < S; ++i)
                 if (is_solved)
-                    b[i*N + a] -= dt*TILDE(i, l)*constraint_entry(m, l, e)*m->mobility[i][a]
+                    b[i*N + a] -= dt*A_TILDE(w->theta, i, l)*constraint_entry(m, l, e)*m->mobility[i][a]
                         *multipliers[l];
                 else
-                    multipliers[l] -= dt*BAR(l + 1, i)*constraint_entry(m, l + 1, e)*b[i*N + a];
+                    multipliers[l] -= dt*A_BAR(w->theta, l + 1, i)*constraint_entry(m, l + 1, e)*b[i*N + a];
     }
 }
 #endif
@@ -279,7 +271,7 @@ static int condensed_solve(work_t *w, real dt, real b[U])
         for (int a = 0; a < N; ++a) {
             real sum = by_rate[i][a];
             for (int j = 0; j < S; ++j)
-                sum += dt*HAT(i, j)*force[j][a];
+                sum += dt*A_HAT(w->theta, i, j)*force[j][a];
             if (is_free(a))
                 b[i*N + a] = sum*m->mobility[i][a];
             else
@@ -304,7 +296,7 @@ static int condensed_solve(work_t *w, real dt, real b[U])
         for (int a = 0; a < N; ++a) {
             dQ[i][a] = 0;
             for (int j = 0; j < S; ++j)
-                dQ[i][a] += dt*STAGE(i, j)*b[j*N + a];
+                dQ[i][a] += dt*A_STAGE(w->theta, i, j)*b[j*N + a];
         }
 #if GS_SPARK
     for (int i = 0; i < S; ++i)

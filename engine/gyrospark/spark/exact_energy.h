@@ -6,9 +6,9 @@
 
 #if GS_EXACT_ENERGY
 /* Entry of A + theta_0 Z with Z_ij = b_j (u_i v_j - v_i u_j), of rank two. */
-static real stage_entry(const work_t *w, int i, int j)
+static real stage_entry(const real theta[2], int i, int j)
 {
-    return tableau.A[i][j] + w->theta[0]*(tableau.b[j]*(energy_u[i]*energy_v[j]
+    return tableau.A[i][j] + theta[0]*(tableau.b[j]*(energy_u[i]*energy_v[j]
         - energy_v[i]*energy_u[j]));
 }
 
@@ -20,14 +20,14 @@ enum { DIRECTIONS = 2 };
  * Entries of A- + theta_1 Z- and A~ + theta_1 Z~ with Z-_lj = w_l b_j u_j, Z~_il = -b~_l w_l u_i: of
  * rank one, and zero at the first and the last node.
  */
-static real node_entry(const work_t *w, int l, int j)
+static real node_entry(const real theta[2], int l, int j)
 {
-    return tableau.A_bar[l][j] + w->theta[1]*(energy_w[l]*(tableau.b[j]*energy_u[j]));
+    return tableau.A_bar[l][j] + theta[1]*(energy_w[l]*(tableau.b[j]*energy_u[j]));
 }
 
-static real force_entry(const work_t *w, int i, int l)
+static real force_entry(const real theta[2], int i, int l)
 {
-    return tableau.A_tilde[i][l] - w->theta[1]*(tableau.b_tilde[l]*energy_w[l]*energy_u[i]);
+    return tableau.A_tilde[i][l] - theta[1]*(tableau.b_tilde[l]*energy_w[l]*energy_u[i]);
 }
 
 /* D_l += dt theta_1 sum Z-_lj k_j */

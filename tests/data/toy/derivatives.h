@@ -27,6 +27,9 @@
 #endif
 #define TIMES (2*GS_TIME_DEPENDENT)
 #endif
+#if TOY_LANES
+#include "gyrospark/simd/lanes.h" /* the header of J is for numbers */
+#endif
 enum { E = 5 + TIMES, PARAMETERS = 6, CHAIN = 2, DT0 = 2*N + E - TIMES, DH, Z };
 static const int chain_constant[CHAIN] = { 0, 1 }, chain_parameter[CHAIN] = { 0, 1 };
 static const int input_constant[INPUTS] = { 4 };
