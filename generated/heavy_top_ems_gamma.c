@@ -140,8 +140,7 @@ static void hidden_constraint(const constants *c, const double q[4], const doubl
 /* W = (df/dp) G^T. 3 add, 8 mul. */
 static void hidden_matrix(const constants *c, const double q[4], const double p[4], double W[1][1])
 {
-    (void)c;
-    (void)p;
+    (void)c, (void)p;
     W[0][0] = 2.0*q[0]*q[0] + 2.0*q[1]*q[1] + 2.0*q[2]*q[2] + 2.0*q[3]*q[3];
 }
 
@@ -357,8 +356,7 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
 static void mean_constraint(const constants *c, const double qm[4], const double dq[4],
     double G[1][4])
 {
-    (void)c;
-    (void)dq;
+    (void)c, (void)dq;
     G[0][0] = 2.0*qm[0];
     G[0][1] = 2.0*qm[1];
     G[0][2] = 2.0*qm[2];
@@ -369,9 +367,7 @@ static void mean_constraint(const constants *c, const double qm[4], const double
 static void mean_curvature(const constants *c, const double qm[4], const double dq[4],
     const double lambda[1], double K[4][4])
 {
-    (void)c;
-    (void)qm;
-    (void)dq;
+    (void)c, (void)qm, (void)dq;
     K[0][0] = lambda[0];
     K[0][1] = 0.0;
     K[0][2] = 0.0;
@@ -548,8 +544,7 @@ INLINE void lanes_mean_force(const lanes_constants *c, const lanes qm[4], const 
 INLINE void lanes_mean_constraint(const lanes_constants *c, const lanes qm[4], const lanes dq[4],
     lanes G[1][4])
 {
-    (void)c;
-    (void)dq;
+    (void)c, (void)dq;
     G[0][0] = 2.0*qm[0];
     G[0][1] = 2.0*qm[1];
     G[0][2] = 2.0*qm[2];

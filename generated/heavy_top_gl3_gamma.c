@@ -145,8 +145,7 @@ static void hidden_constraint(const constants *c, const double q[4], const doubl
 /* W = (df/dp) G^T. 3 add, 8 mul. */
 static void hidden_matrix(const constants *c, const double q[4], const double p[4], double W[1][1])
 {
-    (void)c;
-    (void)p;
+    (void)c, (void)p;
     W[0][0] = 2.0*q[0]*q[0] + 2.0*q[1]*q[1] + 2.0*q[2]*q[2] + 2.0*q[3]*q[3];
 }
 
@@ -298,8 +297,7 @@ static void hessian(const constants *c, const double q[4], const double p[4], co
 static void constraint_curvature(const constants *c, const double q[4], const double lambda[1],
     double K[4][4])
 {
-    (void)c;
-    (void)q;
+    (void)c, (void)q;
     /* Common subexpressions (1) */
     const double t0 = 2.0*lambda[0];
     K[0][0] = t0;
@@ -491,9 +489,7 @@ INLINE void lanes_hidden_constraint(const lanes_constants *c, const lanes q[4], 
 INLINE void lanes_hidden_matrix(const lanes_constants *c, const lanes q[4], const lanes p[4],
     lanes W[1][1])
 {
-    (void)c;
-    (void)q;
-    (void)p;
+    (void)c, (void)q, (void)p;
     W[0][0] = splat(2.0);
 }
 

@@ -140,8 +140,7 @@ static void hidden_constraint(const constants *c, const double q[4], const doubl
 /* W = (df/dp) G^T. 3 add, 8 mul. */
 static void hidden_matrix(const constants *c, const double q[4], const double p[4], double W[1][1])
 {
-    (void)c;
-    (void)p;
+    (void)c, (void)p;
     W[0][0] = 2.0*q[0]*q[0] + 2.0*q[1]*q[1] + 2.0*q[2]*q[2] + 2.0*q[3]*q[3];
 }
 
@@ -149,9 +148,7 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
 static void mean_gradient(const constants *c, const double qm[4], const double pm[4],
     const double dq[4], const double dp[4], const double t[1], double D_q[4], double D_p[4])
 {
-    (void)dq;
-    (void)dp;
-    (void)t;
+    (void)dq, (void)dp, (void)t;
     /* Common subexpressions (15) */
     const double t0 = 2.0*c->mgl;
     const double t1 = 0.25*pm[1];
@@ -183,9 +180,7 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     const double dq[4], const double dp[4], const double t[1], double D_qq[4][4],
     double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
 {
-    (void)dq;
-    (void)dp;
-    (void)t;
+    (void)dq, (void)dp, (void)t;
     /* Common subexpressions (69) */
     const double t0 = pm[1]*pm[1];
     const double t1 = 0.125*c->k1;
@@ -326,8 +321,7 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
 static void mean_constraint(const constants *c, const double qm[4], const double dq[4],
     double G[1][4])
 {
-    (void)c;
-    (void)dq;
+    (void)c, (void)dq;
     G[0][0] = 2.0*qm[0];
     G[0][1] = 2.0*qm[1];
     G[0][2] = 2.0*qm[2];
@@ -338,9 +332,7 @@ static void mean_constraint(const constants *c, const double qm[4], const double
 static void mean_curvature(const constants *c, const double qm[4], const double dq[4],
     const double lambda[1], double K[4][4])
 {
-    (void)c;
-    (void)qm;
-    (void)dq;
+    (void)c, (void)qm, (void)dq;
     K[0][0] = lambda[0];
     K[0][1] = 0.0;
     K[0][2] = 0.0;
@@ -474,8 +466,7 @@ INLINE void lanes_hidden_constraint(const lanes_constants *c, const lanes q[4], 
 INLINE void lanes_mean_velocity(const lanes_constants *c, const lanes qm[4], const lanes pm[4],
     const lanes dq[4], const lanes dp[4], lanes D_p[4])
 {
-    (void)dq;
-    (void)dp;
+    (void)dq, (void)dp;
     const lanes t0 = c->f1*(pm[1]*qm[0] + pm[2]*qm[3] - pm[0]*qm[1] - pm[3]*qm[2]);
     const lanes t1 = c->f2*(pm[2]*qm[0] + pm[3]*qm[1] - pm[0]*qm[2] - pm[1]*qm[3]);
     const lanes t2 = c->f3*(pm[1]*qm[2] + pm[3]*qm[0] - pm[0]*qm[3] - pm[2]*qm[1]);
@@ -489,9 +480,7 @@ INLINE void lanes_mean_velocity(const lanes_constants *c, const lanes qm[4], con
 INLINE void lanes_mean_force(const lanes_constants *c, const lanes qm[4], const lanes pm[4],
     const lanes dq[4], const lanes dp[4], const lanes t[1], lanes D_q[4])
 {
-    (void)dq;
-    (void)dp;
-    (void)t;
+    (void)dq, (void)dp, (void)t;
     const lanes t0 = c->f1*(pm[1]*qm[0] + pm[2]*qm[3] - pm[0]*qm[1] - pm[3]*qm[2]);
     const lanes t1 = pm[2]*qm[0] + pm[3]*qm[1] - pm[0]*qm[2] - pm[1]*qm[3];
     const lanes t2 = t1*c->f2;
@@ -507,8 +496,7 @@ INLINE void lanes_mean_force(const lanes_constants *c, const lanes qm[4], const 
 INLINE void lanes_mean_constraint(const lanes_constants *c, const lanes qm[4], const lanes dq[4],
     lanes G[1][4])
 {
-    (void)c;
-    (void)dq;
+    (void)c, (void)dq;
     G[0][0] = 2.0*qm[0];
     G[0][1] = 2.0*qm[1];
     G[0][2] = 2.0*qm[2];

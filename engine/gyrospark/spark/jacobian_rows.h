@@ -91,8 +91,7 @@ static inline void TYPED(fill_node_rows)(const real *theta, NUMBER h, NUMBER G[]
         for (int mu = 0; mu < M; ++mu)
             for (int j = 0; j < S; ++j)
                 for (int b = 0; b < N; ++b)
-                    J[(LAMBDA + (l - 1)*M + mu)*U + j*N + b] =
-                        h*A_BAR(theta, l, j)*G[l][mu][b];
+                    J[(LAMBDA + (l - 1)*M + mu)*U + j*N + b] = h*A_BAR(theta, l, j)*G[l][mu][b];
 }
 #endif
 #endif
