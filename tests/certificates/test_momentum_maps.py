@@ -12,10 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+import systems
 from generic_systems import EXAMPLES
 from gyrospark.certificates.momentum_maps import MAX_COORDINATES, _echelon, momentum_maps
 from gyrospark.generator.multibody.rigid_body import body_system, heavy_top, mgl, rotation_matrix
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
+from gyrospark.generator.symmetry.linear_fields import known_fields
 from gyrospark.runtime.rigid_body.quaternion import left_matrix
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix as attitude
 
@@ -69,6 +71,14 @@ def test_free_body():
     assert [J.name for J in found if J.any_parameters] == SPACE[2:]
     body = gs.problems.free_body((2.0, 1.0, 1.0))
     assert sorted(J.name for J in maps_of(body, "gamma")) == [*SPACE, BODY[0]]
+
+
+def test_fields_of_each_body_add_up_to_those_of_all():
+    system = systems.case("double_top").system.system
+    momenta = {field.name: field.momentum(system.q, system.p) for field in known_fields(system)}
+    parts = [name for name in momenta if name.startswith(f"{SPACE[1]} of ")]
+    assert sum("body" in name for name in parts) == 2
+    assert sp.expand(momenta[SPACE[1]] - sum(momenta[name] for name in parts)) == 0
 
 
 def test_values_are_the_momenta_of_mechanics():

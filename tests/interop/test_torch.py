@@ -59,6 +59,9 @@ def test_backward_and_dual_numbers_are_transposes():
         ahead = torch.autograd.forward_ad.unpack_dual(F(*duals)).tangent
     back = sum(x.grad @ dx for x, dx in zip(given, directions, strict=True))
     assert close(back, ahead @ w)
+    _, pull = torch.func.vjp(lambda theta: F(Q, P, theta), THETA)
+    by_w = torch.func.jacrev(lambda w: pull(w)[0])(w)
+    assert close(by_w.T, torch.func.jacfwd(F, 2)(Q, P, THETA))
     once = THETA.clone().requires_grad_()
     F(Q, P, once)[0].backward()
     assert close(once.grad, torch.func.grad(lambda theta: F(Q, P, theta)[0])(THETA))

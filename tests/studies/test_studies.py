@@ -13,7 +13,7 @@ from collections import Counter
 import pytest
 from click.testing import CliRunner
 
-from gyrospark.commands.reproduce import reproduce
+from gyrospark.commands.reproduce import _progress, reproduce
 from gyrospark.core.errors import InputError
 from gyrospark.studies import (
     accuracy,
@@ -308,6 +308,17 @@ def test_command_prints_a_table():
     assert "30 agrees" in result.output
     assert "2.35e-06" in result.output  # the paper's
     assert re.search(r"misprint: .*γ_h, EMS: .*19", result.output)
+
+
+def test_a_terminal_shows_what_is_computed(monkeypatch):
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with _progress(3, quiet=False) as (advance, watch):
+        advance("table-4", 1)
+        watch("γ = h")
+    assert all(text in terminal.getvalue() for text in ("table-4", "1 of 3", "γ = h"))
 
 
 def test_command_json_is_one_document():

@@ -225,6 +225,9 @@ def test_an_axis_may_follow_another(tmp_path):
     assert motion.value("second_angle") == pytest.approx(0.9, rel=1e-13)
     torque = 2 * 9.81 * 0.5 * (np.cos(0.4) + 2 * np.cos(0.9))
     assert motion.acceleration("pin_rate") == pytest.approx(torque / (0.6 * 5), rel=1e-12)
+    path.write_text(path.read_text().replace("<multiplier>2</multiplier>", ""))
+    motion = Motion(gs.load_model(path, angles={"pin": 0.4}))
+    assert motion.value("second_angle") == pytest.approx(0.6, rel=1e-13)
 
 
 def test_endless_ranges_have_no_ends(tmp_path):

@@ -139,6 +139,13 @@ def test_change_is_exact_and_right_in_doubles(name):
     assert checked > 10
 
 
+def test_a_slope_that_is_not_chosen_may_be_infinite():
+    """That of √y, at rest at 0, below x + 4."""
+    D = discrete_gradient(as_switches(sp.Max(x + 4, sp.sqrt(y))), X, MEANS, STEPS)
+    ends = [[Fraction(1), Fraction(0)], [Fraction(2), Fraction(0)]]
+    assert [*in_doubles(D, {s: float(v) for s, v in at(ends).items()})] == [1.0, 0.0]
+
+
 @named
 def test_at_rest_it_is_the_gradient(name):
     """Away from kinks: ends that meet have D = ∂H/∂x."""

@@ -6,6 +6,7 @@ import random
 
 import sympy as sp
 
+from gyrospark.generator.symbolic.bounded_algebra import is_small
 from gyrospark.generator.symbolic.polynomials import expanded_polynomial
 
 _X = [*sp.symbols("x y z _u b1", real=True), sp.Symbol("m", positive=True)]
@@ -30,6 +31,14 @@ def test_random_polynomials_expand_as_in_sympy():
         e = _expression(chance, 4)
         # the text of srepr has the order of arguments, which equality does not
         assert sp.srepr(expanded_polynomial(e)) == sp.srepr(sp.expand(e)), e
+
+
+def test_long_expansions_are_known_before():
+    """(x + y + 1)**n has (n + 1)(n + 2)/2 terms, also beside a function."""
+    x, y, *_ = _X
+    for factor in (1, sp.cos(x * y)):
+        assert is_small(factor * (x + y + 1) ** 9)
+        assert not is_small(factor * (x + y + 1) ** 300)
 
 
 def test_constants_and_cancelled_terms():

@@ -126,6 +126,21 @@ def test_hessians_are_the_limits_of_differences_of_gradients(name, scheme):
             1e3 * float(step.binding.epsilon) * np.abs(gradient.astype(float)).max())
 
 
+def test_rows_of_inputs_are_moved_by_no_parameter():
+    """Rows of one number give the run of this parameter; only it has no effect."""
+    name, scheme = FEW[0]
+    step, wrt = stepper_for(name, scheme, "double"), names_of(name)
+    u, = step.binding.input_names
+    rows = {"inputs": {u: [case_of(name).parameters[u]] * STEPS}}
+    plain, fed = (step.hessian(run_of(name, step, **more), loss=loss_of(step, name), wrt=wrt)
+                  for more in ({}, rows))
+    place = fed.names.index(u)
+    assert not fed.matrix[place].any()
+    assert plain.matrix[place].any()
+    others = np.delete(np.arange(len(fed.names)), place)
+    assert np.array_equal(fed.matrix[np.ix_(others, others)], plain.matrix[np.ix_(others, others)])
+
+
 @pytest.mark.slow  # second derivatives of one more stepper
 def test_a_step_has_the_derivative_of_its_vjp_along_a_direction():
     """Against differences of ``vjp``; and along v₁ and v₂ in either order."""

@@ -55,6 +55,7 @@ def test_joints_and_phases(tops):
     assert np.array_equal(curve.get_xdata(), tops.q[:, column])
     assert np.array_equal(curve.get_ydata(), tops.p[:, column])
     assert start.get_xdata()[0] == tops.q[0, column]
+    assert figure.axes[1].get_ylabel() == tops.momenta[column]
     assert len(tops.plot_phase().axes) == 6
     with pytest.raises(gs.InputError, match="'x'"):
         tops.plot_phase("x")

@@ -112,6 +112,7 @@ def test_a_choice_says_what_it_was_chosen_by():
     assert tuned.error == chosen.motion < start.motion / 10
     assert tuned.gain == pytest.approx(plain.motion / chosen.motion)
     assert plain.worst == 1 > 1000 * chosen.worst
+    assert "no symmetry" not in tuned.reason
 
 
 @pytest.mark.slow  # three seconds of pilot runs; test_gamma.py has the search
