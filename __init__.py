@@ -50,10 +50,11 @@ def __getattr__(name: str) -> Any:
         explain_names(home, [inner])
         thing = vars(home).get(inner)
         if thing is None or isinstance(thing, type(os)):
-            return explain_module(import_module(f"{home.__name__}.{inner}"))
-        return thing
+            thing = explain_module(import_module(f"{home.__name__}.{inner}"))
     except MissingDependencyError as error:
         return _missing(name, str(error))
+    globals()[name] = thing  # the next access does not come here
+    return thing
 
 
 def _missing(name: str, message: str) -> Any:

@@ -217,10 +217,10 @@ def _own_codes(make: Callable[[int], gs.Stepper], start: Any, t_end: float,
                name: str = "{}-G-L", tolerance: float | None = None) -> Iterator[Code]:
     """Yield our runs of (stages or order, steps a second)."""
     def prepare(size: int, steps: int) -> Callable[[], Any]:
-        step = make(size)
+        step, solver = make(size), gs.Solver("auto", tolerance)
         return lambda: step.integrate(
             start, dt=t_end / steps, steps=steps, every=steps, parameters=values,
-            solver=gs.Solver("auto", tolerance)).q[-1]
+            solver=solver).q[-1]
 
     for size, rate in settings:
         yield Code("gyrospark", f"{name.format(size)} Δt={1 / rate:.3g}",
@@ -348,10 +348,11 @@ def _orbits(e: float) -> Iterator[Code]:
                 ) -> Callable[[], tuple[Array, float]]:
         step, count = gs.stepper("G-L", stages, system=system), round(steps * _PERIODS)
         options: dict[str, Any] = {name: end / count, "steps": count, "every": count}
+        start = gs.Start(orbit.q, orbit.p)
 
         def run() -> tuple[Array, float]:
-            found = step.integrate(gs.Start(orbit.q, orbit.p), **options)
-            return found.q[-1], float(found.t[-1])
+            trajectory = step.integrate(start, **options)
+            return trajectory.q[-1], float(trajectory.t[-1])
 
         return run
 

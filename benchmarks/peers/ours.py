@@ -47,14 +47,14 @@ def prepare(scheme: Any, stages: int | None, dt: float, values: Mapping[str, flo
                       frame="symmetries" if "omega_body" in values else None)
     numbers = {name: x for name, x in {**parameters(), **values}.items()
                if name in step.parameter_domains}
-    top = tops()[0]
+    top, method = tops()[0], gs.Solver(solver, tolerance)
 
     def run(t_end: float) -> TopState:
         steps = round(t_end / dt)
         if abs(steps * dt - t_end) > 1e-9 * t_end:
             raise gs.InputError(f"t = {t_end:g} s is no whole number of steps of {dt:g} s.")
         end = step.integrate(top.q, top.p, dt=dt, steps=steps, every=max(steps, 1),
-                             parameters=numbers, solver=gs.Solver(solver, tolerance))
+                             parameters=numbers, solver=method)
         q = np.asarray(end.q[-1], dtype=np.float64)
         return TopState(q, angular_velocity(q, end.p[-1], INERTIA))
 

@@ -144,6 +144,12 @@ def _are_same(values: Any, kept: tuple[list[str], list[Any]] | None) -> bool:
 
 
 def _is_same(value: Any, kept: Any) -> bool:
-    """Return whether two arguments are one object, or equal numbers of Python of one type."""
+    """Return whether two arguments are one object, or equal numbers of Python of one type.
+
+    Or two solvers whose fields are the same so.
+    """
+    if type(value) is Solver and type(kept) is Solver:
+        return (value.kind == kept.kind and value.max_iterations == kept.max_iterations
+                and _is_same(value.tolerance, kept.tolerance))
     return value is kept or (type(value) is type(kept) and type(value) in (float, int)
                              and value == kept)

@@ -89,6 +89,19 @@ def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
     assert outcome(*start, parameters=numbers)[3]["mgl"] == 0.5
 
 
+def test_a_solver_with_the_fields_of_the_last_one_recalls_its_call(gl3) -> None:
+    def memory(*fields):
+        gl3.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=TOP.parameters,
+                      solver=gs.Solver(*fields))
+        return gl3._memory._last
+
+    first = memory("auto", 1e-12, 20)
+    assert memory("auto", 1e-12, 20) is first
+    for fields in (("newton", 1e-12, 20), ("auto", 1e-9, 20), ("auto", 1e-12, 21), ("auto",)):
+        assert memory(*fields).plan.run.tolerance == (fields[1] if fields[1:] else None)
+        assert memory("auto", 1e-12, 20) is not first
+
+
 @pytest.mark.parametrize("name", ["driven_oscillator", "bead", "heavy_top_in_frame", "pendulum"])
 def test_repeated_calls_of_other_systems_give_what_first_calls_give(name) -> None:
     """With a driven force, velocities, a frame; at other times and states; simulations too."""
