@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -206,7 +207,9 @@ def _differences(step: _Step, shift: float) -> float:
     mixed = basis @ (rng.normal(size=basis.shape[1]) / basis.shape[1] ** 0.5)
     size = np.abs(np.concatenate([step.q, step.p])).max()
     columns: list[tuple[Array, dict[str, Any]]] = [(mixed * size, {})]
-    columns += [(zero, {k: x if x != 0 else 1.0}) for k, x in step.values.items()]
+    # entries of I⁻¹ move less: the rod of a linkage is near what no body has
+    columns += [(zero, {k: (x / 64 if re.search("_K[1-3]{2}$", k) else x) if x != 0 else 1.0})
+                for k, x in step.values.items()]
     columns.append((zero, {"dt": step.dt}))
     differences = np.array([step.forth(v, d) for v, d in columns])
     expected = np.array([_slope(step, v, d, shift) for v, d in columns])
