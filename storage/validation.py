@@ -33,6 +33,7 @@ from .array_layout import (
     names_of,
     wide_name,
 )
+from .chunk_files import read_rows
 from .durable_files import one_line
 from .identity import FORMAT, written_by
 
@@ -296,7 +297,7 @@ def stored_values(
     Raises InputError if what is stored is damaged.
     """
     try:
-        array_rows = np.asarray(array[first : first + count])
+        array_rows = read_rows(array, first, count)
     except UNREADABLE as error:
         raise InputError(f"Array {array.name!r} of the store is damaged: {one_line(error)}."
                          ) from error
