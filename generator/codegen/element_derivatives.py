@@ -62,8 +62,6 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
     derivative_tables = []
     for kind, (templates, tables, kernels_of) in enumerate(kinds):
         for template, table in zip(templates, tables, strict=True):
-            if not (template.q or template.p) and kind == 0:
-                continue  # a constant of H has no derivatives
             derivative_kernels = emit.all(table["name"], kernels_of(template, scheme, times))
             by_name = {k["name"]: k for k in (*table["kernels"], *derivative_kernels)}
             extended = table | {"kind": kind, "columns": table["nk"] + len(times),

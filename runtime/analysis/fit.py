@@ -558,7 +558,7 @@ def _first_run(
                               for name, x in all_parameters.items()}
         q, p = step.project(q, p, parameters=numeric_parameters, t=start.t)
     run = step._resolved(step._run_arguments(
-        replace(start, q=q, p=p, excess=0.0), dt=dt, steps=steps, inputs=input_rows, scaled=True))
+        replace(start, q=q, p=p), dt=dt, steps=steps, inputs=input_rows, scaled=True))
     refuse_run(run)
     return run
 
