@@ -49,7 +49,17 @@ class Guarantee:
     refuted: str = ""
 
 
-_WORK_ON_LOOPS = Guarantee(False, "the forces are no gradient in q and may do work on the loop")
+def guaranteed(why: str, refuted: str = "") -> Guarantee:
+    """Return the guarantee of a property; an exact condition that fails refutes it."""
+    return Guarantee(guaranteed=True, why=why, refuted=refuted)
+
+
+def not_guaranteed(why: str) -> Guarantee:
+    """Return that a property may hold, but is not guaranteed."""
+    return Guarantee(guaranteed=False, why=why)
+
+
+_WORK_ON_LOOPS = not_guaranteed("the forces are no gradient in q and may do work on the loop")
 
 
 class Guarantees(Protocol):
@@ -106,10 +116,10 @@ def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], parameters: Numbers) 
 def _not_exact(J: MomentumMap) -> Guarantee:
     """Return the guarantee of a map whose bracket with H is not identically zero."""
     if J.on_constraints:
-        return Guarantee(False, "{J, H} = 0 on the constraints only, as far as random points show: "
-                         "the motion keeps it, stages do not; write V for any q")
-    return Guarantee(False, f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
-                     "symmetry, J drifts as far as that allows")
+        return not_guaranteed("{J, H} = 0 on the constraints only, as far as random points show: "
+                              "the motion keeps it, stages do not; write V for any q")
+    return not_guaranteed(f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
+                          "symmetry, J drifts as far as that allows")
 
 
 def _domain(J: MomentumMap) -> str:
@@ -174,36 +184,36 @@ class SparkGuarantees:
         """Return whether the map is symplectic: with the conditions of the class, a fixed tableau
         and forces F = −∇V(q, t)."""
         if self.system.velocity_count:
-            return Guarantee(False, "the motion itself is not symplectic with velocity constraints")
+            return not_guaranteed("the motion itself is not symplectic with velocity constraints")
         if self.exact_energy:
-            return Guarantee(False, "the tableau is symplectic for every θ, but θ depends on the "
-                             "state")
+            return not_guaranteed("the tableau is symplectic for every θ, but θ depends on the "
+                                  "state")
         if not forces_are_gradient(self.system, self.numbers):
             return _WORK_ON_LOOPS
         if self.disclaimed:
-            return Guarantee(False, "; ".join(filter(None, (
+            return not_guaranteed("; ".join(filter(None, (
                 "the tableau says that it is not symplectic", self.violation))))
-        return Guarantee(True, f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
-                         f"{self._digits}", self.violation)
+        return guaranteed(f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
+                          f"{self._digits}", self.violation)
 
     def energy(self) -> Guarantee:
         """Return whether the energy is exact: for a quadratic H and a method that conserves
         quadratic invariants, or by a θ of the tableau that each step solves for."""
         if self.exact_energy:
-            return Guarantee(True, "θ with H(q₁, p₁) = H₀ + W in each step", self._broken_energy)
+            return guaranteed("θ with H(q₁, p₁) = H₀ + W in each step", self._broken_energy)
         system = self.system
         proved = self.tableau.order if system.m else self.tableau.free_order
         order = f"an error of order {proved} in Δt"
         state = [*system.q, *system.p]
         if system.velocity_count:
-            return Guarantee(False, f"{order}; {self._reversal}")
+            return not_guaranteed(f"{order}; {self._reversal}")
         if system.m or system.is_time_dependent or not is_quadratic(system.H, state, self.numbers):
-            return Guarantee(False, order)
+            return not_guaranteed(order)
         violation = _first_violated(invariant_conditions(self.tableau))
         if violation:
-            return Guarantee(False, f"{order}: H is quadratic, but {violation}")
-        return Guarantee(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
-                         f"and each by itself{self._digits}")
+            return not_guaranteed(f"{order}: H is quadratic, but {violation}")
+        return guaranteed("H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
+                          f"and each by itself{self._digits}")
 
     @cached_property
     def _reversal(self) -> str:
@@ -224,7 +234,7 @@ class SparkGuarantees:
 
     def momentum_constraint(self) -> Guarantee:
         """T2 solves for it with Λ_p."""
-        return Guarantee(True, "T2 projects p in every step")
+        return guaranteed("T2 projects p in every step")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether J = pᵀ(A q + a) is conserved.
@@ -242,14 +252,14 @@ class SparkGuarantees:
             reaction_rate = [a * x for a, x in zip(row, X, strict=True)]  # of J, for μ = −1
             if not identically_zero([substitute(
                     reaction_rate, {} if J.any_parameters else self.numbers)]):
-                return Guarantee(False, f"{why}, but the reaction of {name} changes it: A X is not "
-                                 "0")
+                return not_guaranteed(f"{why}, but the reaction of {name} changes it: A X is not "
+                                      "0")
         if not J.A.any():
-            return Guarantee(True, f"{why}, and J is linear in p alone")
+            return guaranteed(f"{why}, and J is linear in p alone")
         # the tableau itself says that it is not symplectic: a violation refutes nothing
         if self.disclaimed and self.violation:
-            return Guarantee(False, f"{why}; {self.violation}")
-        return Guarantee(True, f"{why}{self._digits}", self.violation or self._broken_energy)
+            return not_guaranteed(f"{why}; {self.violation}")
+        return guaranteed(f"{why}{self._digits}", self.violation or self._broken_energy)
 
     @property
     def _broken_energy(self) -> str:
@@ -310,16 +320,16 @@ class MeanGuarantees:
     def loop(self) -> Guarantee:
         """Only without constraints, and with the gradient at the midpoint."""
         if self.system.m:
-            return Guarantee(False, f"{self.name} does not project p: with constraints it "
-                             "guarantees no ∮p·dq")
+            return not_guaranteed(f"{self.name} does not project p: with constraints it "
+                                  "guarantees no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
             return _WORK_ON_LOOPS
         if not self.scheme.discrete:
-            return Guarantee(True, "the implicit midpoint rule")
+            return guaranteed("the implicit midpoint rule")
         if not self._is_midpoint:
-            return Guarantee(False, f"{self.name}'s D is not the gradient at the midpoint: it "
-                             "guarantees no ∮p·dq")
-        return Guarantee(True, "D is the gradient at the midpoint: H is quadratic")
+            return not_guaranteed(f"{self.name}'s D is not the gradient at the midpoint: it "
+                                  "guarantees no ∮p·dq")
+        return guaranteed("D is the gradient at the midpoint: H is quadratic")
 
     def energy(self) -> Guarantee:
         """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
@@ -327,12 +337,12 @@ class MeanGuarantees:
         if self.scheme.discrete:
             time_dependent = self.system.is_time_dependent
             law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * time_dependent
-            return Guarantee(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * time_dependent} ({how})",
-                             "" if how else f"{law} is refuted")
+            return guaranteed(f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * time_dependent} ({how})",
+                              "" if how else f"{law} is refuted")
         if how:
-            return Guarantee(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
-                             f"({how})")
-        return Guarantee(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
+            return guaranteed(f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
+                              f"({how})")
+        return not_guaranteed(f"an error of order {self.order} in Δt: H or g is not quadratic")
 
     def momentum_constraint(self) -> Guarantee:
         """Return whether f = 0 is kept: Δg = 0 needs Ḡ D_p = 0, which must imply f_(k+1) = −f_k.
@@ -341,7 +351,7 @@ class MeanGuarantees:
         nothing is left, the row is a multiple of f_k + f_(k+1).
         """
         scheme, system = self.scheme, self.system
-        no_projection = Guarantee(False, f"{self.name} has no projection of p")
+        no_projection = not_guaranteed(f"{self.name} has no projection of p")
         if system.is_time_dependent:
             return no_projection
         (q, p), (dq, dp) = scheme.means, scheme.differences
@@ -361,7 +371,7 @@ class MeanGuarantees:
             how = self._vanish([terms])
             if not how:
                 return no_projection
-        return Guarantee(True, f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({how})")
+        return guaranteed(f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({how})")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether J = pᵀ(A q + a) is conserved, from the difference of J over a step.
@@ -379,13 +389,12 @@ class MeanGuarantees:
         constraint_rates = [[a * b for a, b in zip(row, X, strict=True)]
                             for row in self.scheme.mean_constraint]
         if not self._vanish(constraint_rates, J):
-            return Guarantee(False, f"{why}; g_q X = 0 is not seen off the constraints, where the "
-                             "midpoints are")
+            return not_guaranteed(f"{why}; g_q X = 0 is not seen off the constraints, where the "
+                                  "midpoints are")
         how = self._vanish([rate], J)
         if not how:
-            return Guarantee(False, f"{why}; D is not seen to turn as the gradient does")
-        return Guarantee(True,
-                         f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
+            return not_guaranteed(f"{why}; D is not seen to turn as the gradient does")
+        return guaranteed(f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
 
     # ------------------------------------------------------------ identities
 
@@ -484,22 +493,22 @@ class SplittingGuarantees:
         """Compositions of flows of Hamiltonian parts are symplectic."""
         if not forces_are_gradient(self.system, self.numbers):
             return _WORK_ON_LOOPS
-        return Guarantee(True, "each flow is that of a part of H, proved")
+        return guaranteed("each flow is that of a part of H, proved")
 
     def energy(self) -> Guarantee:
         """No part keeps H, unless there is one alone."""
         if not self.system.forces and self.splitting.is_exact and not self.splitting.templates:
-            return Guarantee(True, "H has one part, whose flow is exact")
-        return Guarantee(False, f"an error of order {self.order} in Δt: parts do not keep H")
+            return guaranteed("H has one part, whose flow is exact")
+        return not_guaranteed(f"an error of order {self.order} in Δt: parts do not keep H")
 
     def momentum_constraint(self) -> Guarantee:
         """p is made of q and the angular momentum."""
-        return Guarantee(True, "p = 2 L(q)ᵀ m: qᵀp = 0 by L(q) q = 0")
+        return guaranteed("p = 2 L(q)ᵀ m: qᵀp = 0 by L(q) q = 0")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """J is conserved if its bracket with each part is 0."""
         if not J.everywhere:
             return _not_exact(J)
         if not is_invariant(self.splitting, J.J):
-            return Guarantee(False, f"{{J, H}} = 0{_domain(J)}, but not with each part of H")
-        return Guarantee(True, f"{{J, ·}} = 0 with each part of H{_domain(J)}")
+            return not_guaranteed(f"{{J, H}} = 0{_domain(J)}, but not with each part of H")
+        return guaranteed(f"{{J, ·}} = 0 with each part of H{_domain(J)}")

@@ -22,7 +22,7 @@ from ..generator.systems.smoothness import Switching
 from ..generator.systems.system import System
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
-from .guarantees import Guarantee, Guarantees
+from .guarantees import Guarantee, Guarantees, guaranteed, not_guaranteed
 from .loop_invariant import loop_drift
 from .measurements import measure_order, reversal, step_named, trend
 from .momentum_maps import (
@@ -175,7 +175,7 @@ class Examination:
         compared_functions = "compiled H, H_p, H_q − F, g" if solves else "compiled H, g"
         return compared(f"{compared_functions}{', A H_p + a' * bool(slip)}",
                         f"{value:.2g} times the estimated round-off", "≤ 16",
-                        Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
+                        guaranteed("compiled from this model's H, g and F"), value, 16.0)
 
     def _compiled_values(self, q: Array, p: Array, t: Any, slip_count: int) -> list[float]:
         """Return compiled H, H_p, H_q − F, g and A H_p + a at a state; of flows H and g alone."""
@@ -268,7 +268,7 @@ class Examination:
             return reported(quantity, measured, "by the same steps back",
                             f"forces jump at {jumps}: a step may have several ends, or none", value)
         expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
-        guarantee = Guarantee(True, f"symmetric; neighbours part {reversed_run.growth:.3g} times")
+        guarantee = guaranteed(f"symmetric; neighbours part {reversed_run.growth:.3g} times")
         return compared(quantity, measured, expected, guarantee, value, bound)
 
     @property
@@ -296,13 +296,13 @@ class Examination:
         g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
         if self.step.m:
             yield compared("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
-                         Guarantee(True, "g(q) = 0 is solved in every step: 16 ε of what rounding "
-                                       "the run is worth in it"), g, unit * g_size)
+                         guaranteed("g(q) = 0 is solved in every step: 16 ε of what rounding "
+                                    "the run is worth in it"), g, unit * g_size)
         quantity = "largest |g_q H_p|"
         if self.step.binding.rows:
             yield compared(f"{quantity}, |A H_p + a|" if self.step.m else "largest |A H_p + a|",
                          f"{f:.1e}", f"≤ {unit * f_size:.1e}",
-                         Guarantee(True, "solved in every step, at its end and at every node"), f,
+                         guaranteed("solved in every step, at its end and at every node"), f,
                          unit * f_size)
             return
         guarantee = self.guarantees.momentum_constraint()
@@ -328,8 +328,8 @@ class Examination:
         if not (guarantee.guaranteed and lost):
             yield self._energy(guarantee)
             return
-        yield self._energy(Guarantee(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
-                                     f"{', '.join(lost)}"))
+        yield self._energy(not_guaranteed(f"H − Σ ω_i J_i is kept, not each J_i: not "
+                                          f"{', '.join(lost)}"))
         q, p, rounded = self.run.q, self.run.p, self.round_off
         errors = self.run.energy_error().astype(float)
         bound = rounded.walk * rounded.energy
@@ -442,7 +442,7 @@ class Examination:
         if not guarantee.guaranteed or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
                                         and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
             return guarantee
-        return Guarantee(False, f"it turns in the frame: kept to O(Δt^{self.step.order})")
+        return not_guaranteed(f"it turns in the frame: kept to O(Δt^{self.step.order})")
 
     # ------------------------------------------------------------ order, quantities
 
@@ -469,7 +469,7 @@ class Examination:
                             f"dampers are stiff, λΔt = {self.decay * measurement.dt:.2g}: orders "
                             "fall to about the stage order", measurement.order)
         lacking = derived_order - measurement.order  # a run may happen to be better than its method
-        guarantee = Guarantee(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
+        guarantee = guaranteed("|y_h − y_(h/2)| over halved steps lacks at most 0.3")
         return compared(quantity, measured, f"at least {derived_order}", guarantee, lacking, 0.3)
 
     def _quantities(self) -> Iterator[CertificateLine]:

@@ -23,7 +23,7 @@ from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.run_memory import Rows, RunState
 from ..runtime.events.last_step import counted_from_start, ends_within, report_to_end, row_of
-from ..runtime.events.location import ending
+from ..runtime.events.location import first_terminal_event
 from ..runtime.events.observer import observed, observer_of
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import ChunkSize, ended_at, next_chunk
@@ -300,7 +300,7 @@ class Recorder:
         self.end = np.array([run.t_end], last.t.dtype)
         if ends_within(self.events, last, run.dt):
             self.end = last.t[-1:]
-            name = ending(self.events, last.events, run.dt) or max(
+            name = first_terminal_event(self.events, last.events, run.dt) or max(
                 last.impacts, key=lambda gap: max(last.impacts[gap].elapsed, default=0 * elapsed))
             names = [event.name for event in self.events]
             self.state = replace(self.state, status=-1 - names.index(name))

@@ -25,7 +25,7 @@ from ...core.errors import InputError
 from ...core.event import Event
 from ...core.records import dataclass
 from ...core.registry import function_of
-from ..events.location import ending
+from ..events.location import first_terminal_event
 from ..integration.dense_output import places_of
 from ..integration.run_arguments import Origin, RunArguments
 from ..results.crossings import Crossings
@@ -136,7 +136,7 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
         return RunRows(replace(run, every=max(step_count, 1)), _at_times(stepper, run, times), True,
                        points_of_events, refused)
     run_rows = RunRows(run, [], False, events, refused)
-    last = ending(origin.events, crossings, run.dt)
+    last = first_terminal_event(origin.events, crossings, run.dt)
     if last is not None:
         return replace(run_rows, points=run_rows.event(last)[-1:], events=points_of_events)
     return replace(run_rows, points=[Point(step_count, origin.rest)]) if origin.rest else run_rows

@@ -49,7 +49,10 @@ class Levels:
 
     @classmethod
     def of(cls, binding: Binding, manifest: Manifest, events: tuple[Event, ...]) -> Levels:
-        """Return the levels of events in runs of a stepper."""
+        """Return the levels of events in runs of a stepper.
+
+        The column of an event is that of its quantity in (q, p, quantities), as C counts them.
+        """
         system = manifest.system
         columns_by_name = {name: ("p", i) for i, name in enumerate(system.momenta)}
         columns_by_name |= {name: ("q", i) for i, name in enumerate(system.coordinates)}
@@ -193,17 +196,18 @@ class EventDetector:
         self._tail: tuple[Array, Array] | None = None
         #: Steps before the last state that was examined.
         self._last_step = 0
-        #: The values at the last two states, and whether these may be near their levels.
-        self._last = levels.no_past
-        self._near = False
-        self._parts: list[Brackets] = []
-        #: Whose turning in the last step is noted already, though a neighbour may still come.
-        self._closed = np.zeros(len(levels.events), bool)
+        #: x − level at the last two states, and whether these may be near their levels.
+        self._last_values = levels.no_past
+        self._near_level = False
+        self._bracket_groups: list[Brackets] = []
+        #: Events whose turning in the last step has its bracket: the next state, which shows the
+        #: same turning again, must not add a second one.
+        self._turnings_bracketed = np.zeros(len(levels.events), bool)
         #: The step within which a terminal event happens; None as long as there is none.
         self.ends_in: int | None = None
         self._scratch: Rows | None = None
-        #: How many of the first parts have been freed of the brackets of terminal events.
-        self._split = 0
+        #: The first groups, from which the brackets of terminal events have been taken.
+        self._nonterminal_groups = 0
         self.terminal = any(event.terminal for event in levels.events)
         self._directions = np.array([event.direction for event in levels.events])
         self._is_terminal = np.array([event.terminal for event in levels.events])
@@ -236,56 +240,57 @@ class EventDetector:
             return
         # C looks for states near a level in one pass; NumPy sees only the rows about these
         candidate_rows = self._levels.near(self._parameters, self._times(first_step, q), q, p,
-                                           self._last)
-        old_q, old_p = self._tail or (q[:0], p[:0])
-        old, (low, high) = len(old_q), candidate_rows or (0, 0)
+                                           self._last_values)
+        tail_q, tail_p = self._tail or (q[:0], p[:0])
+        tail_length, (first_candidate, last_candidate) = len(tail_q), candidate_rows or (0, 0)
         self._last_step = first_step + len(q) - 1
-        self._tail = (np.concatenate([old_q, q[-TAIL:]])[-TAIL:],
-                      np.concatenate([old_p, p[-TAIL:]])[-TAIL:])
-        if candidate_rows or self._near:
+        self._tail = (np.concatenate([tail_q, q[-TAIL:]])[-TAIL:],
+                      np.concatenate([tail_p, p[-TAIL:]])[-TAIL:])
+        if candidate_rows or self._near_level:
             # the rows from ``TAIL`` before the first near state on; all of the tail, if the last
             # piece ended near a level
-            start = 0 if self._near else max(old + low - TAIL - 1, 0)
-            new = slice(max(start - old, 0), high + TAIL + 1)
-            self._bracket(first_step - old + start, max(old - 1 - start, 0),
-                          np.concatenate([old_q[start:], q[new]]),
-                          np.concatenate([old_p[start:], p[new]]))
-        self._closed[:] = False
-        self._near = candidate_rows is not None and high >= len(q) - TAIL
+            start = 0 if self._near_level else max(tail_length + first_candidate - TAIL - 1, 0)
+            new_rows = slice(max(start - tail_length, 0), last_candidate + TAIL + 1)
+            self._bracket(first_step - tail_length + start, max(tail_length - 1 - start, 0),
+                          np.concatenate([tail_q[start:], q[new_rows]]),
+                          np.concatenate([tail_p[start:], p[new_rows]]))
+        self._turnings_bracketed[:] = False
+        self._near_level = candidate_rows is not None and last_candidate >= len(q) - TAIL
 
-    def _bracket(self, first_step: int, first: int, q: Array, p: Array) -> None:
-        """Bracket events in steps from row ``first`` on, between states near a level.
+    def _bracket(self, first_step: int, first_row: int, q: Array, p: Array) -> None:
+        """Bracket events in steps from row ``first_row`` on, between states near a level.
 
-        Row 0 is the state after ``first_step`` steps; rows before ``first`` were examined, and
+        Row 0 is the state after ``first_step`` steps; rows before ``first_row`` were examined, and
         are the past of the others.
         """
         differences = self._differences(first_step, q, p)
         if len(differences) < 2:
             return
-        self._bracket_crossings(first_step, first, q, p, differences)
+        self._bracket_crossings(first_step, first_row, q, p, differences)
         if self.ends_in is not None:  # the run ends in this step
             q, p, differences = (array[: self.ends_in - first_step + 2]
                                  for array in (q, p, differences))
             self._last_step, self._tail = self.ends_in + 1, (q[-TAIL:], p[-TAIL:])
-        self._bracket_turnings(first_step, first, q, p, differences)
+        self._bracket_turnings(first_step, first_row, q, p, differences)
 
     def _bracket_crossings(
-        self, first_step: int, first: int, q: Array, p: Array, differences: Array
+        self, first_step: int, first_row: int, q: Array, p: Array, differences: Array
     ) -> None:
-        """Bracket the steps from row ``first`` on in which a value changes its sign.
+        """Bracket the steps from row ``first_row`` on in which a value changes its sign.
 
         The first of a terminal event, if its sign change is certain, sets ``ends_in``.
         """
-        before, after = differences[first:-1], differences[first + 1:]
+        before, after = differences[first_row:-1], differences[first_row + 1:]
         falls = (before > 0) & (after < 0) & (self._directions <= 0)
         rises = (before < 0) & (after > 0) & (self._directions >= 0)
         nonzero_before = np.concatenate([np.full((1, len(self._directions)), True),
                                          differences != 0])
         # between two zeros a value rests, unless it came there in the step before
-        on_level = np.where(before == 0, (after != 0) | nonzero_before[first : first + len(before)],
+        on_level = np.where(before == 0, (after != 0)
+                            | nonzero_before[first_row : first_row + len(before)],
                             after == 0)
         # the start of a run may be off its level by rounding: the first change decides
-        if not first_step + first:
+        if not first_step + first_row:
             on_level[0] |= (falls | rises)[0] & (
                 abs(before[0]) <= _AT_START * abs(after[0] - before[0]))
         row, event = np.nonzero(falls | rises | on_level)
@@ -293,41 +298,46 @@ class EventDetector:
         certain = ~on_level[row, event]
         if (self._is_terminal[event] & certain).any():
             end = int(row[self._is_terminal[event] & certain].min())
-            self.ends_in = first_step + first + end
+            self.ends_in = first_step + first_row + end
             up_to_end = row <= end
             row, event, certain = row[up_to_end], event[up_to_end], certain[up_to_end]
         for kind in (True, False):
-            self._add_brackets(first_step, row[certain == kind] + first, event[certain == kind],
+            self._add_brackets(first_step, row[certain == kind] + first_row, event[certain == kind],
                                q, p, differences, on_level=not kind)
 
     def _bracket_turnings(
-        self, first_step: int, first: int, q: Array, p: Array, differences: Array
+        self, first_step: int, first_row: int, q: Array, p: Array, differences: Array
     ) -> None:
         """Bracket the steps in which a value may touch its level, with a neighbour on either side.
 
         The last step waits for the next one.
         """
-        # the step before ``first`` is looked at once more: it has a neighbour on either side only
-        # now
-        row, event = _turning(differences, max(first - 1, 0), len(differences) - 2,
+        # the step before ``first_row`` is examined once more: only now has it neighbours on both
+        # sides
+        row, event = _turning(differences, max(first_row - 1, 0), len(differences) - 2,
                               begins=not first_step, ends=False)
-        new = (row >= first) | ~self._closed[event]
-        self._add_brackets(first_step, row[new], event[new], q, p, differences, turning=True)
+        unbracketed = (row >= first_row) | ~self._turnings_bracketed[event]
+        self._add_brackets(first_step, row[unbracketed], event[unbracketed], q, p, differences,
+                           turning=True)
 
     def _add_brackets(
         self, first_step: int, row: Array, event: Array, q: Array, p: Array, differences: Array, *,
         turning: bool = False, on_level: bool = False,
     ) -> None:
-        """Add the steps that begin at these rows as brackets of these events, one for each pair."""
+        """Add the steps that begin at these rows as brackets of these events, one for each pair.
+
+        ``row`` and ``event`` have the same length; row 0 of q, p and the differences x − level,
+        (rows, events), is the state after ``first_step`` steps.
+        """
         if len(row):
             earlier = row[:, None] - [1, 2]  # the tail has both, unless the run begins there
             past = np.where(earlier < 0, np.nan, differences[earlier, event[:, None]].astype(float))
-            self._parts.append(Brackets(
+            self._bracket_groups.append(Brackets(
                 event, first_step + row, q[row], p[row], differences[row, event],
                 differences[row + 1, event], np.full(len(row), turning),
                 np.full(len(row), on_level), past))
 
-    def close(self, ahead: tuple[Array, Array] | None = None) -> None:
+    def bracket_last_step(self, ahead: tuple[Array, Array] | None = None) -> None:
         """Bracket turnings in the last step of the rows, which has no next one yet.
 
         A turning is a place where x − level may touch 0 between two rows. ``ahead`` is the state
@@ -336,60 +346,63 @@ class EventDetector:
         if self._tail is None:
             return
         q, p = self._tail
-        last = len(q) - 1
-        differences = self._differences(self._last_step - last, q, p)
+        last_row = len(q) - 1
+        differences = self._differences(self._last_step - last_row, q, p)
         with_next = differences if ahead is None else np.concatenate(
             [differences, self._differences(self._last_step + 1, *ahead)])
-        row, event = _turning(with_next, max(last - 1, 0), last, begins=self._last_step == last,
+        row, event = _turning(with_next, max(last_row - 1, 0), last_row,
+                              begins=self._last_step == last_row,
                               ends=ahead is None)
         # one turning an event: a second call for the same step adds none
-        row, event = row[~self._closed[event]], event[~self._closed[event]]
-        self._closed[event] = True
-        self._add_brackets(self._last_step - last, row, event, q, p, differences, turning=True)
+        row, event = row[~self._turnings_bracketed[event]], event[~self._turnings_bracketed[event]]
+        self._turnings_bracketed[event] = True
+        self._add_brackets(self._last_step - last_row, row, event, q, p, differences, turning=True)
 
     @property
     def memory(self) -> Memory:
         """The memory from which detection resumes after the examined states."""
         no_states = self._levels.binding.new(0, self._levels.binding.n)
         q, p = self._tail or (no_states, no_states)
-        return Memory(q, p, self._closed.copy(), self._levels.binding.new(0))
+        return Memory(q, p, self._turnings_bracketed.copy(), self._levels.binding.new(0))
 
     def resume(self, step: int, memory: Memory) -> None:
-        """Restore the state of a detector after ``step`` steps, from the last rows it had seen."""
-        self._last_step, self._closed = step, memory.closed.copy()
+        """Restore a detector after ``step`` steps: the last rows of q and p, and their values."""
+        self._last_step, self._turnings_bracketed = step, memory.closed.copy()
         if len(memory.q):
-            # the tail may be near a level: looked at once more, it gives no bracket twice
-            self._tail, self._near = (memory.q, memory.p), True
+            # whether the tail is near a level is not stored: it is examined again, and gives no
+            # bracket twice, as turnings that have theirs are marked
+            self._tail, self._near_level = (memory.q, memory.p), True
             times = self._times(step + 1 - len(memory.q), memory.q)
-            # for the values that it writes into ``_last``
-            self._levels.near(self._parameters, times, memory.q, memory.p, self._last)
+            # called for the differences of the last two states, which C writes
+            self._levels.near(self._parameters, times, memory.q, memory.p, self._last_values)
 
     @property
     def bracket_count(self) -> int:
         """The number of brackets that are not located yet."""
-        return sum(map(len, self._parts))
+        return sum(map(len, self._bracket_groups))
 
     def forget(self) -> None:
         """Remove the brackets, which are located."""
-        self._parts, self._split = [], 0
+        self._bracket_groups, self._nonterminal_groups = [], 0
 
     @property
     def brackets(self) -> Brackets | None:
         """All brackets in the order of the run; None if there are none."""
-        return _in_order(self._parts)
+        return _in_order(self._bracket_groups)
 
     def final_brackets(self) -> Brackets | None:
         """Examine the last step of the run; return all brackets."""
-        self.close()
+        self.bracket_last_step()
         return self.brackets
 
     def take_terminal_brackets(self) -> Brackets | None:
         """Remove and return the brackets of terminal events."""
         candidates = [(brackets, self._is_terminal[brackets.event])
-                      for brackets in self._parts[self._split :]]
-        self._parts[self._split :] = [brackets.of(~ends) for brackets, ends in candidates
-                                      if not ends.all()]
-        self._split = len(self._parts)
+                      for brackets in self._bracket_groups[self._nonterminal_groups :]]
+        self._bracket_groups[self._nonterminal_groups :] = [brackets.of(~ends)
+                                                            for brackets, ends in candidates
+                                                            if not ends.all()]
+        self._nonterminal_groups = len(self._bracket_groups)
         return _in_order([brackets.of(ends) for brackets, ends in candidates if ends.any()])
 
 

@@ -43,6 +43,7 @@ class EndTimeObserver:
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments, event: Event) -> None:
+        """``event`` is t = t_end, whose time is rounded to the stepper's numbers."""
         self.events = (event,)
         self.end: TerminalEvent | None = None
         self._stepper, self._run = stepper, run
@@ -65,12 +66,14 @@ class EndTimeObserver:
         behind = np.flatnonzero(self._ahead * (visited.q[:count, -1] - self._t) >= 0)
         if not len(behind):
             return status
-        whole = int(behind[0])
+        whole_steps = int(behind[0])
         # back to the state before that step, which is the last whole one of the run
-        row = visited[whole : whole + 1].copy()
+        row = visited[whole_steps : whole_steps + 1].copy()
         state.assign(binding, start)
-        if whole:
-            binding.integrate(constants, whole, whole + 1, state, Rows.allocate(binding, 0))
+        if whole_steps:
+            # ``every`` is larger than the number of steps: nothing is stored
+            binding.integrate(constants, whole_steps, whole_steps + 1, state,
+                              Rows.allocate(binding, 0))
         self.end = self._end(constants, state, row)
         return 0
 
@@ -81,30 +84,31 @@ class EndTimeObserver:
         1/σ), which a partial step of τ then corrects; bisection where that leaves the bracket.
         """
         binding, run, t_end = self._stepper.binding, self._run, self._t
-        work, low, high = binding.works.take(), 0 * run.dt, run.dt
+        work_memory, low, high = binding.works.take(), 0 * run.dt, run.dt
         scales = binding.time_scales(constants.parameters, np.stack([state.q, row.q[0]]),
                                      np.stack([state.p, row.p[0]]))
         # τ since the state, t − t_end and 1/σ
-        old, new = ((tau, t - t_end, 1 / scale) for tau, t, scale in zip(
+        near_point, new_point = ((tau, t - t_end, 1 / scale) for tau, t, scale in zip(
             (low, high), (state.q[-1], row.q[0, -1]), scales, strict=True))
         resolution = epsilon_of_times(self._stepper) * max(abs(state.q[-1]), abs(t_end))
-        nearest: tuple[Any, Any] = (np.inf, None)
+        best_end: tuple[Any, Any] = (np.inf, None)
         for _ in range(_MOST):
-            tau = np.array([_zero(old, new)], binding.number_type)[0]
+            tau = np.array([_zero(near_point, new_point)], binding.number_type)[0]
             if not min(low, high) < tau <= max(low, high):
                 tau = (low + high) / 2
-            row = self._partial_step(constants, state, tau, work)
+            row = self._partial_step(constants, state, tau, work_memory)
             beyond = row.q[0, -1] - t_end
-            if not abs(beyond) < nearest[0]:  # no nearer than before: round-off
+            if not abs(beyond) < best_end[0]:  # no nearer than before: round-off
                 break
-            nearest = abs(beyond), (tau, row)
+            best_end = abs(beyond), (tau, row)
             if abs(beyond) <= resolution:
                 break
             low, high = (low, tau) if self._ahead * beyond > 0 else (tau, high)
             scale = binding.time_scales(constants.parameters, row.q, row.p)[0]
-            old, new = min(old, new, key=lambda point: abs(point[1])), (tau, beyond, 1 / scale)
-        binding.works.give_back(work)
-        tau, row = nearest[1]
+            near_point = min(near_point, new_point, key=lambda point: abs(point[1]))
+            new_point = tau, beyond, 1 / scale
+        binding.works.give_back(work_memory)
+        tau, row = best_end[1]
         row.q[0, -1] = t_end
         steps = np.array([state.steps])
         elapsed = binding.times(0 * run.t0, run.dt, steps) + tau
@@ -112,12 +116,12 @@ class EndTimeObserver:
                                           np.array([self._ahead > 0]), elapsed), row)
 
     def _partial_step(
-        self, constants: RunConstants, state: RunState, tau: Any, work: Any
+        self, constants: RunConstants, state: RunState, tau: Any, work_memory: Any
     ) -> Rows:
         """Return the row of a step of length ``tau`` from a state, which stays as it is."""
         binding, row = self._stepper.binding, Rows.allocate(self._stepper.binding, 1)
-        part = RunState.at_start(binding, state.q, state.p, work)
-        if binding.integrate(changed(constants, dt=tau), 1, 1, part, row):
+        partial_state = RunState.at_start(binding, state.q, state.p, work_memory)
+        if binding.integrate(changed(constants, dt=tau), 1, 1, partial_state, row):
             raise InputError(
                 f"From t = {float(state.q[-1]):.6g} s no step of {float(tau):.3g} s of τ is found, "
                 "though the run has found its own; take a smaller dtau.")
@@ -140,7 +144,11 @@ class EndTimeObserver:
 
 
 def _zero(a: tuple[Any, Any, Any], b: tuple[Any, Any, Any]) -> Any:
-    """Return τ(0) by the cubic τ(t) through (τ, t, dτ/dt) of two points: Hermite interpolation."""
+    """Return τ(0) by the cubic τ(t) through (τ, t, dτ/dt) of two points: Hermite interpolation.
+
+    With h = t_b − t_a and x = −t_a/h: τ_a + (τ_b − τ_a) x² (3 − 2x) + h x (1 − x) ((1 − x) τ_a′ −
+    x τ_b′).
+    """
     (tau, t, slope), (other_tau, other_t, other_slope) = a, b
     width = other_t - t
     x = -t / width

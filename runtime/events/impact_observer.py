@@ -59,6 +59,7 @@ class ImpactObserver:
     terminal = False
 
     def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Impact, ...]) -> None:
+        """Collect the arguments of C that stay in all pieces of the run, and check its start."""
         self.events = events
         self.end: TerminalEvent | None = None
         self._stepper, self._run = stepper, run
@@ -131,10 +132,10 @@ class ImpactObserver:
         for i, event in enumerate(self.events):
             selected = places[:, 0] == i
             steps, rows = places[selected, 1], impact_rows[selected]
-            since, impulse, lost, work = rows[:, :4].T.astype(binding.number_type)
+            time_in_step, impulse, lost, work = rows[:, :4].T.astype(binding.number_type)
             q, before, after = (rows[:, 4 + k * binding.n : 4 + (k + 1) * binding.n].copy()
                                 for k in range(3))
-            elapsed = binding.times(0 * run.t0, run.dt, steps) + since
+            elapsed = binding.times(0 * run.t0, run.dt, steps) + time_in_step
             impacts[event.name] = Impacts(
                 run.t0 + elapsed, q, after, steps, np.zeros(len(steps), bool), elapsed, before,
                 impulse, lost, work)
@@ -185,26 +186,28 @@ class ImpactObserver:
         self._hits.append(hits[: count[0]].copy())
         # behind the impacts C writes the number of the gap that stopped it
         gap = int(places[count[0], 0])
-        name = self.events[gap].quantity
         if status in (_REST, _LATCHED):
             self.end = self._end(gap, state)
-            if status == _LATCHED:
-                return 0
-            warn(f"The run ends at t = {float(self.end.at.t[0]):.9g} s, after {state.steps:,} "
-                 f"of {self._run.steps:,} steps: impacts of {self.events[gap].name!r} follow each "
-                 "other faster than times resolve, and it stays closed. Go on from run[-1] with a "
-                 "system that has the gap as a constraint.")
+            if status == _REST:
+                warn(f"The run ends at t = {float(self.end.at.t[0]):.9g} s, after {state.steps:,} "
+                     f"of {self._run.steps:,} steps: impacts of {self.events[gap].name!r} follow "
+                     "each other faster than times resolve, and it stays closed. Go on from "
+                     "run[-1] with a system that has the gap as a constraint.")
             return 0
+        self._refuse(status, self.events[gap].quantity, hits[0, 0])
+        return status
+
+    def _refuse(self, status: int, gap: str, gap_at_start: Any) -> None:
+        """Raise InputError for a status of C that refuses the start or the system."""
         if status == _INSIDE:
-            raise InputError(f"The gap {name!r} is {float(hits[0, 0]):.6g} at the start, below 0; "
+            raise InputError(f"The gap {gap!r} is {float(gap_at_start):.6g} at the start, below 0; "
                              "start where it is open.")
         if status == _UNMOVABLE:
-            raise InputError(f"No motion on the constraints changes the gap {name!r}, which "
+            raise InputError(f"No motion on the constraints changes the gap {gap!r}, which "
                              "closes: its gradient depends on theirs; leave its impact out.")
         if status == _NOT_QUADRATIC:
             raise InputError(f"H of {self._stepper.name} is not quadratic in p, so that the law of "
                              "impacts does not reverse the rate of a gap; take H = T(q, p) + V(q).")
-        return status
 
     def _end(self, gap: int, state: RunState) -> TerminalEvent:
         """Return the end of the run in the state in which a gap is closed."""
@@ -218,9 +221,12 @@ class ImpactObserver:
 
 
 def refuse_unusable(
-    stepper: Stepper, run: RunArguments, impacts: tuple[Impact, ...], **asked: Any
+    stepper: Stepper, run: RunArguments, impacts: tuple[Impact, ...], **call_features: Any
 ) -> None:
-    """Refuse impacts that the steps or the run cannot have; ``asked`` are features of the call."""
+    """Refuse impacts that the steps or the run cannot have.
+
+    ``call_features`` are further features of the call, as ``refuse_together`` takes them.
+    """
     system, binding = stepper.manifest.system, stepper.binding
     refuse_together(
         impacts="impacts", splitting=not binding.solves and "the scheme splitting",
@@ -228,7 +234,7 @@ def refuse_unusable(
         and "a time_scale", velocity_constraints=bool(binding.rows) and "velocity constraints",
         large=binding.n > LARGEST and f"{binding.n} coordinates",
         energy=stepper.manifest.scheme.exact_energy and "energy=True",
-        float128=stepper.manifest.real == "float128" and "real='float128'", **asked)
+        float128=stepper.manifest.real == "float128" and "real='float128'", **call_features)
     # an impact changes momenta at one q and t: a gap that depends on them would jump itself
     moving_names = {*system.momenta, *system.velocity_names, *binding.input_names}
     for impact in with_restitutions(impacts, run.parameters):

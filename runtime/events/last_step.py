@@ -18,7 +18,7 @@ from ..results.crossings import Crossings, Impacts
 from ..results.diagnostics import Report
 from ..results.outputs import flat_multipliers
 from ..results.trajectory import Trajectory
-from .location import ending
+from .location import first_terminal_event
 from .observer import observed, with_row
 
 if TYPE_CHECKING:
@@ -41,11 +41,11 @@ def ended_between(
     of whole steps.
     """
     if (trajectory.report.steps < run.steps
-            or ending(events, trajectory.events, run.dt) is not None):
+            or first_terminal_event(events, trajectory.events, run.dt) is not None):
         return trajectory
-    last_run = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
+    partial_arguments = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
     try:
-        last = observed(stepper, last_run, events, None)
+        partial_run = observed(stepper, partial_arguments, events, None)
     except StepFailed as error:
         raise StepFailed(step=run.steps + 1, t=error.t, reason=error.reason, trajectory=trajectory,
                          increment=error.increment, dt=error.dt, detail=error.detail,
@@ -53,38 +53,40 @@ def ended_between(
     except Stopped as error:
         error.trajectory = trajectory
         raise
-    return joined_with_part(stepper, run, events, trajectory, last)
+    return joined_with_part(stepper, run, events, trajectory, partial_run)
 
 
-def ends_within(events: Sequence[Event | Impact], last: Trajectory, dt: Any) -> bool:
+def ends_within(events: Sequence[Event | Impact], partial_run: Trajectory, dt: Any) -> bool:
     """Whether an event, or a gap that stays closed, ends the last part of a step."""
-    return not last.report.steps or ending(events, last.events, dt) is not None
+    # a gap that closes within the part of a step leaves it unfinished: 0 steps
+    return (not partial_run.report.steps
+            or first_terminal_event(events, partial_run.events, dt) is not None)
 
 
 def joined_with_part(
     stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact], trajectory: Trajectory,
-    last: Trajectory,
+    partial_run: Trajectory,
 ) -> Trajectory:
-    """Return a run of whole steps and, behind it, the end of ``last``, the run of a partial step.
+    """Return a run of whole steps and, behind it, the end of ``partial_run``, a partial step.
 
     The last row of the whole steps is left out where ``every`` or ``t_eval`` does not store it.
     """
     last_elapsed, grid = trajectory.elapsed[-1], trajectory[len(trajectory) - 1]
-    if ends_within(events, last, run.dt):
-        times = last.t[-1:], last_elapsed + last.elapsed[-1:]
+    if ends_within(events, partial_run, run.dt):
+        times = partial_run.t[-1:], last_elapsed + partial_run.elapsed[-1:]
     else:
         times = (np.array([run.t_end], trajectory.t.dtype),
                  np.array([last_elapsed + run.rest], trajectory.elapsed.dtype))
     # the last whole step has a row in any case; between two stored ones it gives way to the end
-    stored = run.stored_steps is not None or run.steps % run.every == 0
-    row_count = len(trajectory) - (not stored)
-    work = trajectory.work[-1] + last.work[-1:]
-    joined = with_row(stepper, trajectory, row_count, times, row_of(last, work))
+    is_stored = run.stored_steps is not None or run.steps % run.every == 0
+    row_count = len(trajectory) - (not is_stored)
+    work = trajectory.work[-1] + partial_run.work[-1:]
+    joined = with_row(stepper, trajectory, row_count, times, row_of(partial_run, work))
     crossings, impacts = ({name: _joined(run, before, of_last[name], trajectory)
                            for name, before in of_steps.items()}
-                          for of_steps, of_last in ((trajectory.events, last.events),
-                                              (trajectory.impacts, last.impacts)))
-    return changed(joined, report=report_to_end(trajectory.report, last, float(work[0])),
+                          for of_steps, of_last in ((trajectory.events, partial_run.events),
+                                              (trajectory.impacts, partial_run.impacts)))
+    return changed(joined, report=report_to_end(trajectory.report, partial_run, float(work[0])),
                    events=crossings, impacts=impacts, _grid=grid)
 
 
@@ -93,14 +95,15 @@ def row_of(last: Trajectory, work: Array) -> Rows:
     return Rows(last.q[-1:], last.p[-1:], flat_multipliers(last)[-1:], last.iterations[-1:], work)
 
 
-def report_to_end(report: Report, last: Trajectory, work: float) -> Report:
+def report_to_end(report: Report, partial_run: Trajectory, work: float) -> Report:
     """Return the report of a run of whole steps and of its last part of a step."""
     return replace(
-        report, q=tuple(map(float, last.q[-1].tolist())), p=tuple(map(float, last.p[-1].tolist())),
-        work=work, impacts=report.impacts + last.report.impacts,
-        constraint_max=max(report.constraint_max, last.report.constraint_max),
+        report, q=tuple(map(float, partial_run.q[-1].tolist())),
+        p=tuple(map(float, partial_run.p[-1].tolist())),
+        work=work, impacts=report.impacts + partial_run.report.impacts,
+        constraint_max=max(report.constraint_max, partial_run.report.constraint_max),
         momentum_constraint_max=max(report.momentum_constraint_max,
-                                    last.report.momentum_constraint_max))
+                                    partial_run.report.momentum_constraint_max))
 
 
 def _joined(

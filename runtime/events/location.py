@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..integration.lanes import EnsembleStates
     from ..steppers.stepper import Stepper
 
-__all__ = ["TerminalEvent", "crossings_of", "detectors_for", "ending"]
+__all__ = ["TerminalEvent", "crossings_of", "detectors_for", "first_terminal_event"]
 
 #: Steps that are solved for side by side.
 _AT_ONCE = 2**15
@@ -41,8 +41,9 @@ def crossings_of(
     ``fill`` integrates the runs of an ensemble, whose rows it fills: that takes partial steps.
     """
     if runs.inputs is not None:  # they are held throughout, as parameters are
-        each = [runs[i] for i in range(len(runs))]
-        runs = replace(EnsembleArguments.of(each, stepper.binding.number_type), inputs=runs.inputs)
+        run_arguments = [runs[i] for i in range(len(runs))]
+        runs = replace(EnsembleArguments.of(run_arguments, stepper.binding.number_type),
+                       inputs=runs.inputs)
     runs_with_brackets = [(i, run_brackets) for i, run_brackets in enumerate(brackets)
                           if run_brackets is not None]
     roots: list[_Roots] = []
@@ -73,13 +74,14 @@ def detectors_for(
     return detectors
 
 
-def ending(
+def first_terminal_event(
     events: Sequence[Event | Impact], crossings: dict[str, Crossings], dt: Any
 ) -> str | None:
     """Return the name of the terminal event that happens first; None if none does."""
-    ends = [event.name for event in events if event.terminal and len(crossings[event.name])]
+    terminal_names = [event.name for event in events
+                      if event.terminal and len(crossings[event.name])]
     ahead = 1 if dt > 0 else -1
-    return min(ends,
+    return min(terminal_names,
                key=lambda name: (crossings[name].steps[0], ahead * crossings[name].elapsed[0]),
                default=None)
 
@@ -131,16 +133,16 @@ class _Work:
         """
         owner, start = self.owner[indices], self.brackets
         q, p = (start.q[indices], start.p[indices]) if end is None else end
-        t, since = self.t(indices), 0 * share
+        t, time_in_step = self.t(indices), 0 * share
         dt = share * self.runs.dt[owner]
         columns = {name: column[owner] for name, column in self.runs.parameters.items()}
         inputs_of_runs, step = self.runs.inputs, start.step[indices]
         if end is not None:
-            since = since + self.runs.dt[owner]
-            t, step = t + since, step + (share > 0)
+            time_in_step = time_in_step + self.runs.dt[owner]
+            t, step = t + time_in_step, step + (share > 0)
         inputs = None if inputs_of_runs is None else inputs_of_runs.taken(owner, step)
         q, p = partial_steps(self.stepper, q, p, t, dt, columns, self.fill, inputs)
-        return since + dt, q, p, self._values(indices, t + dt, q, p)
+        return time_in_step + dt, q, p, self._values(indices, t + dt, q, p)
 
     def slopes(self, indices: Array, ahead: int, end: tuple[Array, Array] | None = None) -> Array:
         """Return the limit of (x − level)/share beside a state on the level; 0 where x rests there.
@@ -150,17 +152,18 @@ class _Work:
         the first order to the third: rounding does not.
         """
         no_time = 0 * self.tolerance(indices)
-        y = np.column_stack([self.states(no_time + ahead * share, indices, end)[3]
-                             for share in _SHARES]).astype(float)
+        event_values = np.column_stack([self.states(no_time + ahead * share, indices, end)[3]
+                                        for share in _SHARES]).astype(float)
         with np.errstate(all="ignore"):
-            ratio = y[:, :-1] / y[:, 1:]
+            ratio = event_values[:, :-1] / event_values[:, 1:]
         # shares fall by 2⁻⁵: a value of order k in the share falls by 2⁻⁵ᵏ, k = 1 to 3; at
         # round-off it does not
         falls = (ratio > 2**4) & (ratio < 2**16)
         steady = falls[:, :-1] & falls[:, 1:]
-        last = steady.shape[1] - 1 - steady[:, ::-1].argmax(axis=1)
+        smallest_share = steady.shape[1] - 1 - steady[:, ::-1].argmax(axis=1)
         slopes: Array = np.where(steady.any(axis=1),
-                                 y[np.arange(len(y)), last] / _SHARES[last], 0)
+                                 event_values[np.arange(len(event_values)), smallest_share]
+                                 / _SHARES[smallest_share], 0)
         return slopes
 
     def _values(self, indices: Array, t: Array, q: Array, p: Array) -> Array:
@@ -189,7 +192,7 @@ class _Roots:
     #: As a share of the step, a double: what orders two of one step.
     place: Array
     #: Times since the start of the step.
-    since: Array
+    time_in_step: Array
     q: Array
     p: Array
     rising: Array
@@ -208,21 +211,21 @@ class _BestStates:
         self._work, self.indices, self._low, self._width = work, indices, low, high - low
         self._known = np.zeros((len(indices), 2), bool) if known_zeros is None else known_zeros
         binding = work.stepper.binding
-        self.since = 0 * work.t(indices)
+        self.time_in_step = 0 * work.t(indices)
         self.q, self.p = (binding.new(len(indices), binding.n) for _ in range(2))
-        self._size = self.since - 1  # none yet
+        self._size = self.time_in_step - 1  # none yet
 
     def __call__(self, x: Array, roots: Array) -> Array:
         """Return x − level after the partial steps to the places x of the roots ``roots``."""
         share = self._low[roots] + x * self._width[roots]
-        since, q, p, event_values = self._work.states(share, self.indices[roots])
+        time_in_step, q, p, event_values = self._work.states(share, self.indices[roots])
         at_start, at_end = self._known[roots].T
         # a known zero at 0 or 1 is divided out: what remains changes its sign at the other zero
         # only
         event_values = event_values / np.where(at_start, share, 1) / np.where(at_end, 1 - share, 1)
         better = (self._size[roots] < 0) | (abs(event_values) < self._size[roots])
         improved = roots[better]
-        self.since[improved] = since[better]
+        self.time_in_step[improved] = time_in_step[better]
         self.q[improved], self.p[improved] = q[better], p[better]
         self._size[improved] = abs(event_values[better])
         return event_values
@@ -231,9 +234,9 @@ class _BestStates:
         """Return the roots: the best states."""
         work, indices = self._work, self.indices
         owner = work.owner[indices]
-        fraction = (self.since / work.runs.dt[owner]).astype(float)
+        fraction = (self.time_in_step / work.runs.dt[owner]).astype(float)
         return _Roots(owner, work.brackets.event[indices], work.brackets.step[indices], fraction,
-                      self.since, self.q, self.p, rising)
+                      self.time_in_step, self.q, self.p, rising)
 
 
 def _simple_roots(work: _Work) -> _Roots:
@@ -255,7 +258,7 @@ def _level_roots(work: _Work) -> _Roots:
     """
     brackets = work.brackets
     indices = np.flatnonzero(brackets.on_level)
-    first, last = _zero_and_one(work, indices)
+    start_share, end_share = _zero_and_one(work, indices)
     start_slope, end_slope = (ends_of_step[indices].astype(float)
                               for ends_of_step in (brackets.before, brackets.after))
     on_level = np.column_stack([start_slope, end_slope]) == 0
@@ -263,19 +266,21 @@ def _level_roots(work: _Work) -> _Roots:
     # a value of 0 has no sign: the sign just behind it stands for it, and the one just before at
     # the end
     start_slope[starts] = work.slopes(indices[starts], 1)
-    since, q, p, _ = work.states(last[ends], indices[ends])
+    time_in_step, q, p, _ = work.states(end_share[ends], indices[ends])
     end_slope[ends] = slope_before = work.slopes(indices[ends], -1, (q, p))
     slope_after = work.slopes(indices[ends], 1, (q, p))
     inside = np.flatnonzero(start_slope * end_slope < 0)
-    best = _BestStates(work, indices[inside], first[inside], last[inside], on_level[inside])
+    best = _BestStates(work, indices[inside], start_share[inside], end_share[inside],
+                       on_level[inside])
     zeros(best, start_slope[inside], end_slope[inside], work.tolerance(indices[inside]))
     # at the end of a step: a root if the value arrives and does not turn back. One that turns back
     # only touches its level
-    through = np.flatnonzero((slope_before != 0) & (slope_before * slope_after <= 0))
-    indices_through = indices[ends[through]]
+    crossing_ends = np.flatnonzero((slope_before != 0) & (slope_before * slope_after <= 0))
+    indices_through = indices[ends[crossing_ends]]
     at_end = _Roots(work.owner[indices_through], brackets.event[indices_through],
                     brackets.step[indices_through], np.ones(len(indices_through)),
-                    since[through], q[through], p[through], slope_before[through] < 0)
+                    time_in_step[crossing_ends], q[crossing_ends], p[crossing_ends],
+                    slope_before[crossing_ends] < 0)
     roots = _joined([best.roots(start_slope[inside] < 0), at_end])
     return _selected(roots, _is_accepted(work, roots))
 
@@ -283,16 +288,16 @@ def _level_roots(work: _Work) -> _Roots:
 def _double_roots(work: _Work) -> _Roots:
     """Return the roots of steps within which a value goes through its level and back."""
     turning = np.flatnonzero(work.brackets.turning)
-    indices, sign_change, value = _sign_changes(work, turning)
-    first, last = _zero_and_one(work, indices)
+    indices, inner_share, inner_value = _sign_changes(work, turning)
+    start_share, end_share = _zero_and_one(work, indices)
     # the point of other sign parts the step in two, each with one simple root
     twice = np.concatenate([indices, indices])
-    low, high = np.concatenate([first, sign_change]), np.concatenate([sign_change, last])
+    low, high = np.concatenate([start_share, inner_share]), np.concatenate([inner_share, end_share])
     best = _BestStates(work, twice, low, high)
     before, after = work.brackets.before[indices], work.brackets.after[indices]
-    zeros(best, np.concatenate([before, value]), np.concatenate([value, after]),
+    zeros(best, np.concatenate([before, inner_value]), np.concatenate([inner_value, after]),
           work.tolerance(twice) / (high - low))
-    rising = np.concatenate([before, value]) < 0
+    rising = np.concatenate([before, inner_value]) < 0
     roots = best.roots(rising)
     return _selected(roots, _is_accepted(work, roots))
 
@@ -320,7 +325,7 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
         return distance
 
     y1, tolerance = value(x1), work.tolerance(indices)
-    moves: Array = abs(y1 - y0) + abs(y2 - y1)
+    total_change: Array = abs(y1 - y0) + abs(y2 - y1)
     sign_changes: list[tuple[Array, Array, Array]] = []
     for look in range(_LOOKS):
         through = y1 < 0
@@ -328,28 +333,21 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
                              (side * y1)[through]))
         inside: Array = y1 < y0
         left_of: Array = x1 - x0 > x2 - x1  # where the wider of the two parts is
-        wide: Array = np.where(inside & ~left_of, x2 - x1, x1 - x0)
+        wider_part: Array = np.where(inside & ~left_of, x2 - x1, x1 - x0)
         # an estimate of how far the value may still fall within the wider part: it falls like a
-        # parabola whose changes over the step are ``moves``
-        reach = 4 * moves * wide * wide
-        open_ = ~through & (reach >= np.where(inside, y1, y0)) & (wide > tolerance)
-        inside, left_of = inside[open_], left_of[open_]
-        indices, side, reversed_, moves, tolerance, wide, x0, x1, x2, y0, y1, y2 = (
-            column[open_] for column in (indices, side, reversed_, moves, tolerance, wide, x0, x1,
-                                         x2, y0, y1, y2))
+        # parabola whose changes over the step are ``total_change``
+        possible_fall = 4 * total_change * wider_part * wider_part
+        may_fall_below = possible_fall >= np.where(inside, y1, y0)
+        undecided = ~through & may_fall_below & (wider_part > tolerance)
+        inside, left_of = inside[undecided], left_of[undecided]
+        indices, side, reversed_, total_change, tolerance, wider_part, x0, x1, x2, y0, y1, y2 = (
+            column[undecided] for column in (indices, side, reversed_, total_change, tolerance,
+                                             wider_part, x0, x1, x2, y0, y1, y2))
         if not len(indices):
             break
-        # the parabola through three points: ``bend`` is its second divided difference times x2 −
-        # x0; it has a minimum where ``bend`` > 0
-        bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
-        bends = bend > 0
-        x = (x0 + x1) / 2 - (y1 - y0) / (x1 - x0) * (x2 - x0) / (2 * np.where(bends, bend, 1))
-        # a place at the lowest one says nothing new: one beside it, in the wider part, does
-        new = bends & (x > x0) & (x < x2) & (abs(x - x1) > (wide / 8 if look % 2 else 0 * wide))
-        x = np.where(new, x, x1 + np.where(left_of, -wide, wide) / 8)
-        # still falling towards x = 0: no nearer to it than an eighth of the last point at a time
-        towards_end = np.where(bends & (x > x1 / 8), np.where(x < x1 / 2, x, x1 / 2), x1 / 8)
-        x = np.where(inside, x, towards_end)
+        x = _next_place((x0, x1, x2), (y0, y1, y2), inside, np.where(left_of, -wider_part,
+                                                                     wider_part),
+                        wider_part / 8 if look % 2 else 0 * wider_part)
         y = value(x)
         # of four places the lowest stays in the middle of its neighbours; else the first three
         lower, left_of = np.where(inside, y < y1, True), x < x1
@@ -358,6 +356,33 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
         x1, y1 = _where(lower, (x, y), (x1, y1))
     steps, places, distance = (np.concatenate(column) for column in zip(*sign_changes, strict=True))
     return steps, places, distance
+
+
+def _next_place(
+    x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], inside: Array,
+    to_wider_end: Array, least_distance: Array,
+) -> Array:
+    """Return the place that each search for a minimum examines next, from x₀ < x₁ < x₂.
+
+    The parabola through the three points has its minimum, if b > 0, at
+
+        x = (x₀ + x₁)/2 − d (x₂ − x₀)/(2b),  d = (y₁ − y₀)/(x₁ − x₀),  b = (y₂ − y₁)/(x₂ − x₁) − d
+
+    It is taken where y₁ is the lowest (``inside``), unless it lies within ``least_distance`` of x₁.
+    """
+    (x0, x1, x2), (y0, y1, y2) = x, y
+    slope = (y1 - y0) / (x1 - x0)
+    bend = (y2 - y1) / (x2 - x1) - slope
+    bends = bend > 0
+    lowest: Array = (x0 + x1) / 2 - slope * (x2 - x0) / (2 * np.where(bends, bend, 1))
+    # a place at x₁ says nothing new: one beside it, in the wider part, does
+    is_useful = bends & (lowest > x0) & (lowest < x2) & (abs(lowest - x1) > least_distance)
+    lowest = np.where(is_useful, lowest, x1 + to_wider_end / 8)
+    # still falling towards x = 0: no nearer to it than an eighth of the last point at a time
+    towards_start = np.where(bends & (lowest > x1 / 8), np.where(lowest < x1 / 2, lowest, x1 / 2),
+                             x1 / 8)
+    next_place: Array = np.where(inside, lowest, towards_start)
+    return next_place
 
 
 def _where(condition: Array, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -382,7 +407,7 @@ def _is_accepted(work: _Work, roots: _Roots) -> Array:
     step = abs(runs.dt[owner])
     rounding = np.minimum(4 * epsilon_of_times(work.stepper) * np.maximum(
         abs(runs.t0[owner]), step), 2.0**-20 * step)
-    starts = (roots.step == 0) & (abs(roots.since) <= rounding)
+    starts = (roots.step == 0) & (abs(roots.time_in_step) <= rounding)
     accepted: Array = ((directions == 0) | ((directions > 0) == roots.rising)) & ~starts
     return accepted
 
@@ -399,10 +424,10 @@ def _selected(roots: _Roots, mask: Array) -> _Roots:
 
 
 def _by_run(
-    stepper: Stepper, levels: Levels, parts: list[_Roots], runs: EnsembleArguments
+    stepper: Stepper, levels: Levels, root_groups: list[_Roots], runs: EnsembleArguments
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run, event's name → crossings in the order of the run."""
-    roots = _joined(parts) if parts else _no_roots(stepper)
+    roots = _joined(root_groups) if root_groups else _no_roots(stepper)
     crossings_of_runs: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
     for event_index, event in enumerate(levels.events):
         event_roots = _selected(roots, roots.event == event_index)
@@ -412,7 +437,7 @@ def _by_run(
         if stepper.binding.clocked and levels.columns[event_index] == ("q", stepper.binding.n - 1):
             # Roots of the time itself: the requested time, to the last bit.
             event_roots.q[:, -1] = levels.rounded[event_index]
-        elapsed = event_roots.step * runs.dt[event_roots.owner] + event_roots.since
+        elapsed = event_roots.step * runs.dt[event_roots.owner] + event_roots.time_in_step
         t = runs.t0[event_roots.owner] + elapsed
         ends = np.searchsorted(event_roots.owner, np.arange(len(runs) + 1))
         for crossings, start, end in zip(crossings_of_runs, ends[:-1], ends[1:], strict=True):

@@ -31,7 +31,7 @@ from ..results.trajectory import Trajectory
 from .detection import Levels, Memory
 from .end_time import EndTimeObserver
 from .impact_observer import ImpactObserver
-from .location import TerminalEvent, crossings_of, detectors_for, ending
+from .location import TerminalEvent, crossings_of, detectors_for, first_terminal_event
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
@@ -152,6 +152,7 @@ class Observer:
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event, ...]) -> None:
+        """Observe a run from its start; the run is an ensemble of one to ``crossings_of``."""
         self.events = events
         self.end: TerminalEvent | None = None
         self._stepper, self._run, self._binding = stepper, run, stepper.binding
@@ -160,9 +161,9 @@ class Observer:
                              inputs=run.inputs)
         (self._detector,) = detectors_for(stepper, self._levels, self._runs)
         #: The states at the beginning of the last two pieces, where an event may end the run.
-        self._begun: list[RunState] = []
+        self._piece_starts: list[RunState] = []
         #: Crossings of the terminal events, once one of them ends the run.
-        self._ends: dict[str, Crossings] = {}
+        self._terminal_crossings: dict[str, Crossings] = {}
 
     @property
     def terminal(self) -> bool:
@@ -182,7 +183,7 @@ class Observer:
     def resume(self, state: RunState, memory: Memory) -> None:
         """Continue from a state, with the memory of detection up to it."""
         self._detector.resume(state.steps, memory)
-        self._begun = [state.copy(self._binding)]
+        self._piece_starts = [state.copy(self._binding)]
 
     def advance(
         self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
@@ -190,13 +191,15 @@ class Observer:
         """Advance as ``binding.integrate`` does, up to the step before a terminal event."""
         # two starts of pieces: the detector looks one step back, which may lie in the piece before
         if self.terminal:
-            piece_start = self._begun.pop(0) if len(self._begun) == 2 else state.copy(self._binding)
+            # the memory of the oldest start serves the newest
+            piece_start = (self._piece_starts.pop(0) if len(self._piece_starts) == 2
+                           else state.copy(self._binding))
             piece_start.assign(self._binding, state)
-            self._begun.append(piece_start)
+            self._piece_starts.append(piece_start)
         status = advance_and_detect(self._detector, self._binding, constants, steps, every, state,
                                     rows)
         if self._detector.ends_in is not None:  # no state behind that step is one of the run's
-            self._detector.close()
+            self._detector.bracket_last_step()
         self._look_for_end(state)
         return status if self.end is None else 0
 
@@ -207,7 +210,7 @@ class Observer:
         detection in the last step is then final, and the run need not return before it.
         """
         if self.end is None:
-            self._detector.close(ahead)
+            self._detector.bracket_last_step(ahead)
             self._look_for_end(state)
 
     def take_crossings(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
@@ -217,9 +220,9 @@ class Observer:
         between solutions; once it is true, the remaining ones are not solved for.
         """
         # terminal events were solved for in ``_look_for_end``, and have no bracket any more
-        crossings = self._solved(self._detector.brackets, stop) | self._ends
+        crossings = self._solved(self._detector.brackets, stop) | self._terminal_crossings
         self._detector.forget()
-        self._ends = {}
+        self._terminal_crossings = {}
         if self.end is None:
             return crossings
         return {name: event_crossings.until(self.end.at, self._run.dt)
@@ -246,14 +249,15 @@ class Observer:
         if brackets is None:
             return
         crossings = self._solved(brackets, lambda: False)
-        name = ending(self.events, crossings, self._run.dt)
+        name = first_terminal_event(self.events, crossings, self._run.dt)
         if name is None:
             return
-        self._ends = {event.name: crossings[event.name] for event in self.events if event.terminal}
+        self._terminal_crossings = {event.name: crossings[event.name]
+                                    for event in self.events if event.terminal}
         crossing, binding = crossings[name].first, self._binding
         steps = int(crossing.steps[0])
         # back to the start of a piece before the event, and from there to its step, storing nothing
-        piece_start = next(start for start in reversed(self._begun) if start.steps <= steps)
+        piece_start = next(start for start in reversed(self._piece_starts) if start.steps <= steps)
         remaining_steps = steps - piece_start.steps
         state.assign(binding, piece_start)
         if remaining_steps:
@@ -268,8 +272,8 @@ class Observer:
         # counted from the start of the run, as the crossing's time is
         t0 = binding.times(run.t0, run.dt, event.steps)
         partial_step = event.elapsed - binding.times(0 * run.t0, run.dt, event.steps)
-        parameters = {name: np.array([value], binding.number_type)
-                      for name, value in run.at_step(int(event.steps[0])).parameters.items()}
+        parameters = {name: np.array([number], binding.number_type)
+                      for name, number in run.at_step(int(event.steps[0])).parameters.items()}
 
         def fill(computed: EnsembleStates) -> None:
             fill_ensemble(computed, 1, lambda: False)

@@ -67,36 +67,37 @@ class CallMemory:
 
         A state that is not plainly usable gives None, too.
         """
-        last = self._last
-        if (last is None or not (all(map(operator.is_, arguments, last.arguments))
-                                 or all(map(_is_same, arguments, last.arguments)))
-                or not _are_same(parameters, last.parameters)):
+        last_call = self._last
+        # the objects of the last call first: equality of types and values takes longer
+        if (last_call is None or not (all(map(operator.is_, arguments, last_call.arguments))
+                                      or all(map(_is_same, arguments, last_call.arguments)))
+                or not _are_same(parameters, last_call.parameters)):
             return None
         q: Any = start
         t0: Any = 0.0
         if p is None:
             start = getattr(start, "start", None)
-            if (type(start) is not Start or last.start is None or start._events
-                    or (start._span, start._spare) != last.rest
-                    or not all(map(_are_same, _dicts_of(start), last.start))):
+            if (type(start) is not Start or last_call.start is None or start._events
+                    or (start._span, start._spare) != last_call.rest
+                    or not all(map(_are_same, _dicts_of(start), last_call.start))):
                 return None
             q, p, t0 = start.q, start.p, start.t
-        elif last.start is not None or has_start(start):
+        elif last_call.start is not None or has_start(start):
             return None
-        binding, run, constants = stepper.binding, last.plan.run, last.plan.constants
+        binding, run, constants = stepper.binding, last_call.plan.run, last_call.plan.constants
         try:
             q, p = stepper._state(q, p)
             t0 = as_real("t", t0, binding.number)
         except GyrosparkError:
             return None  # refused by the checks of another call, whose sentence knows the start
-        if not are_slow(last.limits, q.tolist(), p.tolist()):
+        if not are_slow(last_call.limits, q.tolist(), p.tolist()):
             return None
         assert constants is not None  # ``keep`` computes them
         if binding.conditions and not is_plainly_consistent(
                 binding, constants.parameters, q, p):
             return None
-        return changed(last.plan, run=changed(run, q=q, p=p, t0=t0,
-                                              parameters=run.parameters.copy()))
+        return changed(last_call.plan, run=changed(run, q=q, p=p, t0=t0,
+                                                   parameters=run.parameters.copy()))
 
     def keep(
         self, stepper: Stepper, start: Any, arguments: tuple[Any, ...], parameters: Any,
@@ -110,6 +111,8 @@ class CallMemory:
         of_start = as_start(start) if has_start(start) else None
         dicts = [] if of_start is None else _dicts_of(of_start)
         limits = stepper.rotations.limits(run.parameters, run.dt)
+        # refused: checks that depend on the state or on its time, and arguments or parameters that
+        # may change though they stay the same object
         if (limits is None or plan.events or plan.impacts or arguments[2] is not None
                 or depends_on_time(binding) or binding.clocked
                 or stepper.manifest.system.velocity_names
@@ -134,11 +137,11 @@ def _entries(values: Mapping[str, Any] | None) -> tuple[list[str], list[Any]] | 
     return None if values is None else ([*values], [*values.values()])
 
 
-def _are_same(values: Any, kept: tuple[list[str], list[Any]] | None) -> bool:
+def _are_same(values: Any, last_entries: tuple[list[str], list[Any]] | None) -> bool:
     """Return whether a dict has the names kept, in their order, and the same objects."""
-    if values is None or kept is None:
-        return values is kept
-    names, objects = kept
+    if values is None or last_entries is None:
+        return values is last_entries
+    names, objects = last_entries
     return (isinstance(values, dict) and len(values) == len(names)
             and all(map(operator.is_, values.values(), objects)) and [*values] == names)
 

@@ -79,7 +79,7 @@ def defects_of_starts(
     the sums over all coordinates, which take O(n²) and are left out for thousands of coordinates.
     """
     for moves_of in (_draws, _each):
-        defects = _judged(binding, keeps_f, parameters, q, p, dt, moves_of(binding.n))
+        defects = _defects_and_bounds(binding, keeps_f, parameters, q, p, dt, moves_of(binding.n))
         within = (defects.g <= defects.g_bound) & (defects.f <= defects.f_bound)
         if within.all() or binding.n > _MOST_COORDINATES:
             break
@@ -99,10 +99,11 @@ def moved_onto_constraints(
         return q, p, ""
     # constraints depend on no input and on no γ: any number serves for those not known yet
     values = dict.fromkeys(binding.input_names, 0.0) | {
-        name: (value if not isinstance(value, Rule) or value.name in MEANS
-               else Rule("m", value.inertia))
-        for name, value in parameters.items()
-        if not isinstance(value, Rule) or is_inertia_parameter(name)}
+        name: (number_or_rule if not isinstance(number_or_rule, Rule)
+               or number_or_rule.name in MEANS
+               else Rule("m", number_or_rule.inertia))
+        for name, number_or_rule in parameters.items()
+        if not isinstance(number_or_rule, Rule) or is_inertia_parameter(name)}
     try:
         state = stepper._state(q, p)
         t0 = as_real("t", t, binding.number)
@@ -112,24 +113,24 @@ def moved_onto_constraints(
         if is_plainly_consistent(binding, compiled_parameters, *begun):
             return q, p, ""
         with np.errstate(all="ignore"):
-            moved = stepper._projected(*begun, compiled_parameters)
+            projected_state = stepper._projected(*begun, compiled_parameters)
     except GyrosparkError:
         return q, p, ""
     system = stepper.manifest.system
-    q_moved, p_moved = (x[: binding.shown] for x in moved)
+    q_moved, p_moved = (x[: binding.shown] for x in projected_state)
     return q_moved, p_moved, (text_of_move(binding, state[0], q_moved, system.coordinates)
                               or text_of_move(binding, state[1], p_moved, system.momenta))
 
 
-def text_of_move(binding: Binding, old: Array, new: Array, names: Sequence[str]) -> str:
+def text_of_move(binding: Binding, start: Array, end: Array, names: Sequence[str]) -> str:
     """Return a sentence on how far a projection moved a start; empty if by round-off alone."""
-    old, new = (np.asarray(x, dtype=float) for x in (old, new))
-    change = np.abs(new - old)
-    k = int(np.argmax(change))
-    if change[k] <= max(_ROUNDING * binding.epsilon, _TYPED) * np.abs(old).max():
+    start, end = (np.asarray(x, dtype=float) for x in (start, end))
+    distances = np.abs(end - start)
+    furthest = int(np.argmax(distances))
+    if distances[furthest] <= max(_ROUNDING * binding.epsilon, _TYPED) * np.abs(start).max():
         return ""
-    return (f"The start is off the constraints; {names[k]} = {old[k]:.9g} is moved furthest, to "
-            f"{new[k]:.9g}.")
+    return (f"The start is off the constraints; {names[furthest]} = {start[furthest]:.9g} is moved "
+            f"furthest, to {end[furthest]:.9g}.")
 
 
 def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments) -> None:
@@ -180,12 +181,12 @@ def _cure(
     timed = binding.is_timed or binding.clocked
     cure = (f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * timed})` "
             "moves it onto them.")
-    start, moved = (np.concatenate([x[: binding.shown] for x in state]).astype(float)
-                    for state in ((run.q, run.p), (q, p)))
+    start, projected = (np.concatenate([x[: binding.shown] for x in state]).astype(float)
+                        for state in ((run.q, run.p), (q, p)))
     # a start that was once an array of float32 is off by its round-off: a frequent mistake
     single = float(np.finfo(np.float32).eps)
     if binding.epsilon < single and (start.astype(np.float32) == start).all() and (
-            np.abs(moved - start).max() <= 8 * single * np.abs(start).max()):
+            np.abs(projected - start).max() <= 8 * single * np.abs(start).max()):
         cure += (" All its numbers are of single precision: compute them from arrays of doubles, "
                  "x.astype(float).")
     return cure
@@ -279,7 +280,7 @@ def _entries_of_draws(n: int) -> tuple[list[list[float]], list[list[float]]]:
 def is_plainly_consistent(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array
 ) -> bool:
-    """Return whether a few moves show that one state is within the bounds, as ``_judged`` does.
+    """Return whether a few moves show that a state is within the bounds of ``_defects_and_bounds``.
 
     The last such state is recalled: a start is looked at when it is merged and when it is checked.
     """
@@ -297,17 +298,19 @@ def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p
     """Return whether |d| ≤ (64 ε/ν) max |d(x + ν |x| w) − d(x − ν |x| w)|/2 for g and f, as d.
 
     x is (q, p), w the moves of ``_draws`` and ν that of ``_move_scales``. These few moves
-    may find too little change: ``_judged`` decides about what they refuse.
+    may find too little change: ``_defects_and_bounds`` decides about what they refuse.
     """
     nudge, epsilons = _move_scales(binding)
     if binding.dtype is np.float64 and binding.n <= _FEW_COORDINATES:
         states = q.tolist(), p.tolist()
         squares = [sum(map(operator.mul, x, x)) for x in states]
         if all(x == 0 or _USUAL[0] < x < _USUAL[1] for x in squares):
-            moved = [[a + scale * w for row in rows for a, w in zip(x, row, strict=True)]
-                     for x, scale, rows in zip(states, [nudge * math.sqrt(x) for x in squares],
-                                               _entries_of_draws(binding.n), strict=True)]
-            g, f = binding.defects_of_entries(parameters, *moved)
+            # lists, as an array of a few numbers takes longer than they do
+            scales = [nudge * math.sqrt(x) for x in squares]
+            moved_entries = [[a + scale * w for row in rows for a, w in zip(x, row, strict=True)]
+                             for x, scale, rows in zip(states, scales, _entries_of_draws(binding.n),
+                                                       strict=True)]
+            g, f = binding.defects_of_entries(parameters, *moved_entries)
             if _is_small(f, binding.conditions, epsilons) and (
                     not g or _is_small(g, binding.m, epsilons)):
                 return True  # the other moves could only raise the bounds
@@ -323,8 +326,8 @@ def _is_within_bounds_of_arrays(
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):
         y = x if double else x.astype(float)
-        moved = x + nudge * math.sqrt(y.dot(y)) * move
-        states.append(moved if double else moved.astype(binding.dtype))
+        moved_state = x + nudge * math.sqrt(y.dot(y)) * move
+        states.append(moved_state if double else moved_state.astype(binding.dtype))
     for d in binding.defects(parameters, *states):
         if 0 < d.size <= _FEW:  # in Python's floats: half of the time
             if not _is_small(d.ravel().tolist(), d.shape[1], epsilons):
@@ -354,7 +357,7 @@ def _move_scales(binding: Binding) -> tuple[float, float]:
     return nudge, 64 * binding.epsilon / nudge
 
 
-def _judged(
+def _defects_and_bounds(
     binding: Binding, keeps_f: bool, parameters: ParameterStruct, q: Array, p: Array, dt: Array,
     moves: _Moves
 ) -> Defects:

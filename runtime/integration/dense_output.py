@@ -72,7 +72,8 @@ def _states_at(
     """Return the states of a run at times: rows of it, or real steps from the rows before them.
 
     Each time belongs to the known state before it, a stored row or the state after an impact. From
-    there go, for all times together: from an impact to the end of its step; whole steps; the rest.
+    there the states of all times take together: the part of a step from an impact to the end of its
+    step, whole steps, and the last part of a step. ``fill`` integrates an ensemble in place.
     """
     refuse_of_another(stepper, trajectory)
     refuse_impacts(trajectory)
@@ -80,51 +81,69 @@ def _states_at(
     t = _times(stepper, times)
     clocked, dt = stepper.binding.clocked, trajectory.dt
     known_states = _known_states(trajectory, clocked)
-    begin, elapsed = known_states.begin, known_states.elapsed
     places = (_places_in_scaled_time(stepper, trajectory, t, fill) if clocked else
-              places_of(stepper, trajectory.t[0], elapsed, dt, t))
-    q, p, work = (column[places.rows] for column in (  # copies
-        known_states.q, known_states.p, known_states.work))
-    of_steps = flat_multipliers(trajectory)
-    multipliers = np.zeros((len(t), of_steps.shape[1]), trajectory.q.dtype)
-    iterations = np.zeros(len(t), dtype=np.intc)
-    steps_ended = known_states.ends_of[places.rows]
-    ended = steps_ended > 0  # on a state that a step of the run ends at: what that step found
-    multipliers[ended] = of_steps[steps_ended[ended] - 1]
-    iterations[ended] = trajectory.iterations[steps_ended[ended] - 1]
-    targets = _Targets(q, p, work, multipliers, iterations)
-    begin_times, step_counts = begin[places.rows], known_states.steps[places.rows]
-    after = np.flatnonzero(known_states.is_impact[places.rows])
-    if len(after):  # from an impact, first to the end of its step
-        since, of_t = elapsed[places.rows[after]], t[after] - trajectory.t[0]
-        ends = stepper.binding.times(0 * since, dt, step_counts[after] + 1)
-        reach = _reach(stepper, trajectory.t[0], elapsed[-1])
-        steps, remainders = _counted(stepper, ends, dt, of_t, reach)
-        passed = np.array((1 if dt > 0 else -1) * (of_t - ends) >= -reach, bool)
-        leaving = after[passed]
-        if len(leaving):
-            _advance(stepper, trajectory, fill, targets, leaving, begin_times[leaving],
-                     (ends - since)[passed], step_counts=step_counts[leaving],
-                     steps=np.ones(len(leaving), int), step_limit=1)
-        begin_times[leaving] = trajectory.t[0] + ends[passed]
-        step_counts[leaving] += 1
-        places.steps[after] = np.where(passed, steps, 0)
-        places.rest[after] = np.where(
-            passed, remainders, np.where(abs(of_t - since) <= reach, 0 * since, of_t - since))
-    # whole steps, then the parts of a step
+              places_of(stepper, trajectory.t[0], known_states.elapsed, dt, t))
+    targets = _targets_at(trajectory, known_states, places.rows)
+    _finish_impact_steps(stepper, trajectory, t, known_states, places, targets, fill)
     for limit, group in _parts(trajectory, places):
-        _advance(stepper, trajectory, fill, targets, group, begin_times[group],
-                 np.full(len(group), dt), step_counts=step_counts[group],
+        _advance(stepper, trajectory, fill, targets, group, np.full(len(group), dt),
                  steps=places.steps[group], step_limit=limit)
+    targets.t[:] = stepper.binding.times(targets.t, dt, places.steps)
+    targets.steps[:] += places.steps
     remaining = np.flatnonzero(places.rest != 0)
-    begin_times = stepper.binding.times(begin_times, dt, places.steps)
     if len(remaining):
-        _advance(stepper, trajectory, fill, targets, remaining, begin_times[remaining],
-                 places.rest[remaining], step_counts=(step_counts + places.steps)[remaining],
+        _advance(stepper, trajectory, fill, targets, remaining, places.rest[remaining],
                  steps=np.ones(len(remaining), dtype=int), step_limit=1)
     if clocked:
-        targets.q[:, -1], t = t, begin_times + places.rest  # the same but for rounding, and τ
+        # the last coordinate is t: as asked for, which it is but for rounding; the times are τ
+        targets.q[:, -1], t = t, targets.t + places.rest
     return _trajectory(stepper, trajectory, t, targets)
+
+
+def _targets_at(trajectory: Trajectory, known_states: _KnownStates, rows: Array) -> _Targets:
+    """Return copies of the known states of these rows, and the results of the steps to them."""
+    multipliers_of_steps = flat_multipliers(trajectory)
+    multipliers = np.zeros((len(rows), multipliers_of_steps.shape[1]), trajectory.q.dtype)
+    iterations = np.zeros(len(rows), dtype=np.intc)
+    # 0 is the start or an impact, where no step of the run ends
+    stored_rows = known_states.ends_of[rows]
+    ends_step = stored_rows > 0
+    multipliers[ends_step] = multipliers_of_steps[stored_rows[ends_step] - 1]
+    iterations[ends_step] = trajectory.iterations[stored_rows[ends_step] - 1]
+    return _Targets(known_states.begin[rows], known_states.steps[rows], known_states.q[rows],
+                    known_states.p[rows], known_states.work[rows], multipliers, iterations)
+
+
+def _finish_impact_steps(
+    stepper: Stepper, trajectory: Trajectory, t: Array, known_states: _KnownStates, places: Places,
+    targets: _Targets, fill: Callable[[EnsembleStates], None],
+) -> None:
+    """Advance targets from an impact to the end of its step, where t lies behind it.
+
+    From there they go on by the steps of the run: the steps and the rest of ``places`` are set to
+    what is left. A target within the step of its impact is one part of a step away.
+    """
+    impacts = np.flatnonzero(known_states.is_impact[places.rows])
+    if not len(impacts):
+        return
+    dt, t0 = trajectory.dt, trajectory.t[0]
+    impact_times, elapsed = known_states.elapsed[places.rows[impacts]], t[impacts] - t0
+    # 0 * x is 0 in the type of times, which may be Python's objects
+    step_ends = stepper.binding.times(0 * impact_times, dt, targets.steps[impacts] + 1)
+    rounding = _rounding_of_times(stepper, t0, known_states.elapsed[-1])
+    steps, remainders = _counted(stepper, step_ends, dt, elapsed, rounding)
+    is_behind = np.array((1 if dt > 0 else -1) * (elapsed - step_ends) >= -rounding, bool)
+    leaving = impacts[is_behind]
+    if len(leaving):
+        _advance(stepper, trajectory, fill, targets, leaving,
+                 (step_ends - impact_times)[is_behind], steps=np.ones(len(leaving), int),
+                 step_limit=1)
+    targets.t[leaving] = t0 + step_ends[is_behind]
+    targets.steps[leaving] += 1
+    distance = elapsed - impact_times
+    places.steps[impacts] = np.where(is_behind, steps, 0)
+    places.rest[impacts] = np.where(
+        is_behind, remainders, np.where(abs(distance) <= rounding, 0 * distance, distance))
 
 
 @dataclass(frozen=True)
@@ -147,27 +166,28 @@ class _KnownStates:
 
 def _known_states(trajectory: Trajectory, clocked: bool) -> _KnownStates:
     """Return the stored rows and the states after impacts, from which steps may be taken."""
-    begin, elapsed = ((trajectory.tau, trajectory.tau) if clocked else
+    times, elapsed = ((trajectory.tau, trajectory.tau) if clocked else
                       (trajectory.t, trajectory.elapsed))
     steps = np.rint((elapsed / trajectory.dt).astype(float)).astype(int)
-    rows = len(begin)
-    columns = [begin, elapsed, *full_states(trajectory), trajectory.work, steps, np.arange(rows),
+    rows = len(times)
+    columns = [times, elapsed, *full_states(trajectory), trajectory.work, steps, np.arange(rows),
                np.zeros(rows, bool)]
     if not trajectory.impacts:
         return _KnownStates(*columns)
     for impacts in trajectory.impacts.values():
-        since = impacts.t - trajectory.t[0] if trajectory._states is None else impacts.elapsed
-        columns = [np.concatenate(pair) for pair in zip(columns, (
-            impacts.t, since, impacts.q, impacts.p, impacts.work,
-            np.floor((since / trajectory.dt).astype(float)).astype(int),
+        elapsed_of_impacts = (impacts.t - trajectory.t[0] if trajectory._states is None
+                              else impacts.elapsed)
+        columns = [np.concatenate(columns_of_both) for columns_of_both in zip(columns, (
+            impacts.t, elapsed_of_impacts, impacts.q, impacts.p, impacts.work,
+            np.floor((elapsed_of_impacts / trajectory.dt).astype(float)).astype(int),
             np.zeros(len(impacts), int), np.ones(len(impacts), bool)), strict=True)]
     # Of gaps that close at once, the last jump leads to a state that no other begins with.
-    begun = {(t, p.tobytes()) for impacts in trajectory.impacts.values()
-             for t, p in zip(impacts.t.tolist(), impacts.p_before, strict=True)}
-    last = [row for row in range(len(columns[0])) if row < rows or (
-        float(columns[0][row]), columns[3][row].tobytes()) not in begun]
-    order = np.argsort((1 if trajectory.dt > 0 else -1) * columns[1][last], kind="stable")
-    return _KnownStates(*(column[np.array(last)[order]] for column in columns))
+    starts_of_jumps = {(t, p.tobytes()) for impacts in trajectory.impacts.values()
+                       for t, p in zip(impacts.t.tolist(), impacts.p_before, strict=True)}
+    distinct_rows = [row for row in range(len(columns[0])) if row < rows or (
+        float(columns[0][row]), columns[3][row].tobytes()) not in starts_of_jumps]
+    order = np.argsort((1 if trajectory.dt > 0 else -1) * columns[1][distinct_rows], kind="stable")
+    return _KnownStates(*(column[np.array(distinct_rows)[order]] for column in columns))
 
 
 def stored_steps_at(
@@ -191,8 +211,13 @@ def stored_steps_at(
 
 @dataclass(frozen=True)
 class _Targets:
-    """States on their way to the times asked for, a row each; they are advanced in place."""
+    """States on their way to the times asked for, a row each; they are advanced in place.
 
+    ``t`` are their times, in scaled time τ, ``steps`` the whole steps of the run before them.
+    """
+
+    t: Array
+    steps: Array
     q: Array
     p: Array
     work: Array
@@ -202,21 +227,20 @@ class _Targets:
 
 def _advance(
     stepper: Stepper, trajectory: Trajectory, fill: Callable[[EnsembleStates], None],
-    targets: _Targets,
-    group: Array, t0: Array, dt: Array, *, step_counts: Array, steps: Array, step_limit: int,
+    targets: _Targets, group: Array, dt: Array, *, steps: Array, step_limit: int,
 ) -> None:
     """Advance the targets with the indices ``group`` by ``steps`` steps of dt each, in place.
 
-    Targets are states at t0 after ``step_counts`` steps of the run, whose inputs they have. All
-    take ``step_limit`` steps together; each target keeps the state after its own number of steps.
+    They have the inputs of their steps of the run. All take ``step_limit`` steps together; each
+    target keeps the state after its own number of steps. Their times and steps stay.
     """
-    input_rows = trajectory._inputs
+    input_rows, step_counts = trajectory._inputs, targets.steps[group]
     inputs = None if input_rows is None else input_rows.taken(0 * step_counts, step_counts,
                                                               step_limit)
-    columns = {name: np.full(len(group), value, stepper.binding.number_type)
-               for name, value in trajectory.parameters.items()}
-    ensemble = run_together(stepper, targets.q[group], targets.p[group], t0, dt, columns, fill,
-                            step_limit, inputs)
+    columns = {name: np.full(len(group), number, stepper.binding.number_type)
+               for name, number in trajectory.parameters.items()}
+    ensemble = run_together(stepper, targets.q[group], targets.p[group], targets.t[group], dt,
+                            columns, fill, step_limit, inputs)
     row = np.arange(len(group))
     rows = ensemble.rows
     targets.q[group], targets.p[group] = rows.q[row, steps], rows.p[row, steps]
@@ -238,10 +262,10 @@ def run_together(
     """
     number = stepper.binding.number_type
     parameters_of_first = {name: column[0] for name, column in parameters.items()}
-    first = RunArguments(q[0], p[0], dt[0], steps, every=1, parameters=parameters_of_first,
-                         solver="auto", tolerance=None, max_iterations=50, t0=t0[0])
+    first_run = RunArguments(q[0], p[0], dt[0], steps, every=1, parameters=parameters_of_first,
+                             solver="auto", tolerance=None, max_iterations=50, t0=t0[0])
     ensemble = EnsembleStates.of(stepper, EnsembleArguments(
-        first, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
+        first_run, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
     fill(ensemble)
     failed = np.flatnonzero(ensemble.status)
     if len(failed):
@@ -257,12 +281,12 @@ def partial_steps(
 ) -> tuple[Array, Array]:
     """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing."""
     q, p = q.copy(), p.copy()
-    moved = np.flatnonzero(dt != 0)
-    if len(moved):
-        ensemble = run_together(stepper, q[moved], p[moved], t0[moved], dt[moved],
-                              {name: column[moved] for name, column in parameters.items()}, fill,
-                              1, None if inputs is None else inputs.taken(moved, 0 * moved))
-        q[moved], p[moved] = ensemble.q, ensemble.p
+    indices = np.flatnonzero(dt != 0)
+    if len(indices):
+        ensemble = run_together(stepper, q[indices], p[indices], t0[indices], dt[indices],
+                              {name: column[indices] for name, column in parameters.items()}, fill,
+                              1, None if inputs is None else inputs.taken(indices, 0 * indices))
+        q[indices], p[indices] = ensemble.q, ensemble.p
     return q, p
 
 
@@ -282,37 +306,42 @@ def _parts(trajectory: Trajectory, places: Places) -> list[tuple[int, Array]]:
     return groups
 
 
-def places_of(stepper: Stepper, t0: Any, stored: Array, dt: Any, t: Array) -> Places:
+def places_of(stepper: Stepper, t0: Any, stored_times: Array, dt: Any, t: Array) -> Places:
     """Return where the times t are, or refuse those outside of the run.
 
-    ``stored`` are the times of stored rows since the start t0, which keep their digits at large t.
+    ``stored_times`` are the times of stored rows since the start t0, which keep their digits at
+    large t.
     """
     ahead, t = 1 if dt > 0 else -1, t - t0
-    reach = _reach(stepper, t0, stored[-1])
-    outside = (ahead * (t - stored[0]) < -reach) | (ahead * (t - stored[-1]) > reach)
+    rounding = _rounding_of_times(stepper, t0, stored_times[-1])
+    outside = ((ahead * (t - stored_times[0]) < -rounding)
+               | (ahead * (t - stored_times[-1]) > rounding))
     if outside.any():
         raise InputError(
             f"The time {float(t0 + t[outside][0])} is outside of the run, which goes from "
-            f"{float(t0)} to {float(t0 + stored[-1])} s; ask for times in between.")
-    rows = np.searchsorted(ahead * stored, ahead * t + reach, side="right") - 1
-    return Places(rows, *_counted(stepper, stored[rows], dt, t, reach))
+            f"{float(t0)} to {float(t0 + stored_times[-1])} s; ask for times in between.")
+    rows = np.searchsorted(ahead * stored_times, ahead * t + rounding, side="right") - 1
+    return Places(rows, *_counted(stepper, stored_times[rows], dt, t, rounding))
 
 
-def _reach(stepper: Stepper, t0: Any, elapsed: Any) -> Any:
+def _rounding_of_times(stepper: Stepper, t0: Any, elapsed: Any) -> Any:
     """Return the rounding of times up to ``elapsed`` after t0: so near, a time is a step's end."""
     return 2 * epsilon_of_times(stepper) * max(abs(t0), abs(t0 + elapsed))
 
 
 def _counted(
-    stepper: Stepper, begin: Array, dt: Any, t: Array, reach: Any
+    stepper: Stepper, start_times: Array, dt: Any, t: Array, rounding: Any
 ) -> tuple[Array, Array]:
-    """Return the numbers of whole steps from ``begin`` to times t, and the remainders in s."""
+    """Return the numbers of whole steps from ``start_times`` to t, and the remainders in s.
+
+    Remainders up to ``rounding`` are 0, in the type of times, which may be Python's objects.
+    """
     ahead, times = 1 if dt > 0 else -1, stepper.binding.times
-    steps = np.array([int(x) for x in (t - begin) / dt], dtype=int)
+    steps = np.array([int(x) for x in (t - start_times) / dt], dtype=int)
     # a quotient rounds either way
-    steps += ahead * times(begin, dt, steps + 1) <= ahead * t + reach
-    remainders = t - times(begin, dt, steps)
-    return steps, np.where(abs(remainders) <= reach, 0 * remainders, remainders)
+    steps += ahead * times(start_times, dt, steps + 1) <= ahead * t + rounding
+    remainders = t - times(start_times, dt, steps)
+    return steps, np.where(abs(remainders) <= rounding, 0 * remainders, remainders)
 
 
 def _places_in_scaled_time(
@@ -322,15 +351,15 @@ def _places_in_scaled_time(
     binding, ahead = stepper.binding, 1 if trajectory.dt > 0 else -1
     q, p = full_states(trajectory)
     clock = trajectory.t
-    reach = 2 * epsilon_of_times(stepper) * np.abs(clock).max()
-    rows = np.searchsorted(ahead * clock, ahead * t + reach, side="right") - 1
-    outside = (rows < 0) | (ahead * (t - clock[-1]) > reach)
+    rounding = 2 * epsilon_of_times(stepper) * np.abs(clock).max()
+    rows = np.searchsorted(ahead * clock, ahead * t + rounding, side="right") - 1
+    outside = (rows < 0) | (ahead * (t - clock[-1]) > rounding)
     if outside.any():
         raise InputError(
             f"The time {float(t[outside][0])} is outside of the run, which goes from "
             f"{float(clock[0])} to {float(clock[-1])} s; ask for times in between.")
-    columns = {name: np.full(len(t), value, binding.number_type)
-               for name, value in trajectory.parameters.items()}
+    columns = {name: np.full(len(t), number, binding.number_type)
+               for name, number in trajectory.parameters.items()}
     dt, zeros = np.full(len(t), trajectory.dt), np.zeros(len(t), binding.number_type)
     q, p = q[rows], p[rows]
     # Whole steps from the stored state to the last one that is not behind.
@@ -340,7 +369,7 @@ def _places_in_scaled_time(
     if step_limit:
         states = run_together(stepper, q, p, zeros, dt, columns, fill, step_limit).rows
         # the last coordinate is t
-        passed = ahead * states.q[:, :, -1].astype(t.dtype) <= ahead * t[:, None] + reach
+        passed = ahead * states.q[:, :, -1].astype(t.dtype) <= ahead * t[:, None] + rounding
         steps = np.where(gaps > 1, passed.sum(axis=1) - 1, 0)
         indices = np.arange(len(t))
         q, p = states.q[indices, steps], states.p[indices, steps]
@@ -349,12 +378,13 @@ def _places_in_scaled_time(
     # Newton's method for t(τ) = t, with dt/dτ = σ at the end so far; δτ stays within one step
     for _ in range(_NEWTON):
         missing = t - ends[0][:, -1].astype(t.dtype)
-        open_ = np.abs(missing) > reach
+        open_ = np.abs(missing) > rounding
         if not open_.any():
             break
-        moved = remainders + np.where(open_, missing / binding.time_scales(parameters, *ends), 0)
-        remainders = np.where(ahead * moved > ahead * dt, dt,
-                              np.where(ahead * moved > 0, moved, zeros))
+        corrected = remainders + np.where(
+            open_, missing / binding.time_scales(parameters, *ends), 0)
+        remainders = np.where(ahead * corrected > ahead * dt, dt,
+                              np.where(ahead * corrected > 0, corrected, zeros))
         ends = partial_steps(stepper, q, p, zeros, remainders, columns, fill)
     return Places(rows, steps, remainders)
 
@@ -396,8 +426,8 @@ def refuse_impacts(trajectory: Trajectory) -> None:
 def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
     """Refuse a trajectory that another stepper made, or another version of this one."""
     own_manifest, run_manifest = stepper.manifest, trajectory.manifest
-    named = ("name", "real", "system", "scheme")
-    differences = [name for name in named
+    compared_fields = ("name", "real", "system", "scheme")
+    differences = [name for name in compared_fields
                    if getattr(own_manifest, name) != getattr(run_manifest, name)]
     if differences:
         raise InputError(

@@ -53,7 +53,7 @@ class EnsembleStates:
     status: Array
     #: The running records of each batch.
     reports: list[Any]
-    #: The parameters of all and their time steps, as compiled code takes those of lanes.
+    #: The parameters of all as compiled code takes those of lanes, else unused; the time steps.
     parameters: Array
     dt: Array
     #: Event detectors, one for each trajectory; or none.

@@ -9,6 +9,7 @@ short steps.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,14 +78,9 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
     sizes = [np.abs(start[half]).max() + np.abs(velocity[half]).max() / _PART
              for half in (slice(0, n), slice(n, 2 * n))]
     scale = np.repeat([size or 1.0 for size in sizes], n)
-    moves = _NUDGE * np.diag(scale)
-    tangents = np.array([(projected(start + e) - projected(start - e)) / (2 * _NUDGE * scale)
-                         for e in moves]).T
-    if not np.isfinite(tangents).all():
+    basis = _tangent_basis(projected, start, scale)
+    if basis is None:
         return None
-    U, lengths, _ = np.linalg.svd(tangents)
-    # directions that the projection removes have singular values of round-off
-    basis = U[:, lengths > _SHARE * lengths[0]]
     M = np.array([basis.T @ ((end(projected(start + _NUDGE * scale * e))
                               - end(projected(start - _NUDGE * scale * e))) / scale / (2 * _NUDGE))
                   for e in basis.T]).T
@@ -101,3 +97,21 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
     if np.linalg.norm(parts[:, fast].sum(axis=1)) < _SHARE * np.linalg.norm(parts, axis=0).sum():
         return None
     return float(omega[fast].max())
+
+
+def _tangent_basis(
+    projected: Callable[[Array], Array], start: Array, scale: Array
+) -> Array | None:
+    """Return an orthonormal basis of dz/scale tangent to the constraints, (2n, k); None if none.
+
+    P = ∂(projected z)/∂z by central differences, each entry moved by a part of its scale; the range
+    of P = U Σ Vᵀ is spanned by the columns of U.
+    """
+    moves = _NUDGE * np.diag(scale)
+    tangents = np.array([(projected(start + e) - projected(start - e)) / (2 * _NUDGE * scale)
+                         for e in moves]).T
+    if not np.isfinite(tangents).all():
+        return None
+    U, lengths, _ = np.linalg.svd(tangents)
+    # directions that the projection removes have singular values of round-off
+    return np.asarray(U[:, lengths > _SHARE * lengths[0]])

@@ -124,12 +124,12 @@ def refuse_broken(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any])
 def _value(terms: Polynomial, parameters: Mapping[str, Any]) -> Fraction | None:
     """Return the value of a polynomial; None where a parameter is not finite."""
     # exactly: equal doubles are equal fractions
-    total = Fraction(0)
+    polynomial_value = Fraction(0)
     for factor, powers in terms:
         for name, power in powers.items():
             x = exact(parameters[name])
             if not isinstance(x, Fraction):
                 return None
             factor *= x**power
-        total += factor
-    return total
+        polynomial_value += factor
+    return polynomial_value

@@ -146,8 +146,8 @@ class RunArguments:
         """Return its first steps as a run."""
         if self.stored_steps is None:
             return replace(self, steps=steps, open_end=False)
-        stored = np.unique(np.minimum(self.stored_steps, steps))
-        return replace(self, steps=steps, stored_steps=stored[stored > 0],
+        stored_steps = np.unique(np.minimum(self.stored_steps, steps))
+        return replace(self, steps=steps, stored_steps=stored_steps[stored_steps > 0],
                        open_end=False)
 
     def stored(self, step_count: int) -> int:
@@ -158,10 +158,10 @@ class RunArguments:
 
     def steps_of_rows(self, step_count: int) -> Array:
         """Return the steps before the start (0) and each state stored in ``step_count`` steps."""
-        stored = self.stored(step_count)
+        row_count = self.stored(step_count)
         if self.stored_steps is not None:
-            return np.concatenate([[0], self.stored_steps[:stored]])
-        rows = np.arange(stored + 1)
+            return np.concatenate([[0], self.stored_steps[:row_count]])
+        rows = np.arange(row_count + 1)
         return rows if self.every == 1 else np.minimum(rows * self.every, step_count)
 
 
@@ -211,10 +211,11 @@ def end_of_run(
 
     Raises InputError for a t_end that dtau leads away from.
     """
-    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t0", t0), ("dtau", dt)))
-    if (end - begin) * step <= 0:
+    end, start, step = (_fraction(*named_number)
+                        for named_number in (("t_end", t_end), ("t0", t0), ("dtau", dt)))
+    if (end - start) * step <= 0:
         raise InputError(f"t_end = {_text(end)} is not {'after' if step > 0 else 'before'} the "
-                         f"start, t = {_text(begin)}, where dtau = {_text(step)} leads.")
+                         f"start, t = {_text(start)}, where dtau = {_text(step)} leads.")
     name = "t_end"
     while name in {event.name for event in events}:
         name += "_"
@@ -308,8 +309,9 @@ class EnsembleArguments:
             parameters |= dict(zip(self.inputs.names, columns, strict=True))
         t0 = binding.times(self.t0[:, None], self.dt[:, None], np.array([steps]))[:, 0]
         assert self.rests is not None
-        first = replace(self.first, steps=1, every=1, inputs=None, rest=0, t_end=None)
-        return EnsembleArguments(first, np.where(failed, self.q, q), np.where(failed, self.p, p),
+        first_part = replace(self.first, steps=1, every=1, inputs=None, rest=0, t_end=None)
+        return EnsembleArguments(first_part, np.where(failed, self.q, q),
+                                 np.where(failed, self.p, p),
                                  self.rests.copy(), t0.astype(self.t0.dtype), parameters)
 
     def columns(self, runs: slice) -> dict[str, Array]:
@@ -370,20 +372,21 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
-    first, size = checked_run(0), len(arguments.q)
-    runs = _plain(stepper, arguments, first) if size > 1 and not stepper.binding.clocked else None
+    first_run, size = checked_run(0), len(arguments.q)
+    runs = _plain(stepper, arguments,
+                  first_run) if size > 1 and not stepper.binding.clocked else None
     if runs is None or not _consistent(stepper, runs):
         number = stepper.binding.number_type
-        runs = EnsembleArguments.of([first, *(checked_run(i) for i in range(1, size))], number)
+        runs = EnsembleArguments.of([first_run, *(checked_run(i) for i in range(1, size))], number)
     return runs
 
 
 def _plain(
-    stepper: Stepper, arguments: RawArguments, first: RunArguments
+    stepper: Stepper, arguments: RawArguments, first_run: RunArguments
 ) -> EnsembleArguments | None:
     """Return the runs if all their numbers are finite and of plain types, else None.
 
-    ``first`` is the checked first run, with what all have in common.
+    ``first_run`` is the checked first run, with what all have in common.
     """
     binding, size = stepper.binding, len(arguments.q)
     if binding.number_type is object or {arguments.q.dtype.kind, arguments.p.dtype.kind} - {*"fiu"}:
@@ -391,12 +394,12 @@ def _plain(
     q, p = binding.converted(arguments.q), binding.converted(arguments.p)
     dt, t0 = _numbers(arguments.dt, binding.number_type), _numbers(arguments.t0,
                                                                    binding.number_type)
-    parameters = _parameters(stepper, arguments, first, size)
+    parameters = _parameters(stepper, arguments, first_run, size)
     if dt is None or t0 is None or parameters is None or not dt.all():
         return None
     if not (np.isfinite(q).all() and np.isfinite(p).all()):
         return None
-    return EnsembleArguments(first, q, p, dt, t0, parameters)
+    return EnsembleArguments(first_run, q, p, dt, t0, parameters)
 
 
 def _numbers(column: Array | list[Any], number: Any) -> Array | None:
@@ -414,7 +417,7 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
 
 
 def _parameters(
-    stepper: Stepper, arguments: RawArguments, first: RunArguments, size: int
+    stepper: Stepper, arguments: RawArguments, first_run: RunArguments, size: int
 ) -> dict[str, Array] | None:
     """Return a column for each parameter; None if one of them is to be checked run by run."""
     column_of: dict[str, Array] = {}
@@ -424,11 +427,11 @@ def _parameters(
         columns: Mapping[str, Any] = arguments.parameters[1]
         if not columns:  # the first are those of all
             return {name: np.full(size, value, number)
-                    for name, value in first.parameters.items()}
-    elif any({*run, *rates} != first.parameters.keys() for run in arguments.parameters):
-        return None
+                    for name, value in first_run.parameters.items()}
+    elif any({*run, *rates} != first_run.parameters.keys() for run in arguments.parameters):
+        return None  # a name is missing or unknown: the check of single runs says which
     for name, domain in stepper.parameter_domains.items():
-        column = _numbers(_column_of(arguments, name, first, size, rates), number)
+        column = _numbers(_column_of(arguments, name, first_run, size, rates), number)
         if column is None or not _in_domain(column, domain):
             return None
         column_of[name] = column
@@ -442,32 +445,33 @@ def _parameters(
 
 
 def _column_of(
-    arguments: RawArguments, name: str, first: RunArguments, size: int, rates: Collection[str]
+    arguments: RawArguments, name: str, first_run: RunArguments, size: int, rates: Collection[str]
 ) -> Array | list[Any]:
     """Return a parameter of all runs as a column; γ and α by their rules, where these apply.
 
     The ``rates`` of a co-moving frame are 0 where they are left out.
     """
     if isinstance(arguments.parameters, list):
-        values = [run.get(name, 0.0) if name in rates else run[name]
-                  for run in arguments.parameters]
+        numbers_or_rules = [run.get(name, 0.0) if name in rates else run[name]
+                            for run in arguments.parameters]
     else:
-        shared, columns = arguments.parameters
+        common_values, columns = arguments.parameters
         if name in columns:
             return columns[name]
-        if name in rates and name not in shared:
+        if name in rates and name not in common_values:
             return np.zeros(size)
         inertia = itertools.chain(*inertia_names(name))
-        if not isinstance(shared[name], Rule) or columns.keys().isdisjoint(inertia):
-            return np.full(size, first.parameters[name])
-        values = [shared[name]] * size
-    if not any(isinstance(value, Rule) for value in values):
-        return values
+        if not isinstance(common_values[name], Rule) or columns.keys().isdisjoint(inertia):
+            return np.full(size, first_run.parameters[name])
+        numbers_or_rules = [common_values[name]] * size
+    if not any(isinstance(number_or_rule, Rule) for number_or_rule in numbers_or_rules):
+        return numbers_or_rules
     try:
-        return [gamma_by_rule(name, value, arguments.parameters_of(i))
-                if isinstance(value, Rule) else value for i, value in enumerate(values)]
+        return [gamma_by_rule(name, number_or_rule, arguments.parameters_of(i))
+                if isinstance(number_or_rule, Rule) else number_or_rule
+                for i, number_or_rule in enumerate(numbers_or_rules)]
     except InputError:
-        return values  # no number: the check of single runs names the run
+        return numbers_or_rules  # no number: the check of single runs names the run
 
 
 def _in_domain(column: Array, domain: str) -> bool:
@@ -483,13 +487,13 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
         return True
     keeps_f = stepper.manifest.scheme.keeps_momentum_constraint
     varied = any((column != column[0]).any() for column in (runs.t0, *runs.parameters.values()))
-    shared = binding.parameters(runs.first.parameters, runs.first.t0)
+    common_parameters = binding.parameters(runs.first.parameters, runs.first.t0)
     at_once = max(_JUDGED // (binding.n * (2 * binding.n + 1)), 1)
 
     def is_consistent(block: slice) -> bool:
         """Return whether all starts of a block are on their constraints."""
         parameters = (binding.parameter_sets(runs.columns(block), runs.t0[block])
-                      if varied else shared)
+                      if varied else common_parameters)
         return bool(defects_of_starts(binding, keeps_f, parameters, runs.q[block], runs.p[block],
                                       runs.dt[block]).consistent.all())
 
@@ -512,11 +516,11 @@ def as_parameters(
                          f"{', '.join(domains)}.")
     parameters = with_rules(parameters, domains)
     # the usual case, numbers for all names, without the checks below: a step takes microseconds
-    plain = _as_plain_parameters(parameters, domains, number)
-    if plain is not None:
-        refuse_broken(symmetries, plain)
-        refuse_impossible_inertias(bodies, plain)
-        return plain
+    plain_numbers = _as_plain_parameters(parameters, domains, number)
+    if plain_numbers is not None:
+        refuse_broken(symmetries, plain_numbers)
+        refuse_impossible_inertias(bodies, plain_numbers)
+        return plain_numbers
     frame = {symmetry.name: 0 for symmetry in symmetries}
     needed = [name for name in domains if name not in frame]
     missing = [name for name in needed if name not in parameters]
@@ -531,12 +535,12 @@ def as_parameters(
             f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}"
             f"{proposal(unknown[0], domains)}."
         )
-    values = {**frame, **parameters}
-    checked = {name: _as_parameter(name, domain, values, number)
-               for name, domain in domains.items()}
-    refuse_broken(symmetries, checked)
-    refuse_impossible_inertias(bodies, checked)
-    return checked
+    all_numbers = {**frame, **parameters}
+    checked_numbers = {name: _as_parameter(name, domain, all_numbers, number)
+                       for name, domain in domains.items()}
+    refuse_broken(symmetries, checked_numbers)
+    refuse_impossible_inertias(bodies, checked_numbers)
+    return checked_numbers
 
 
 def with_rules(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> Mapping[str, Any]:
@@ -611,13 +615,13 @@ def refuse_texts(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> N
 
     Raises InputError for "frame", and for text in place of γ or α.
     """
-    for name, value in parameters.items():
+    for name, argument in parameters.items():
         if name == "frame" and name not in domains:
-            raise InputError(f"Parameter frame = {shown(value)} is none; the parameters= of a run "
-                             "are numbers: rates of the frame, such as those of "
+            raise InputError(f"Parameter frame = {shown(argument)} is none; the parameters= of a "
+                             "run are numbers: rates of the frame, such as those of "
                              "gyrospark.tune(step, start, dt=..., frame='auto').parameters.")
-        if isinstance(value, str) and is_inertia_parameter(str(name)):
-            raise InputError(f"Parameter {name} = {shown(value)} is no number; give that of "
+        if isinstance(argument, str) and is_inertia_parameter(str(name)):
+            raise InputError(f"Parameter {name} = {shown(argument)} is no number; give that of "
                              "gyrospark.gamma(inertia, 'h'), a mean of the moments, or of "
                              "gyrospark.tune(step, start, dt=..., gamma='auto').parameters. "
                              "Without one it is γ_m.")
@@ -627,10 +631,10 @@ def _as_parameter(
     name: str, domain: str, parameters: Mapping[str, Any], number: Callable[[Fraction], Any]
 ) -> Any:
     """Return one parameter in the stepper's type; refuse one outside its domain."""
-    value = parameters[name]
-    if isinstance(value, Rule):
-        value = gamma_by_rule(name, value, parameters)
-    real = as_real(f"Parameter {name}", value, number)
+    number_or_rule = parameters[name]
+    if isinstance(number_or_rule, Rule):
+        number_or_rule = gamma_by_rule(name, number_or_rule, parameters)
+    real = as_real(f"Parameter {name}", number_or_rule, number)
     if domain == "positive" and real <= 0:
         raise InputError(f"Parameter {name} = {real} is not positive, as the system declares it; "
                          "give a number above 0. (Where 0 is meant, declare the symbol without "
@@ -707,11 +711,12 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any) -> int:
     count, remainder = span_of(steps, t_end, t0, dt)
     if not remainder:
         return count
-    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t", t0), ("dt", dt)))
-    times = " and ".join(_text(begin + n * step) for n in (count, count + 1) if n)
-    steps_of = " or ".join(_text((end - begin) / n) for n in (count + 1, count) if n)
+    end, start, step = (_fraction(*named_number)
+                        for named_number in (("t_end", t_end), ("t", t0), ("dt", dt)))
+    times = " and ".join(_text(start + n * step) for n in (count, count + 1) if n)
+    steps_of = " or ".join(_text((end - start) / n) for n in (count + 1, count) if n)
     raise InputError(f"t_end = {_text(end)} is no whole number of steps of dt = {_text(step)} from "
-                     f"t = {_text(begin)}, which is needed here. The nearest that fit: t_end = "
+                     f"t = {_text(start)}, which is needed here. The nearest that fit: t_end = "
                      f"{times}, or dt = {steps_of}.")
 
 
@@ -727,13 +732,14 @@ def span_of(steps: Any, t_end: Any, t0: Any, dt: Any) -> tuple[int, Fraction]:
     if t_end is None:
         return as_positive_count("steps", steps), Fraction(0)
     as_step(dt)
-    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t", t0), ("dt", dt)))
-    span = end - begin
+    end, start, step = (_fraction(*named_number)
+                        for named_number in (("t_end", t_end), ("t", t0), ("dt", dt)))
+    span = end - start
     if span * step < 0:
         raise InputError(f"t_end = {_text(end)} lies {'before' if span < 0 else 'after'} the "
-                         f"start, t = {_text(begin)}, and dt = {_text(step)} leads away from it; "
+                         f"start, t = {_text(start)}, and dt = {_text(step)} leads away from it; "
                          f"give dt = {_text(-step)}.")
-    count, fits = _nearest_count(end, begin, step)
+    count, fits = _nearest_count(end, start, step)
     if not fits:
         count = math.floor(span / step)
     return as_positive_count("steps", count), Fraction(0) if fits else span - count * step

@@ -128,7 +128,8 @@ def start_parameters(
     ``names`` are the parameters of the system. Raises InputError for parameters that are the
     inertia of no body, where the model's own are those of one.
     """
-    start_values: dict[str, Any] = {name: value for name, value in start.parameters.items()
+    start_values: dict[str, Any] = {name: number_or_rule
+                                    for name, number_or_rule in start.parameters.items()
                                     if name in names or name not in start._spare}
     values = {**start_values, **start.inputs, **as_mapping(
         "parameters", {} if parameters is None else parameters, "{'m': 1.0}")}
@@ -155,9 +156,9 @@ def own_inertias(
         label, alternatives = _body_of(name, tuple(
             tuple(x) if isinstance(x, list) else x for x in inertia))
         # three moments, or six entries of a matrix: the first whose names are all parameters
-        for entries in alternatives:
-            if all(map(names.__contains__, entries)):
-                bodies[label] = entries
+        for moment_names in alternatives:
+            if all(map(names.__contains__, moment_names)):
+                bodies[label] = moment_names
                 break
     return bodies
 
@@ -179,20 +180,21 @@ def _refuse_impossible(
     bodies: Mapping[str, Sequence[str]], values: Mapping[str, Any], changes: Mapping[str, Any]
 ) -> None:
     """Refuse impossible moments where some have changed; other checks refuse non-numbers."""
-    for label, entries in bodies.items():
-        if changes.keys().isdisjoint(entries) or not {*entries} <= values.keys():
+    for label, moment_names in bodies.items():
+        if changes.keys().isdisjoint(moment_names) or not {*moment_names} <= values.keys():
             continue
-        values_of_body = {name: values[name] for name in entries}
+        values_of_body = {name: values[name] for name in moment_names}
         if {*map(type, values_of_body.values())} == {float}:  # arrays take longer
             if min(values_of_body.values()) > 0:
-                refuse_impossible_inertias({label: entries}, values_of_body)
+                refuse_impossible_inertias({label: moment_names}, values_of_body)
             continue
         try:
             columns = np.broadcast_arrays(*(np.asarray(x, float) for x in values_of_body.values()))
         except (TypeError, ValueError):
             continue
         if min(column.min() for column in columns) > 0:
-            refuse_impossible_inertias({label: entries}, dict(zip(entries, columns, strict=True)))
+            refuse_impossible_inertias({label: moment_names},
+                                       dict(zip(moment_names, columns, strict=True)))
 
 
 def after_start(names: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -218,49 +220,57 @@ def merged_starts(
 
     Raises InputError as ``merged_start``; for starts of models with different impacts.
     """
-    entries = {} if parameters is None else parameters
+    parameter_sets = {} if parameters is None else parameters
     if p is not None:
         _refuse_second_state(starts, p)
-        return StartNumbers(starts, p, entries, 0.0)
+        return StartNumbers(starts, p, parameter_sets, 0.0)
     if has_start(starts):
         start = as_start(starts)
         if not impacts:
             _refuse_impacts(start)
-        # a list has a dict for each trajectory; one dict has numbers and columns
-        rows_or_columns = ([start_parameters(stepper.parameter_domains, start, entry)
-                            for entry in entries]
-                           if isinstance(entries, Sequence)
-                           and all(isinstance(entry, Mapping) for entry in entries)
-                           else start_parameters(stepper.parameter_domains, start, entries))
-        # one start for all: the number of trajectories is the length of any column
-        columns = [] if isinstance(rows_or_columns, list) else [*rows_or_columns.values(), start.t]
-        size = len(rows_or_columns) if isinstance(rows_or_columns, list) else max(
-            (len(x) for x in columns if np.ndim(x) == 1), default=1)
-        q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
-                for x in (stepper.binding.numbers("q", start.q),
-                          stepper.binding.numbers("p", start.p)))
-        if start._nominal:
-            q, p = _rows_on_constraints(stepper, q, p, rows_or_columns, start.t)
-        return StartNumbers(q, p, rows_or_columns, start.t, start._excess, _impacts_of(start))
+        return _rows_of_start(stepper, start, parameter_sets)
     if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
                                           and isinstance(starts[0], (Sequence, np.ndarray))):
         raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
                          "of starts.")
     if not isinstance(starts, Sequence) or not starts or not all(
-            has_start(entry) for entry in starts):
+            has_start(start) for start in starts):
         raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
                          "with columns of parameters, or q and p, a row for each trajectory.")
-    if isinstance(entries, Mapping):
-        entries = [_row(entries, i, len(starts)) for i in range(len(starts))]
-    if len(entries) != len(starts):
-        raise InputError(f"{len(entries)} sets of parameters are given for {len(starts)} starts.")
-    rows = [merged_start(stepper, entry, None, rows_or_columns, frame=False, impacts=impacts)
-            for entry, rows_or_columns in zip(starts, entries, strict=True)]
+    if isinstance(parameter_sets, Mapping):
+        parameter_sets = [_row(parameter_sets, i, len(starts)) for i in range(len(starts))]
+    if len(parameter_sets) != len(starts):
+        raise InputError(f"{len(parameter_sets)} sets of parameters are given for {len(starts)} "
+                         "starts.")
+    rows = [merged_start(stepper, start, None, own_parameters, frame=False, impacts=impacts)
+            for start, own_parameters in zip(starts, parameter_sets, strict=True)]
     if any(row.impacts != rows[0].impacts for row in rows):
         raise InputError("The starts have different impacts; give starts of one model.")
     return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
                         [row.parameters for row in rows], np.array([row.t for row in rows]),
                         np.array([row.excess for row in rows]), rows[0].impacts)
+
+
+def _rows_of_start(stepper: Evaluation, start: Start, parameter_sets: Any) -> StartNumbers:
+    """Return one start for all trajectories, which differ in parameters or time.
+
+    ``parameter_sets`` is a list with a dict for each trajectory, or one dict of numbers and
+    columns; then the number of trajectories is the length of any column.
+    """
+    merged: Any
+    if isinstance(parameter_sets, Sequence) and all(
+            isinstance(own_parameters, Mapping) for own_parameters in parameter_sets):
+        merged = [start_parameters(stepper.parameter_domains, start, own_parameters)
+                  for own_parameters in parameter_sets]
+        size = len(merged)
+    else:
+        merged = start_parameters(stepper.parameter_domains, start, parameter_sets)
+        size = max((len(x) for x in (*merged.values(), start.t) if np.ndim(x) == 1), default=1)
+    q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
+            for x in (stepper.binding.numbers("q", start.q), stepper.binding.numbers("p", start.p)))
+    if start._nominal:
+        q, p = _rows_on_constraints(stepper, q, p, merged, start.t)
+    return StartNumbers(q, p, merged, start.t, start._excess, _impacts_of(start))
 
 
 def _rows_on_constraints(
@@ -279,12 +289,12 @@ def _rows_on_constraints(
         varied = any(np.ndim(parameters.get(name, 0.0)) for name in deciding)
     varied = varied or bool(np.ndim(t) and stepper.binding.is_timed)
     times = np.broadcast_to(np.asarray(t, dtype=object), size)
-    moved = [moved_onto_constraints(
+    projected_starts = [moved_onto_constraints(
         stepper, q[i], p[i], parameters[i] if isinstance(parameters, list)
         else _row(parameters, i, size), times[i]) for i in range(size if varied else 1)]
-    if change := next((change for *_, change in moved if change), ""):
+    if change := next((change for *_, change in projected_starts if change), ""):
         warn(change)
-    q_rows, p_rows = (np.array([row[k] for row in moved]) for k in (0, 1))
+    q_rows, p_rows = (np.array([row[k] for row in projected_starts]) for k in (0, 1))
     return np.broadcast_to(q_rows, q.shape), np.broadcast_to(p_rows, p.shape)
 
 
@@ -305,10 +315,11 @@ def steps_of_all(
     The remainders are one for all trajectories, or one for each; 0 with ``whole_steps``. Raises
     the errors of ``step_count``, and InputError if trajectories need different numbers of steps.
     """
-    pairs = [(0.0, dt)] if t_end is None else [
+    starts_and_steps = [(0.0, dt)] if t_end is None else [
         *np.broadcast(np.asarray(t, dtype=object), np.asarray(dt, dtype=object))]
-    spans = [(step_count(steps, t_end, *pair), Fraction(0)) if whole_steps or t_end is None
-             else span_of(steps, t_end, *pair) for pair in pairs]
+    spans = [(step_count(steps, t_end, *start_and_step), Fraction(0))
+             if whole_steps or t_end is None
+             else span_of(steps, t_end, *start_and_step) for start_and_step in starts_and_steps]
     if len({(count, bool(remainder)) for count, remainder in spans}) > 1:
         totals = [count + bool(remainder) for count, remainder in spans]
         low, high = min(totals), max(totals)

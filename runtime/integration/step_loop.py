@@ -104,9 +104,9 @@ def finished(
 ) -> Trajectory:
     """Return a trajectory that came to its end, or raise the error of one that did not."""
     if status:
-        last = trajectory.report
-        diagnosis = diagnose(binding, manifest, run.at_step(last.steps), status, state.q, state.p,
-                             run.t0 + last.steps * run.dt)
+        report = trajectory.report
+        diagnosis = diagnose(binding, manifest, run.at_step(report.steps), status, state.q, state.p,
+                             run.t0 + report.steps * run.dt)
         raise failure_of(binding, run, trajectory, diagnosis, state.q)
     if interrupts.requested:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
@@ -233,12 +233,12 @@ def next_chunk(
     remaining = run.steps - step_count
     to_row = min(run.every - step_count % run.every, remaining)
     if run.stored_steps is not None:
-        piece = min(int(run.stored_steps[run.stored(step_count)]) - step_count, limit)
-        return piece, piece
+        piece_steps = min(int(run.stored_steps[run.stored(step_count)]) - step_count, limit)
+        return piece_steps, piece_steps
     # within a row, or a row longer than a chunk: on to the next stored state, in pieces
     if to_row < run.every or run.every > limit:
-        piece = min(to_row, limit)
-        return piece, piece
+        piece_steps = min(to_row, limit)
+        return piece_steps, piece_steps
     count = limit // run.every if rows is None else min(limit // run.every, rows)
     return min(run.every * count, remaining - remaining % run.every), run.every
 
@@ -251,18 +251,18 @@ def trajectory_of(
 
     ``record``, q and p are those of the last state, for the report. Nothing is copied.
     """
-    values = run.parameters.copy()  # those of the trajectory are its owner's
+    own_parameters = run.parameters.copy()  # those of the trajectory are its owner's
 
     def states() -> States:
         """Return the rows that are filled when this is called first."""
         step_count = int(record.steps)
-        stored = run.stored(step_count)
+        row_count = run.stored(step_count)
         steps = run.steps_of_rows(step_count)
         return States(
-            binding, manifest, binding.parameters(values, run.t0),
-            binding.times(run.t0, run.dt, steps), rows.q[: stored + 1],
-            rows.p[: stored + 1], rows.multipliers[1 : stored + 1],
-            rows.iterations[1 : stored + 1], rows.work[: stored + 1],
+            binding, manifest, binding.parameters(own_parameters, run.t0),
+            binding.times(run.t0, run.dt, steps), rows.q[: row_count + 1],
+            rows.p[: row_count + 1], rows.multipliers[1 : row_count + 1],
+            rows.iterations[1 : row_count + 1], rows.work[: row_count + 1],
             binding.times(0 * run.t0, run.dt, steps))
 
     return Trajectory.of(

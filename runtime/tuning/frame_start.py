@@ -162,9 +162,10 @@ def start_rates(
 
     def rates_without(left_out: list[int]) -> Array:
         """Return the least squares rates of all other directions, 0 of these."""
-        chosen = [i for i in range(len(directions)) if i not in left_out]
+        frame_indices = [i for i in range(len(directions)) if i not in left_out]
         rates = np.zeros(len(directions))
-        rates[chosen] = np.linalg.lstsq(columns[:, chosen], root @ velocity, rcond=_RANK)[0]
+        rates[frame_indices] = np.linalg.lstsq(columns[:, frame_indices], root @ velocity,
+                                               rcond=_RANK)[0]
         return rates
 
     def acceleration_norm(rates: Array) -> float:

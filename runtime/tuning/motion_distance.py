@@ -39,10 +39,10 @@ class MotionError:
         self.turning = list(range(3 * len(self.quaternions)))
         self.paths = [[column for column in range(3 * body, 3 * body + 3) if column != 3 * body + i]
                       for body in range(len(self.quaternions)) for i in range(3)]
-        first = len(self.turning)
+        first_column = len(self.turning)
         for point in points:
-            self.paths.append(list(range(first, first + len(point))))
-            first += len(point)
+            self.paths.append(list(range(first_column, first_column + len(point))))
+            first_column += len(point)
         self._points = [i for point in points for i in point]
         largest = np.abs(states).max(axis=0, initial=0)
         self._reach = np.array([largest[point].max() or 1.0 for point in points for _ in point])

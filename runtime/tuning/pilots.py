@@ -153,22 +153,25 @@ class Pilots:
         state, and ``doubt``, the uncertainty of each path's error. Raises StepFailed if the refined
         runs of neither converge.
         """
-        plain = self._reference(base)
-        in_frame = None if np.array_equal(start, base) else self._reference(start)
-        reference = plain
-        if in_frame is not None and (plain is None or (
-                in_frame.change < plain.change and self._agrees(plain, in_frame, self.run(base)))):
-            reference = in_frame
+        base_motion = self._reference(base)
+        frame_motion = None if np.array_equal(start, base) else self._reference(start)
+        reference = base_motion
+        if frame_motion is not None and (base_motion is None or (
+                frame_motion.change < base_motion.change
+                and self._agrees(base_motion, frame_motion, self.run(base)))):
+            reference = frame_motion
         if reference is None:
             for refinement in _REFINEMENTS:  # the one that failed fails again
                 self._integrate(base, refinement)
             raise AssertionError("a step that failed has not failed again")
         self._motion, finest = reference.error, reference.finest
         epsilon = self.stepper.binding.epsilon
-        # A state is rounded once; compensated sums err by about ε √N / 4.
+        # q and p are rounded once each; the compensated sums of N steps err by about ε √N / 4
         rounding = epsilon * (2 + math.sqrt(self.arguments.steps) / 4)
         if self.aim == "motion":
             self.paths, self.rounding = reference.error.paths, rounding
+            # the reference has an error of order r + 1 in Δt/8: 2^(r+1) times less than its change
+            # from twice that step; a factor 2 for safety
             self.doubt = reference.changes / 2 ** (self.stepper.order + 2) + rounding
         else:
             H = float(np.abs(np.asarray(finest.energies, dtype=float)).max())
@@ -195,14 +198,16 @@ class Pilots:
         return _Reference(motion, error, _total(change), root_mean_squares(change, error.paths),
                           runs[-1])
 
-    def _agrees(self, plain: _Reference, in_frame: _Reference, run: Trajectory | None) -> bool:
+    def _agrees(
+        self, base_motion: _Reference, frame_motion: _Reference, run: Trajectory | None
+    ) -> bool:
         """Whether two references are as near to each other as the less accurate one is refined.
 
         Or near beside the error of a run with the base.
         """
-        distance, error = (0.0 if q is None else _total(plain.error(np.asarray(q))[1:])
-                           for q in (in_frame.motion, None if run is None else run.q))
-        return distance <= max(_AGREES * plain.change, _SMALL * error)
+        distance, error = (0.0 if q is None else _total(base_motion.error(np.asarray(q))[1:])
+                           for q in (frame_motion.motion, None if run is None else run.q))
+        return distance <= max(_AGREES * base_motion.change, _SMALL * error)
 
     # ------------------------------------------------------------ errors
 

@@ -97,13 +97,13 @@ class Search:
             trials.append(pilots.measure("least squares of the start", self.start))
             if pilots.is_round_off(trials[1]) and pilots.is_clear(trials[1]):
                 return trials[1], "least squares of the start: the error is round-off"
-            trials += [pilots.measure(*pair) for pair in self._frames(finest)]
+            trials += [pilots.measure(*candidate) for candidate in self._frames(finest)]
         best, gamma_reason = self._choose(trials), ""
         if self.moments:
             gamma_reason = self._why_gamma_stays(best)
             self.searched_count = self.rate_count if gamma_reason else self.searched_count
             if not gamma_reason:
-                trials += [pilots.measure(*pair) for pair in self._gammas(best, trials)]
+                trials += [pilots.measure(*candidate) for candidate in self._gammas(best, trials)]
             best = self._choose(trials)
         searched = [index for trial in self._search_starts(trials)
                     for index in self._levenberg_marquardt(trial, best)]
@@ -312,13 +312,13 @@ class Search:
         """Return why a run is chosen, as a sentence."""
         pilots = self.pilots
         error_name = "error of the motion" if pilots.aim == "motion" else "energy error"
-        chosen, base = pilots.pilot(best), pilots.pilot(0)
+        best_pilot, base_pilot = pilots.pilot(best), pilots.pilot(0)
         gamma_text = f"; {self._symbol('γ_m')} stays: {why_gamma_stays}" if why_gamma_stays else ""
         if best == 0:
-            return (f"{base.label}: no trial makes the {error_name} of every path 5 % smaller"
-                    f"{gamma_text}")
+            return (f"{base_pilot.label}: no trial makes the {error_name} of every path 5 % "
+                    f"smaller{gamma_text}")
         cost_text = ""
-        if pilots.aim == "energy" and chosen.worst > 1.05:
-            cost_text = f"; the error of the motion grows up to {chosen.worst:.3g} times"
-        return (f"{chosen.label}: the {error_name} is {pilots.gain(best):.3g} times smaller than "
-                f"with {base.label}{cost_text}{gamma_text}")
+        if pilots.aim == "energy" and best_pilot.worst > 1.05:
+            cost_text = f"; the error of the motion grows up to {best_pilot.worst:.3g} times"
+        return (f"{best_pilot.label}: the {error_name} is {pilots.gain(best):.3g} times smaller "
+                f"than with {base_pilot.label}{cost_text}{gamma_text}")

@@ -37,7 +37,12 @@ class SpectralLines:
     """
 
     def __init__(self, q: Array, p: Array, dt: float, generators: list[Array]) -> None:
-        """Compute power |c_j(ν)|², frequency ν and shifts α_j of each line, in flat arrays."""
+        """Compute power |c_j(ν)|², frequency ν and shifts α_j of each line, in flat arrays.
+
+        c_j(ν) = Σ_t w(t) (V⁻¹ x(t))_j exp(−2πi ν t) for x = q, p, with the Kaiser window w and the
+        common eigenvectors V of the generators, A_k V = V diag(i α_jk); q and p are (rows, n), dt
+        apart. The powers of q and those of p have the sum 1; faint lines are left out.
+        """
         # the generators commute: eigenvectors of a combination with irrational weights are those of
         # all
         mixed = sum((A / np.sqrt(i + 2) for i, A in enumerate(generators)),

@@ -246,8 +246,8 @@ def _gammas(
     step: Stepper, parameters: Mapping[str, Any], fixed: Mapping[str, Any], rule: str, aim: Aim
 ) -> dict[str, Rule]:
     """Return the rule of each γ, but for those that are fixed."""
-    inertias = {name: value.inertia for name, value in parameters.items()
-                if isinstance(value, Rule)}
+    inertias = {name: number_or_rule.inertia for name, number_or_rule in parameters.items()
+                if isinstance(number_or_rule, Rule)}
     names = [name for name in step.parameter_domains if is_inertia_parameter(name)
              and name not in fixed and (name in inertias or has_inertia(name, parameters))]
     if not names:
@@ -262,9 +262,9 @@ def _rates(step: Stepper, fixed: Mapping[str, Any], rule: str, aim: Aim) -> dict
         raise InputError(f"{step.name} has no co-moving frame; make the stepper with "
                          "frame='symmetries'.")
     names = [symmetry.name for symmetry in step.symmetries]
-    if both := [name for name in names if name in fixed]:
-        raise InputError(f"{both[0]} is given besides frame = {rule!r}, which chooses it; give "
-                         "one of them.")
+    if fixed_rates := [name for name in names if name in fixed]:
+        raise InputError(f"{fixed_rates[0]} is given besides frame = {rule!r}, which chooses it; "
+                         "give one of them.")
     return dict.fromkeys(names, Rule(_rule_of(rule, aim)))
 
 
@@ -281,8 +281,8 @@ def _span(step_error: Any, t_end: Any, t: Any, **excluded: Any) -> Fraction:
     if as_real("step_error", step_error) <= 0:
         raise InputError(f"step_error = {shown(step_error)} is not positive; give one such as "
                          "1e-9.")
-    for name, value in excluded.items():
-        if value is not None:
+    for name, argument in excluded.items():
+        if argument is not None:
             raise InputError(f"step_error is for a search of the time step, and {name} depends on "
                              "it; leave one of them away.")
     if t_end is None:
@@ -340,6 +340,7 @@ class _Rules:
         parameters = {name: float(pilot.parameters[name]) for name in (*self.gammas, *self.rates)}
         moments = {name: self.moments[name] for name, rule in self.gammas.items() if rule in AIMS}
         directions = self._directions(pilot, longer=longer)
+        # means of moments and least squares rates need no pilot runs
         if not moments and not directions:
             return Tuned(parameters, self.run.dt, math.nan, math.nan,
                          "; ".join(self.reasons) or "a mean of the moments", ())
@@ -419,6 +420,7 @@ class _Rules:
             return rates
         chosen_rates, left_out = start_rates(Velocities(self.stepper, checked_parameters, run.t0),
                                              directions, run.q, run.p, run.dt)
+        # rotations of one group share a rate: each has its component along their momenta
         for rate, direction in zip(chosen_rates.tolist(), directions, strict=True):
             for name, weight in direction.weights.items():
                 rates[name] += rate * weight
