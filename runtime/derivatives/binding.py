@@ -316,7 +316,11 @@ class QuadDerivativeBinding(DerivativeBinding):
     """
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
-        """Fill rows of q, p and x with steps of the primal module; return the status."""
+        """Fill q, p, (count + 1, n), and x, (count, unknowns), with steps; return the status.
+
+        The primal module has the iteration in float128; this one, in which derivatives are
+        compiled, gets state and work memory after each step as images of bytes.
+        """
         binding, primal, kept_state = self.own, self.primal, run.state
         constants, no_rows = run.run.constants(primal), Rows.allocate(primal, 0)
         state = RunState.at_start(primal, q[0], p[0])

@@ -51,6 +51,7 @@ __all__ = ["Cotangents", "Gradient", "as_bytes", "cotangents_of", "gradient_of",
 
 #: Relative mismatch of a run and its way back, beyond which a gradient is refused.
 _MISMATCH = 1e-6
+_OTHER_END = "the run, done again, ends elsewhere than it did; give the solver that it had"
 _UNITS = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9,
           "kib": 2**10, "mib": 2**20, "gib": 2**30}
 
@@ -232,25 +233,27 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any
     arrays = {name: array for name, array in cotangents.items()
               if name not in ("events", "parameters")}
     # rows of a trajectory are ends of steps first, then the points behind them
-    w, s = _arrays(stepper, step_rows + len(kinds.points), arrays, "")
+    state_cotangents, time_cotangents = _arrays(stepper, step_rows + len(kinds.points), arrays, "")
     forces = _of_multipliers(stepper, step_rows + len(kinds.points), arrays)
-    new, count = stepper.binding.new, kinds.run.rows + 1
-    rows, times = new(count, 2 * n), new(count)
-    rows[:step_rows], times[:step_rows] = w[:step_rows], s[:step_rows]
-    multipliers = new(count if len(forces) else 0, stepper.binding.multipliers)
+    allocate, count = stepper.binding.new, kinds.run.rows + 1
+    rows, times = allocate(count, 2 * n), allocate(count)
+    rows[:step_rows], times[:step_rows] = state_cotangents[:step_rows], time_cotangents[:step_rows]
+    multipliers = allocate(count if len(forces) else 0, stepper.binding.multipliers)
     multipliers[:step_rows] = forces[:step_rows]
     points: list[tuple[Point, Array, Any, Array | None]] = list(zip(
-        kinds.points, w[step_rows:], s[step_rows:],
+        kinds.points, state_cotangents[step_rows:], time_cotangents[step_rows:],
         forces[step_rows:] if len(forces) else [None] * len(kinds.points), strict=True))
-    for name, parts in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
+    for name, event_cotangents in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
         event_names = [*kinds.events, *kinds.refused]
         if not event_names:
             raise InputError(f"There are cotangents of the event {name!r}, and this run has no "
                              "events; leave them out.")
         choose("event", name, event_names)
         crossings = kinds.event(name)
-        w, s = _arrays(stepper, len(crossings), parts, f" at the event {name}")
-        points += zip(crossings, w, s, [None] * len(crossings), strict=True)
+        state_cotangents, time_cotangents = _arrays(stepper, len(crossings),
+                                                    event_cotangents, f" at the event {name}")
+        points += zip(crossings, state_cotangents, time_cotangents, [None] * len(crossings),
+                      strict=True)
     return Cotangents(rows, times, multipliers, points, parameters)
 
 
@@ -292,14 +295,19 @@ def _arrays(
 
 
 def _fill(name: str, array: Any, target: Array, where: str, row: str) -> None:
-    """Put cotangents of rows, or of the last one alone, into ``target``."""
-    numbers, inner = as_numbers(f"cotangents of {name}", array), target.shape[1:]
+    """Put cotangents of rows, or of the last one alone, into ``target``, (rows, ...).
+
+    ``name`` is "q", "p", "t" or "multipliers"; ``where`` and ``row`` are for the errors: at which
+    event, and what a row is of.
+    """
+    numbers, row_shape = as_numbers(f"cotangents of {name}", array), target.shape[1:]
     if not np.isfinite(numbers.astype(float)).all():
         raise InputError(f"The cotangents of {name} are not finite; give numbers.")
-    if numbers.shape not in (inner, target.shape) or (numbers.shape == inner and not len(target)):
+    is_last_row = numbers.shape == row_shape
+    if numbers.shape not in (row_shape, target.shape) or (is_last_row and not len(target)):
         raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
-                         f"give {target.shape}, a row for each {row}, or {inner} for the last.")
-    target[slice(-1, None) if numbers.shape == inner else slice(None)] = numbers
+                         f"give {target.shape}, a row for each {row}, or {row_shape} for the last.")
+    target[slice(-1, None) if is_last_row else slice(None)] = numbers
 
 
 def gradient_of(
@@ -340,6 +348,7 @@ class _AdjointRun:
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments, cotangents: Cotangents) -> None:
+        """Allocate z̄, with the derivatives by parameters and times beside those by states."""
         refuse_run(run)
         self.stepper, self.run, self.cotangents = stepper, run, cotangents
         self.binding = stepper._derivative_binding()
@@ -371,13 +380,14 @@ class _AdjointRun:
         At each state the cotangents of its row and of the points in the step behind it are added.
         """
         w: Array | None = None
-        for piece in backwards(self.stepper, self.run, memory, end):
-            self.switched += self.binding.count_switches(self.run, self.parameters, piece)
-            for steps in reversed(split(piece, np.unique(self.steps_of_points))):
+        for kept_piece in backwards(self.stepper, self.run, memory, end):
+            self.switched += self.binding.count_switches(self.run, self.parameters, kept_piece)
+            for steps in reversed(split(kept_piece, np.unique(self.steps_of_points))):
                 if w is None:
-                    last = steps.first + steps.count
-                    w = _of_frame(self.frame, steps, last, self.cotangents.rows[-1]
-                                  + self._of_points(last, steps.q[-1], steps.p[-1]), self.z_bar)
+                    last_step = steps.first + steps.count
+                    w = _of_frame(self.frame, steps, last_step, self.cotangents.rows[-1]
+                                  + self._of_points(last_step, steps.q[-1], steps.p[-1]),
+                                  self.z_bar)
                 w = self._take(steps, w)
         if w is None:  # a run of no steps
             w = self.cotangents.rows[0] + self._of_points(0, self.run.q, self.run.p)
@@ -448,12 +458,12 @@ def _of_stored(
 
     ``rows`` has those of all stored states in space. ``z_bar`` gains the part of the frame's rates.
     """
-    first = steps.first // run.every
-    of_piece = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
+    first_row = steps.first // run.every
+    of_piece = rows[first_row : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
         of_piece[0] = 0  # the state is not stored: its row belongs to an earlier one
     for i in range(len(of_piece) if frame.moves else 0):
-        k = (first + i) * run.every
+        k = (first_row + i) * run.every
         if k >= steps.first:
             of_piece[i] = _of_frame(frame, steps, k, of_piece[i], z_bar)
     return of_piece
@@ -468,8 +478,8 @@ def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers
         steps.count if len(multipliers) else 0, stepper.binding.multipliers)
     if len(multipliers):
         ends = run.steps_of_rows(run.steps) - steps.first
-        stored = (ends > 0) & (ends <= steps.count)
-        step_multipliers[ends[stored] - 1] = multipliers[stored]
+        is_stored = (ends > 0) & (ends <= steps.count)
+        step_multipliers[ends[is_stored] - 1] = multipliers[is_stored]
     return step_multipliers
 
 
@@ -480,8 +490,8 @@ def _summed_over_hold(inputs_bar: Array, run: RunArguments) -> Array:
     """
     hold = run.inputs.hold if run.inputs is not None else 1
     if hold == 0:  # one row of inputs serves all steps
-        total: Array = inputs_bar.sum(axis=0, keepdims=True)
-        return total
+        sum_of_all: Array = inputs_bar.sum(axis=0, keepdims=True)
+        return sum_of_all
     starts = np.arange(0, len(inputs_bar), hold)
     sums: Array = np.add.reduceat(inputs_bar, starts, axis=0) if len(starts) else inputs_bar
     return sums
@@ -511,63 +521,65 @@ def backwards(
         return
     binding = stepper.binding
     width = 16 if binding.c_type not in ("float", "double") else np.dtype(binding.dtype).itemsize
-    a_step = (2 * binding.n + stepper.unknowns) * width
+    step_bytes = (2 * binding.n + stepper.unknowns) * width
     kept_run = stepper._derivative_binding().begin(run)
-    if run.steps * a_step <= memory:
+    if run.steps * step_bytes <= memory:
         steps, status = kept_run.keep(run.steps)
         _check(stepper, run, kept_run, status, end)
         yield steps
         return
-    # two levels: checkpoints every ``piece`` steps, and the steps of one piece. n/piece checkpoints
-    # and piece steps need the least memory with piece = √(n · checkpoint/step)
-    a_checkpoint = kept_run.state.nbytes(kept_run.binding.own)
-    piece = max(1, math.isqrt(run.steps * a_checkpoint // a_step))
-    count = -(-run.steps // piece)
-    needed = count * a_checkpoint + piece * a_step
-    if needed > memory:
+    # two levels: checkpoints every s = ``piece_steps`` steps, and the steps of one piece. n/s
+    # checkpoints of c bytes and s steps of b bytes need the least memory with s = √(n c/b)
+    checkpoint_bytes = kept_run.state.nbytes(kept_run.binding.own)
+    piece_steps = max(1, math.isqrt(run.steps * checkpoint_bytes // step_bytes))
+    piece_count = -(-run.steps // piece_steps)
+    needed_bytes = piece_count * checkpoint_bytes + piece_steps * step_bytes
+    if needed_bytes > memory:
         raise InputError(f"memory = {memory:,} bytes are too few for {run.steps:,} steps; "
-                         f"checkpoints need {needed:,}. Give these, or memory=\"none\".")
+                         f"checkpoints need {needed_bytes:,}. Give these, or memory=\"none\".")
     checkpoints = list[RunState]()
     while kept_run.steps_done < run.steps:
         checkpoints.append(kept_run.state.copy(kept_run.binding.own))
-        _, status = kept_run.keep(min(piece, run.steps - kept_run.steps_done))
+        _, status = kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))
         if status:
             _check(stepper, run, kept_run, status, None)
     _check(stepper, run, kept_run, 0, end)
     for checkpoint in reversed(checkpoints):
         kept_run.state.assign(kept_run.binding.own, checkpoint)
-        yield kept_run.keep(min(piece, run.steps - kept_run.steps_done))[0]
+        yield kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))[0]
 
 
 def _back_through_impacts(
     stepper: Stepper, run: RunArguments, memory: int, end: tuple[Array, Array] | None
 ) -> Iterator[KeptSteps]:
-    """Yield the steps of a run with impacts, all of which are kept, the last ones first."""
+    """Yield the steps of a run with impacts, all of which are kept, the last ones first.
+
+    A step keeps q, p and its unknowns; one with impacts also its matrix, (2 n, rows).
+    """
     binding = stepper._derivative_binding()
-    a_step = (2 * binding.n + stepper.unknowns) * np.dtype(stepper.binding.dtype).itemsize
-    needed = run.steps * a_step + len(run.impact_steps) * 2 * binding.n * binding.rows * a_step // (
-        2 * binding.n + stepper.unknowns)
-    if needed > memory:
+    number_bytes = np.dtype(stepper.binding.dtype).itemsize
+    step_bytes = (2 * binding.n + stepper.unknowns) * number_bytes
+    matrix_bytes = 2 * binding.n * binding.rows * number_bytes
+    needed_bytes = run.steps * step_bytes + len(run.impact_steps) * matrix_bytes
+    if needed_bytes > memory:
         raise InputError(f"memory = {memory:,} bytes are too few: a run with impacts keeps all its "
-                         f"steps, {needed:,} bytes; give these.")
-    in_order = list(pieces(stepper, run, binding.begin(run)))
+                         f"steps, {needed_bytes:,} bytes; give these.")
+    steps_in_order = list(pieces(stepper, run, binding.begin(run)))
     if end is not None:
-        _refuse_mismatch((in_order[-1].q[-1], in_order[-1].p[-1]), end, "the run, done again, ends "
-                         "elsewhere than it did; give the solver that it had")
-    yield from reversed(in_order)
+        last_steps = steps_in_order[-1]
+        _refuse_mismatch((last_steps.q[-1], last_steps.p[-1]), end, _OTHER_END)
+    yield from reversed(steps_in_order)
 
 
 def _check(
     stepper: Stepper, run: RunArguments, kept_run: Any, status: int, end: tuple[Array, Array] | None
 ) -> None:
-    """Raise where the run fails, or leads elsewhere than it did."""
+    """Raise where the run fails (``status``), or leads elsewhere than to ``end``, where it did."""
     if status:
-        stepper._run(run)
+        stepper._run(run)  # raises the error that says why, with the states before it
         raise singular(kept_run.steps_done, status)
     if end is not None and not stepper.symmetries:
-        _refuse_mismatch((kept_run.state.q, kept_run.state.p), end,
-                         "the run, done again, ends elsewhere than it did; give the solver that "
-                         "it had")
+        _refuse_mismatch((kept_run.state.q, kept_run.state.p), end, _OTHER_END)
 
 
 def _refuse_mismatch(end: tuple[Array, Array], stored_end: tuple[Array, Array], why: str) -> None:
@@ -582,12 +594,15 @@ def _refuse_mismatch(end: tuple[Array, Array], stored_end: tuple[Array, Array], 
 def _reversed(
     stepper: Stepper, run: RunArguments, end: tuple[Array, Array] | None
 ) -> Iterator[KeptSteps]:
-    """Yield the steps from the last on; states come of steps of −Δt, and nothing is stored."""
+    """Yield the steps from the last on; states come of steps of −Δt, and nothing is stored.
+
+    ``end`` is the state (q, p) at the end of the run, which is integrated for it if None.
+    """
     refuse_together(reversed="memory = \"none\"", inputs=run.inputs is not None and "inputs",
                     frame=bool(stepper.symmetries) and "a co-moving frame")
     if end is None:
-        last = stepper._run(replace(run, every=max(run.steps, 1)))
-        end = last.q[-1], last.p[-1]
+        trajectory = stepper._run(replace(run, every=max(run.steps, 1)))
+        end = trajectory.q[-1], trajectory.p[-1]
     # ``state`` is the state after ``remaining`` steps of the run
     binding, state, remaining = stepper._derivative_binding(), end, run.steps
     while remaining:

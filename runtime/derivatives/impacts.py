@@ -73,24 +73,24 @@ def hits_of(
             parameter = 2 * stepper.binding.n + stepper.binding.parameter_names.index(
                 event.restitution)
         crossings = trajectory.impacts[impact.name]
-        since = crossings.elapsed - times(0 * run.t0, run.dt, crossings.steps)
+        times_in_step = crossings.elapsed - times(0 * run.t0, run.dt, crossings.steps)
         for i, step in enumerate(crossings.steps.tolist()):
             # at the ends of a step its part before or behind the impact has length 0, and which
             # step it belongs to changes with the start
-            if not since[i] or step >= run.steps:
+            if not times_in_step[i] or step >= run.steps:
                 raise InputError(
                     f"The impact of {impact.name!r} at t = {float(crossings.t[i]):.9g} s is at the "
                     "start, at the end of a step, or in the last part of one, where it has no "
                     "derivatives; take another dt, or another t_end.")
             hits.setdefault(step, []).append(Hit(
-                since[i], names.index(impact.quantity), impact, parameter, crossings.q[i],
+                times_in_step[i], names.index(impact.quantity), impact, parameter, crossings.q[i],
                 crossings.p_before[i], crossings.p[i], crossings.impulse[i]))
     for step, of_step in hits.items():
         of_step.sort(key=lambda hit: abs(hit.since))
-        for first, second in pairwise(of_step):
-            if first.since == second.since:
+        for earlier, later in pairwise(of_step):
+            if earlier.since == later.since:
                 raise InputError(
-                    f"Impacts of {first.impact.name!r} and {second.impact.name!r} are at once in "
+                    f"Impacts of {earlier.impact.name!r} and {later.impact.name!r} are at once in "
                     f"step {step}: which comes first changes with the start, and there are no "
                     "derivatives; start elsewhere.")
     return hits
@@ -110,20 +110,20 @@ def impact_step(
                         hits=None)
     # rows: q, p, parameters, the length and the time of a part; t = t0 + step Δt at the start
     directions = np.eye(binding.rows, dtype=q.dtype)
-    d_step, d_since = directions[-2].copy(), 0 * directions[-1]
+    d_step, d_part_start = directions[-2].copy(), 0 * directions[-1]
     directions[-2], directions[-1] = 0, directions[-1] + step * d_step
-    since, state = 0 * run.dt, (q, p)
+    part_start, state = 0 * run.dt, (q, p)
     hits: list[Hit | None] = [*(run.hits or {})[step], None]
     for hit in hits:
-        length = (run.dt if hit is None else hit.since) - since
-        part = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
-                                           t0=start + since))
+        length = (run.dt if hit is None else hit.since) - part_start
+        partial_step = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
+                                                   t0=start + part_start))
         # one more direction, the length h alone, gives v = ∂Φ_h/∂h
         along_length = np.eye(binding.rows, dtype=q.dtype)[:, -2:-1]
-        ends = part.tangent(np.concatenate([directions, along_length], axis=1))
+        ends = partial_step.tangent(np.concatenate([directions, along_length], axis=1))
         end_directions, v = ends[:, :-1], ends[:, -1]
         if hit is None:  # the last part ends with the step, whatever moves the impacts
-            d_length = d_step - d_since
+            d_length = d_step - d_part_start
         else:
             parameters = binding.own.parameters(arguments.parameters, start + hit.since)
             quantity_rows = binding.quantity_derivatives(parameters, start + hit.since, hit.q,
@@ -135,11 +135,11 @@ def impact_step(
             rate = rate_of(Point(step, hit.since, normal, hit.impact.name), v)
             d_length = -(normal @ np.concatenate([end_directions, directions[2 * n :]])) / rate
         directions[: 2 * n] = end_directions + np.outer(v, d_length)
-        directions[-1], d_since = directions[-1] + d_length, d_since + d_length
-        state = part.end[:n], part.end[n:]
+        directions[-1], d_part_start = directions[-1] + d_length, d_part_start + d_length
+        state = partial_step.end[:n], partial_step.end[n:]
         if hit is not None:
             directions[: 2 * n] = _jump(stepper, arguments, start + hit.since, hit) @ directions
-            since, state = hit.since, (hit.q, hit.after)
+            part_start, state = hit.since, (hit.q, hit.after)
     return ImpactStep(step, np.array([q, state[0]]), np.array([p, state[1]]),
                       binding.own.new(1, stepper.unknowns), directions[: 2 * n].copy())
 
@@ -164,12 +164,12 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     The two in the middle have residuals at dμ = dλ = 0, and (dμ, dλ) = −([r_p; f_p] R)⁻¹ residual.
     """
     binding, n, m = stepper._derivative_binding(), stepper.binding.n, stepper.m
-    new, rows = binding.own.new, binding.rows
+    allocate, rows = binding.own.new, binding.rows
     e = as_real("restitution", hit.impact.restitution, stepper.binding.number)
     parameters = binding.own.parameters(run.parameters, t)
     quantity_rows = binding.quantity_derivatives(parameters, t, hit.q, hit.before)
     assert quantity_rows is not None
-    phi_q, weights = quantity_rows[hit.gap, :n], new(len(quantity_rows))
+    phi_q, weights = quantity_rows[hit.gap, :n], allocate(len(quantity_rows))
     # columns are q, p⁻, parameters, step and time; C leaves out the step, and p⁻ of forces too
     columns_without_p = rows - n - 1
 
@@ -178,7 +178,7 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
 
         ``states`` is how many columns of (q, p⁻) there are: n without p⁻, else 2 n.
         """
-        complete = new(len(derivatives), rows)
+        complete = allocate(len(derivatives), rows)
         complete[:, :states] = derivatives[:, :states]
         complete[:, 2 * n : -2], complete[:, -1] = derivatives[:, states:-1], derivatives[:, -1]
         return complete
@@ -186,12 +186,12 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     def gap_derivatives(p: Array, impulse: Any, forces: Array) -> tuple[Array, Array]:
         """Return the derivatives of φ_qᵀ μ + Gᵀ λ at fixed μ and λ, and of the gap's rate r."""
         weights[hit.gap] = impulse
-        of_forces, of_rates = new(n, columns_without_p), new(len(quantity_rows), rows - 1)
+        of_forces, of_rates = allocate(n, columns_without_p), allocate(len(quantity_rows), rows - 1)
         stepper._jump_binding()(parameters, t, hit.q, p, weights, forces, of_forces, of_rates)
         return all_columns(of_forces, n), all_columns(of_rates[hit.gap : hit.gap + 1], 2 * n)
 
     # y and λ, from p⁻ and p⁺; dq and dp⁻ are rows of the unit matrix
-    unit, no_force = np.eye(2 * n, rows, dtype=phi_q.dtype), new(m)
+    unit, no_force = np.eye(2 * n, rows, dtype=phi_q.dtype), allocate(m)
     dp_before = unit[n:]
     if m:
         g_rows, f_before = binding.constraint_derivatives(parameters, hit.q, hit.before)
@@ -204,13 +204,13 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
         lam = solved(G @ G.T, G @ constraint_impulse)
         G_T = G.T
     else:
-        G_T, lam, y = new(n, 0), no_force, no_force
+        G_T, lam, y = allocate(n, 0), no_force, no_force
     d_impulse, _ = gap_derivatives(hit.before, hit.impulse, lam)
     projected_before, projected_after = (p - G_T @ y for p in (hit.before, hit.after))
     d_projection, r_before = gap_derivatives(projected_before, 0, y)  # d(Gᵀ) y
     _, r_after = gap_derivatives(projected_after, 0, no_force)
 
-    def total(derivatives: Array, dp: Array) -> Array:
+    def along(derivatives: Array, dp: Array) -> Array:
         """Return derivatives by all rows where p moves by ``dp``: f_q dq + f_p dp + f_θ dθ."""
         derivative: Array = (derivatives[:, :n] @ unit[:n] + derivatives[:, n : 2 * n] @ dp
                              + derivatives[:, 2 * n :] @ np.eye(rows, dtype=phi_q.dtype)[2 * n :])
@@ -221,18 +221,19 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     if m:
         f_projected = binding.constraint_derivatives(parameters, hit.q, projected_before)[1]
         f_after = binding.constraint_derivatives(parameters, hit.q, hit.after)[1]
-        d_projection = d_projection + G_T @ solved(W, total(f_projected, dp_before - d_projection))
+        d_projection = d_projection + G_T @ solved(W, along(f_projected,
+                                                                          dp_before - d_projection))
     # the residuals at dμ = dλ = 0, and their derivatives by μ and λ
     r_p = r_after[:, n : 2 * n]
     R = np.concatenate([phi_q[:, None], G_T], axis=1)
-    residual = (total(r_after, dp_fixed - d_projection)
-                + e * total(r_before, dp_before - d_projection))
+    residual = (along(r_after, dp_fixed - d_projection)
+                + e * along(r_before, dp_before - d_projection))
     if hit.parameter is not None:
         # r de. C returns derivatives of r alone, but r is affine in p: its jump, −(1 + e) r, is
         # r_p (p⁺ − p⁻)
         residual[0, hit.parameter] -= (r_p @ (hit.after - hit.before))[0] / (1 + e)
     matrix = r_p @ R
     if m:
-        residual = np.concatenate([residual, total(f_after, dp_fixed) - total(f_before, dp_before)])
+        residual = np.concatenate([residual, along(f_after, dp_fixed) - along(f_before, dp_before)])
         matrix = np.concatenate([matrix, f_p @ R])
     return np.concatenate([unit[:n], dp_fixed - R @ solved(matrix, residual)])

@@ -119,6 +119,7 @@ class SingleStep:
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments) -> None:
+        """Take the one step of ``run``; in a moving frame, where its derivatives are taken too."""
         refuse_run(run)
         self._binding, self._run = stepper._derivative_binding(), run
         kept_run = self._binding.begin(run)

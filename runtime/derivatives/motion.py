@@ -52,7 +52,7 @@ class MotionBinding:
     def accelerations(
         self, parameters: ParameterStruct, q: Array, p: Array
     ) -> tuple[int, list[Array]]:
-        """Return the status, and v, ṗ, q̈ and λ of a state."""
+        """Return the status, and v = H_p, ṗ, q̈, (n,), and the multipliers λ, (m,), of a state."""
         binding, (memory, _keep) = self.own, self._memory()
         arrays = [binding.new(binding.n), binding.new(binding.n), binding.new(binding.n),
                   binding.new(binding.m)]
@@ -62,7 +62,7 @@ class MotionBinding:
         return int(status), arrays
 
     def inverse_mass(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
-        """Return H_pp of a state, in doubles."""
+        """Return H_pp, (n, n), of a state, in doubles."""
         binding, (memory, _keep) = self.own, self._memory()
         H_pp = binding.new(binding.n, binding.n)
         binding.function("inverse_mass")(parameters, binding.pointer(q), binding.pointer(p),
@@ -70,7 +70,7 @@ class MotionBinding:
         return H_pp.astype(float)
 
     def constraint_jacobian(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
-        """Return g_q of a state, in doubles."""
+        """Return g_q, (m, n), of a state, in doubles: of ∂g by (q, p, parameters, dt, t)."""
         binding, (memory, _keep) = self.own, self._memory()
         g, f = (binding.new(binding.m, 2 * binding.n + len(binding.parameter_names) + 2)
                 for _ in range(2))
@@ -83,7 +83,7 @@ class MotionBinding:
     def quantity_rates(
         self, parameters: ParameterStruct, t: Any, q: Array, p: Array, dq: Array, dp: Array, dt: int
     ) -> dict[str, Any]:
-        """Return the derivative of each quantity along (dq, dp, dt)."""
+        """Return A_q dq + A_p dp + A_t dt of each quantity A(q, p, t), name → rate."""
         binding = self.own
         if not binding.quantity_names:
             return {}

@@ -136,9 +136,9 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
         return RunRows(replace(run, every=max(step_count, 1)), _at_times(stepper, run, times), True,
                        points_of_events, refused)
     run_rows = RunRows(run, [], False, events, refused)
-    last = first_terminal_event(origin.events, crossings, run.dt)
-    if last is not None:
-        return replace(run_rows, points=run_rows.event(last)[-1:], events=points_of_events)
+    terminal_name = first_terminal_event(origin.events, crossings, run.dt)
+    if terminal_name is not None:
+        return replace(run_rows, points=run_rows.event(terminal_name)[-1:], events=points_of_events)
     return replace(run_rows, points=[Point(step_count, origin.rest)]) if origin.rest else run_rows
 
 
@@ -231,10 +231,10 @@ def _normal(
 
 def _refuse_other_times(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> None:
     """Refuse a trajectory whose rows are not the ends of the steps of ``run``, to 1e-6 of one."""
-    times = stepper.binding.times(run.t0, run.dt, run.steps_of_rows(run.steps))
-    stored = trajectory.tau if stepper.binding.clocked else trajectory.t
-    if len(times) != len(stored) or not all(
-            abs(x - y) <= 1e-6 * abs(run.dt) for x, y in zip(times, stored, strict=True)):
+    step_ends = stepper.binding.times(run.t0, run.dt, run.steps_of_rows(run.steps))
+    row_times = trajectory.tau if stepper.binding.clocked else trajectory.t
+    if len(step_ends) != len(row_times) or not all(
+            abs(x - y) <= 1e-6 * abs(run.dt) for x, y in zip(step_ends, row_times, strict=True)):
         raise InputError("Rows of this trajectory are not ends of its steps, and it does not know "
                          "the run that they are of, for it was stored or belongs to a simulation; "
                          "integrate again for derivatives.")

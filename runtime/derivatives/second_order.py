@@ -218,15 +218,16 @@ def hessian_of(
     if cotangents.points:
         raise InputError("A Hessian is of states at the ends of steps, and this function depends "
                          "on states within them; give cotangents of rows alone.")
-    first, second = stepper._derivative_binding(), stepper._second_binding()
-    binding, n = first.own, stepper.n
+    first_order, second_order = stepper._derivative_binding(), stepper._second_binding()
+    binding, n = first_order.own, stepper.n
     steps = _kept(stepper, run, memory)
-    parameters, parameter_pair = (b.own.parameters(run.parameters, run.t0) for b in (first, second))
-    space = TangentSpace(first, parameters, run.q, run.p, stepper.constraint_names)
+    parameters, parameter_pair = (b.own.parameters(run.parameters, run.t0)
+                                  for b in (first_order, second_order))
+    space = TangentSpace(first_order, parameters, run.q, run.p, stepper.constraint_names)
     names, D = _directions(stepper, space, wrt, run)
     count = len(names)
     blocks = split(steps, np.arange(0, run.steps, _BLOCK)) if run.steps else []
-    stored_tangents, block_tangents = _tangents(first, run, parameters, blocks, D)
+    stored_tangents, block_tangents = _tangents(first_order, run, parameters, blocks, D)
     # t_k = t0 + k Δt of each stored state, along each direction: D[-2] are dΔt, D[-1] are dt0
     stored_times = (binding.new(len(stored_tangents), count)
                     + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1])
@@ -237,22 +238,24 @@ def hessian_of(
         dz = np.ascontiguousarray(D[:, j])
         cotangent_slopes = _cotangent_slopes(stepper, stored_tangents[:, :, j], stored_times[:, j],
                                              dz, slopes, checked)
-        sweep = CotangentSlopes.at_end(second, cotangents.rows[-1], cotangent_slopes.rows[-1], 0)
-        _add_explicit(stepper, run, cotangents, sweep.z_bar[0])
-        _add_explicit(stepper, run, cotangent_slopes, sweep.z_bar[1])
+        adjoint = CotangentSlopes.at_end(second_order, cotangents.rows[-1],
+                                         cotangent_slopes.rows[-1], 0)
+        _add_explicit(stepper, run, cotangents, adjoint.z_bar[0])
+        _add_explicit(stepper, run, cotangent_slopes, adjoint.z_bar[1])
         for block, tangents in zip(reversed(blocks), reversed(block_tangents), strict=True):
-            rows = _tangents_before_steps(first, run, parameters, block, dz, tangents[:, j])
-            sweep = sweep.before(second, block.count)
-            status = second.integrate_second(
+            rows = _tangents_before_steps(first_order, run, parameters, block, dz, tangents[:, j])
+            adjoint = adjoint.before(second_order, block.count)
+            status = second_order.integrate_second(
                 run, parameter_pair, block, rows, dz,
                 (_stored(run, block, cotangents.rows), _stored(run, block, cotangent_slopes.rows)),
-                run.every, sweep)
+                run.every, adjoint)
             if status:
                 raise singular(block.first, status)
-        z_bar, z_bar_slope = sweep.z_bar
+        z_bar, z_bar_slope = adjoint.z_bar
         # the cotangents of q₀ and p₀, and their slopes, are what w is at the start
-        z_bar[: 2 * n], z_bar_slope[: 2 * n] = sweep.w
-        start_slope = pulled_back_slope(second, space, parameter_pair, run.q, run.p, dz, z_bar,
+        z_bar[: 2 * n], z_bar_slope[: 2 * n] = adjoint.w
+        start_slope = pulled_back_slope(second_order, space, parameter_pair, run.q, run.p, dz,
+                                        z_bar,
                                         z_bar_slope)
         columns.append(D.T @ start_slope)
         gradient[j] = dz @ space.pulled_back(z_bar)  # z̄ is the same in every pass
@@ -268,17 +271,19 @@ def _symmetric_part(A: Array) -> tuple[Array, float]:
 
 
 def _tangents_before_steps(
-    first: DerivativeBinding, run: RunArguments, parameters: ParameterStruct, block: KeptSteps,
+    first_order: DerivativeBinding, run: RunArguments, parameters: ParameterStruct,
+    block: KeptSteps,
     dz: Array, tangent: Array,
 ) -> Array:
     """Return the direction before each step of a block, shape (steps, 2 n), from that at its start.
 
     Directions are kept at the start of each block alone, and follow anew in the pass back.
     """
-    binding, size = first.own, 2 * first.n
+    binding, size = first_order.own, 2 * first_order.n
     rows, advanced = binding.new(block.count, size), tangent[:, None].copy()
-    first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows, binding.new(0),
-                            advanced)
+    first_order.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows,
+                                  binding.new(0),
+                                  advanced)
     # C returns directions after each step
     rows[1:], rows[0] = rows[:-1].copy(), tangent
     return rows
@@ -332,25 +337,25 @@ def _directions(
 
 
 def _tangents(
-    first: DerivativeBinding, run: RunArguments, parameters: ParameterStruct,
+    first_order: DerivativeBinding, run: RunArguments, parameters: ParameterStruct,
     blocks: list[KeptSteps], D: Array
 ) -> tuple[Array, list[Array]]:
     """Return the directions of stored states, shape (rows, 2 n, k), and at each block's start."""
-    binding, count, size = first.own, D.shape[1], 2 * first.n
+    binding, count, size = first_order.own, D.shape[1], 2 * first_order.n
     tangents = D[:size].copy()
-    parts, block_tangents = [D[None, :size]], []
+    tangent_rows, block_tangents = [D[None, :size]], []
     for block in blocks:
         block_tangents.append(tangents.copy())
-        stored = (block.first + block.count) // run.every - block.first // run.every
-        rows = binding.new(stored, size, count)
-        status = first.integrate_tangent(run, parameters, block, np.ascontiguousarray(D),
-                                         run.every, rows, binding.new(0), tangents)
+        row_count = (block.first + block.count) // run.every - block.first // run.every
+        rows = binding.new(row_count, size, count)
+        status = first_order.integrate_tangent(run, parameters, block, np.ascontiguousarray(D),
+                                               run.every, rows, binding.new(0), tangents)
         if status:
             raise singular(block.first, status)
-        parts.append(rows)
+        tangent_rows.append(rows)
     if run.steps % run.every:  # the last state is stored in any case
-        parts.append(tangents[None].copy())
-    stored_tangents: Array = np.concatenate(parts)
+        tangent_rows.append(tangents[None].copy())
+    stored_tangents: Array = np.concatenate(tangent_rows)
     return stored_tangents, block_tangents
 
 
@@ -390,8 +395,8 @@ def _add_explicit(
 
 def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
     """Return the rows of the stored states before these steps; ``rows`` has one for each state."""
-    first = steps.first // run.every
-    step_rows: Array = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
+    first_row = steps.first // run.every
+    step_rows: Array = rows[first_row : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
         step_rows[0] = 0  # the state is not stored: its row belongs to an earlier one
     return step_rows

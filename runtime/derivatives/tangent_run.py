@@ -55,27 +55,28 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
         raise InputError(f"tangents = {shown(tangents)} are none; give gyrospark.Tangents(...).")
     rows = rows_of(stepper, trajectory, trajectory._origin.run)
     events = [point for points in rows.events.values() for point in points]
-    stored, q, t = _followed(stepper, rows.run, tangents, [*rows.points, *events])
-    tangent_rows = stored.of_others(*_of_rows(rows, stored, q, t))
+    stored_tangents, q, t = _followed(stepper, rows.run, tangents, [*rows.points, *events])
+    tangent_rows = stored_tangents.of_others(*_of_rows(rows, stored_tangents, q, t))
     offset, tangents_by_event = len(rows.points), dict[str, TangentRows]()
     refused = dict(rows.refused)
     for name, points in rows.events.items():
         event_rows = slice(offset, offset + len(points))
         offset += len(points)
         # one crossing without derivatives leaves the whole event without
-        why = [str(x) for x in q[event_rows] if isinstance(x, InputError)]
-        if why:
-            refused[name] = why[0]
+        errors = [str(x) for x in q[event_rows] if isinstance(x, InputError)]
+        if errors:
+            refused[name] = errors[0]
         else:
-            states, of_times = _stacked(stored, q[event_rows], t[event_rows])
-            tangents_by_event[name] = tangent_rows.of_others(states[:, : len(stored.start)],
-                                                             of_times)
+            states, of_times = _stacked(stored_tangents, q[event_rows], t[event_rows])
+            # the rows behind q and p are of multipliers, which an event has not
+            tangents_by_event[name] = tangent_rows.of_others(
+                states[:, : len(stored_tangents.start)], of_times)
     at_events = EventTangents(tangents_by_event, refused)
     return changed(trajectory, tangents=replace(tangent_rows, events=at_events))
 
 
 def _of_rows(
-    rows: RunRows, stored: TangentRows, q: list[Any], t: list[Any]
+    rows: RunRows, stored_tangents: TangentRows, q: list[Any], t: list[Any]
 ) -> tuple[Array, Array]:
     """Return the directions (rows, 2 n, k) and times' derivatives (rows, k) of a trajectory's rows.
 
@@ -86,17 +87,21 @@ def _of_rows(
     for error in q[:count]:
         if isinstance(error, InputError):
             raise error
-    of_steps = stored.together()[: len(rows.of_steps)]
-    directions, times = _stacked(stored, q[:count], t[:count])
+    of_steps = stored_tangents.together()[: len(rows.of_steps)]
+    directions, times = _stacked(stored_tangents, q[:count], t[:count])
     return (np.concatenate([of_steps, directions]),
-            np.concatenate([stored.t[: len(of_steps)], times]))
+            np.concatenate([stored_tangents.t[: len(of_steps)], times]))
 
 
-def _stacked(stored: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
-    """Return the points' directions and times as arrays, shapes (points, ·, k) and (points, k)."""
-    shape = stored.together().shape[1:]
-    directions, times = np.zeros((len(q), *shape), stored.q.dtype), np.zeros(
-        (len(q), shape[1]), stored.q.dtype)
+def _stacked(stored_tangents: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
+    """Return the points' directions and times as arrays, shapes (points, ·, k) and (points, k).
+
+    ``q`` and ``t`` have the arrays of each point; ``stored_tangents`` give widths and type, which
+    an empty list does not.
+    """
+    shape = stored_tangents.together().shape[1:]
+    directions, times = np.zeros((len(q), *shape), stored_tangents.q.dtype), np.zeros(
+        (len(q), shape[1]), stored_tangents.q.dtype)
     for i, (row, time) in enumerate(zip(q, t, strict=True)):
         directions[i], times[i] = row, time
     return directions, times
@@ -171,38 +176,42 @@ class _TangentRun:
 
     def advance(self) -> None:
         """Take all steps, piece by piece, with a stop at each step that has points behind it."""
-        run, last = self.run, (self.run.q, self.run.p)
+        run, last_state = self.run, (self.run.q, self.run.p)
         point_steps = np.unique(self.steps_of_points)
-        for piece in pieces(self.stepper, run, self.kept_run):
-            self.switched += self.binding.count_switches(run, self.kept_run.parameters, piece)
-            for steps in split(piece, point_steps):
+        for kept_piece in pieces(self.stepper, run, self.kept_run):
+            self.switched += self.binding.count_switches(run, self.kept_run.parameters, kept_piece)
+            for steps in split(kept_piece, point_steps):
                 self._differentiate_points(steps.first, steps.q[0], steps.p[0])
                 self._take(steps)
-                last = steps.q[-1], steps.p[-1]
-        self._differentiate_points(run.steps, *last)
+                last_state = steps.q[-1], steps.p[-1]
+        self._differentiate_points(run.steps, *last_state)
 
     def _take(self, steps: KeptSteps) -> None:
         """Advance the tangents by some steps, and store those of the rows that lie in them."""
         run, size, count = self.run, 2 * self.n, self.dz.shape[1]
-        # rows ``first`` + 1, ... of the run are states after steps of this piece
-        first, end = steps.first // run.every, steps.first + steps.count
-        rows = self.own.new(end // run.every - first, size, count)
-        forces = self.own.new(steps.count if self.width else 0, self.width, count)
+        # rows ``first_row`` + 1, ... of the run are states after steps of this piece
+        first_row, end = steps.first // run.every, steps.first + steps.count
+        rows = self.own.new(end // run.every - first_row, size, count)
+        multiplier_tangents = self.own.new(steps.count if self.width else 0, self.width, count)
         status = self.binding.integrate_tangent(run, self.kept_run.parameters, steps, self.dz,
-                                                run.every, rows, forces, self.tangents)
+                                                run.every, rows, multiplier_tangents, self.tangents)
         if status:
             raise singular(steps.first, status)
         for i, row in enumerate(rows):
-            k = (first + 1 + i) * run.every
-            self.stored[first + 1 + i, :size] = _in_space(self.frame, k, steps, row, self.dz)
+            k = (first_row + 1 + i) * run.every
+            self.stored[first_row + 1 + i, :size] = _in_space(self.frame, k, steps, row, self.dz)
         if end == run.steps and run.steps % run.every:  # the last state is stored in any case
             self.stored[-1, :size] = _in_space(self.frame, run.steps, steps, self.tangents, self.dz)
         if self.width:
-            passed = (self.ends > steps.first) & (self.ends <= end)
-            self.stored[passed, size:] = forces[self.ends[passed] - 1 - steps.first]
+            in_piece = (self.ends > steps.first) & (self.ends <= end)
+            self.stored[in_piece, size:] = multiplier_tangents[self.ends[in_piece] - 1
+                                                               - steps.first]
 
     def _differentiate_points(self, step: int, q: Array, p: Array) -> None:
-        """Differentiate the points within a step; (q, p) is the state before it, in the frame."""
+        """Differentiate the points within a step; (q, p) is the state before it, in the frame.
+
+        A point without derivatives keeps its error, which is raised only if its row is asked for.
+        """
         selected = np.flatnonzero(self.steps_of_points == step)
         if not len(selected):
             return

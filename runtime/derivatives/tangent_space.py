@@ -92,7 +92,10 @@ class TangentSpace:
         self, binding: DerivativeBinding, parameters: ParameterStruct, q: Array, p: Array,
         constraint_names: Sequence[str],
     ) -> None:
-        """Compute ∂g and ∂f at the state, by all rows of a direction."""
+        """Compute ∂g and ∂f, (m, rows), at the state (q, p): the tangent space is their kernel.
+
+        ``constraint_names`` are for errors of directions that leave a constraint.
+        """
         self.binding, self.n = binding, binding.n
         self._names = constraint_names
         sizes = [float(np.linalg.norm(x.astype(float))) for x in (q, p)]
@@ -109,7 +112,12 @@ class TangentSpace:
                         else None)
 
     def projected(self, dz: Array) -> Array:
-        """Return directions whose rows q and p are moved onto the constraints."""
+        """Return directions whose rows q and p are moved onto the constraints, each the nearest.
+
+            dq ← dq − Gᵀ (G Gᵀ)⁻¹ dg,   dp ← dp − Gᵀ (f_p Gᵀ)⁻¹ df
+
+        dg and df are the derivatives of g and f along all rows; in scaled time then e ← −dH.
+        """
         n, G, directions = self.n, self._G, dz.copy()
         if len(G):
             directions[:n] -= G.T @ solved(G @ G.T, self.g @ directions)
@@ -122,7 +130,10 @@ class TangentSpace:
         return directions
 
     def pulled_back(self, z_bar: Array) -> Array:
-        """Return the transpose of ``projected`` applied to a cotangent, or to columns of them."""
+        """Return the transpose of ``projected`` applied to a cotangent, or to columns of them.
+
+            z̄ ← z̄ − f_zᵀ (f_p Gᵀ)⁻ᵀ G p̄,   then   z̄ ← z̄ − g_zᵀ (G Gᵀ)⁻¹ G q̄
+        """
         n, G, cotangent = self.n, self._G, z_bar.copy()
         # the transposes in the reverse order: e, then p, then q
         if self._energy is not None:
@@ -156,17 +167,20 @@ class TangentSpace:
         # A direction along momenta has a dq of round-off alone, where as much of q as of p changes.
         round_off = _ROUNDING * self._shares * np.linalg.norm(dp, axis=0)
         for mu, row in enumerate(G):
-            off = np.abs(row @ dq)
+            rates = np.abs(row @ dq)
             bounds = np.linalg.norm(row) * (_OFF * np.linalg.norm(dq, axis=0) + round_off)
-            worst = int(np.argmax(off - bounds)) if off.size else 0
-            if off.size and off[worst] > bounds[worst]:
+            worst = int(np.argmax(rates - bounds)) if rates.size else 0
+            if rates.size and rates[worst] > bounds[worst]:
                 raise InputError(
                     f"Direction {worst} leaves the constraint {self._names[mu]!r}: its rate is "
                     f"{row @ dq[:, worst]:.3g}. Give a direction with G dq = 0, or project=True.")
 
 
 def solved(A: Array, b: Array) -> Array:
-    """Return A⁻¹b in the type of the arrays, by elimination with pivots where NumPy has none."""
+    """Return A⁻¹b in the type of the arrays.
+
+    LAPACK takes float and double; long double and float128 are eliminated here, with row pivots.
+    """
     if A.dtype in (np.float32, np.float64):
         solution: Array = np.linalg.solve(A, b)
         return solution
@@ -175,7 +189,6 @@ def solved(A: Array, b: Array) -> Array:
         pivot = k + int(np.argmax(np.abs(A[k:, k])))
         A[[k, pivot]], x[[k, pivot]] = A[[pivot, k]], x[[pivot, k]]
         for i in range(k + 1, len(A)):
-            # elimination with partial pivoting, for long double and float128, which LAPACK has not
             factor = A[i, k] / A[k, k]
             A[i, k:] -= factor * A[k, k:]
             x[i] -= factor * x[k]
@@ -231,14 +244,14 @@ class Start:
     def __init__(self, space: TangentSpace, tangents: Tangents) -> None:
         """Collect the columns: of q and p, then parameters, dt and t0, and project them."""
         binding = space.binding
-        inner, n = binding.own, binding.n
-        names = inner.parameter_names
+        derivative_module, n = binding.own, binding.n
+        names = derivative_module.parameter_names
         columns: list[Array] = []
         self.names: list[str] = []
         if tangents.start is not None:
-            directions = _given_start(space, tangents, inner, inner.shown)
+            directions = _given_start(space, tangents, derivative_module, derivative_module.shown)
             for k in range(directions.shape[1]):
-                column = inner.new(binding.rows)
+                column = derivative_module.new(binding.rows)
                 column[space.places] = directions[:, k]
                 columns.append(column)
                 self.names.append(f"start[{k}]")
@@ -247,9 +260,10 @@ class Start:
                 raise unknown("parameter", name, names)
             columns.append(_unit(binding, 2 * n + names.index(name)))
             self.names.append(name)
-        of_time = n - 1 if inner.clocked else binding.rows - 1
+        # the last two rows are dt and t0; in scaled time the start's time is a coordinate
+        time_row = n - 1 if derivative_module.clocked else binding.rows - 1
         for flag, name, index in ((tangents.dt, "dt", binding.rows - 2),
-                                  (tangents.t0, "t0", of_time)):
+                                  (tangents.t0, "t0", time_row)):
             if flag:
                 columns.append(_unit(binding, index))
                 self.names.append(name)
@@ -262,8 +276,8 @@ def _given_start(space: TangentSpace, tangents: Tangents, binding: Any, n: int) 
     """Return the directions of q and p: the basis, or the user's, checked to be tangent."""
     if isinstance(tangents.start, str):
         return space.basis()
-    entry: ArrayLike = tangents.start
-    array = as_numbers("start", entry)
+    start: ArrayLike = tangents.start
+    array = as_numbers("start", start)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or len(array) != 2 * n:

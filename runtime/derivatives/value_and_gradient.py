@@ -46,21 +46,22 @@ class Objective:
         self._start, self._inputs = start, inputs
         self._span, self._memory, self._options = span, memory, options
         # the state that coordinates of the tangent space count from: the start, projected
-        rows: Any
-        rows, self._hold = (inputs.values, inputs.hold) if isinstance(inputs, Inputs) else (
+        input_values: Any
+        input_values, self._hold = (inputs.values, inputs.hold) if isinstance(inputs, Inputs) else (
             inputs, 1)
-        first = stepper._resolved(stepper._run_arguments(replace(
+        run_of_start = stepper._resolved(stepper._run_arguments(replace(
             start, parameters=stepper._parameters_with_inputs(start.parameters, inputs)),
             dt=dt, steps=0))
-        self._state = first.q, first.p
+        self._state = run_of_start.q, run_of_start.p
         binding = stepper._derivative_binding()
         self._basis = TangentSpace(
-            binding, binding.own.parameters(first.parameters, first.t0), first.q, first.p,
+            binding, binding.own.parameters(run_of_start.parameters, run_of_start.t0),
+            run_of_start.q, run_of_start.p,
             stepper.constraint_names).basis()
-        inputs_array = real_array(rows)
+        inputs_array = real_array(input_values)
         if "inputs" in wrt and inputs_array is None:
-            raise InputError(f"inputs = {shown(rows)} are no rows of numbers, by which \"inputs\" "
-                             "in wrt asks for derivatives; give a row of each step.")
+            raise InputError(f"inputs = {shown(input_values)} are no rows of numbers, by which "
+                             "\"inputs\" in wrt asks for derivatives; give a row of each step.")
         self._input_shape = (0, 0) if inputs_array is None else inputs_array.shape
         self._sizes = dict.fromkeys(wrt, 1) | {
             "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}

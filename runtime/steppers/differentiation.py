@@ -125,14 +125,14 @@ class Differentiation(Evaluation):
         """Calls of derivatives of adjoints, derived and compiled when first called."""
         from ..derivatives.second_order import SecondBinding
 
-        first = self._derivative_binding()
+        first_order = self._derivative_binding()
         with self._deriving:
             if not self._second_bindings:
                 refuse_together(second=f"second derivatives of {self.name}",
                                 frame=bool(self.symmetries) and "its co-moving frame")
                 files = self._more_files("its second derivatives were", second=True)
                 binding = self._bound(load_module(self.name, files, "second"))
-                self._second_bindings.append(SecondBinding(binding, first))
+                self._second_bindings.append(SecondBinding(binding, first_order))
         return self._second_bindings[0]
 
     def _jump_binding(self) -> Callable[..., None]:
@@ -310,16 +310,19 @@ class Differentiation(Evaluation):
             dz[block * n : (block + 1) * n] = derivatives.array(
                 name, columns[:, None] if columns.ndim == 1 else columns, (n, count))
         names = [*derivatives.parameter_names, "dt", "t0"]
-        for name, value in as_mapping("d", {} if d is None else d, "{'m': 1.0}").items():
+        for name, slope in as_mapping("d", {} if d is None else d, "{'m': 1.0}").items():
             if name not in names:
                 raise unknown("name in d", name, names)
-            dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", value, derivatives.number)
+            dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", slope, derivatives.number)
         return dz
 
     def _single(
         self, start: Any, p: Any, dt: Number, parameters: Any, inputs: Any
     ) -> RunArguments:
-        """Return a checked run of one step, whose inputs are among its parameters."""
+        """Return a checked run of one step, whose inputs are among its parameters.
+
+        Derivatives by inputs are then those by parameters.
+        """
         state = merged_start(self, start, p, parameters)
         values = dict(as_mapping("parameters", state.parameters, "{'m': 1.0}"))
         if inputs is not None:  # one step: they are parameters
@@ -393,7 +396,8 @@ class Differentiation(Evaluation):
         kinds = self._rows_of(run, solver)
         ended = bool(kinds.points)
         q, p = full_states(run)
-        return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents),  # type: ignore[arg-type]
+        return gradient_of(self, kinds.run, cotangents_of(self, kinds,
+                                                          cotangents),  # type: ignore[arg-type]
                            names, memory, value, None if ended else (q[-1], p[-1]))
 
     def hessian(
@@ -448,7 +452,8 @@ class Differentiation(Evaluation):
     def _rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
         """Return the run of the whole steps of a trajectory, with its rows sorted by their kinds.
 
-        A trajectory that was stored has no arguments: they are made from its start and its steps.
+        A trajectory that was read from a file has no arguments: they are its first row and its
+        number of steps.
         """
         from ..derivatives.points import rows_of
         from ..integration.dense_output import refuse_forgotten, refuse_of_another

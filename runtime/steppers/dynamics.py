@@ -230,37 +230,38 @@ class Dynamics(Differentiation):
             if name not in self.binding.input_names:
                 raise unknown("input", name, self.binding.input_names or ["none: it has no inputs"])
 
-        def reached(values: ArrayLike) -> Array:
+        def accelerations_with(values: ArrayLike) -> Array:
             """Return the accelerations with these values of the inputs."""
             inputs = dict(zip(names, map(float, np.asarray(values)), strict=True))
             motion = self._state_motion(replace(state, parameters={**state.parameters, **inputs}))
             return np.concatenate([motion.rate(name)[1] for name in targets])
 
-        target, base = np.concatenate([*targets.values()]), reached(np.zeros(len(names)))
+        target, base = np.concatenate([*targets.values()]), accelerations_with(np.zeros(len(names)))
         if len(target) != len(names):
             raise InputError(f"{len(names)} inputs cannot be found for {len(target)} "
                              "accelerations; give as many of one as of the other.")
-        slopes = np.stack([reached(unit) - base for unit in np.eye(len(names))], axis=1)
+        slopes = np.stack([accelerations_with(unit) - base for unit in np.eye(len(names))], axis=1)
         try:
             values = np.linalg.solve(slopes, target - base)
         except np.linalg.LinAlgError:
             values = np.full(len(names), np.nan)
+        # ÿ at the solution says whether it is one: singular or nonlinear ones miss the targets
         size = np.abs(target).max() + np.abs(base).max()
         with np.errstate(invalid="ignore"):
             off_target = not np.isfinite(values).all() or np.abs(
-                reached(values) - target).max() > _OFF * size
+                accelerations_with(values) - target).max() > _OFF * size
         if off_target:
             raise InputError(f"No values of {', '.join(names)} give these accelerations: their "
                              "forces do not act on the joints one by one, or are not linear in "
                              "them; leave out inputs for the forces on the joints.")
         return dict(zip(names, values.tolist(), strict=True))
 
-    def _names(self, label: str, entries: Any) -> list[str]:
+    def _names(self, label: str, name_or_names: Any) -> list[str]:
         """Return the names in one name or a list of names, or refuse none and repeated ones."""
-        names = [entries] if isinstance(entries, str) else [
-            as_text(f"an entry of {label}", x) for x in as_items(label, entries, "names")]
+        names = [name_or_names] if isinstance(name_or_names, str) else [
+            as_text(f"an entry of {label}", x) for x in as_items(label, name_or_names, "names")]
         if not names or len({*names}) < len(names):
-            raise InputError(f"{label} = {shown(entries)} must name one or more, each once.")
+            raise InputError(f"{label} = {shown(name_or_names)} must name one or more, each once.")
         return names
 
     def _state_motion(self, start: StartNumbers) -> StateMotion:
@@ -291,11 +292,11 @@ class Dynamics(Differentiation):
         return self._motion
 
 
-def _row(name: str, value: Any, width: int) -> Array:
+def _row(name: str, acceleration: Any, width: int) -> Array:
     """Return a given acceleration as a row of ``width`` doubles."""
-    row = as_numbers(f"accelerations[{name!r}]", value).astype(float)
+    row = as_numbers(f"accelerations[{name!r}]", acceleration).astype(float)
     if row.shape not in ((width,), ()) or row.size != width or not np.isfinite(row).all():
-        raise InputError(f"accelerations[{name!r}] = {shown(value)} is not {width} finite number"
-                         f"{'s' * (width > 1)}"
+        raise InputError(f"accelerations[{name!r}] = {shown(acceleration)} is not {width} finite "
+                         f"number{'s' * (width > 1)}"
                          + (": a velocity's and ω's, in space axes." if width > 1 else "."))
     return row.reshape(width)

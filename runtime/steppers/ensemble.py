@@ -231,18 +231,18 @@ def integrate_members(
     tangents: Tangents | None = None,
     device: DeviceName | None = None,
     progress: Progress = None,
-    end: tuple[Any, Sequence[Fraction]] | None = None,
+    open_end: Any = None,
+    last_part: tuple[Any, Sequence[Fraction]] | None = None,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of starts; see ``Stepper.integrate_ensemble``.
 
     There are four ways: on a card; each run by itself, with impacts; each by itself up to t_end in
-    scaled time, where the numbers of steps are not known before; all side by side, which is the
-    usual one. ``end`` is t_end with nothing in scaled time; where t_end lies between two steps,
-    t_end with what is left of a step behind the last whole one, one number for all or one for each
-    run. ``options`` are steps, every and solver.
+    scaled time, ``open_end``, where the numbers of steps are not known before; all side by side,
+    which is the usual one. ``last_part`` is given where t_end lies between two steps: t_end, and
+    the time from the last whole step to it, one for all or one for each run. ``options`` are steps,
+    every and solver.
     """
-    open_end, end = (end[0], None) if end is not None and not end[1] else (None, end)
     as_progress(progress)
     card = device_for(device, starts.q, starts.p)
     if card is not None:
@@ -250,7 +250,7 @@ def integrate_members(
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
         return cast(Ensemble, _integrate_on(card, stepper, starts, dt, options, progress))
-    runs, warned = _checked(stepper, starts, dt, options, inputs, end)
+    runs, warned = _checked(stepper, starts, dt, options, inputs, last_part)
     impacts = as_impacts(events, stepper.manifest.system.event_quantities)
     # impacts are refused in scaled time, so that there is no ``open_end`` with them
     if impacts:
@@ -264,30 +264,42 @@ def integrate_members(
                                open_end)
         return ensemble if tangents is None else _with_tangents(
             stepper, ensemble, tangents, threads_of(workers), lambda: False)
-    # side by side: whole steps, events, the last part of a step, tangents
+    return _side_by_side(stepper, runs, events, tangents, threads_of(workers), progress,
+                         warned=warned)
+
+
+def _side_by_side(
+    stepper: Stepper, runs: EnsembleArguments, events: Any, tangents: Tangents | None,
+    threads: int, progress: Progress, *, warned: bool,
+) -> Ensemble:
+    """Integrate runs in lanes and on threads: whole steps, events, last parts of a step, tangents.
+
+    ``warned``: too large rotations in a step need no further warning.
+    """
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
-            fill_ensemble(states, threads_of(workers), lambda: interrupts.requested, report)
+            fill_ensemble(states, threads, lambda: interrupts.requested, report)
 
         fill(computed, report)
         crossings = _crossings(stepper, levels, computed, fill)
         event_tuple = () if levels is None else levels.events
         ensemble = _ensemble(stepper, computed, crossings, event_tuple)
-        if end is not None and not interrupts.requested:
-            last = runs.last_parts(stepper.binding, computed.q, computed.p, computed.status)
-            parts = EnsembleStates.of(stepper, last, detectors_for(stepper, levels, last))
+        if runs.rests is not None and not interrupts.requested:
+            last_runs = runs.last_parts(stepper.binding, computed.q, computed.p, computed.status)
+            parts = EnsembleStates.of(stepper, last_runs,
+                                      detectors_for(stepper, levels, last_runs))
             fill(parts)
             ensemble = _with_last_parts(stepper, ensemble, runs, _ensemble(
                 stepper, parts, _crossings(stepper, levels, parts, fill), event_tuple), event_tuple)
         if not warned:
             dt = runs.dt[:, None]
-            if stepper.binding.clocked:
+            if stepper.binding.clocked:  # bodies turn by Ω Δt, not Ω Δτ
                 dt = np.diff(ensemble.t, axis=1) / runs.first.every
             stepper.rotations.warn_of_many(runs.parameters, dt, ensemble.q, ensemble.p)
         if tangents is not None:
-            ensemble = _with_tangents(stepper, ensemble, tangents, threads_of(workers),
+            ensemble = _with_tangents(stepper, ensemble, tangents, threads,
                                       lambda: interrupts.requested)
     if interrupts.requested:
         raise _stopped(interrupts, sum(computed.stored), ensemble, ensemble.t.size)
@@ -363,7 +375,7 @@ def _stopped(
 
 def _checked(
     stepper: Stepper, starts: StartNumbers, dt: Any, options: dict[str, Any], inputs: Any = None,
-    end: tuple[Any, Sequence[Fraction]] | None = None,
+    last_part: tuple[Any, Sequence[Fraction]] | None = None,
 ) -> tuple[EnsembleArguments, bool]:
     """Return the checked runs of an ensemble, or raise InputError for unusable arguments.
 
@@ -379,11 +391,12 @@ def _checked(
         np.broadcast_to(_each("t", starts.t, size), size), np.broadcast_to(starts.excess, size),
         _each_parameters(stepper._parameters_with_inputs(starts.parameters, inputs), size,
                          stepper.parameter_domains), options)
-    count = as_positive_count("steps", options["steps"]) + (end is not None)
+    # the last part of a step has a row of inputs of its own
+    count = as_positive_count("steps", options["steps"]) + (last_part is not None)
     input_rows = as_inputs(inputs, stepper.binding, count, runs=size)
     runs = replace(checked_runs(stepper, arguments), inputs=input_rows)
-    if end is not None:
-        runs = runs.to_end(stepper.binding, *end)
+    if last_part is not None:
+        runs = runs.to_end(stepper.binding, *last_part)
     warn_of_negative(runs.parameters)
     warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
     if not runs.first.steps:
@@ -427,9 +440,9 @@ def _integrate_on(
         if report is not None:
             report(int(trajectories.steps_done.sum()))
     if interrupts.requested:
-        stored = int(sum(runs.first.stored(step_count) + 1
-                         for step_count in trajectories.steps_done.tolist()))
-        raise _stopped(interrupts, stored, ensemble, len(runs) * (runs.first.rows + 1))
+        stored_rows = int(sum(runs.first.stored(step_count) + 1
+                              for step_count in trajectories.steps_done.tolist()))
+        raise _stopped(interrupts, stored_rows, ensemble, len(runs) * (runs.first.rows + 1))
     return ensemble
 
 
@@ -458,29 +471,30 @@ def _ensemble(
     q, p = (x[:, :, : binding.shown].copy() for x in (rows.q, rows.p))
     multipliers = rows.multipliers[:, 1:, : binding.multipliers - binding.reactions].copy()
     iterations = rows.iterations[:, 1:].copy()
-    for i, stored in enumerate(computed.stored):
-        if stored < states:
-            t[i, stored:] = no_number if t.dtype == object else np.nan
-            q[i, stored:] = p[i, stored:] = multipliers[i, stored - 1 :] = no_number
-            iterations[i, stored - 1 :] = 0
+    # a run that failed has fewer rows; multipliers and iterations are of steps, one fewer
+    for i, row_count in enumerate(computed.stored):
+        if row_count < states:
+            t[i, row_count:] = no_number if t.dtype == object else np.nan
+            q[i, row_count:] = p[i, row_count:] = multipliers[i, row_count - 1 :] = no_number
+            iterations[i, row_count - 1 :] = 0
     if binding.m > 1:
         multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
 
-    shown = [{name: crossing.shown(binding) for name, crossing in events_of_run.items()}
-             for events_of_run in crossings]
+    shown_crossings = [{name: crossing.shown(binding) for name, crossing in events_of_run.items()}
+                       for events_of_run in crossings]
 
     def member(i: int) -> Trajectory:
         """Return trajectory i, up to its failed step if it has one."""
         trajectory = trajectory_of(binding, stepper.manifest, runs[i], rows[i],
                                    computed.final_report(i), computed.q[i], computed.p[i])
-        return changed(trajectory, events=shown[i] if shown else {},
+        return changed(trajectory, events=shown_crossings[i] if shown_crossings else {},
                        _origin=Origin(runs[i], event_tuple))
 
     failures = {i: failure_of(binding, runs[i], member(i),
                                Diagnosis.bare(int(computed.status[i])), computed.q[i])
                 for i in np.flatnonzero(computed.status).tolist()}
-    events = {name: CrossingsOfMany([events_of_run[name] for events_of_run in shown])
-              for name in (shown[0] if shown else ())}
+    events = {name: CrossingsOfMany([events_of_run[name] for events_of_run in shown_crossings])
+              for name in (shown_crossings[0] if shown_crossings else ())}
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 
@@ -589,10 +603,10 @@ def _padded_arrays(
 
     ``lengths`` says how many; behind them are NaN, and 0 iterations.
     """
-    first, count = members[0], len(members)
+    first_member, count = members[0], len(members)
     arrays: dict[str, Any] = {
-        name: np.full((count, states - of_steps, *getattr(first, name).shape[1:]), np.nan,
-                      getattr(first, name).dtype)
+        name: np.full((count, states - of_steps, *getattr(first_member, name).shape[1:]), np.nan,
+                      getattr(first_member, name).dtype)
         # multipliers and iterations are of a step, and the start has none
         for name, of_steps in (("t", 0), ("q", 0), ("p", 0), ("multipliers", 1))}
     iterations = np.zeros((count, states - 1), np.intc)
@@ -652,11 +666,12 @@ def _each_parameters(
     if isinstance(parameters, Mapping):
         parameters = with_rules(parameters, domains)
         refuse_texts(parameters, domains)
-        rules = {name: value for name, value in parameters.items() if isinstance(value, Rule)}
-        columns = {name: _each(f"Parameter {name}", value, size)
-                   for name, value in parameters.items() if name not in rules}
-        shared = {name: column[()] for name, column in columns.items() if not column.shape}
-        return rules | shared, {name: column for name, column in columns.items() if column.shape}
+        rules = {name: rule for name, rule in parameters.items() if isinstance(rule, Rule)}
+        columns = {name: _each(f"Parameter {name}", number_or_rule, size)
+                   for name, number_or_rule in parameters.items() if name not in rules}
+        common_values = {name: column[()] for name, column in columns.items() if not column.shape}
+        return rules | common_values, {name: column for name, column in columns.items()
+                                       if column.shape}
     if not isinstance(parameters, Sequence) or not all(isinstance(r, Mapping) for r in parameters):
         raise InputError(f"parameters = {shown(parameters)} is neither a dict nor a list of "
                          "dicts.")

@@ -243,19 +243,24 @@ class Evaluation:
         InputError
             Where it cannot be done, with the names of the constraints that are in the way.
         """
-        old, run = self._at_start(start, p, parameters, t)
-        new = self._projected(*old, run)
+        start_state, run = self._at_start(start, p, parameters, t)
+        projected_state = self._projected(*start_state, run)
         # in scaled time the last coordinate is t
-        numeric = CompiledConstraints(self.binding, self.manifest, run, old[0][-1])
-        states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
+        numeric = CompiledConstraints(self.binding, self.manifest, run, start_state[0][-1])
+        # rows: the start; projected q with the p of the start, whose f is that before; both
+        (q0, p0), (q1, p1) = start_state, projected_state
+        states = np.stack([q0, q1, q1]), np.stack([p0, p0, p1])
         g, f = self.binding.defects(run, *map(np.ascontiguousarray, states))
-        before, after = ((x[: self.n], y[: self.n]) for x, y in (old, new))
+        before, after = ((x[: self.n], y[: self.n]) for x, y in (start_state, projected_state))
         return report(numeric, before, after, (g[0], g[1]), (f[1], f[2]))
 
     def _projected(
         self, q: Array, p: Array, parameters: ParameterStruct
     ) -> tuple[Array, Array]:
-        """Return the projected state: by compiled code, else by damped steps from Python."""
+        """Return the projected state: by compiled code, else by damped steps from Python.
+
+        Those converge from farther away and name the constraints in the way, in doubles alone.
+        """
         # C moves them in place
         q_near, p_near = q.copy(), p.copy()
         status = self.binding.project(parameters, q_near, p_near)

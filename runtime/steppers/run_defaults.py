@@ -123,10 +123,10 @@ class RunDefaults:
     def from_json(cls, content: dict[str, Any]) -> RunDefaults:
         """Read the result of ``as_json``."""
         # an event has no restitution
-        events = tuple((Impact if "restitution" in entry else Event)(
-            **entry | {key: _exact_number(entry[key]) for key in _EXACT if key in entry})
-            for entry in content["events"])
-        visuals = {name: [Shape(**entry) for entry in shapes]
+        events = tuple((Impact if "restitution" in fields else Event)(
+            **fields | {key: _exact_number(fields[key]) for key in _EXACT if key in fields})
+            for fields in content["events"])
+        visuals = {name: [Shape(**fields) for fields in shapes]
                    for name, shapes in content.get("visuals", {}).items()}
         return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS} | {
             "events": events, "visuals": visuals})

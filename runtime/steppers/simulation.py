@@ -195,11 +195,11 @@ class RecordingRun(AdvancingRun):
 
     def _put(self, room: int, rows: Rows, inputs: Array) -> None:
         """Copy the rows of all steps so far into memory for ``room`` steps."""
-        done = self.steps
+        step_count = self.steps
         self._rows, self._inputs = (Rows.allocate(self.binding, room + 1),
                                     self.binding.new(room, inputs.shape[1]))
-        self._rows.assign(np.s_[: done + 1], rows[: done + 1])
-        self._inputs[:done] = inputs[:done]
+        self._rows.assign(np.s_[: step_count + 1], rows[: step_count + 1])
+        self._inputs[:step_count] = inputs[:step_count]
 
     def feed(self, row: Array) -> None:
         """Go on with other inputs, which the run has among its parameters."""
@@ -227,10 +227,10 @@ class RecordingRun(AdvancingRun):
 
     def trajectory(self, manifest: Manifest) -> Trajectory:
         """Return all states, and the inputs of each step."""
-        done = self.steps
-        rows = self._rows[: done + 1].copy()
-        inputs = InputRows(self.binding.input_names, self._inputs[None, :done].copy(), 1)
-        run = replace(self.run, steps=done).with_inputs(inputs if self._has_inputs else None)
+        step_count = self.steps
+        rows = self._rows[: step_count + 1].copy()
+        inputs = InputRows(self.binding.input_names, self._inputs[None, :step_count].copy(), 1)
+        run = replace(self.run, steps=step_count).with_inputs(inputs if self._has_inputs else None)
         record = self.binding.report()
         self.binding.image(record)[:] = self.binding.image(self.record)
         return trajectory_of(self.binding, manifest, run, rows, record, self.q.copy(),
@@ -251,6 +251,7 @@ class Simulation:
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments, record: bool = False) -> None:
+        """``record`` keeps all states, for ``trajectory``; else the present one alone."""
         self._stepper = stepper
         self._held = (RecordingRun if record else AdvancingRun)(stepper.binding, run)
         self._lock = threading.Lock()
@@ -338,15 +339,16 @@ class Simulation:
 
     def _long(self, steps: int) -> int:
         """Take many steps in pieces, between which Ctrl-C stops them; return the status."""
-        pace, status, done = ChunkSize(), 0, 0
+        pace, status, steps_done = ChunkSize(), 0, 0
         with catch_ctrl_c() as interrupts:
-            while done < steps and not status and not interrupts.requested:
-                count = min(pace.begin(), steps - done)
+            while steps_done < steps and not status and not interrupts.requested:
+                count = min(pace.begin(), steps - steps_done)
                 status = self._held.advance(count)
                 pace.end(count)
-                done += count
+                steps_done += count
         if interrupts.requested and not status:
-            raise Stopped(f"{ended_at(done, steps)} The simulation is there.", interrupts.signal)
+            raise Stopped(f"{ended_at(steps_done, steps)} The simulation is there.",
+                          interrupts.signal)
         return status
 
     def _acquire(self) -> None:
@@ -524,22 +526,22 @@ class Simulation:
 
     @parameters.setter
     def parameters(self, parameters: Mapping[str, Number]) -> None:
-        continued, stepper = self._held, self._stepper
-        checked = stepper.check_parameters(parameters)
-        if continued.binding.clocked:
+        present_run, stepper = self._held, self._stepper
+        checked_parameters = stepper.check_parameters(parameters)
+        if present_run.binding.clocked:
             raise InputError("A simulation in scaled time keeps its parameters: -H at its start is "
                              "one of its numbers. Start another one from sim.start, by "
                              "step.start(sim.start, parameters=...).")
-        warn_of_negative(checked)
+        warn_of_negative(checked_parameters)
         # these alone can move the state off its constraints
         deciding = stepper.manifest.system.start_parameters
-        if any(checked[name] != continued.run.parameters[name] for name in deciding):
-            refuse_inconsistent(continued.binding, stepper.manifest,
-                                replace(continued.run, q=continued.q, p=continued.p,
-                                        parameters=checked))
+        if any(checked_parameters[name] != present_run.run.parameters[name] for name in deciding):
+            refuse_inconsistent(present_run.binding, stepper.manifest,
+                                replace(present_run.run, q=present_run.q, p=present_run.p,
+                                        parameters=checked_parameters))
         self._acquire()
         try:
-            continued.set_parameters(checked)
+            present_run.set_parameters(checked_parameters)
         finally:
             self._lock.release()
 
@@ -576,11 +578,12 @@ class Simulation:
 
     def _failure(self, status: int) -> StepFailed:
         """Return the error of a step from here; its trajectory is what is kept."""
-        state, manifest, t, done = self._held, self._stepper.manifest, self.t, self.steps
+        state, manifest, t, step_count = self._held, self._stepper.manifest, self.t, self.steps
         run = replace(state.run, q=state.q.copy(), p=state.p.copy(),
-                      t0=state.run.t0 + done * state.run.dt, steps=done + 1, every=done + 2)
+                      t0=state.run.t0 + step_count * state.run.dt, steps=step_count + 1,
+                      every=step_count + 2)
         diagnosis = diagnose(state.binding, manifest, run, status, run.q, run.p, t)
-        return StepFailed(step=done + 1, t=float(t), trajectory=state.trajectory(manifest),
+        return StepFailed(step=step_count + 1, t=float(t), trajectory=state.trajectory(manifest),
                           **asdict(diagnosis))
 
 

@@ -104,6 +104,7 @@ class Stepper(Dynamics):
     def __init__(
         self, name: str, files: dict[str, str], derive: Derive | None = None
     ) -> None:
+        """Load the module of ``files``; ``derive`` generates further C when it is first needed."""
         super().__init__(name, files, derive)
         self.order = int(self.manifest.scheme.order)
         self.warnings = [text for _, text in self.manifest.warnings]
@@ -376,26 +377,11 @@ class Stepper(Dynamics):
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
         # one warning of a kind for a run: of its start, or of its stored states
         warned = not run.steps or (not recalled and self._warned(run)) or run.rows < 2
-        # steps between two looks at the time show no share that is done
-        quiet = progress is None and run.steps <= FIRST_STEPS and not run.open_end
-        with nullcontext() if quiet else log_progress(
-                f"integrating {self.name}", run.steps, progress) as report:
-            if observed_events:
-                from ..events.observer import observed
-
-                trajectory = observed(self, run, observed_events, report, plan.end_event)
-            else:
-                trajectory = integrate(self.binding, self.manifest, run, report,
-                                       constants=plan.constants)
+        trajectory = self._steps_of(plan, run, progress)
         # derivatives take the steps that it had
         run = run.until(trajectory.report.steps) if run.open_end else run
         if not warned:
-            self.rotations.warn_of(trajectory)
-            if self.binding.clocked:
-                warn_of_missed_rate(trajectory)
-            if (trajectory.report.newton_steps and run.solver == "auto"
-                    and not self.rotations.bodies):
-                warn_of_frequency(self.binding, run, self.order)
+            self._warn_of_motion(trajectory, run)
         if run.rest:
             from ..events.last_step import ended_between
 
@@ -409,6 +395,28 @@ class Stepper(Dynamics):
         from ..derivatives.tangent_run import with_tangents
 
         return with_tangents(self, tangents, trajectory)
+
+    def _steps_of(self, plan: Integration, run: RunArguments, progress: Progress) -> Trajectory:
+        """Return the whole steps of a plan, with its events; ``run`` is that of the plan, whose
+        stored rows ``t_eval`` may have chosen."""
+        # a run that ends before the first look at the clock shows no share that is done
+        quiet = progress is None and run.steps <= FIRST_STEPS and not run.open_end
+        with nullcontext() if quiet else log_progress(
+                f"integrating {self.name}", run.steps, progress) as report:
+            if plan.events:
+                from ..events.observer import observed
+
+                return observed(self, run, plan.events, report, plan.end_event)
+            return integrate(self.binding, self.manifest, run, report, constants=plan.constants)
+
+    def _warn_of_motion(self, trajectory: Trajectory, run: RunArguments) -> None:
+        """Warn where a step turns a body too far, or does not follow a fast motion."""
+        self.rotations.warn_of(trajectory)
+        if self.binding.clocked:
+            warn_of_missed_rate(trajectory)
+        # where fixed-point iteration converged, ω Δt of the fastest mode is small
+        if trajectory.report.newton_steps and run.solver == "auto" and not self.rotations.bodies:
+            warn_of_frequency(self.binding, run, self.order)
 
     def integrate_ensemble(
         self,
@@ -480,8 +488,8 @@ class Stepper(Dynamics):
             steps, t_end, state.t, dt, whole_steps=device is not None or bool(impacts))
         return integrate_members(
             self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
-            end=(t_end, rests) if is_open or any(rests) else None, steps=count, every=every,
-            solver=as_solver(solver))
+            open_end=t_end if is_open else None, last_part=(t_end, rests) if any(rests) else None,
+            steps=count, every=every, solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside
 
