@@ -63,6 +63,7 @@ def draw_orbit(orbit: PeriodicOrbit, path: str | os.PathLike[str] | None) -> Any
     coordinate_axes.grid(alpha=0.3)
     if len(run.coordinates) <= _NAMED:
         coordinate_axes.legend(fontsize=8, ncols=1 + len(run.coordinates) // 8)
+    # the unit circle, which the multipliers of a stable orbit lie on
     angle = np.linspace(0, 2 * np.pi, 200)
     multiplier_axes.plot(np.cos(angle), np.sin(angle), color="#7f8c8d", linewidth=0.8)
     multiplier_axes.scatter(orbit.multipliers.real, orbit.multipliers.imag, color=_ACCENT, s=24,

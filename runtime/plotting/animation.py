@@ -106,8 +106,9 @@ def check_film(path: str | os.PathLike[str]) -> Path:
 
 def _frames(seconds: Any, fps: Any) -> int:
     """Return the number of pictures of a film, seconds · fps."""
-    arrays = [real_array(value) for value in (seconds, fps)]
-    numbers = [float(value) for value in arrays if value is not None and value.ndim == 0 < value]
+    arrays = [real_array(number) for number in (seconds, fps)]
+    numbers = [float(number) for number in arrays
+               if number is not None and number.ndim == 0 < number]
     count = numbers[0] * numbers[1] if len(numbers) == 2 else np.nan
     if not 2 <= count <= _MOST_FRAMES:
         raise InputError(f"A film of seconds = {shown(seconds)} and fps = {shown(fps)} is none; "

@@ -33,8 +33,19 @@ METAL, DARK, STAND = "#575c66", "#2c3038", "#9aa1ac"
 _EQUAL = 1e-6
 #: Radius of bars and stems in parts of the reach of the scene.
 _BAR = 0.02
-#: A body with joints is a bar where its second half edge is less than this part of the longest.
-_SLIM = 0.42
+#: A body is slim, a bar, where its second half edge is less than this part of the longest: with
+#: joints, and without.
+_SLIM, _SLIM_FREE = 0.42, 0.08
+#: Joints are at the centre where the farthest two are nearer than this part of the longest half
+#: edge: a frame or a wheel, whose pins alone are joints.
+_CENTRAL = 0.5
+#: A disc on its hinge is a wheel where half its height is less than so many radii; radius and half
+#: length of the axle in parts of the wheel's.
+_WHEEL, _AXLE = 1.5, (0.1, 1.35)
+#: Bars lead to the joints where the second half edge is less than this part of their distance.
+_THIN_BETWEEN_JOINTS = 0.3
+#: A free body is flat, drawn as two rods, where its shortest half edge is this part of the longest.
+_FLAT = 0.05
 #: Semi-axis of an elliptic cylinder, in parts of half the edge of the box of the same inertia.
 _ROUND = np.sqrt(4 / 3)
 #: Half the height of the flywheel of a top in parts of its radius and of its distance.
@@ -94,63 +105,66 @@ def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float
     A rim with its stem, a gimbal ring, a frame, a block that slides, a top on its support, a wheel,
     a sphere, a bar, arms to the joints, a disc, a wing nut; else a box.
     """
-    half = body.sizes["box"]
     if body.rim is not None:
         return list(_top(np.zeros(3), body.axes, *body.rim, 0.0))
+    half = body.sizes["box"]
+    longest, ordered = half.max(), np.sort(half)
     hinges = [joint.axis for joint in joints if joint.axis is not None and not joint.slides]
-    ordered = np.sort(half)
-    # a gimbal ring: hinges in two directions, one of them on the outside
-    slim = ordered[1] < (_SLIM if joints else 0.08) * ordered[2]
-    if inside and not slim and any(joint.outer for joint in joints) and any(
+    places = np.array([joint.at for joint in joints]).reshape(-1, 3)
+    span = max((float(np.linalg.norm(a - b)) for a in places for b in places), default=0.0)
+    is_central, is_cube = span < _CENTRAL * longest, np.ptp(half) < _EQUAL * longest
+    is_slim = ordered[1] < (_SLIM if joints else _SLIM_FREE) * ordered[2]
+    # bars from the centre to joints outside of the body
+    arms = list(_arms(body, places, thick, body.centre))
+    # bodies around others: hinges in two directions, one of them on the outside, make a gimbal ring
+    if inside and not is_slim and any(joint.outer for joint in joints) and any(
             np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges):
         return list(_ring(body, hinges, thick))
-    # bars from the centre to joints outside of the body
-    points = np.array([joint.at for joint in joints]).reshape(-1, 3)
-    arms = list(_arms(body, points, thick, body.centre))
-    span = max((float(np.linalg.norm(a - b)) for a in points for b in points), default=0.0)
-    if inside and span < 0.5 * half.max():
+    if inside and is_central:
         return list(_frame(body, half))
-    if any(joint.slides for joint in joints) and np.ptp(half) < _EQUAL * half.max():
+    if any(joint.slides for joint in joints) and is_cube:
         return [Shape("box", half, body.centre, body.axes)]
-    # a top: its foot is at the support, its knob at the farthest joint or above the flywheel
-    support = None if slim else _support(body, joints, reach)
+    support = None if is_slim else _support(body, joints, reach)
     if support is not None:
-        foot, k = support
-        lever = body.centre - foot
-        arm = float(np.linalg.norm(lever))
-        axes = _axes_with_third(body.axes, k)
-        axes = axes * (1 if lever @ axes[:, 2] > 0 else np.array([1, -1, -1]))
-        end = max(float((joint.at - foot) @ lever) / arm for joint in joints)
-        return list(_top(foot, axes, arm, half[[(k + 1) % 3, (k + 2) % 3]] * _ROUND, end))
-    # a symmetry axis: the two other half lengths are equal
-    axis = next((k for k in range(3)
-                 if np.ptp(np.delete(half, k)) < _EQUAL * half.max()), None)
-    if axis is not None:
-        e = body.axes[:, axis]
-        r, half_length = float(np.delete(half, axis)[0]) * _ROUND, float(half[axis])
-        if half_length < 1.5 * r and any(
-                abs(a @ e) > 1 - _EQUAL for a in hinges) and span < 0.5 * half.max():
-            return [Shape("disc", np.array([r, r, half_length]), body.centre,
-                          _axes_with_third(body.axes, axis)),
-                    Shape("disc", np.array([0.1 * r, 0.1 * r, 1.35 * half_length]), body.centre,
-                          _axes_with_third(body.axes, axis), METAL),
-                    *arms]
-        if np.ptp(half) < _EQUAL * half.max():
-            return [Shape("sphere", body.sizes["ellipsoid"], body.centre, body.axes),
-                    *arms]
-    if slim:
+        return list(_top_on(body, joints, *support))
+    # bodies of revolution: where two half lengths are equal, the third axis is one of symmetry
+    axis = next((k for k in range(3) if np.ptp(np.delete(half, k)) < _EQUAL * longest), None)
+    disc = None if axis is None else _disc(body, half, axis)
+    if disc is not None and is_central and disc.size[2] < _WHEEL * disc.size[0] and any(
+            abs(hinge @ disc.axes[:, 2]) > 1 - _EQUAL for hinge in hinges):
+        axle_size = disc.size * [_AXLE[0], _AXLE[0], _AXLE[1]]
+        return [disc, Shape("disc", axle_size, body.centre, disc.axes, METAL), *arms]
+    if is_cube:
+        return [Shape("sphere", body.sizes["ellipsoid"], body.centre, body.axes), *arms]
+    if is_slim:
         return list(_bar(body, joints, ordered, thick))
-    if span > 0 and ordered[1] < 0.3 * span:
+    if span > 0 and ordered[1] < _THIN_BETWEEN_JOINTS * span:
         radius = float(np.clip(ordered[1], 0.7 * thick, 1.3 * thick))
-        return [Shape.bar(points.mean(axis=0), r, radius) for r in points]
-    if axis is not None:
-        return [Shape("disc", np.array([r, r, half_length]), body.centre,
-                      _axes_with_third(body.axes, axis)),
-                *arms, *_pointer(body, half)]
-    if not joints and not body.to_scale and ordered[0] < 0.05 * ordered[2]:
+        return [Shape.bar(places.mean(axis=0), place, radius) for place in places]
+    if disc is not None:
+        return [disc, *arms, *_pointer(body, half)]
+    if not joints and not body.to_scale and ordered[0] < _FLAT * ordered[2]:
         return list(_wing_nut(body, half))
-    return [Shape("box", half, body.centre, body.axes), *arms,
-            *_pointer(body, half)]
+    return [Shape("box", half, body.centre, body.axes), *arms, *_pointer(body, half)]
+
+
+def _disc(body: ScenePart, half: Array, axis: int) -> Shape:
+    """Return the cylinder about a principal axis with the inertia of the box ``half``."""
+    r = float(np.delete(half, axis)[0]) * _ROUND
+    return Shape("disc", np.array([r, r, float(half[axis])]), body.centre,
+                 _axes_with_third(body.axes, axis))
+
+
+def _top_on(body: ScenePart, joints: list[Held], foot: Array, k: int) -> Iterator[Shape]:
+    """Yield a top on its support, with principal axis k; its knob is at the farthest joint."""
+    lever = body.centre - foot
+    height = float(np.linalg.norm(lever))
+    axes = _axes_with_third(body.axes, k)
+    # the third axis leads up from the foot
+    axes = axes * (1 if lever @ axes[:, 2] > 0 else np.array([1, -1, -1]))
+    end = max(float((joint.at - foot) @ lever) / height for joint in joints)
+    half = body.sizes["box"]
+    return _top(foot, axes, height, half[[(k + 1) % 3, (k + 2) % 3]] * _ROUND, end)
 
 
 def _axes_with_third(axes: Array, axis: int) -> Array:
@@ -173,11 +187,15 @@ def _support(body: ScenePart, joints: list[Held], reach: float) -> tuple[Array, 
 
 
 def _top(foot: Array, axes: Array, height: float, half: Array, end: float) -> Iterator[Shape]:
-    """Yield a top: a stem from its foot along the third axis, through an elliptic flywheel."""
+    """Yield a top: a stem from its foot along the third axis, through an elliptic flywheel.
+
+    The flywheel has the semi-axes ``half``, (2,), at ``height`` above the foot. The stem ends at
+    the distance ``end`` from the foot; if 0, with a knob above the flywheel.
+    """
     r = float(half.max())
     half_thickness = min(_THICK[0] * r, _THICK[1] * height)
     stem = 0.05 * max(r, height)
-    knob = max(end, height + max(0.7 * r, 0.4 * height) if end == 0 else end)
+    knob = end or height + max(0.7 * r, 0.4 * height)
     e, centre = axes[:, 2], foot + height * axes[:, 2]
     yield Shape("disc", np.array([half[0], half[1], half_thickness]), centre, axes)
     yield Shape("disc", np.array([2 * stem, 2 * stem, 1.5 * half_thickness]), centre, axes, DARK)
@@ -186,7 +204,8 @@ def _top(foot: Array, axes: Array, height: float, half: Array, end: float) -> It
 
 
 def _ring(body: ScenePart, hinges: list[Array], thick: float) -> Iterator[Shape]:
-    """Yield a ring in the plane of two hinges, and their pins."""
+    """Yield a ring of bars in the plane of two hinges, and their pins."""
+    # of all hinges the one that is most nearly across the first determines the plane best
     first_hinge = hinges[0]
     second_hinge = max(hinges, key=lambda a: float(np.linalg.norm(np.cross(a, first_hinge))))
     normal = np.cross(first_hinge, second_hinge)
@@ -218,17 +237,20 @@ def _frame(body: ScenePart, half: Array) -> Iterator[Shape]:
 
 
 def _bar(body: ScenePart, joints: list[Held], ordered: Array, thick: float) -> Iterator[Shape]:
-    """Yield a bar along the longest axis of a body, to its ends or its joints beyond."""
+    """Yield a bar along the longest axis of a body, to its ends or its joints beyond.
+
+    ``ordered`` are the half lengths in ascending order. A joint beside the bar has a bar to it.
+    """
     e = body.axes[:, int(np.argmax(body.sizes["box"]))]
     radius = float(np.clip(ordered[1], 0.7 * thick, 1.3 * thick))
     ends = [-ordered[2], ordered[2], *(float((joint.at - body.centre) @ e) for joint in joints)]
-    joint_positions = ends[2:]
-    if joint_positions and min(joint_positions) < -0.8 * ordered[2]:  # a bar ends where it is held
-        ends[0] = min(joint_positions)
-    if joint_positions and max(joint_positions) > 0.8 * ordered[2]:
-        ends[1] = max(joint_positions)
+    joint_distances = ends[2:]
+    if joint_distances and min(joint_distances) < -0.8 * ordered[2]:  # a bar ends where it is held
+        ends[0] = min(joint_distances)
+    if joint_distances and max(joint_distances) > 0.8 * ordered[2]:
+        ends[1] = max(joint_distances)
     yield Shape.bar(body.centre + min(ends) * e, body.centre + max(ends) * e, radius)
-    for joint, s in zip(joints, joint_positions, strict=True):
+    for joint, s in zip(joints, joint_distances, strict=True):
         foot = body.centre + s * e
         if np.linalg.norm(joint.at - foot) > radius:
             yield Shape.bar(foot, joint.at, 0.8 * radius)

@@ -83,9 +83,11 @@ class _Document:
         self.meshes: list[dict[str, Any]] = []
         self.nodes: list[dict[str, Any]] = [{
             "name": scene.title, "rotation": _rotation(scene.up, np.array([0.0, 1.0, 0.0]))}]
+        # node 0 turns the vertical of the scene to +y, that of glTF
         self.samplers: list[dict[str, Any]] = []
         self.channels: list[dict[str, Any]] = []
         self.scene, self.mesh_files = scene, meshes
+        # times of keyframes must increase, also of a run backwards
         self.times = self._numbers((scene.t - scene.t[0]) * np.sign(scene.t[-1] - scene.t[0] or 1),
                                    "<f4")
         self.reach = scene.reach(0)
@@ -121,20 +123,29 @@ class _Document:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
     def _numbers(self, array: Array, kind: str, use: int = 0) -> int:
-        """Append an array to the numbers; return the index of its accessor, with its bounds."""
-        data = np.ascontiguousarray(array, dtype=kind)
-        self.views.append({"buffer": 0, "byteOffset": len(self.numbers), "byteLength": data.nbytes,
+        """Append an array to the numbers; return the index of its accessor, with its bounds.
+
+        ``kind`` is a NumPy type such as "<f4"; ``use`` is glTF's number of the target of a buffer
+        view, needed for vertices and their indices alone.
+        """
+        numbers = np.ascontiguousarray(array, dtype=kind)
+        self.views.append({"buffer": 0, "byteOffset": len(self.numbers),
+                           "byteLength": numbers.nbytes,
                            **({"target": use} if use else {})})
-        self.numbers += data.tobytes()  # of four bytes each: aligned
+        self.numbers += numbers.tobytes()  # of four bytes each: aligned
         self.accessors.append({
-            "bufferView": len(self.views) - 1, "componentType": _TYPES[data.dtype],
-            "count": len(data), "type": _SHAPES[data.shape[1:]],
-            "min": np.atleast_1d(data.min(axis=0)).tolist(),
-            "max": np.atleast_1d(data.max(axis=0)).tolist()})
+            "bufferView": len(self.views) - 1, "componentType": _TYPES[numbers.dtype],
+            "count": len(numbers), "type": _SHAPES[numbers.shape[1:]],
+            "min": np.atleast_1d(numbers.min(axis=0)).tolist(),
+            "max": np.atleast_1d(numbers.max(axis=0)).tolist()})
         return len(self.accessors) - 1
 
     def _rod(self, tie: Tie) -> None:
-        """Add a bar that is moved, turned and stretched between two points."""
+        """Add a bar that is moved, turned and stretched between two points a and b.
+
+        Its node has the translation (a + b)/2, the rotation of the third axis to b − a, and the
+        scale |b − a|/2 along it: a bar of half length 1 serves all frames.
+        """
         parts = self.scene.parts
         a, b = (parts[i].at(r)[:, 0] if i >= 0 else np.tile(r, (len(self.scene.t), 1))
                 for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)))
@@ -147,7 +158,10 @@ class _Document:
                    scale=np.hstack([np.ones((len(q), 2)), length / 2]))
 
     def _node(self, name: str, shapes: Iterable[Shape], colour: str, **motion: Array) -> None:
-        """Add a node of shapes, with the motion that is not constant as an animation."""
+        """Add a node of shapes, with the motion that is not constant as an animation.
+
+        ``motion`` has rows of glTF's "translation", "rotation" or "scale", one a frame.
+        """
         node: dict[str, Any] = {"name": name, "mesh": len(self.meshes)}
         self.meshes.append({"name": name, "primitives": list(self._primitives(shapes, colour))})
         for path, channel in motion.items():
@@ -176,9 +190,9 @@ class _Document:
             solid = mesh_of(shape)
             for tint in {0.0} if shape.colour else {*solid.light.tolist()}:
                 faces_of_tint = solid.faces if shape.colour else solid.faces[solid.light == tint]
-                used, faces = np.unique(faces_of_tint, return_inverse=True)
+                vertices, faces = np.unique(faces_of_tint, return_inverse=True)
                 solids.setdefault(_lighter(shape_colour, 0.42 * tint), []).append(replace(
-                    solid, points=solid.points[used], normals=solid.normals[used],
+                    solid, points=solid.points[vertices], normals=solid.normals[vertices],
                     faces=faces.reshape(-1, 3)))
         for shape_colour, solid_parts in solids.items():
             solid_mesh = joined(solid_parts)

@@ -116,9 +116,9 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     target = None if path is None else checked_path(path, "top.html", "A page", "page")
     # seven floats of four bytes for the pose of a body, and two numbers a frame
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
-    plain = scene_of(trajectory, count)
-    scene, mesh_files = with_visuals(trajectory, plain, meshes)
-    page_view = View(plain.title, _page(scene, shape, mesh_files), scene, mesh_files)
+    inertia_scene = scene_of(trajectory, count)
+    scene, mesh_files = with_visuals(trajectory, inertia_scene, meshes)
+    page_view = View(inertia_scene.title, _page(scene, shape, mesh_files), scene, mesh_files)
     if target is not None:
         page_view.save(target)
     return page_view

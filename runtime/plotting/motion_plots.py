@@ -74,13 +74,14 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
                              f"{proposal(name, run.coordinates)}.")
     # a coordinate that stays is one point
     moving = [name for name, q in zip(run.coordinates, run.q.T, strict=True) if (q != q[0]).any()]
-    chosen = names or (moving or run.coordinates)[:_PORTRAITS]
-    column_count = min(len(chosen), 3)
-    figure = figure_class()(figsize=(3.6 * column_count, 3.2 * -(-len(chosen) // column_count)),
+    portrait_names = names or (moving or run.coordinates)[:_PORTRAITS]
+    column_count = min(len(portrait_names), 3)
+    figure = figure_class()(figsize=(3.6 * column_count,
+                                     3.2 * -(-len(portrait_names) // column_count)),
                             layout="constrained")
     shown_states = thin(run)
-    for k, name in enumerate(chosen, start=1):
-        axes = figure.add_subplot(-(-len(chosen) // column_count), column_count, k)
+    for k, name in enumerate(portrait_names, start=1):
+        axes = figure.add_subplot(-(-len(portrait_names) // column_count), column_count, k)
         column = run.coordinates.index(name)
         q, p = (states[shown_states, column].astype(float) for states in (run.q, run.p))
         axes.plot(q, p, linewidth=0.8)
@@ -98,7 +99,11 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
 
 def _panels(title: str, run: Trajectory, panels: Sequence[Panel],
             path: str | os.PathLike[str] | None) -> Any:
-    """Draw panels above each other, a line for each column."""
+    """Draw panels above each other, a line for each column.
+
+    A panel is its title, the names of its columns and their numbers, (states, columns); ``title``
+    is above all, and ``path`` is where the picture is written.
+    """
     target = None if path is None else check_picture_path(path)
     figure = figure_class()(figsize=(8, 0.6 + 1.9 * len(panels)), layout="constrained")
     shown_states = thin(run)

@@ -196,6 +196,8 @@ class SceneDrawing:
         """
         self.scene, self.files, self.size, self.background = scene, files, _size(size), background
         self.paths = _paths(scene)
+        # the azimuth: as asked for, by the plane of the motion, across a leaning top, or the one
+        # from which most is seen
         facing, tilt = _direction(scene, self.paths)
         if azimuth is not None:
             facing = np.radians(_number("azimuth", azimuth, -1e9, 1e9, "an angle in degrees"))
@@ -237,11 +239,11 @@ class SceneDrawing:
         return [self.paths[: frame + 1, i] for i in self.traced]
 
 
-def _number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
+def _number(name: str, argument: Any, low: float, high: float, allowed: str) -> float:
     """Return a number between bounds."""
-    array = real_array(value)
+    array = real_array(argument)
     if array is None or array.ndim or not low <= float(array) <= high:
-        raise InputError(f"{name} = {shown(value)} is no direction or time of a picture; give "
+        raise InputError(f"{name} = {shown(argument)} is no direction or time of a picture; give "
                          f"{allowed}.")
     return float(array)
 
@@ -295,7 +297,7 @@ def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
     beside its normal, a horizontal one from above. The azimuth is None for a motion in space.
     """
     frames = np.unique(np.linspace(0, len(scene.t) - 1, 60).astype(int))
-    first, second = _basis(scene.up)
+    x_axis, y_axis = _basis(scene.up)
     displacements = []
     for body in scene.parts:
         size = float(body.sizes["box"].max())
@@ -305,8 +307,8 @@ def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
     if spread[2] < 2e-3 * spread[1]:  # a motion in a plane
         normal = directions[2]
         if abs(normal @ scene.up) < 0.3:
-            normal = normal * (-1 if normal @ second > 1e-9 else 1)
-            facing = float(np.arctan2(normal @ second, normal @ first))
+            normal = normal * (-1 if normal @ y_axis > 1e-9 else 1)
+            facing = float(np.arctan2(normal @ y_axis, normal @ x_axis))
             return facing + np.radians(_ASIDE), np.radians(13.0)
         if abs(normal @ scene.up) > 0.9 and np.ptp(paths, axis=0).max() > 0:
             return None, np.radians(38.0)
@@ -321,13 +323,16 @@ def _across_a_top(scene: Scene, frames: Sequence[int]) -> float | None:
     if scene.parts[0].rim is None or len(scene.parts) > 1:
         return None
     axis = (rotation_matrix(scene.parts[0].q[frames]) @ scene.parts[0].axes[:, 2]).mean(axis=0)
-    first, second = _basis(scene.up)
-    lean = np.array([axis @ first, axis @ second])
+    x_axis, y_axis = _basis(scene.up)
+    lean = np.array([axis @ x_axis, axis @ y_axis])
     return None if np.linalg.norm(lean) < 0.05 else float(np.arctan2(-lean[0], lean[1]))
 
 
 def _best_azimuth(corners: Array, up: Array, tilt: float) -> float:
-    """Return the azimuth, near −50°, from which the bodies cover the most pixels."""
+    """Return the azimuth, near −50°, from which the bodies cover the most pixels.
+
+    ``corners`` of their triangles, (n, 3, 3), are drawn on ``size`` pixels from each direction.
+    """
     best_facing, largest_area, size = 0.0, -1.0, 72
     for degrees in range(-140, 40, 30):
         facing = np.radians(degrees)
@@ -336,6 +341,7 @@ def _best_azimuth(corners: Array, up: Array, tilt: float) -> float:
         scale = size / max(float((screen_corners.reshape(-1, 3).max(axis=0) - low)[:2].max()),
                            1e-12)
         index, _ = rasterize((screen_corners - low) * scale + [0, 0, 1], size, size)
+        # the usual direction decides between areas that differ by less than 15 %
         area = float((index >= 0).sum()) / scale**2 * (1.12 - 0.0016 * abs(degrees + 50))
         if area > largest_area:
             best_facing, largest_area = float(facing), area
@@ -404,28 +410,36 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
         R = rotation_matrix(body.q[frame])
         lowest = min(float((mesh_of(shape).points @ R.T @ up).min()) for shape in body.shapes)
         height = float(pivot @ up) - floor
+        # a body that turns about a vertical axis and reaches down to the floor
         if axis is not None and abs(axis @ up) >= 0.5 and (
                 lowest + body.x[frame] @ up < floor + 2 * r):
-            continue  # it turns about a vertical axis and reaches down to the floor
+            continue
         feet = [np.zeros(3)]
         if axis is not None and abs(axis @ up) < 0.5:
             feet = [2.6 * r * side * axis for side in (-1, 1)]
-        if hangs:
-            shapes = [Shape.bar(pivot + foot, pivot + foot + 2.4 * r * up, 0.55 * r)
-                      for foot in feet]
-            shapes.append(Shape("disc", np.array([4 * r, 4 * r, 0.4 * r]), pivot + 2.8 * r * up,
-                                axes_about(up)))
-        elif height < 2 * r:
-            continue
-        else:
-            shapes = [shape for foot in feet for shape in (
-                Shape.bar(pivot + foot + (0 if len(feet) == 2 else -r) * up,
-                          pivot + foot - height * up, 0.55 * r),
-                Shape("disc", np.array([1.6 * r, 1.6 * r, 0.25 * r]),
-                      pivot + foot + (0.25 * r - height) * up, axes_about(up)))]
+        shapes = _ceiling_shapes(pivot, feet, up, r) if hangs else _post_shapes(
+            pivot, feet, up, r, height) if height >= 2 * r else ()
         for shape in shapes:
             mesh = mesh_of(shape)
             yield replace(mesh, light=0 * mesh.light), metal, 1.0
+
+
+def _ceiling_shapes(pivot: Array, feet: list[Array], up: Array, r: float) -> Iterator[Shape]:
+    """Yield short bars from a pivot up to a plate, one at each of ``feet`` beside it."""
+    for foot in feet:
+        yield Shape.bar(pivot + foot, pivot + foot + 2.4 * r * up, 0.55 * r)
+    yield Shape("disc", np.array([4 * r, 4 * r, 0.4 * r]), pivot + 2.8 * r * up, axes_about(up))
+
+
+def _post_shapes(
+    pivot: Array, feet: list[Array], up: Array, r: float, height: float
+) -> Iterator[Shape]:
+    """Yield a post with its foot plate from the floor, ``height`` below a pivot, for each foot."""
+    top = 0 if len(feet) == 2 else -r  # one post ends below the ball, two end at the pin
+    for foot in feet:
+        yield Shape.bar(pivot + foot + top * up, pivot + foot - height * up, 0.55 * r)
+        yield Shape("disc", np.array([1.6 * r, 1.6 * r, 0.25 * r]),
+                    pivot + foot + (0.25 * r - height) * up, axes_about(up))
 
 
 def _pivots(scene: Scene) -> Iterator[tuple[ScenePart, Array, Array | None]]:
@@ -444,7 +458,14 @@ def _pivots(scene: Scene) -> Iterator[tuple[ScenePart, Array, Array | None]]:
 
 
 def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tuple[Mesh, str]]:
-    """Yield the meshes of a tie in space with their colours: a rail, a rod, or a coil spring."""
+    """Yield the meshes of a tie in space with their colours: a rail, a rod, or a coil spring.
+
+    The wire of a spring from a to b, with e along it and u, v across, is the helix
+
+        x(s) = a + s (b − a) + r(s) (cos φ u + sin φ v)
+
+    whose radius r and angle φ are 0 and constant near its ends, s < 0.08 and s > 0.92.
+    """
     a, b = (_point_in_space(scene, frame, i, r)
             for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)))
     along = float(np.linalg.norm(b - a))
@@ -455,27 +476,30 @@ def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tu
     elif tie.kind == "spring" and along > 0:
         s = np.linspace(0, 1, 20 * _TURNS + 1)
         u, v, e = axes_about((b - a) / along).T
-        inner = np.clip((s - 0.1) / 0.8, 0, 1)
-        wide = _COIL * reach * np.clip(8 * np.minimum(s - 0.08, 0.92 - s), 0, 1)[:, None]
-        turn = 2 * np.pi * _TURNS * inner[:, None]
-        yield tube(a + along * s[:, None] * e + wide * (np.cos(turn) * u + np.sin(turn) * v),
+        coil_share = np.clip((s - 0.1) / 0.8, 0, 1)
+        coil_radius = _COIL * reach * np.clip(8 * np.minimum(s - 0.08, 0.92 - s), 0, 1)[:, None]
+        turn = 2 * np.pi * _TURNS * coil_share[:, None]
+        yield tube(a + along * s[:, None] * e + coil_radius * (np.cos(turn) * u + np.sin(turn) * v),
                    _WIRE * reach), METAL
 
 
 def _rail(scene: Scene, tie: Tie, frame: int, radius: float) -> Shape:
-    """Return the bar on which b slides, as long as its travel."""
+    """Return the bar on which b slides, as long as its travel e·(r_b − r_a) over the run.
+
+    e is the axis of the tie, fixed in b; the bar has ``radius`` and sticks out at both ends.
+    """
     axis = np.zeros(3) if tie.axis is None else tie.axis
     frames = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
-    places = scene.parts[tie.b].at(tie.on_b)[frames, 0] if tie.b >= 0 else tie.on_b[None]
+    slider_positions = scene.parts[tie.b].at(tie.on_b)[frames, 0] if tie.b >= 0 else tie.on_b[None]
     R = [np.eye(3) if tie.b < 0 else rotation_matrix(scene.parts[tie.b].q[k]) for k in frames]
     axes = np.array([turn @ axis for turn in R])
     starts = np.array([_point_in_space(scene, int(k), tie.a, tie.on_a) for k in frames])
     # along the axis, which may turn with its body
-    travel = np.einsum("ij,ij->i", places - starts, axes)
-    now = int(np.argmin(np.abs(frames - frame)))
+    travel = np.einsum("ij,ij->i", slider_positions - starts, axes)
+    present = int(np.argmin(np.abs(frames - frame)))
     end = 4 * radius
-    return Shape.bar(starts[now] + (min(travel.min(), 0) - end) * axes[now],
-                     starts[now] + (max(travel.max(), 0) + end) * axes[now], radius)
+    return Shape.bar(starts[present] + (min(travel.min(), 0) - end) * axes[present],
+                     starts[present] + (max(travel.max(), 0) + end) * axes[present], radius)
 
 
 def _triangles(meshes: list[tuple[Mesh, Array, float]]) -> Triangles:
@@ -503,15 +527,15 @@ def _camera(points: Array, up: Array, facing: float, tilt: float, width: int, he
     projected points fill the picture.
     """
     low, high = points.min(axis=0), points.max(axis=0)
-    centre, reach = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
+    centre, half_diagonal = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
     axes = _sight(up, facing, tilt)
-    camera = Camera(centre + _AWAY * reach * axes[2], axes, 1.0, np.zeros(2))
+    camera = Camera(centre + _AWAY * half_diagonal * axes[2], axes, 1.0, np.zeros(2))
     pixels = camera.project(points)[:, :2]
     lowest, highest = pixels.min(axis=0), pixels.max(axis=0)
     span = np.maximum(highest - lowest, 1e-12)
     focus = _FILL * float(min(width / span[0], height / span[1]))
     middle = np.array([width, height]) / 2 - focus * (lowest + highest) / 2
-    return Camera(camera.eye, camera.axes, focus, middle), reach, centre
+    return Camera(camera.eye, camera.axes, focus, middle), half_diagonal, centre
 
 
 def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: float) -> Triangles:
@@ -534,8 +558,9 @@ def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: fl
         # the bound keeps a sharp turn, whose normals cancel, from becoming a spike
         joint /= np.maximum(np.linalg.norm(joint, axis=1, keepdims=True), 0.3)
         offset = np.column_stack([joint * width / 2, np.zeros(len(joint))])
-        near = pixels * [1, 1, 1.0005]
-        left_edge, right_edge = near + offset, near - offset
+        # depth is the reciprocal distance: larger by 0.05 %, the surface below hides no line
+        raised_pixels = pixels * [1, 1, 1.0005]
+        left_edge, right_edge = raised_pixels + offset, raised_pixels - offset
         corners += [np.stack([left_edge[:-1], right_edge[:-1], right_edge[1:]], axis=1),
                     np.stack([left_edge[:-1], right_edge[1:], left_edge[1:]], axis=1)]
         shades += [np.broadcast_to(0.85 * colour, (len(step), 3))] * 2

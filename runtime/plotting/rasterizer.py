@@ -108,6 +108,7 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
     index = np.full(height * width, -1, dtype=np.int64)
     buffer = np.zeros(height * width) if depth is None else depth.ravel().copy()
     x, y, w = screen[..., 0], screen[..., 1], screen[..., 2]
+    # twice the signed area; a pixel belongs to a triangle if its centre, at + ½, is inside
     area = ((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0]))
     first_row = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, height).astype(np.int64)
     end_row = np.clip(np.floor(y.max(axis=1) - 0.5) + 1, 0, height).astype(np.int64)
@@ -126,11 +127,12 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
             bound = -edge_value / slope
         left_bound = np.where(slope > 0, np.maximum(left_bound, bound), left_bound)
         right_bound = np.where(slope < 0, np.minimum(right_bound, bound), right_bound)
-    first = np.clip(np.ceil(left_bound - 0.5), 0, width).astype(np.int64)
-    count = np.maximum(np.clip(np.floor(right_bound - 0.5) + 1, 0, width).astype(np.int64) - first,
+    first_column = np.clip(np.ceil(left_bound - 0.5), 0, width).astype(np.int64)
+    count = np.maximum(np.clip(np.floor(right_bound - 0.5) + 1, 0, width).astype(np.int64)
+                       - first_column,
                        0)
     fragment = np.repeat(np.arange(len(row)), count)
-    column = first[fragment] + _counted(count)
+    column = first_column[fragment] + _counted(count)
     triangle, row = triangle[fragment], row[fragment]
     # The depth is linear in the pixel: w0 + wx (x − x0) + wy (y − y0).
     safe_area = np.where(np.abs(area) > 1e-12, area, 1.0)
@@ -204,7 +206,7 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
 
 def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.int64],
            screen: Array,
-           drawn: Triangles, lit: NDArray[np.bool_], camera: Camera, lamp: _Lamp) -> None:
+           triangles: Triangles, lit: NDArray[np.bool_], camera: Camera, lamp: _Lamp) -> None:
     """Shade the pixels of ``image`` that triangles cover: Lambert, Blinn-Phong, the lamp's shadow.
 
     colour ← colour (ambient + k_d v max(n·l, 0)) + k_s max(n·h, 0)^g, with the normal n, the
@@ -223,9 +225,10 @@ def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.
     weight = np.stack([1 - b1 - b2, b1, b2], axis=1) * w
     nearness = weight.sum(axis=1)
     weight /= nearness[:, None]
-    colour = drawn.colours[covering]
+    colour = triangles.colours[covering]
     lit_fragments = lit[covering]
-    normal = np.einsum("nk,nkj->nj", weight[lit_fragments], drawn.normals[covering[lit_fragments]])
+    normal = np.einsum("nk,nkj->nj", weight[lit_fragments],
+                       triangles.normals[covering[lit_fragments]])
     normal /= np.maximum(_length(normal), 1e-12)
     rays = camera.rays(px[lit_fragments], py[lit_fragments])
     points = camera.eye + rays / nearness[lit_fragments, None]
@@ -238,7 +241,7 @@ def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.
     ambient = _AMBIENT * (0.84 + 0.16 * (normal @ lamp.up))
     shade = (ambient + _DIRECT * facing)[:, None]
     colour[lit_fragments] = colour[lit_fragments] * shade + _SHINE * shine[:, None]
-    alpha = drawn.alpha[covering, None]
+    alpha = triangles.alpha[covering, None]
     behind = image[pixel_rows, pixel_columns]
     image[pixel_rows, pixel_columns] = (1 - alpha) * behind + alpha * np.clip(colour, 0, 1)
 
@@ -247,7 +250,11 @@ def _outline(
     image: Array, index: NDArray[np.int64], depth: Array, solid_of_triangle: NDArray[np.int64],
     lit: NDArray[np.bool_],
 ) -> None:
-    """Darken pixels in front of another solid, which separates overlapping solids."""
+    """Darken pixels in front of another solid, which separates overlapping solids.
+
+    ``index`` and ``depth`` are those of ``rasterize``; ``lit`` is false for lines, which have no
+    outline.
+    """
     solid_of_pixel = np.where(index >= 0, np.where(lit[index], solid_of_triangle[index], -2), -1)
     edge = np.zeros(solid_of_pixel.shape, dtype=bool)
     for axis in (0, 1):
@@ -264,13 +271,17 @@ class _Lamp:
     """A distant lamp at the upper left of the camera, and the shadows of solids in its light."""
 
     def __init__(self, corners: Array, axes: Array, up: Array) -> None:
-        """Place the lamp above the viewer's shoulder, and draw the depths that it sees."""
+        """Place the lamp above the viewer's left shoulder, and draw the depths that it sees.
+
+        ``corners`` of opaque triangles, (n, 3, 3), are projected along its direction l on a square
+        of ``_LAMP`` pixels: a point is in the shadow where its depth is more than a bias behind.
+        """
         right, over, back = axes
         towards = -0.5 * right + 0.2 * over + 0.65 * back + 0.8 * up
         self.towards, self.up = towards / np.linalg.norm(towards), up
-        first = np.cross(self.towards, over)
-        first /= np.linalg.norm(first)
-        self._axes = np.stack([first, np.cross(self.towards, first), self.towards])
+        across = np.cross(self.towards, over)
+        across /= np.linalg.norm(across)
+        self._axes = np.stack([across, np.cross(self.towards, across), self.towards])
         # the depth map covers all corners, with a margin for the blurred edges of shadows
         lamp_corners = corners @ self._axes.T
         low, high = lamp_corners.reshape(-1, 3).min(axis=0), lamp_corners.reshape(-1, 3).max(axis=0)
@@ -312,14 +323,14 @@ class _Lamp:
 
 
 def _blurred(image: Array, radius: int) -> Array:
-    """Return means over squares of 2 radius + 1 pixels."""
+    """Return means over squares of 2 radius + 1 pixels, 0 outside of the image."""
     for axis in (0, 1):
         padded = np.pad(image, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)])
         # sums over a window as differences of cumulated sums, one axis after the other
-        total = np.cumsum(padded, axis=axis)
+        cumulated = np.cumsum(padded, axis=axis)
         length = image.shape[axis]
-        image = (np.take(total, np.arange(2 * radius + 1, 2 * radius + 1 + length), axis)
-                 - np.take(total, np.arange(length), axis)) / (2 * radius + 1)
+        image = (np.take(cumulated, np.arange(2 * radius + 1, 2 * radius + 1 + length), axis)
+                 - np.take(cumulated, np.arange(length), axis)) / (2 * radius + 1)
     return image
 
 
@@ -340,28 +351,29 @@ def _backdrop(camera: Camera, width: int, height: int, up: Array, floor: float |
     slope = rays @ up
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (floor - camera.eye @ up) / slope
-    hit = np.isfinite(distance) & (distance > 0)
-    hit[hit] = _length(camera.eye + rays[hit] * distance[hit][:, None] - centre)[:, 0] < (
+    on_floor = np.isfinite(distance) & (distance > 0)
+    on_floor[on_floor] = _length(camera.eye + rays[on_floor] * distance[on_floor][:, None]
+                                 - centre)[:, 0] < (
         _FADE * reach)
-    rays, distance, slope = rays[hit], distance[hit], slope[hit]
+    rays, distance, slope = rays[on_floor], distance[on_floor], slope[on_floor]
     floor_points = camera.eye + rays * distance[:, None]
-    first = np.eye(3)[np.argmin(np.abs(up))]
-    first = first - (first @ up) * up
-    first /= np.linalg.norm(first)
-    across = np.stack([first, np.cross(up, first)])
-    flat = floor_points @ across.T / cell
+    x_axis = np.eye(3)[np.argmin(np.abs(up))]
+    x_axis = x_axis - (x_axis @ up) * up
+    x_axis /= np.linalg.norm(x_axis)
+    across = np.stack([x_axis, np.cross(up, x_axis)])
+    floor_coordinates = floor_points @ across.T / cell
     # A line is one pixel wide; far away it fades before lines meet.
     pixel = distance / camera.focus / cell
     grazing = np.clip(np.abs(slope) / _length(rays)[:, 0], 0.02, 1)
     toward = rays @ across.T
     toward = np.abs(toward) / np.maximum(_length(toward), 1e-12)
     extent = pixel[:, None] * (1 + toward * (1 / grazing[:, None] - 1))  # of a pixel on the floor
-    line_distance = np.abs(flat - np.round(flat))
+    line_distance = np.abs(floor_coordinates - np.round(floor_coordinates))
     line_strength = np.clip(1.1 - line_distance / extent, 0, 1) * np.clip(1.4 - 3 * extent, 0, 1)
     fade = np.clip(_FADE - _length(floor_points - centre)[:, 0] / reach, 0, 1)
     strength = (line_strength.max(axis=1) * fade)[:, None]
-    drawn_floor = image[hit] * (1 - 0.75 * strength) + 0.75 * strength * line
-    image[hit] = drawn_floor * (1 - _FLOOR_SHADOW * lamp.darkens(floor_points)[:, None])
+    drawn_floor = image[on_floor] * (1 - 0.75 * strength) + 0.75 * strength * line
+    image[on_floor] = drawn_floor * (1 - _FLOOR_SHADOW * lamp.darkens(floor_points)[:, None])
     return image
 
 

@@ -215,10 +215,11 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
     error, t = trajectory.energy_error(), trajectory.t
     # shapes are chosen last: joints and neighbours decide them
     up, ties = _up(trajectory), _ties(trajectory, parts)
-    drawn = _with_shapes(parts, ties, _rolling(trajectory.manifest))
+    bodies_with_shapes = _with_shapes(parts, ties, _rolling(trajectory.manifest))
     return Scene(
         f"{trajectory.manifest.system.name}, {trajectory.manifest.scheme.method}",
-        t[state_indices].astype(float), error[state_indices].astype(float), drawn, ties,
+        t[state_indices].astype(float), error[state_indices].astype(float), bodies_with_shapes,
+        ties,
         np.array([0.0, 0.0, 1.0]) if up is None else up,
         up is not None or any(body.rim is not None for body in parts),
         list(_remarks(trajectory, parts, state_indices)),
@@ -385,14 +386,7 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
                 + [2 * float(np.linalg.norm(body.centre - r)) for body, r in _points(parts, ties)])
     bodies, sizes = [], [float(body.sizes["box"].max()) for body in parts]
     for i, body in enumerate(parts):
-        attachments = [
-            Held(r, axis, outer=other_index < 0 or sizes[other_index] > sizes[i],
-                 slides=tie.slides)
-            for tie in ties if tie.kind in ("ball", "hinge")
-            for body_index, other_index, r in ((tie.a, tie.b, tie.on_a), (tie.b, tie.a, tie.on_b))
-            if body_index == i for axis in (_axis_in(parts, tie, i),)]
-        if is_held(parts, ties, i):
-            attachments.append(Held(np.zeros(3), None, outer=True, slides=False))
+        attachments = list(_attachments(parts, ties, sizes, i))
         R = rotation_matrix(body.q[:1])[0]
         # the centres of the others along this body's principal axes
         local = (centres - centres[i]) @ R @ body.axes
@@ -408,6 +402,21 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
         is_frame = inside and len(shapes) == 12  # the edges of a box
         bodies.append(replace(body, shapes=shapes, glass=is_frame))
     return bodies
+
+
+def _attachments(
+    parts: list[ScenePart], ties: list[Tie], sizes: list[float], i: int
+) -> Iterator[Held]:
+    """Yield the places where joints, or the ground without a joint, hold body i."""
+    for tie in ties:
+        if tie.kind not in ("ball", "hinge"):
+            continue
+        for body, other_body, r in ((tie.a, tie.b, tie.on_a), (tie.b, tie.a, tie.on_b)):
+            if body == i:
+                yield Held(r, _axis_in(parts, tie, i), slides=tie.slides,
+                           outer=other_body < 0 or sizes[other_body] > sizes[i])
+    if is_held(parts, ties, i):
+        yield Held(np.zeros(3), None, outer=True, slides=False)
 
 
 def is_held(parts: list[ScenePart], ties: list[Tie], i: int) -> bool:

@@ -92,9 +92,14 @@ def encoded_solids() -> Mapping[str, list[dict[str, Any]]]:
               "wheel": replace(wheel, points=wheel.points / flat),
               "sphere": mesh_of(sphere, _ON_PAGES), "ball": mesh_of(sphere, COARSE),
               "tube": _revolved([(1, -1), (1, 1)], 0, COARSE)}
-    return {name: [{"tint": tint, **encoded(IndexedMesh.of(
-        mesh.points[mesh.faces[mesh.light == tint]]))} for tint in np.unique(mesh.light).tolist()]
-        for name, mesh in solids.items()}
+
+    def by_tint(mesh: Mesh) -> list[dict[str, Any]]:
+        """Return a mesh for each lightness of faces: pages draw each in one colour."""
+        return [{"tint": tint,
+                 **encoded(IndexedMesh.of(mesh.points[mesh.faces[mesh.light == tint]]))}
+                for tint in np.unique(mesh.light).tolist()]
+
+    return {name: by_tint(mesh) for name, mesh in solids.items()}
 
 
 def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
@@ -109,10 +114,10 @@ def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
     crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(crossed, axis=1, keepdims=True)
     flat = crossed / np.where(length, length, 1.0)
-    total = np.stack([np.bincount(mesh.triangles.ravel(), np.repeat(column, 3), len(points))
-                      for column in crossed.T], axis=1)
-    size = np.linalg.norm(total, axis=1, keepdims=True)
-    smooth = (total / np.where(size, size, 1.0))[mesh.triangles]
+    normal_sums = np.stack([np.bincount(mesh.triangles.ravel(), np.repeat(column, 3), len(points))
+                            for column in crossed.T], axis=1)
+    size = np.linalg.norm(normal_sums, axis=1, keepdims=True)
+    smooth = (normal_sums / np.where(size, size, 1.0))[mesh.triangles]
     sharp = (smooth * flat[:, None]).sum(axis=2, keepdims=True) < _CREASE
     normals = np.where(sharp, flat[:, None], smooth)
     return Mesh(corners.reshape(-1, 3), normals.reshape(-1, 3),
@@ -140,20 +145,25 @@ def _wheel(r: float, half: float) -> Profile:
 
 def joined(meshes: list[Mesh]) -> Mesh:
     """Return several meshes as one."""
-    first = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
+    first_vertices = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
     return Mesh(np.concatenate([mesh.points for mesh in meshes]),
                 np.concatenate([mesh.normals for mesh in meshes]),
-                np.concatenate([mesh.faces + k for mesh, k in zip(meshes, first, strict=True)]),
+                np.concatenate([mesh.faces + k
+                                for mesh, k in zip(meshes, first_vertices, strict=True)]),
                 np.concatenate([mesh.light for mesh in meshes]))
 
 
 def tube(line: Array, radius: float, around: int = 8) -> Mesh:
-    """Return a tube about a line of points, shape (n, 3)."""
+    """Return a tube about a line of points, shape (n, 3); ``around`` is its number of segments.
+
+    Its rings are spanned by u and v = e × u, e the direction of the line, where u is transported
+    parallel: u ← u − (u·e) e, of length 1, so that the tube is not twisted.
+    """
     along = np.gradient(line, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
     side = axes_about(along[0])[:, 0]
     rings = []
-    for e in along:  # parallel transport: the tube is not twisted
+    for e in along:
         side = side - (side @ e) * e
         side = side / np.linalg.norm(side)
         rings.append((side, np.cross(e, side)))
@@ -164,7 +174,10 @@ def tube(line: Array, radius: float, around: int = 8) -> Mesh:
 
 
 def _grid(points: Array, normals: Array, light: Array | None = None) -> Mesh:
-    """Return the mesh of a net of points, shape (rows, columns, 3), without empty triangles."""
+    """Return the mesh of a net of points, shape (rows, columns, 3), without empty triangles.
+
+    ``normals`` are of the points; ``light`` is one number for each column of quadrilaterals.
+    """
     row_count, column_count = points.shape[:2]
     vertex_number = np.arange(row_count * column_count).reshape(row_count, column_count)
     a, b, c, d = (vertex_number[:-1, :-1], vertex_number[1:, :-1], vertex_number[1:, 1:],
@@ -173,6 +186,7 @@ def _grid(points: Array, normals: Array, light: Array | None = None) -> Mesh:
     shade = np.zeros(len(faces)) if light is None else np.repeat(light.ravel(), 2)
     vertices = points.reshape(-1, 3)
     corner = vertices[faces]
+    # poles and closed ends of a profile give triangles with two equal corners
     crossed = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.linalg.norm(crossed, axis=1)
     not_empty = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
@@ -191,6 +205,7 @@ def _revolved(profile: Profile, sectors: int, around: int) -> Mesh:
     line, step = line[np.append(True, distinct)], step[distinct]
     normal = np.stack([step[:, 1], -step[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    # normals at the two ends of each piece: their sum with the neighbour's where the line is smooth
     starts, ends = normal.copy(), normal.copy()
     smooth = np.flatnonzero((normal[1:] * normal[:-1]).sum(axis=1) > _SMOOTH)
     ends[smooth] = starts[smooth + 1] = normal[smooth] + normal[smooth + 1]
@@ -198,26 +213,30 @@ def _revolved(profile: Profile, sectors: int, around: int) -> Mesh:
     circle = np.stack([np.cos(angles), np.sin(angles)])
     lighter = (np.arange(around) * sectors // around % 2).astype(float)
 
-    def turned(pair: Array) -> Array:
-        ring = pair[:, None, 0, None] * circle.T
-        return np.concatenate([ring, np.broadcast_to(pair[:, None, 1, None],
-                                                     (*ring.shape[:2], 1))], axis=2)
+    def revolved(profile_ends: Array) -> Array:
+        """Return (r, z) of two ends, (2, 2), turned about the axis: (2, around + 1, 3)."""
+        ring = profile_ends[:, None, 0, None] * circle.T
+        heights = np.broadcast_to(profile_ends[:, None, 1, None], (*ring.shape[:2], 1))
+        return np.concatenate([ring, heights], axis=2)
 
     rings = []
     for k in range(len(step)):
         n = np.stack([starts[k], ends[k]])
         n /= np.linalg.norm(n, axis=1, keepdims=True)
-        rings.append(_grid(turned(line[k:k + 2]), turned(n), lighter))
+        rings.append(_grid(revolved(line[k:k + 2]), revolved(n), lighter))
     return joined(rings)
 
 
 def _box(half: Array) -> Mesh:
     """Return a box with rounded edges: a sphere whose octants are moved to the corners.
 
-    Normals are those of the sphere, on a grid of θ (from the pole) and φ; each of their eight
-    octants is shifted by the signs of its corner times (half − bevel). Two caps close the flat
-    poles.
+    With the corner's signs s, the bevel b and the sphere's normal n(θ, φ), θ from the pole:
+
+        x = s (half − b) + b n
+
+    Two caps close the flat poles.
     """
+    # edges and corners take each boundary of octants twice, with the signs of either side
     bevel = min(_BEVEL[0] * half.min(), _BEVEL[1] * half.max())
     quarter = np.linspace(0, np.pi / 2, 4)
     phi = np.concatenate([quarter + k * np.pi / 2 for k in range(4)])

@@ -72,13 +72,13 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
         _positions(figure, grid[:, 0], trajectory)
     else:
         _coordinates(figure.add_subplot(grid[:, 0]), trajectory)
-    places = [grid[row, 1] for row in range(row_count)]
+    panel_cells = [grid[row, 1] for row in range(row_count)]
     if len(error_panels) + len(output_panels) < row_count:
-        places = [grid[:, 1]]
+        panel_cells = [grid[:, 1]]
     panels: list[Callable[..., None]] = [*error_panels, *(
         partial(_output, title=title, output=output) for title, output in output_panels.items())]
-    for place, panel in zip(places, panels, strict=True):
-        panel(figure.add_subplot(place), trajectory)
+    for panel_cell, panel in zip(panel_cells, panels, strict=True):
+        panel(figure.add_subplot(panel_cell), trajectory)
     figure.suptitle(f"{trajectory.manifest.name}, Δt = {trajectory.dt:g} s, "
                     f"{trajectory.report.steps:,} steps", fontsize=11)
     if target is not None:
@@ -281,13 +281,13 @@ def draw_ensemble(
     ensemble: Ensemble, names: Sequence[str], path: str | os.PathLike[str] | None
 ) -> Any:
     """Draw values against time, a line for each trajectory; see ``Ensemble.plot``."""
-    first, count = ensemble.members[0], len(ensemble)
+    first_member, count = ensemble.members[0], len(ensemble)
     # spread evenly over all trajectories
-    shown = np.unique(np.linspace(0, count - 1, min(count, _LINES)).astype(int))
-    selection_note = f", {len(shown)} of them drawn" if len(shown) < count else ""
-    default = [*(first.quantities or first.coordinates)[:_PANELS], "energy_error"]
-    return draw_values([ensemble.members[i] for i in shown], names or default, path,
-                       f"{first.manifest.name}: {count:,} trajectories{selection_note}, "
+    drawn_indices = np.unique(np.linspace(0, count - 1, min(count, _LINES)).astype(int))
+    selection_note = f", {len(drawn_indices)} of them drawn" if len(drawn_indices) < count else ""
+    default = [*(first_member.quantities or first_member.coordinates)[:_PANELS], "energy_error"]
+    return draw_values([ensemble.members[i] for i in drawn_indices], names or default, path,
+                       f"{first_member.manifest.name}: {count:,} trajectories{selection_note}, "
                        f"{len(ensemble.failures):,} failed")
 
 
