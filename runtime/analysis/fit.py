@@ -37,7 +37,7 @@ from ..integration.run_arguments import StartNumbers, step_argument
 from ..integration.starts import merged_start
 from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates
-from .least_squares import SHARE, Linear, identify, minimise, reduced_basis
+from .least_squares import SHARE, Linear, Minimum, identify, minimise, reduced_basis
 from .observations import Observation, Observe, observation_of
 
 if TYPE_CHECKING:
@@ -113,6 +113,7 @@ class Fit:
     converged: bool
 
     def __repr__(self) -> str:
+        """Return how good the fit is, and a line for each parameter with its deviation."""
         samples, columns = self.residuals.shape
         state = "" if self.converged else ", not converged"
         lines = [f"<Fit of {samples} samples in {columns} columns: rms {self.rms:.3g}, truncation "
@@ -133,23 +134,23 @@ class Fit:
         return card(heading, table([row.strip().split(" = ", 1) for row in rows]))
 
 
-def with_sigma(value: float, sigma: float) -> str:
+def with_sigma(estimate: float, sigma: float) -> str:
     """Return a value with its standard deviation, to two digits of that."""
     if not np.isfinite(sigma):
-        return f"{value:.6g} (not determined)"
+        return f"{estimate:.6g} (not determined)"
     if sigma == 0:
-        return f"{value:.9g}"
+        return f"{estimate:.9g}"
     # as many digits as lead to the second one of sigma
-    digits = max(1, min(15, int(np.floor(np.log10(abs(value) or sigma))
+    digits = max(1, min(15, int(np.floor(np.log10(abs(estimate) or sigma))
                                 - np.floor(np.log10(sigma))) + 2))
-    return f"{value:.{digits}g} ± {sigma:.2g}"
+    return f"{estimate:.{digits}g} ± {sigma:.2g}"
 
 
 def spelt(combination: Mapping[str, float]) -> str:
     """Return an undetermined combination in words."""
     if all(abs(weight - 1) < 1e-2 for weight in combination.values()):
-        *names, last = combination
-        return f"a common factor of {', '.join(names)} and {last}" if names else last
+        *names, last_name = combination
+        return f"a common factor of {', '.join(names)} and {last_name}" if names else last_name
     return "relative changes " + ", ".join(
         f"{weight:+.3g} of {name}" for name, weight in combination.items())
 
@@ -219,15 +220,19 @@ class Fitting:
     def _in_scaled_time(
         self, point: Point, halvings: int = 0, tangents: Tangents | None = None
     ) -> Trajectory:
-        """Return the states at the times of the samples, and their tangents at fixed times."""
+        """Return the states at the times of the samples, and their tangents at fixed times.
+
+        The steps of τ are 2^``halvings`` times shorter than those of the run.
+        """
         assert self.clock is not None
         t0, times = self.clock
-        last = min(max(self.samples, 2), len(times)) - 1  # the first sample may be at the start
+        last_sample = min(max(self.samples, 2),
+                          len(times)) - 1  # the first sample may be at the start
         start = StateStart(point.q, point.p, self.run.parameters | point.parameters, t0)
         # each iteration would warn again; runs of constant steps warn of nothing here either
         with capture_warnings():
             return self.step.integrate(
-                start, dtau=self.run.dt / 2**halvings, t_end=times[last],
+                start, dtau=self.run.dt / 2**halvings, t_end=times[last_sample],
                 t_eval=times[: self.samples], tangents=tangents)
 
     def residuals(self, point: Point, halvings: int = 0) -> Array:
@@ -289,7 +294,8 @@ class Fitting:
     def scaled(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
         """Return residuals in standard deviations, with the units of parameters and of the start.
 
-        The unit of a coordinate of the start is a change of the size of the state.
+        r/σ and J/σ, with a unit for each column of J: that of a parameter is given, that of a
+        coordinate y_k of the start changes the state by its size, 1/|B_k/sizes|.
         """
         jacobian = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
         relative = point.basis / point.sizes[:, None]
@@ -314,6 +320,7 @@ class Fitting:
 
     def consistent(self, parameters: dict[str, float], q: Array, p: Array) -> Point:
         """Return the point with these parameters and (q, p) projected onto the constraints."""
+        # inertias and other free parameters may move them
         if self.step.m:
             all_parameters = self.step._parameters_with_inputs(self.run.parameters, self.run.inputs)
             t = self.run.t0 if self.clock is None else self.clock[0]
@@ -442,10 +449,11 @@ def fit(
     else:
         step_size, sample_steps = _steps_at(times, float(t0), dt)
     names = _free_names(stepper, free, fixed)
-    starts = "start" in names
+    fits_start = "start" in names
     names = [name for name in names if name != "start"]
     run = _first_run(stepper, first_guess, step_size, int(sample_steps[-1]), inputs)
-    fitting = Fitting(stepper, observation, run, sample_steps, samples, np.ones(1), names, starts,
+    fitting = Fitting(stepper, observation, run, sample_steps, samples, np.ones(1), names,
+                      fits_start,
                       (t0, times) if clocked else None)
     # a fit moves parameters in doubles; inputs that change have no one number
     guess = {name: float(x) for name, x in run.parameters.items()
@@ -457,23 +465,34 @@ def fit(
     if sigma is not None:
         fitting.sigma = _sigma(sigma, fitting, point)
     counts = _horizons(horizons, len(times), fitting.fewest(point))
-    iterations = 0
     with log_progress(f"fitting {stepper.name}", len(counts), progress) as report:
-        # short horizons first: the error of a guess grows along a run, and a long one has many
-        # minima
-        for horizon, count in enumerate(counts):
-            is_last = count == counts[-1]
-            fitting.samples = count
-            linearise = fitting.linearise if report is None else partial(
-                _reported, fitting.linearise, report, horizon)
-            minimum = minimise(point, fitting.scaled_residuals, linearise, fitting.moved,
-                               fitting.excess, _TOLERANCE if is_last else _EARLY_TOLERANCE,
-                               iteration_limit if is_last else _EARLY, fitting.truncation(point))
-            point, iterations = minimum.point, iterations + minimum.iterations
-        if report is not None:
-            report(len(counts))
-    return _result(fitting, point, iterations, counts, minimum.converged,
+        minimum = _minimise_horizons(fitting, point, counts, iteration_limit, report)
+    return _result(fitting, minimum.point, minimum.iterations, counts, minimum.converged,
                    sigma_known=sigma is not None)
+
+
+def _minimise_horizons(
+    fitting: Fitting, point: Point, counts: list[int], iteration_limit: int,
+    report: Callable[[int], Any] | None,
+) -> Minimum[Point]:
+    """Return the minimum for all samples, with the sum of the iterations of all horizons.
+
+    ``counts`` are the numbers of samples, one after the other. Short horizons come first: the error
+    of a guess grows along a run, and a long one has many minima.
+    """
+    iterations = 0
+    for horizon, count in enumerate(counts):
+        is_last = count == counts[-1]
+        fitting.samples = count
+        linearise = fitting.linearise if report is None else partial(
+            _reported, fitting.linearise, report, horizon)
+        minimum = minimise(point, fitting.scaled_residuals, linearise, fitting.moved,
+                           fitting.excess, _TOLERANCE if is_last else _EARLY_TOLERANCE,
+                           iteration_limit if is_last else _EARLY, fitting.truncation(point))
+        point, iterations = minimum.point, iterations + minimum.iterations
+    if report is not None:
+        report(len(counts))
+    return Minimum(point, iterations, minimum.converged)
 
 
 def _reported(
@@ -549,11 +568,15 @@ def _free_names(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str])
 def _first_run(
     step: Stepper, start: StartNumbers, dt: Any, steps: int, inputs: Any
 ) -> RunArguments:
-    """Return the run of the first guess, its start on the constraints."""
+    """Return the run of the first guess, its start on the constraints.
+
+    ``start`` is the first guess, integrated ``steps`` steps of ``dt`` with the inputs.
+    """
     input_rows: InputRows | None = as_inputs(inputs, step.binding, steps)
     all_parameters = step._parameters_with_inputs(start.parameters, input_rows)
     q, p = start.q, start.p
     if step.m:
+        # constraints depend on no γ, whose value by a rule is not known yet
         numeric_parameters = {name: 1.0 if isinstance(x, Rule) else x
                               for name, x in all_parameters.items()}
         q, p = step.project(q, p, parameters=numeric_parameters, t=start.t)

@@ -85,10 +85,11 @@ class Inertia:
 class Coordinates:
     """Coordinates y of the free parameters, with y = 0 at the current parameters."""
 
-    def __init__(self, step: Stepper, free: Sequence[str], first: Mapping[str, float]) -> None:
+    def __init__(self, step: Stepper, free: Sequence[str],
+                 first_values: Mapping[str, float]) -> None:
         """Take the free parameters and their first values; inertias that are free move as a whole.
         """
-        self._first = {name: float(first[name]) for name in free}
+        self._first = {name: float(first_values[name]) for name in free}
         self.free = list(free)
         self._bodies = [Inertia(body.inertia) for body in bodies_of(step.manifest).values()
                         if {*body.inertia} <= {*free}]
@@ -105,8 +106,9 @@ class Coordinates:
         for body in self._bodies:
             L = body.factor(parameters)
             # bodies that are well inside keep the bits of their parameters
-            if not np.array_equal(L, inner := body.factor(parameters, _INSIDE)):
-                moved_parameters.update(zip(body.names, body.parameters_of(inner)[0], strict=True))
+            if not np.array_equal(L, inner_factor := body.factor(parameters, _INSIDE)):
+                moved_parameters.update(zip(body.names, body.parameters_of(inner_factor)[0],
+                                            strict=True))
         return moved_parameters
 
     def jacobian(self, parameters: Mapping[str, float]) -> Array:

@@ -57,7 +57,7 @@ class Minimum(Generic[Point]):
 
 def minimise(
     point: Point, residuals: Callable[[Point], Array], linearise: Callable[[Point], Linear],
-    moved: Callable[[Point, Array], Point], excess: Callable[[Point, Array], float],
+    move: Callable[[Point, Array], Point], excess: Callable[[Point, Array], float],
     tolerance: float, iteration_limit: int, noise: float = 0.0,
 ) -> Minimum[Point]:
     """Return the point where |r|² is least, by damped Gauss-Newton steps from ``point``.
@@ -105,11 +105,12 @@ def minimise(
             expected = float(g @ g - np.sum((g - s * singular_step) ** 2))
             if expected <= tolerance * variance:
                 return Minimum(point, iteration, True)
-            trial = _evaluate_trial(point, y, residuals, linearise, moved, cost - 1e-3 * expected)
+            trial = _evaluate_trial(point, y, residuals, linearise, move, cost - 1e-3 * expected)
             if trial is not None:
                 break
             factor, failed = factor * _GROWTH, True
         point, linear = trial
+        # the damping falls again only after a step that needed no second try
         if not failed:
             factor = max(1.0, factor / _GROWTH)
     return Minimum(point, iteration_limit, False)
@@ -124,19 +125,23 @@ def triangle(A: Array) -> Array:
     """
     block_rows = 2 * A.shape[1]
     R: Array = A[:0]
-    for first in range(0, len(A), block_rows):
-        factor: Any = np.linalg.qr(np.concatenate([R, A[first : first + block_rows]]), mode="r")
+    for start_row in range(0, len(A), block_rows):
+        next_rows = A[start_row : start_row + block_rows]
+        factor: Any = np.linalg.qr(np.concatenate([R, next_rows]), mode="r")
         R = factor
     return R
 
 
 def _evaluate_trial(
     point: Point, y: Array, residuals: Callable[[Point], Array],
-    linearise: Callable[[Point], Linear], moved: Callable[[Point, Array], Point], cost_bound: float,
+    linearise: Callable[[Point], Linear], move: Callable[[Point, Array], Point], cost_bound: float,
 ) -> tuple[Point, Linear] | None:
-    """Return the point at y, linearised; None if |r|² is not below a bound or the run fails."""
+    """Return the point at y, linearised; None if |r|² is not below a bound or the run fails.
+
+    The other arguments are those of ``minimise``. J is computed only where r is accepted.
+    """
     try:
-        trial = moved(point, y)
+        trial = move(point, y)
         r = residuals(trial)
         if not float(r @ r) < cost_bound:
             return None

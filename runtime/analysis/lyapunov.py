@@ -220,6 +220,7 @@ class Benettin:
 
     def __init__(self, stepper: Stepper, run: RunArguments, count: int,
                  with_covariant: bool) -> None:
+        """Begin with the first ``count`` directions of an isotropic flag at the start."""
         self.stepper, self.run, self.binding = stepper, run, stepper._derivative_binding()
         self.with_covariant, self._stored_run = with_covariant, self.binding.begin(run)
         self.frame = self._frame(0, run.q, run.p)
@@ -255,9 +256,10 @@ class Benettin:
 
     def _propagate(self, steps: KeptSteps) -> None:
         """Propagate the directions V by the derivatives of stored steps, in place."""
-        own = self.binding.own
+        derivative_module = self.binding.own
         # parameters and times stay, and no row of the tangents is stored on the way
-        no_change, no_rows = own.new(self.binding.rows, self.V.shape[1]), own.new(0)
+        no_change, no_rows = derivative_module.new(self.binding.rows,
+                                                   self.V.shape[1]), derivative_module.new(0)
         status = self.binding.integrate_tangent(
             self.run, self._stored_run.parameters, steps, no_change,
             steps.first + steps.count + 1, no_rows, no_rows, self.V)

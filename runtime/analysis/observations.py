@@ -115,7 +115,7 @@ class Observation:
         residuals = np.zeros((sample_count, count))
         by_state = np.zeros((sample_count, count, 2 * self.n))
         for k, columns in enumerate(self.attitudes):
-            # r = 2 sign(dᵀq) L(d) q
+            # r = 2 sign(dᵀq) L(d) q: the rotation from d to q; q and −q are one attitude
             d, attitude = data[:, 4 * k : 4 * k + 4], q[:, columns]
             left_matrices = left_matrix(d)
             sign = 2 * np.where((d * attitude).sum(axis=1) < 0, -1.0, 1.0)
@@ -126,14 +126,15 @@ class Observation:
         by_parameters: dict[str, Array] = {}
         other_data = data[:, 4 * len(self.attitudes) :]
         for k, body in enumerate(self.turning):
-            omega, by_q, by_p, by_inertia = _turning(body, q[:, body.q], p[:, body.q], parameters)
-            first = 3 * (len(self.attitudes) + k)
-            residuals[:, first : first + 3] = omega - other_data[:, 3 * k : 3 * k + 3]
-            by_state[:, first : first + 3, body.q] = by_q
-            by_state[:, first : first + 3, [self.n + i for i in body.q]] = by_p
+            omega, by_q, by_p, by_inertia = _angular_velocity(body, q[:, body.q], p[:, body.q],
+                                                              parameters)
+            body_column = 3 * (len(self.attitudes) + k)
+            residuals[:, body_column : body_column + 3] = omega - other_data[:, 3 * k : 3 * k + 3]
+            by_state[:, body_column : body_column + 3, body.q] = by_q
+            by_state[:, body_column : body_column + 3, [self.n + i for i in body.q]] = by_p
             for name, change in by_inertia.items():
                 derivative = by_parameters.setdefault(name, np.zeros_like(residuals))
-                derivative[:, first : first + 3] = change
+                derivative[:, body_column : body_column + 3] = change
         if self.columns:
             z = np.concatenate([q, p], axis=1)
             residuals[:, first_column:] = z[:, self.columns] - other_data[:, 3 * len(self.turning):]
@@ -163,7 +164,7 @@ class Observation:
         return predictions - data, by_q, by_p
 
 
-def _turning(
+def _angular_velocity(
     body: BodyAt, q: Array, p: Array, parameters: Mapping[str, float]
 ) -> tuple[Array, Array, Array, dict[str, Array]]:
     """Return Ω = K l, l = ½ L(q) p, shape (rows, 3), with its derivatives.
@@ -182,8 +183,8 @@ def _turning(
             unit = np.zeros((3, 3))
             unit[i, j] = unit[j, i] = 1.0
             units.append(unit)
-        # K is linear in its six entries
-        K = sum(value * unit for value, unit in zip(values, units, strict=True))
+        # K is linear in its six entries: its derivatives are the unit matrices
+        K = sum(entry * unit for entry, unit in zip(values, units, strict=True))
         K_by_values = units
     return l @ K, -K @ half_L_of_p, K @ half_L, {
         name: l @ dK for name, dK in zip(body.inertia, K_by_values, strict=True)}

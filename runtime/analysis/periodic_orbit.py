@@ -331,7 +331,10 @@ class OrbitSearch:
         return np.linalg.lstsq(A / norms, np.array(right_side), rcond=cutoff)[0] / norms, B
 
     def _moved_guess(self, guess: Guess, B: Array, increment: Array) -> Guess | None:
-        """Return the guess after an increment; None if dt changes sign or the run fails."""
+        """Return the guess after an increment; None if dt changes sign or the run fails.
+
+        The increment is (dy, dΔt, dθ): the state moves by B dy, ``B`` a basis of its tangent space.
+        """
         binding, dim = self.stepper.binding, B.shape[1]
         # behind dy come dh, unless the period is fixed, and dθ, if a parameter is free
         further_increments = list(increment[dim:])
@@ -417,13 +420,13 @@ class OrbitSearch:
         return slopes
 
     def _energy_by_parameter(self, guess: Guess) -> float:
-        """Return ∂H/∂θ of the free parameter θ at a fixed state, by a central difference."""
-        value = float(guess.parameters[self.free or ""])
-        increment = 1e-5 * (abs(value) or 1.0)
-        energies = [float(self._value("energy", guess.z, guess.parameters | {
-            self.free
-            or "": guess.parameters[self.free or ""] + sign * increment})) for sign in (1, -1)]
-        return (energies[0] - energies[1]) / (2 * increment)
+        """Return ∂H/∂θ ≈ (H(θ + h) − H(θ − h))/2h of the free parameter θ at a fixed state."""
+        assert self.free is not None
+        theta = guess.parameters[self.free]
+        h = 1e-5 * (abs(float(theta)) or 1.0)
+        above, below = (float(self._value("energy", guess.z, guess.parameters | {self.free: x}))
+                        for x in (theta + h, theta - h))
+        return (above - below) / (2 * h)
 
     def _names(self) -> list[str]:
         system = self.stepper.manifest.system

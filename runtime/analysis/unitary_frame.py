@@ -41,10 +41,10 @@ class UnitaryFrame:
     def __init__(
         self, binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array
     ) -> None:
+        """Compute the maps c ↔ (dq, dp) and J = |W|^-½ W |W|^-½ of the module."""
         n = binding.n
-        constraint_rows, projection = tangent_projection(binding,
-                                                         binding.own.parameters(parameters, t), q,
-                                                         p)
+        constraint_rows, projection = tangent_projection(
+            binding, binding.own.parameters(parameters, t), q, p)
         eigenvalues, axes = np.linalg.eigh(_inverse_mass(binding, parameters, t, q, p))
         # units in which H_pp is 1: q → H_pp^-½ q, p → H_pp^½ p; a direction without inertia gets a
         # small one, so that there is an inverse
@@ -110,12 +110,14 @@ def isotropic_flag(J: Array) -> Array:
 
     The span of the last 2 d − k is then the Ω-complement of that of the first k. A symplectic
     matrix keeps this, so that the diagonal of R in its QR decomposition is pairs r, 1/r. The
-    directions are random, so that they have components along all exponents.
+    directions are random, so that they have components along all exponents:
+
+        v ← v − Σ_u (u uᵀ + J u (J u)ᵀ) v   over the earlier u, then v ← v/|v|
     """
     size, random, vectors = len(J), np.random.default_rng(0), list[Array]()
     for _ in range(size // 2):
         v = random.standard_normal(size)
-        for _twice in range(2):
+        for _ in range(2):  # once leaves components of round-off over |v|
             for u in vectors:
                 v -= u * (u @ v) + J @ u * ((J @ u) @ v)
         vectors.append(v / np.linalg.norm(v))
@@ -140,13 +142,13 @@ def _inverse_mass(
     primal, n = binding.primal, binding.n
     p_scale = float(np.abs(p.astype(float)).max(initial=0.0)) or 1.0
     momentum_changes = [np.zeros(n), *np.eye(n)]
-    pairs = [(i, j) for i in range(n) for j in range(i + 1)]
-    momentum_changes += [momentum_changes[i + 1] + momentum_changes[j + 1] for i, j in pairs]
+    index_pairs = [(i, j) for i in range(n) for j in range(i + 1)]
+    momentum_changes += [momentum_changes[i + 1] + momentum_changes[j + 1] for i, j in index_pairs]
     momenta = primal.converted(np.array(momentum_changes) * p_scale) + p
     H = primal.hamiltonian(primal.parameters(parameters, t),
                            np.repeat(q[None], len(momenta), axis=0), momenta)
     H = (H - H[0]).astype(float)
     inverse_mass = np.zeros((n, n))
-    for (i, j), value in zip(pairs, H[n + 1 :], strict=True):
-        inverse_mass[i, j] = inverse_mass[j, i] = (value - H[i + 1] - H[j + 1]) / p_scale**2
+    for (i, j), energy in zip(index_pairs, H[n + 1 :], strict=True):
+        inverse_mass[i, j] = inverse_mass[j, i] = (energy - H[i + 1] - H[j + 1]) / p_scale**2
     return inverse_mass

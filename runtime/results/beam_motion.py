@@ -73,13 +73,13 @@ class BeamMotion:
         The ends between two segments of a beam that stretches are the means of both.
         """
         # the points of a and of b in turn, joint by joint
-        fronts = np.stack([point for joint in self._inner for point in self._points(joint)],
-                          axis=-2)
-        first, last = self._inner[0], self._inner[-1]
-        start = self._run.body(first.a).position(-self._numbers(first.on_a))
-        end = self._run.body(last.b).position(-self._numbers(last.on_b))
-        inner = (fronts[..., ::2, :] + fronts[..., 1::2, :]) / 2
-        line: Array = np.concatenate([start[..., None, :], inner, end[..., None, :]], axis=-2)
+        joint_points = np.stack([point for joint in self._inner for point in self._points(joint)],
+                                axis=-2)
+        first_joint, last_joint = self._inner[0], self._inner[-1]
+        start = self._run.body(first_joint.a).position(-self._numbers(first_joint.on_a))
+        end = self._run.body(last_joint.b).position(-self._numbers(last_joint.on_b))
+        inner_ends = (joint_points[..., ::2, :] + joint_points[..., 1::2, :]) / 2
+        line: Array = np.concatenate([start[..., None, :], inner_ends, end[..., None, :]], axis=-2)
         return line
 
     def directors(self) -> Array:

@@ -57,6 +57,7 @@ class Report:
     impacts: int = 0
 
     def __repr__(self) -> str:
+        """Return the steps and iterations, and the largest and mean errors, on three lines."""
         scaled = (f", from {self.time_step_min:.3g} to {self.time_step_max:.3g} s long"
                   if self.time_step_max else "")
         return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each"
@@ -82,8 +83,9 @@ class Report:
     @classmethod
     def read(cls, record: Any, q: Array, p: Array, binding: Binding) -> Report:
         """Return the report of a compiled running record and the final state."""
+        # H is compared at every state, or at some if the record says at how many
         states = int(getattr(record, "recorded", record.steps + 1)) or 1
-        return changed(
+        return changed(  # faster than the constructor of a frozen dataclass
             object.__new__(cls),
             steps=int(record.steps),
             iterations=int(record.iterations),

@@ -290,15 +290,15 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
                                 step_multipliers.dtype)
     if not len(step_multipliers):
         return state_multipliers
-    begin, end = step_multipliers[:, 0], step_multipliers[:, -1]
+    at_begin, at_end = step_multipliers[:, 0], step_multipliers[:, -1]
     clock = trajectory.manifest.system.clock
     if clock is not None:  # those of H in scaled time are σ times those of H
         scale = trajectory.quantity(clock.scale)[:, None]
-        begin, end = begin / scale[:-1], end / scale[1:]
-    state_multipliers[1:] = end
+        at_begin, at_end = at_begin / scale[:-1], at_end / scale[1:]
+    state_multipliers[1:] = at_end
     if _is_whole(trajectory):
-        state_multipliers[1:-1] = (end[:-1] + begin[1:]) / 2
-        state_multipliers[0] = begin[0]
+        state_multipliers[1:-1] = (at_end[:-1] + at_begin[1:]) / 2
+        state_multipliers[0] = at_begin[0]
         if step_multipliers.shape[1] == 1 and len(step_multipliers) > 2:
             # One multiplier a step: of the middle, beside a part that alternates; means have none.
             for i, j, k in ((0, 1, 2), (-1, -2, -3)):
@@ -309,6 +309,8 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
 def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     """Return the transpose of ``multipliers_at_states`` applied to w, shape (N+1, m).
 
+    Its steps are transposed in the reverse order: λ_0 = 2 λ_1 − λ_2 becomes w_1 += 2 w_0,
+    w_2 −= w_0, w_0 = 0; the mean of two ends gives half of w to each.
     Raises InputError if a state after a step is missing: the first state then has no multipliers.
     """
     refuse_together(joint_gradients="gradients of forces in joints",
@@ -318,9 +320,9 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
         raise InputError("A function of multipliers at states needs the state after every step; "
                          "integrate with every = 1, or give cotangents of \"multipliers\".")
     if step_multipliers.shape[1] == 1 and len(step_multipliers) > 2:
-        for end, inner, next_one in ((0, 1, 2), (-1, -2, -3)):
-            w[inner] += 2 * w[end]
-            w[next_one] -= w[end]
+        for end, neighbour, second_neighbour in ((0, 1, 2), (-1, -2, -3)):
+            w[neighbour] += 2 * w[end]
+            w[second_neighbour] -= w[end]
             w[end] = 0 * w[end]
     cotangents: Array = 0 * step_multipliers
     cotangents[:-1, -1] += w[1:-1] / 2

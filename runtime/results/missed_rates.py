@@ -40,14 +40,14 @@ def warn_of_missed_rate(trajectory: Trajectory) -> bool:
         return False
     rows = slice(len(trajectory) - 1 - count, len(trajectory) - 1)
     t, states = trajectory.t[rows].astype(float), (trajectory.q[rows], trajectory.p[rows])
-    reach, size = (np.concatenate([measure(x, axis=0) for x in states]).astype(float)
-                   for measure in (np.ptp, _largest))
-    moves, step = reach > _CONSTANT * size, abs(t[-1] - t[0]) / (count - 1)
+    ranges, size = (np.concatenate([measure(x, axis=0) for x in states]).astype(float)
+                    for measure in (np.ptp, _largest))
+    moves, step = ranges > _CONSTANT * size, abs(t[-1] - t[0]) / (count - 1)
     scaled = constant = np.zeros(np.count_nonzero(moves))
-    for first in range(0, count - _ORDER, _AT_ONCE):
-        block = slice(first, first + _AT_ONCE + _ORDER)
+    for start_row in range(0, count - _ORDER, _AT_ONCE):
+        block = slice(start_row, start_row + _AT_ONCE + _ORDER)
         z = np.concatenate([x[block] for x in states], axis=1).astype(float)
-        z = z[:, moves] / reach[moves]
+        z = z[:, moves] / ranges[moves]
         scaled = np.maximum(scaled, _largest(np.diff(z, _ORDER, axis=0), axis=0))
         constant = np.maximum(constant, _largest(_divided(z, t[block] / step), axis=0))
     worst = int(np.argmax(scaled)) if len(scaled) else 0

@@ -112,9 +112,9 @@ class Rotations:
             self._limit = _MOST_A_FLOW / longest_flow
         #: Bodies with moments, and those with tensors: names, columns, and inertia in a row.
         self._groups = []
-        for entries in (3, 6):
+        for entry_count in (3, 6):
             bodies_of_kind = {name: x for name, x in self.bodies.items()
-                              if len(x.inertia) == entries}
+                              if len(x.inertia) == entry_count}
             if bodies_of_kind:
                 self._groups.append(([*bodies_of_kind],
                                      np.array([x.q for x in bodies_of_kind.values()]),
@@ -167,7 +167,11 @@ class Rotations:
     def _largest_of_one(
         self, parameters: Mapping[str, Any], dt: float, q: Array, p: Array
     ) -> tuple[str, float, float]:
-        """Return the largest rotation of one state, in Python's floats: a quarter of the time."""
+        """Return (body, |Ω dt|, dt) of the largest rotation in a step from one state.
+
+        In Python's floats, which take a quarter of the time of arrays; −1 rad where the frame
+        moves, as Ω is not that of the frame.
+        """
         bodies, largest, fastest = self.bodies, -1.0, ""
         if any(_only(parameters[name]) for name in self._rates if name in parameters):
             return "", -1.0, 0.0
@@ -185,7 +189,10 @@ class Rotations:
     def _fastest_of_many(
         self, parameters: Mapping[str, Any], q: Array, p: Array
     ) -> dict[str, BodyAt]:
-        """Return the fastest body in one state of those with moments, and of those with tensors."""
+        """Return the fastest body in one state of those with moments, and of those with tensors.
+
+        Arrays select it: of many bodies all speeds as floats would take longer.
+        """
         fastest = {}
         for names, places, inertia in self._groups:
             inertias = np.array([parameters[key] for key in inertia], float).reshape(len(names), -1)
@@ -242,10 +249,10 @@ class Rotations:
             return
         sampled = slice(None, 0, -max(1, count // LOOKED_AT))
         rows, momenta = q[:, sampled], p[:, sampled]
-        each = rows.shape[1]
+        row_count = rows.shape[1]
         # of the same states as ``rows``: from the last one back, without the start
         steps = np.broadcast_to(dt, (len(q), count))[:, :: -1][:, :: max(1, count // LOOKED_AT)]
-        self.warn({name: np.repeat(column, each) for name, column in parameters.items()},
+        self.warn({name: np.repeat(column, row_count) for name, column in parameters.items()},
                   steps.reshape(-1), rows.reshape(-1, rows.shape[2]),
                   momenta.reshape(-1, rows.shape[2]))
 
@@ -257,7 +264,10 @@ def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:
 
 
 def are_slow(limits: Limits, q: list[float], p: list[float]) -> bool:
-    """Return whether no |Ω| of a state exceeds its limit of ``Rotations.limits``."""
+    """Return whether no |Ω| of a state exceeds its limit of ``Rotations.limits``.
+
+    A speed that is not a number exceeds it.
+    """
     for inertia, places, largest in limits:
         if not _speed(inertia, [*map(q.__getitem__, places)],
                       [*map(p.__getitem__, places)]) <= largest:
@@ -282,7 +292,10 @@ def _only(x: Any) -> float:
 
 
 def _speed(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:
-    """Return |Ω| = |J⁻¹ ½ L(q) p| (19), from three moments or the six entries of J⁻¹."""
+    """Return |Ω| = |J⁻¹ ½ L(q) p| (19), from three moments or the six entries of J⁻¹.
+
+    q, p and the inertia are lists of numbers, or of columns for many bodies; (x, y, z) = L(q) p.
+    """
     (a, b, c, d), (e, f, g, h) = q, p
     x, y, z = -b * e + a * f + d * g - c * h, -c * e - d * f + a * g + b * h, (
         -d * e + c * f - b * g + a * h)

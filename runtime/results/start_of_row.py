@@ -22,13 +22,13 @@ def start_of_row(
     other means. ``excess`` is H + e in scaled time, ``impacts`` are those of the run.
     """
     start_parameters = {}
-    for name, value in parameters.items():
-        if name in inputs or value != value:  # an input that changes is no one number
+    for name, number in parameters.items():
+        if name in inputs or number != number:  # an input that changes is no one number
             continue
         # found anew for the moments of the new start
-        if has_inertia(name, parameters) and value == gamma_by_rule(name, GAMMA_M, parameters):
+        if has_inertia(name, parameters) and number == gamma_by_rule(name, GAMMA_M, parameters):
             continue
-        start_parameters[name] = value
+        start_parameters[name] = number
     start = Start(q, p, start_parameters, t, inputs)
     start._excess, start._events = excess, impacts
     return start

@@ -119,11 +119,11 @@ def places_of(
         return [*range(len(titles))]
     # name of an array → its columns; all quantities are one group
     groups: dict[str, list[int]] = {}
-    first = 0
+    first_column = 0
     for name, size in sizes.items():
         group = "quantities" if name.startswith(QUANTITY) else name
-        groups.setdefault(group, []).extend(range(first, first + size))
-        first += size
+        groups.setdefault(group, []).extend(range(first_column, first_column + size))
+        first_column += size
     # a dict keeps the order and drops repeated columns
     places = {titles.index("time"): None}
     for column in [columns] if isinstance(columns, str) else as_items("columns", columns, "names"):
@@ -153,7 +153,7 @@ def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> N
             for start in range(0, len(arrays[0]), _ROWS):
                 tables = [written(np.concatenate([x[start : start + _ROWS] for x in group], axis=1))
                           for group in groups]
-                lines.writerows([value for group_row in row for value in group_row]
+                lines.writerows([number for group_row in row for number in group_row]
                                 for row in zip(*tables, strict=True))
 
 

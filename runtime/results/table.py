@@ -158,21 +158,23 @@ def table_of_run(
     if not run.bodies and (euler is not None or angular_velocity is not None):
         run.body()  # which says that there is none
     manifest = run.manifest
-    inner: dict[str, tuple[str, ...]] = {}
+    inner_dimensions: dict[str, tuple[str, ...]] = {}
     descriptions: dict[str, dict[str, Any]] = {}
     for output in OUTPUTS:
         for name in names_in_files(output, manifest):
-            inner[name] = () if output.split else tuple(d for d, _ in output.inner(manifest) or ())
+            inner_dimensions[name] = () if output.split else tuple(
+                dimension for dimension, _ in output.inner(manifest) or ())
             descriptions[name] = description_of(output, manifest, name)
     labels, titles = labels_of(manifest.system), {}
     bodies = _bodies(run, euler, degrees, angular_velocity, attitudes)
     for name, array in bodies.items():
-        inner[name], descriptions[name] = ("body", array.dimension), array.description
+        inner_dimensions[name], descriptions[name] = ("body", array.dimension), array.description
         titles[name] = [f"{body}_{column}" for body in run.bodies for column in array.columns]
     if bodies:
         labels["body"] = list(run.bodies), "name of the body"
 
     def read() -> Iterator[Block]:
+        """Yield the arrays of the run in blocks of states, with those of its bodies."""
         for rows, block in run._blocks():
             arrays = states_of(block)
             for name, array in bodies.items():
@@ -182,8 +184,8 @@ def table_of_run(
             yield (rows,), {name: x[len(x) - (rows.stop - rows.start):]
                             for name, x in arrays.items()}
 
-    return Table({"time": len(run)}, inner, descriptions, read, manifest, run._attributes(), labels,
-                 titles, [_table_of_event(manifest, name, [crossings])
+    return Table({"time": len(run)}, inner_dimensions, descriptions, read, manifest,
+                 run._attributes(), labels, titles, [_table_of_event(manifest, name, [crossings])
                           for name, crossings in (run.events | run.impacts).items()])
 
 
@@ -199,7 +201,10 @@ class _BodyArray(NamedTuple):
 def _bodies(
     run: Trajectory, euler: str | None, degrees: bool, frame: FrameName | None, attitudes: bool
 ) -> dict[str, _BodyArray]:
-    """Return the requested arrays of the bodies by name."""
+    """Return the requested arrays of the bodies by name, a function of a body's motion for each.
+
+    None of ``euler`` and ``frame`` asks for no Euler angles and no angular velocity.
+    """
     arrays: dict[str, _BodyArray] = {}
     if attitudes and run.bodies:
         description = {"long_name": "unit quaternion, scalar first, body to space axes"}
@@ -224,7 +229,27 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
     ``parts`` are the numbers that a trajectory has once (dt, status, steps, parameters), and
     events.
     """
-    first = table_of_run(ensemble.members[0])
+    first_table = table_of_run(ensemble.members[0])
+    members = ensemble.members
+
+    def read() -> Iterator[Block]:
+        """Yield the arrays of each trajectory, which may end before the others."""
+        for i, member in enumerate(members):
+            yield (i, slice(len(member))), states_of(member)
+
+    events = [_table_of_event(first_table.manifest, name,
+                              [crossings[i] for i in range(len(members))], by_trajectory=True)
+              for name, crossings in ensemble.events.items()]
+    return Table({"trajectory": len(members), "state": ensemble.t.shape[1]}, first_table.inner,
+                 first_table.descriptions, read, first_table.manifest,
+                 {"stepper": first_table.manifest.name, "gyrospark": __version__,
+                  "every": members[0].every, "manifest": first_table.manifest.as_json()},
+                 first_table.labels,
+                 parts=[_table_of_trajectories(ensemble), *events])
+
+
+def _table_of_trajectories(ensemble: Ensemble) -> Table:
+    """Return the table of the numbers that each trajectory has once, one row a trajectory."""
     members, number_type = ensemble.members, ensemble.members[0].t.dtype
     single: dict[str, tuple[Array, str, str]] = {
         "dt": (np.array([run.dt for run in members], number_type), "time step", "s"),
@@ -232,29 +257,15 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
                    "complete, stopped, or why a step failed", ""),
         "steps": (np.array([run.report.steps for run in members]), "steps done", "")}
     for name in members[0].parameters:
-        single[f"parameter_{name}"] = (np.array([run.parameters[name] for run in members],
-                                                number_type),
-                                       f"parameter {name}", "")
+        column = np.array([run.parameters[name] for run in members], number_type)
+        single[f"parameter_{name}"] = column, f"parameter {name}", ""
     no_dimensions: tuple[str, ...] = ()  # beside the trajectory
-    trajectory_table = Table(
+    return Table(
         {"trajectory": len(members)}, dict.fromkeys(single, no_dimensions),
         {name: {"long_name": text} | ({"units": unit} if unit else {})
          for name, (_, text, unit) in single.items()},
         lambda: iter([((slice(None),), {name: array for name, (array, *_) in single.items()})]),
-        first.manifest)
-
-    def read() -> Iterator[Block]:
-        for i, member in enumerate(members):
-            yield (i, slice(len(member))), states_of(member)
-
-    events = [_table_of_event(first.manifest, name, [crossings[i] for i in range(len(members))],
-                              by_trajectory=True)
-              for name, crossings in ensemble.events.items()]
-    return Table({"trajectory": len(members), "state": ensemble.t.shape[1]}, first.inner,
-                 first.descriptions, read, first.manifest,
-                 {"stepper": first.manifest.name, "gyrospark": __version__,
-                  "every": members[0].every, "manifest": first.manifest.as_json()}, first.labels,
-                 parts=[trajectory_table, *events])
+        members[0].manifest)
 
 
 def _status(ensemble: Ensemble, i: int) -> str:
@@ -284,9 +295,9 @@ def _table_of_event(
                                                    [*map(len, crossings)])
                   } | arrays
         descriptions[f"{along}_trajectory"] = {"long_name": f"trajectory of {name}"}
-    inner: dict[str, tuple[str, ...]] = {
+    inner_dimensions: dict[str, tuple[str, ...]] = {
         name: ("coordinate",) if array.ndim > 1 else () for name, array in arrays.items()}
-    return Table({along: sum(map(len, crossings))}, inner, descriptions,
+    return Table({along: sum(map(len, crossings))}, inner_dimensions, descriptions,
                  lambda: iter([((slice(None),), arrays)]), manifest)
 
 
@@ -308,7 +319,7 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
     The time, and numbers with one entry a trajectory, are coordinates; all else are variables.
     """
     package = _imported("xarray", "storage", "Datasets")
-    data: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
     if "trajectory" in table.along:
         coordinates["trajectory"] = np.arange(table.along["trajectory"])
@@ -316,13 +327,15 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
         # numbers that a trajectory has once select trajectories, as its index does
         single = [*part_table.along] == ["trajectory"]
         for name, array in part_table.whole().items():
-            target = coordinates if name == "time" or single else data
+            target = coordinates if name == "time" or single else variables
             target[name] = ([*part_table.along, *part_table.inner[name]], array,
                             part_table.descriptions[name])
-    used = {dimension for dimensions, *_ in data.values() for dimension in dimensions}
+    used_dimensions = {dimension for dimensions, *_ in variables.values()
+                       for dimension in dimensions}
     coordinates |= {dimension: (dimension, names, {"long_name": meaning})
-                    for dimension, (names, meaning) in table.labels.items() if dimension in used}
-    dataset: xarray.Dataset = package.Dataset(data, coordinates, attributes)
+                    for dimension, (names, meaning) in table.labels.items()
+                    if dimension in used_dimensions}
+    dataset: xarray.Dataset = package.Dataset(variables, coordinates, attributes)
     return dataset
 
 
@@ -352,8 +365,9 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
             _write_netcdf(table, partial_file)
         elif form.ending == ".csv":
             blocks = table.columns(selection)
-            titles, first = next(blocks)  # all blocks have the same headings
-            write_csv(partial_file, titles, chain([first], (columns for _, columns in blocks)))
+            titles, first_columns = next(blocks)  # all blocks have the same headings
+            write_csv(partial_file, titles, chain([first_columns],
+                                                  (columns for _, columns in blocks)))
         else:
             _write_parquet(table.columns(selection), partial_file)
     events = [event for event in table.parts if next(iter(event.along)).startswith("event_")]
@@ -424,7 +438,7 @@ def _write_netcdf(table: Table, path: Path) -> None:
                 blocks = part_table.read() if len(part_table.along) == 1 else iter([
                     ((slice(None),) * 2, part_table.whole())])
                 for index, arrays in blocks:
-                    for variable in _stored(part_table, arrays):
+                    for variable in _netcdf_variables(part_table, arrays):
                         _write_rows(file, part_table, index, *variable)
             for dimension, (names, meaning) in table.labels.items():
                 if dimension in file.dimensions:
@@ -438,15 +452,19 @@ def _write_netcdf(table: Table, path: Path) -> None:
 
 def _write_rows(
     file: Any, table: Table, index: tuple[Any, ...], name: str, array: Array,
-    inner: tuple[str, ...], description: dict[str, Any],
+    inner_dimensions: tuple[str, ...], description: dict[str, Any],
 ) -> None:
-    """Write rows of a variable of a NetCDF file, which the first rows define."""
+    """Write rows of a variable of a NetCDF file, which the first rows define.
+
+    ``index`` says where the rows of ``array`` belong along the dimensions of the table, and
+    ``inner_dimensions`` are the names of its further ones.
+    """
     import h5py
 
     is_text = array.dtype.kind == "U"
     if name not in file.variables:
         shape = *table.along.values(), *array.shape[len(index):]
-        dimensions = *table.along, *inner
+        dimensions = *table.along, *inner_dimensions
         for dimension, length in zip(dimensions, shape, strict=True):
             if dimension not in file.dimensions:
                 file.dimensions[dimension] = length
@@ -456,7 +474,7 @@ def _write_rows(
     file.variables[name][index] = array.astype(object) if is_text else array
 
 
-def _stored(
+def _netcdf_variables(
     table: Table, arrays: dict[str, Array]
 ) -> Iterator[tuple[str, Array, tuple[str, ...], dict[str, Any]]]:
     """Yield (name, array, inner dimensions, attributes) for each variable of a NetCDF file.
@@ -464,11 +482,11 @@ def _stored(
     A wide array becomes two variables: its doubles, and its bytes with all digits.
     """
     for name, array in arrays.items():
-        inner, description = table.inner[name], table.descriptions[name]
+        inner_dimensions, description = table.inner[name], table.descriptions[name]
         wide = _is_wide(array)
-        yield name, array.astype(float) if wide else array, inner, description
+        yield name, array.astype(float) if wide else array, inner_dimensions, description
         if wide:
-            yield f"{name}_bytes", as_bytes(array), (*inner, "byte"), {
+            yield f"{name}_bytes", as_bytes(array), (*inner_dimensions, "byte"), {
                 "long_name": f"{name} with all its digits, {WIDE_BYTES} bytes a number"}
 
 

@@ -89,13 +89,13 @@ class TangentRows:
 
         The start has no step before it: its derivatives of multipliers are 0.
         """
-        parts = [self.q, self.p]
+        blocks = [self.q, self.p]
         if self.multipliers is not None:
-            step_count, *inner, k = self.multipliers.shape
-            forces = np.zeros((step_count + 1, int(np.prod(inner)), k), self.q.dtype)
+            step_count, *inner_shape, k = self.multipliers.shape
+            forces = np.zeros((step_count + 1, int(np.prod(inner_shape)), k), self.q.dtype)
             forces[1:] = self.multipliers.reshape(step_count, forces.shape[1], k)
-            parts.append(forces)
-        return np.concatenate(parts, axis=1)
+            blocks.append(forces)
+        return np.concatenate(blocks, axis=1)
 
     def of_others(self, columns: Array, t: Array) -> TangentRows:
         """Return the same directions at other states and times; ``columns`` as from ``together``.

@@ -177,7 +177,7 @@ class Trajectory(Shown):
                 states = attributes["_states"] = states()
             array = value_of(_OUTPUTS[name], states)
             # a caller may change what it gets, and must not change the states with it
-            if any(np.may_share_memory(array, stored) for stored in states.arrays):
+            if any(np.may_share_memory(array, state_array) for state_array in states.arrays):
                 array = array.copy()
             return self.__dict__.setdefault(name, array)
 
@@ -250,15 +250,16 @@ class Trajectory(Shown):
 
         Events and impacts are those between the first and the last of them.
         """
-        chosen = np.asarray(row_range)
+        row_indices = np.asarray(row_range)
         arrays = {output.attribute: getattr(self, output.attribute)[
-            chosen[1:] - 1 if output.of_steps else chosen] for output in OUTPUTS}
-        ahead, begin = (1 if self.dt > 0 else -1), self.t[row_range[0]]
+            row_indices[1:] - 1 if output.of_steps else row_indices] for output in OUTPUTS}
+        ahead, start_time = (1 if self.dt > 0 else -1), self.t[row_range[0]]
         # events behind the last row of the whole run belong to it
-        end = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]
-        events = {name: crossings.within(begin, end, ahead)
+        end_time = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]
+        events = {name: crossings.within(start_time, end_time, ahead)
                   for name, crossings in self.events.items()}
-        impacts = {name: hits.within(begin, end, ahead) for name, hits in self.impacts.items()}
+        impacts = {name: hits.within(start_time, end_time, ahead)
+                   for name, hits in self.impacts.items()}
         return changed(self, **arrays, every=self.every * row_range.step, events=events,
                        impacts=impacts,
                        tangents=None, _inputs=None, _origin=None, _states=None,
@@ -310,6 +311,7 @@ class Trajectory(Shown):
         return elapsed
 
     def __repr__(self) -> str:
+        """Return the scheme, states, steps and times, and the largest errors on a second line."""
         report = self.report
         part = "" if self._grid is None else " and a part of one"
         return (f"<Trajectory of {self.manifest.name}: {len(self):,} states of {report.steps:,} "
@@ -626,9 +628,9 @@ class Trajectory(Shown):
         target = as_path("path", path, "run.npz")
         form = format_of(target, "A run", "states", "store")
         column_options = {"columns": columns, "euler": euler, "angular_velocity": angular_velocity}
-        named = [name for name, value in column_options.items() if value is not None]
-        if not form.tabular and (named or degrees):
-            option = (named or ["degrees"])[0]
+        option_names = [name for name, argument in column_options.items() if argument is not None]
+        if not form.tabular and (option_names or degrees):
+            option = (option_names or ["degrees"])[0]
             cure = ("leave it out" if option == "columns" else
                     f"take run.dataset({option}=...), which xarray writes to .nc or .zarr")
             raise InputError(f"{option} is for files of columns, .csv and .parquet, which "

@@ -65,6 +65,7 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
     if trajectory.tangents is not None:
         crossings |= {f"tangents_{name}": array for name in _TANGENTS
                       if (array := getattr(trajectory.tangents, name)) is not None}
+    # no pickles: a file is read without executing anything in it
     with result_file(target, "The trajectory") as partial_file, partial_file.open("wb") as file:
         np.savez_compressed(
             file, allow_pickle=False, about=np.array(json.dumps(about)),
@@ -111,7 +112,7 @@ def load_npz(path: Path) -> Trajectory:
     """
     with _readable(path):
         # Opened here because np.load leaves a damaged file open.
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+        with path.open("rb") as binary_file, np.load(binary_file, allow_pickle=False) as file:
             about = json.loads(str(file["about"]))
             writer = about["manifest"]["generator"]
             if about["format"] != _FORMAT:
@@ -279,12 +280,12 @@ def _check_consistency(arrays: dict[str, Array], fields: dict[str, Any]) -> None
 
 def _shape(output: Output, manifest: Manifest, state_count: int) -> tuple[int, ...]:
     """Return the shape of an output's array in a trajectory of ``state_count`` states."""
-    inner = output.inner(manifest)
+    inner_dimensions = output.inner(manifest)
     if output.split:
         return (state_count, len(_names(manifest, output.labels)))
-    if inner is None:
+    if inner_dimensions is None:
         return absent(output, state_count, float).shape
-    return (state_count - output.of_steps, *(length for _, length in inner))
+    return (state_count - output.of_steps, *(length for _, length in inner_dimensions))
 
 
 def _names(manifest: Manifest, labels: str) -> tuple[str, ...]:
