@@ -63,9 +63,9 @@ def _are_finite(array: NDArray[Any]) -> bool:
 def converted_to(dtype: Any, array: NDArray[Any]) -> NDArray[Any]:
     """Return a copy of ``as_numbers``' array in a type of NumPy; overflow is infinite."""
     if array.dtype == object:
-        entries = [as_float(x, dtype) if isinstance(x, Fraction) else x
+        numbers = [as_float(x, dtype) if isinstance(x, Fraction) else x
                    for x in map(exact, array.flat)]
-        array = np.array(entries, dtype=dtype).reshape(array.shape)
+        array = np.array(numbers, dtype=dtype).reshape(array.shape)
     if array.dtype == dtype:
         return np.array(array, order="C")
     with np.errstate(over="ignore"):
@@ -107,9 +107,9 @@ def _unequal_rows(value: Any) -> str:
     row = next((i for i, length in enumerate(lengths) if length != lengths[0]), None)
     if row is None:
         return "has rows of unequal shapes"
-    first, second = ("is one number" if length is None else f"has {length} entries"
-                     for length in (lengths[0], lengths[row]))
-    return f"has unequal rows: row 0 {first}, row {row} {second}"
+    first_length, other_length = ("is one number" if length is None else f"has {length} entries"
+                                  for length in (lengths[0], lengths[row]))
+    return f"has unequal rows: row 0 {first_length}, row {row} {other_length}"
 
 
 def as_real(name: str, value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:

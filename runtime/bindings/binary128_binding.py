@@ -54,16 +54,17 @@ class QuadBinding(Binding):
 
         def call(*arguments: Any) -> Any:
             """Call C with copies of arrays and numbers in binary128; read the arrays back."""
-            boxes = [_Box(self.ffi, a)
-                     if isinstance(a, (np.ndarray, float, binary128.mpf)) else None
-                     for a in arguments]
-            result = function(*(
-                box.pointer if box else a.pointer if isinstance(a, (_Block, _Record)) else a
-                for a, box in zip(arguments, boxes, strict=True)
+            # copies in binary128, for which cffi has no type; None for what C takes as it is
+            copies = [_Box(self.ffi, a)
+                      if isinstance(a, (np.ndarray, float, binary128.mpf)) else None
+                      for a in arguments]
+            c_result = function(*(
+                copy.pointer if copy else a.pointer if isinstance(a, (_Block, _Record)) else a
+                for a, copy in zip(arguments, copies, strict=True)
             ))
-            for box in filter(None, boxes):
-                box.read_back()
-            return result
+            for copy in filter(None, copies):
+                copy.read_back()
+            return c_result
 
         return call
 
@@ -125,7 +126,10 @@ class QuadBinding(Binding):
     def options(
         self, tolerance: float | None, max_iterations: int, solver: SolverName
     ) -> OptionStruct:
-        """Return the options struct; tolerance None means down to round-off."""
+        """Return the options struct; tolerance None means down to round-off.
+
+        Written as bytes, as cffi knows no float128.
+        """
         block = _Block(self.ffi, f"{self.name}_options")
         # the tolerance is the first field; the others have types that cffi knows
         block.write(0, binary128.pack([tolerance or 0.0]))
@@ -188,6 +192,7 @@ class QuadBinding(Binding):
         row: int, memory: BatchMemory,
     ) -> None:
         """Advance a batch in place by up to ``steps`` steps, stored from ``row`` of each on."""
+        # C would write into packed copies: only the rows of this call are copied, and put back
         places = np.s_[:, row : row + steps // every]
         copies = rows[places].copy()
         super().integrate_lanes(constants, steps, every,

@@ -59,7 +59,7 @@ class Binding(Compiled):
         self, parameters: ParameterStruct, options: OptionStruct, dt: float, q: Array, p: Array,
         work: WorkMemory,
     ) -> tuple[int, Array, Array]:
-        """Try one step from (q, p); return its status and the state after it."""
+        """Try one step from (q, p), which stay; return its status and the state after it."""
         ends = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
         iterations = self.ffi.new("int *")
         status = self.function("step")(parameters, options, dt, self.pointer(q), self.pointer(p),
@@ -109,19 +109,20 @@ class Binding(Compiled):
 
     def near(
         self, parameters: ParameterStruct, t: Array, q: Array, p: Array, columns: Array,
-        levels: Array, last: Array,
+        levels: Array, last_values: Array,
     ) -> tuple[int, int] | None:
         """Return the first and the last of rows of states behind one near a level, or None.
 
         ``columns`` are the observed columns of (q, p, quantities), ``levels`` their levels.
-        ``last`` has their values at the two states before, NaN at first; those of the last rows
-        replace them.
+        ``last_values`` has their values at the two states before, NaN at first; those of the last
+        rows replace them.
         """
         times = [self.pointer(t)] if self.quantities_take_time else []
         rows = self.ffi.new("long[2]")
         is_near = self.function("near")(
             parameters, len(q), *times, self.pointer(q), self.pointer(p), len(columns),
-            self.ffi.from_buffer("int[]", columns), self.pointer(levels), self.pointer(last), rows)
+            self.ffi.from_buffer("int[]", columns), self.pointer(levels), self.pointer(last_values),
+            rows)
         return (rows[0], rows[1]) if is_near else None
 
     def hamiltonian(
@@ -222,10 +223,10 @@ class Binding(Compiled):
         self, parameters: ParameterStruct, q: list[float], p: list[float]
     ) -> tuple[list[float], list[float]]:
         """Return the defects of doubles in lists, as lists: arrays take longer."""
-        new, reals, rows = self.ffi.new, self._reals, len(q) // self.n
-        g, f = new(reals, rows * self.m or 1), new(reals, rows * self.conditions)
-        self.function("defects")(parameters, rows, *self._times(None), new(reals, q),
-                                 new(reals, p), g, f)
+        allocate, reals, rows = self.ffi.new, self._reals, len(q) // self.n
+        g, f = allocate(reals, rows * self.m or 1), allocate(reals, rows * self.conditions)
+        self.function("defects")(parameters, rows, *self._times(None), allocate(reals, q),
+                                 allocate(reals, p), g, f)
         return (self.ffi.unpack(g, rows * self.m) if self.m else []), self.ffi.unpack(
             f, rows * self.conditions)
 

@@ -75,7 +75,7 @@ class Compiled:
     """
 
     def __init__(self, module: Any, name: str, manifest: Manifest) -> None:
-        """Read the sizes and features of the stepper from its manifest, once."""
+        """Take a loaded module of cffi, and the sizes and features of its stepper, once."""
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
         self._from_buffer = self.ffi.from_buffer
         self._functions: dict[str, Callable[..., Any]] = {}
@@ -94,6 +94,18 @@ class Compiled:
         self.epsilon = self._epsilon()
         #: Rounds a fraction to the stepper's own type; where that is float, to double.
         self.number = rounding(manifest.real)
+        self._read_sizes(manifest)
+        #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
+        self.lanes = int(self.function("lanes")()) if manifest.fast_path.available else 0
+        self._report_type: np.dtype[Any] | None = None
+        #: Parameters, q and p, in bytes, of the last start that was seen to be on the constraints.
+        self.consistent_state = b""
+        #: Memory of ``integrate``, and of ``integrate_lanes``.
+        size = self.ffi.sizeof(f"{self.name}_work")
+        self.works, self.batches = Pool(self.work, size), Pool(self.batch_memory, size)
+
+    def _read_sizes(self, manifest: Manifest) -> None:
+        """Read the numbers of coordinates, constraints, unknowns and multipliers."""
         system = manifest.system
         self.parameter_names = list(system.parameters)
         #: Those of them that may change from step to step.
@@ -127,14 +139,6 @@ class Compiled:
         self.solves_increments = bool(manifest.scheme.unknowns_are_state)
         #: The unknowns that are rates of momenta, or their increments.
         self.kicks = slice(*(self.n * k * (manifest.scheme.stages or 1) for k in (1, 2)))
-        #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
-        self.lanes = int(self.function("lanes")()) if manifest.fast_path.available else 0
-        self._report_type: np.dtype[Any] | None = None
-        #: Parameters, q and p, in bytes, of the last start that was seen to be on the constraints.
-        self.consistent_state = b""
-        #: Memory of ``integrate``, and of ``integrate_lanes``.
-        size = self.ffi.sizeof(f"{self.name}_work")
-        self.works, self.batches = Pool(self.work, size), Pool(self.batch_memory, size)
 
     def _epsilon(self) -> float:
         return float(np.finfo(self.dtype).eps)

@@ -79,11 +79,11 @@ class InputRows:
         A quantity of a step whose inputs were not stored is then nan, not wrong.
         """
         rows = self.values[0]
-        first = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)
+        first_row = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)
         # NaN in the number type of the inputs
-        changing = 0 * (first[0] if len(rows) else 1.0) + np.nan
-        return {name: x if (rows[:, i] == first[i]).all() else changing
-                for i, (name, x) in enumerate(zip(self.names, first.tolist(), strict=True))}
+        changing = 0 * (first_row[0] if len(rows) else 1.0) + np.nan
+        return {name: x if (rows[:, i] == first_row[i]).all() else changing
+                for i, (name, x) in enumerate(zip(self.names, first_row.tolist(), strict=True))}
 
     def of(self, i: int) -> InputRows:
         """Return the inputs of run i."""
@@ -181,7 +181,11 @@ def _column(
 
 
 def _table(array: Array, count: int, rows: int, runs: int | None) -> Array:
-    """Return inputs as (runs, rows, inputs)."""
+    """Return inputs as (runs, rows, inputs), an axis of length 1 where one number serves all.
+
+    ``array`` has ``count`` inputs in its last axis, ``rows`` steps before it and ``runs`` runs, if
+    not None, before these.
+    """
     allowed = {(count,): (1, 1, count), (rows, count): (1, rows, count)}
     if count == 1:
         allowed = {(): (1, 1, 1), (rows,): (1, rows, 1)} | allowed

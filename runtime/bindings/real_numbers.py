@@ -27,13 +27,13 @@ def rounding(real: RealName) -> Callable[[Fraction], Any]:
 
 def as_float(value: Fraction, dtype: Any) -> Any:
     """Return the number of one of NumPy's floating-point types next to a value, or infinity."""
-    about = np.finfo(dtype)
-    bits = int(about.nmant) + 1
-    mantissa, exponent = nearest(value, bits, int(about.minexp) - int(about.nmant))
-    number = about.dtype.type(0)
+    type_info = np.finfo(dtype)
+    bits = int(type_info.nmant) + 1
+    mantissa, exponent = nearest(value, bits, int(type_info.minexp) - int(type_info.nmant))
+    number = type_info.dtype.type(0)
     # the mantissa in pieces of 16 bits, each of which any of the types holds exactly
     for shift in range(0, bits + 1, 16):
-        number += np.ldexp(about.dtype.type(abs(mantissa) >> shift & 0xFFFF), shift)
+        number += np.ldexp(type_info.dtype.type(abs(mantissa) >> shift & 0xFFFF), shift)
     with np.errstate(over="ignore"):
         scaled = np.ldexp(number, exponent)
     return -scaled if mantissa < 0 else scaled

@@ -215,11 +215,11 @@ def _section(
 ) -> SectionManifest | None:
     """Return the section of a joint, its vectors checked; raise UnfitError for other lengths."""
     if section is not None:
-        for entries, lengths in (
+        for vector, lengths in (
                 (section.stiffness, (3,)), (section.rest, (3,)), (section.extension, (0, 3)),
                 (section.turn, (4 if section.holder else 0,)),
                 ([section.spacing, section.damping], (2,))):
-            _vector(system, path, entries, *lengths)
+            _vector(system, path, vector, *lengths)
     return section
 
 
@@ -283,7 +283,11 @@ def _choose_of_several(
 def _pull(
     system: SystemManifest, path: str, name: str, pull: ConstraintForceManifest | None
 ) -> Pull | None:
-    """Return how a constraint acts on its bodies; None if its force is not known."""
+    """Return how a constraint acts on its bodies; None if its force is not known.
+
+    ``name`` is that of the constraint, ``pull`` its entry in the manifest; UnfitError, with the
+    ``path`` of the entry, for an unknown constraint and vectors of another length.
+    """
     if name not in system.constraint_names:
         raise UnfitError("has other constraints", path)
     if pull is None:

@@ -134,9 +134,9 @@ def find_compiler() -> Compiler:
 
     Raises CompilerError if there is none, or CC does not start.
     """
-    chosen = os.environ.get("CC")
-    if chosen and chosen.strip():
-        return _probe(_split(chosen), f"The compiler CC={chosen!r}")
+    command = os.environ.get("CC")
+    if command and command.strip():
+        return _probe(_split(command), f"The compiler CC={command!r}")
     for name in ("cc", "gcc", "clang"):
         path = shutil.which(name)
         if path:
@@ -220,7 +220,7 @@ def compile_module(
         _refuse_without_quad(compiler, folder)
     newton_apart = not (is_whole() or compiler.portable) and has_newton_apart(name, files)
     objects, checks = _start_objects(name, files, compiler, folder, module_kind, more_flags,
-                                     apart=newton_apart)
+                                     newton_apart=newton_apart)
     wrapper = _write_wrapper(name, files, checks, folder, module_kind, newton_apart=newton_apart)
     include = sysconfig.get_paths()["include"]
     running = [*objects, _start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
@@ -242,25 +242,25 @@ def compile_module(
 
 def _start_objects(
     name: str, files: dict[str, str], compiler: Compiler, folder: Path, module_kind: ModuleKind,
-    more_flags: Sequence[str], *, apart: bool,
+    more_flags: Sequence[str], *, newton_apart: bool,
 ) -> tuple[list[_Running], list[CheckFunction]]:
     """Start to compile the objects of a module; return the commands and the objects' checks.
 
     Each object has a folder with a header of its own, which says what is public in it. The last
-    word of a command is the object's file. ``apart``: Newton's method is in no object of it.
+    word of a command is the object's file. ``newton_apart``: Newton's method is in no object of it.
     """
     source = files[f"{name}.c"]
     extended = _extended(read_declarations(files[f"{name}.h"]))
     compile_ = [*compiler.command, *compiler.flags, *call_stack.FLAGS,
                 *(EXTENDED_FLAGS if extended else STRICT_FLAGS)]
     running, checks, kernels = list[_Running](), list[CheckFunction](), kernels_of(source)
-    for object_file in objects_of(name, files, module_kind, as_one=is_whole(), apart=apart):
-        inside = folder / object_file.name
-        inside.mkdir(exist_ok=True)
-        (inside / f"{name}.h").write_text(object_file.header, encoding="utf-8")
+    for object_file in objects_of(name, files, module_kind, as_one=is_whole(), apart=newton_apart):
+        object_folder = folder / object_file.name
+        object_folder.mkdir(exist_ok=True)
+        (object_folder / f"{name}.h").write_text(object_file.header, encoding="utf-8")
         own_checks = check_functions(f"{name}_{object_file.name}", kernels, object_file.checks)
         checks += own_checks
-        (inside / f"{name}.c").write_text(
+        (object_folder / f"{name}.c").write_text(
             with_inline_functions(source) if object_file.sparse
             else source + check_text(own_checks, source), encoding="utf-8")
         # second derivatives compute with dual numbers

@@ -27,22 +27,22 @@ def read_manifest(name: str, files: Mapping[str, str]) -> Manifest:
     """
     try:
         manifest = parse_manifest(json.loads(files[f"{name}.json"]))
-        full = manifest.profile == "full"
-        declared = _declared(name, files[f"{name}.h"]) if full else {}
+        is_full = manifest.profile == "full"
+        declared = _declared(name, files[f"{name}.h"]) if is_full else {}
     except (KeyError, ValueError, RecursionError) as error:
         reason = f": {error}" if isinstance(error, UnfitError) else ""
         raise InputError(f"The manifest {name}.json is damaged{reason}; generate the stepper "
                          "again.") from None
-    if not full:
+    if not is_full:
         raise InputError(f"The files of {name} are of profile {manifest.profile!r:.40}, which has "
                          "no runs and no ensembles for Python; generate them again with --profile "
                          "full.")
     sizes = sizes_of(manifest)
-    for quantity, value in declared.items():
-        if sizes[quantity] != value:
+    for quantity, declared_size in declared.items():
+        if sizes[quantity] != declared_size:
             raise InputError(f"The manifest {name}.json does not belong to {name}.h: {quantity} "
-                             f"{sizes[quantity]!r:.80} against {value!r:.80}; generate the stepper "
-                             "again.")
+                             f"{sizes[quantity]!r:.80} against {declared_size!r:.80}; generate the "
+                             "stepper again.")
     return manifest
 
 

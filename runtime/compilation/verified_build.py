@@ -50,19 +50,19 @@ def compile_verified(
     real = REALS[manifest.real]
     # The other modules have some of the kernels, on lanes for example, or none that is checked.
     expected = set(manifest.operations) if module_kind == "runs" else set()
-    first: list[KernelMismatch] = []  # of the usual flags, for messages
+    usual_mismatches: list[KernelMismatch] = []  # of the usual flags, for messages
     for number, flags in enumerate(SAFER_FLAGS):
-        inside = folder / str(number)
-        inside.mkdir()
-        built, checks = compile_module(name, files, compiler, inside, module_kind, flags)
+        build_folder = folder / str(number)
+        build_folder.mkdir()
+        built, checks = compile_module(name, files, compiler, build_folder, module_kind, flags)
         # the module is loaded from its build folder, before it is published
         mismatches, compared, unchecked = differences(
             loaded(name, built, compiler, module_kind), checks, real)
         if not mismatches:
-            if first:
+            if usual_mismatches:
                 warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
-                     f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
-                     "agrees. Another version of the compiler may need no such flags.")
+                     f"{_listed(usual_mismatches)}. It was compiled again with {' '.join(flags)}, "
+                     "and agrees. Another version of the compiler may need no such flags.")
             # a kernel may be in the text on lanes alone
             listed = {*compared, *unchecked}
             absent = sorted(expected - listed - {k.removeprefix("lanes_") for k in listed})
@@ -72,12 +72,12 @@ def compile_verified(
                 warn(f"After its compilation {name} was not checked in full, so that an error of "
                      f"the compiler in these kernels would stay: {reasons}.")
             return built, {"flags": list(flags), "kernels": compared,
-                           "frames": frames_of(inside), "left_out": unchecked}
-        first = first or mismatches
+                           "frames": frames_of(build_folder), "left_out": unchecked}
+        usual_mismatches = usual_mismatches or mismatches
     raise CompilerError(
         f"The compiler {shlex.join(compiler.command)!r} makes wrong code of {name} with "
-        f"{' '.join(SAFER_FLAGS[-1])} too: {_listed(first)}. Set CC to another compiler, or to "
-        "another version of this one.", command=list(compiler.command))
+        f"{' '.join(SAFER_FLAGS[-1])} too: {_listed(usual_mismatches)}. Set CC to another "
+        "compiler, or to another version of this one.", command=list(compiler.command))
 
 
 def _listed(mismatches: list[KernelMismatch]) -> str:

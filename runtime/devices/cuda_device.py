@@ -91,11 +91,12 @@ class CudaDevice:
     def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
         """Begin ``threads`` threads, in blocks."""
         name, code = program
-        passed = [int(argument.handle.handle) if isinstance(argument, Memory) else argument
-                  for argument in arguments]
+        kernel_arguments = [int(argument.handle.handle)
+                            if isinstance(argument, Memory) else argument
+                            for argument in arguments]
         core = self._cuda.core
         config = core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
-        core.launch(self._stream, config, code.get_kernel(f"{name}_{kernel}"), *passed)
+        core.launch(self._stream, config, code.get_kernel(f"{name}_{kernel}"), *kernel_arguments)
 
     def wait(self) -> None:
         """Return when all launches are done."""
@@ -129,9 +130,13 @@ class CudaDevice:
                              "every.") from error
         return Memory(handle, shape, dtype)
 
-    def _copy(self, function: str, to: int, of: int, size: int) -> None:
-        """Copy between host and card by a function of the driver, and wait."""
-        (status,) = getattr(self._cuda.driver, function)(to, of, size, int(self._stream.handle))
+    def _copy(self, function: str, target: int, source: int, size: int) -> None:
+        """Copy ``size`` bytes between host and card, from address ``source`` to ``target``; wait.
+
+        ``function`` is the driver's name of the copy in one of the two directions.
+        """
+        (status,) = getattr(self._cuda.driver, function)(target, source, size,
+                                                         int(self._stream.handle))
         if status != self._cuda.driver.CUresult.CUDA_SUCCESS:
             raise GyrosparkError(f"The CUDA driver refuses a copy of {size:,} bytes: "
                                  f"{status.name}.")

@@ -94,12 +94,12 @@ def device_for(device: DeviceName | None, q: Any, p: Any) -> Device | None:
     MissingDependencyError without cuda-core.
     """
     on_card = is_on_card(q), is_on_card(p)
-    chosen = ("cuda" if any(on_card) else "cpu") if device is None else choose(
+    device_name = ("cuda" if any(on_card) else "cpu") if device is None else choose(
         "device", device, DEVICES)
     if on_card[0] != on_card[1]:
         raise InputError("Of q and p one lies in memory of a card and one does not; give both as "
                          "arrays of one library on one device.")
-    if chosen == "cpu":
+    if device_name == "cpu":
         if any(on_card):
             raise InputError("q and p lie in memory of a card, which device = 'cpu' cannot read; "
                              "leave device out, or copy them to NumPy arrays.")
@@ -113,8 +113,10 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
     Raises InputError in one sentence: what it is, and what to do instead.
     """
     manifest, n = stepper.manifest, stepper.n
-    arguments = {name: value is not None and not (isinstance(value, tuple | list) and not value)
-             and name for name, value in absent.items()}
+    # an argument is absent if it is None or an empty sequence, such as no events
+    arguments = {name: argument is not None and not (isinstance(argument, tuple | list)
+                                                     and not argument)
+             and name for name, argument in absent.items()}
     # a card has the fixed-point iteration and exact flows, and no Newton's method
     iterated = manifest.fast_path.available or not stepper.binding.solves
     refuse_together(

@@ -80,14 +80,15 @@ class HostDevice:
         """Call the kernel for each thread, up to the end of the last block, as a card does."""
         library, name = program
         function = getattr(library, f"{name}_{kernel}")
-        passed = [ctypes.c_void_p(argument.handle.ctypes.data) if isinstance(argument, Memory)
-                  else np.ctypeslib.as_ctypes_type(argument.dtype)(argument)
-                  for argument in arguments]
+        kernel_arguments = [ctypes.c_void_p(argument.handle.ctypes.data)
+                            if isinstance(argument, Memory)
+                            else np.ctypeslib.as_ctypes_type(argument.dtype)(argument)
+                            for argument in arguments]
         block, thread = (ctypes.c_uint.in_dll(library, index)
                          for index in ("blockIdx", "threadIdx"))
         for i in range(-(-threads // THREADS) * THREADS):
             block.value, thread.value = divmod(i, THREADS)
-            function(*passed)
+            function(*kernel_arguments)
 
     def wait(self) -> None:
         """Return: every launch is done when it returns."""

@@ -59,6 +59,10 @@ class Trajectories:
         self, device: Device, name: str, text: str, binding: Binding, runs: EnsembleArguments,
         state: Memory | None = None,
     ) -> None:
+        """Allocate memory of the card, and begin each trajectory there.
+
+        ``state`` has (q, p), (2 n, trajectories), where they lie on the card already.
+        """
         self.device, self.runs, self.n, self.dtype = device, runs, binding.n, binding.dtype
         self.program = device.load(name, text)
         count, number = len(runs), self.dtype
@@ -72,10 +76,10 @@ class Trajectories:
         self.words = device.zeros((words, count), np.uint32)
         self.status = device.zeros((count,), np.intc)
         self.steps, self.iterations = (device.zeros((count,), np.int64) for _ in range(2))
-        first = runs.first
+        first_run = runs.first
         self._launch("begin_trajectories", device.put(parameters.T.astype(number)),
-                     device.put(runs.dt.astype(number)), number(first.tolerance or 0),
-                     np.intc(first.max_iterations), self.state, self.words, self.status,
+                     device.put(runs.dt.astype(number)), number(first_run.tolerance or 0),
+                     np.intc(first_run.max_iterations), self.state, self.words, self.status,
                      self.steps, self.iterations)
 
     def integrate(
@@ -86,13 +90,13 @@ class Trajectories:
         ``store`` is called with each window of ``rows`` stored states when it is full; the start is
         in the first one.
         """
-        first, pace = self.runs.first, ChunkSize(clock=time.perf_counter)
+        first_run, pace = self.runs.first, ChunkSize(clock=time.perf_counter)
         step_count = row = 0
         while True:
             # rows are copied window by window: memory of the card is the limit, not that of all
             # states
-            window = self._window(row, min(rows, first.rows + 1 - row))
-            end = min((row + window.q.shape[0] - 1) * first.every, first.steps)
+            window = self._window(row, min(rows, first_run.rows + 1 - row))
+            end = min((row + window.q.shape[0] - 1) * first_run.every, first_run.steps)
             if row == 0:
                 # no step: stores the start
                 self._advance(0, 0, window)
@@ -103,7 +107,7 @@ class Trajectories:
                 step_count += count
                 pace.end(count)
             store(window)
-            if step_count < end or end == first.steps:
+            if step_count < end or end == first_run.steps:
                 return step_count
             row += window.q.shape[0]
 
@@ -147,12 +151,12 @@ class Trajectories:
         q, p = (self.device.zeros((rows, self.n, count), self.dtype) for _ in range(2))
         return Window(first, q, p, self.device.zeros((rows, count), np.intc))
 
-    def _advance(self, first: int, last: int, window: Window) -> None:
-        """Advance all trajectories from step ``first`` to ``last`` in one launch, and wait for it.
-        """
+    def _advance(self, first_step: int, end_step: int, window: Window) -> None:
+        """Advance all trajectories from step ``first_step`` to ``end_step`` in one launch; wait."""
         run = self.runs.first
         self._launch("advance_trajectories", *map(np.int64, (
-            first, last, run.every, run.steps, window.first)), self.state, self.words, self.status,
+            first_step, end_step, run.every, run.steps, window.first)), self.state, self.words,
+                     self.status,
             self.steps, self.iterations, window.q, window.p, window.iterations)
         self.device.wait()
 

@@ -62,18 +62,21 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     # the sum and half the difference of the outer ones
     middle = 2 * np.arctan2(np.hypot(y, z), np.hypot(w, x))
     half_sum, half_difference = np.arctan2(x, w), np.arctan2(z, y)
-    first, last = half_sum - half_difference, half_sum + half_difference
-    low, high = middle < _LOCK, middle > np.pi - _LOCK
-    # Where the middle angle is at an end only the sum, or the difference, of the others is defined.
-    zero = np.zeros_like(first)
-    outer_sum = np.where(low, 2 * half_sum, 2 * half_difference * (1 if turning else -1))
-    locked = low | high
+    first_angle, last_angle = half_sum - half_difference, half_sum + half_difference
+    at_low_end, at_high_end = middle < _LOCK, middle > np.pi - _LOCK
+    # where the middle angle is at an end only the sum, or the difference, of the others is defined
+    zero = np.zeros_like(first_angle)
+    outer_sum = np.where(at_low_end, 2 * half_sum, 2 * half_difference * (1 if turning else -1))
+    locked = at_low_end | at_high_end
     if turning:
-        first, last = np.where(locked, zero, first), np.where(locked, outer_sum, last)
+        first_angle = np.where(locked, zero, first_angle)
+        last_angle = np.where(locked, outer_sum, last_angle)
     else:
-        first, last = np.where(locked, outer_sum, first), np.where(locked, zero, last)
+        first_angle = np.where(locked, outer_sum, first_angle)
+        last_angle = np.where(locked, zero, last_angle)
     if not proper_angles:
-        last, middle = sign * last, middle - np.pi / 2
+        last_angle, middle = sign * last_angle, middle - np.pi / 2
     angles: NDArray[np.float64] = np.stack(
-        [last, middle, first] if turning else [first, middle, last], axis=-1)
+        [last_angle, middle, first_angle]
+        if turning else [first_angle, middle, last_angle], axis=-1)
     return np.where(np.abs(angles) > np.pi, angles - 2 * np.pi * np.sign(angles), angles)

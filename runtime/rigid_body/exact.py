@@ -185,6 +185,12 @@ class FreeRotation(_PreciseMotion):
         angular_velocity: Sequence[float],
         attitude: Sequence[float],
     ) -> None:
+        """Compute the constants of the motion, in axes i, j, k of which k has the larger modulus.
+
+            Ω_i = B_i dn u, Ω_j = B_j sn u, Ω_k = B_k cn u,   u = u₀ + κ t, of the parameter m
+
+        With ℓ² = Σ (I Ω)² and 2T = Σ I Ω², m is 1 on the separatrix ℓ² = 2T I_j.
+        """
         super().__init__(inertia, angular_velocity, attitude)
         # In fractions nothing cancels and m = 1 is decided exactly.
         I = [Fraction(x) for x in inertia]  # noqa: E741 (the paper's letter)
@@ -259,7 +265,11 @@ class FreeRotation(_PreciseMotion):
         return self._from_euler(phi, theta, psi)
 
     def _from_euler(self, phi: Any, theta: Any, psi: Any) -> list[Any]:
-        """Return the quaternion of erratum 9, its third axis being the body's axis i."""
+        """Return the quaternion of erratum 9, its third axis being the body's axis i.
+
+            e_0 = cos((φ+ψ)/2) cos(θ/2),   e_i = sin((φ+ψ)/2) cos(θ/2)
+            e_j = cos((φ−ψ)/2) sin(θ/2),   e_k = sin((φ−ψ)/2) sin(θ/2)
+        """
         mp, i = self._mp, self._axes[0]
         e = [mp.cos((phi + psi) / 2) * mp.cos(theta / 2)] * 4
         e[1 + (i + 1) % 3] = mp.cos((phi - psi) / 2) * mp.sin(theta / 2)
@@ -268,7 +278,10 @@ class FreeRotation(_PreciseMotion):
         return e
 
     def _jacobi(self, u: Any) -> tuple[Any, Any, Any, Any]:
-        """Return am u, sn u, cn u, dn u; am by Landen's descending ladder (DLMF 22.20(ii))."""
+        """Return am u, sn u, cn u, dn u; am by Landen's descending ladder (DLMF 22.20(ii)).
+
+            φ_n = 2^n a_n u,   φ_(k−1) = (φ_k + asin((c_k/a_k) sin φ_k))/2,   am u = φ_0
+        """
         mp = self._mp
         if not self._m1:  # m = 1: hyperbolic functions
             return 2 * mp.atan(mp.tanh(u / 2)), mp.tanh(u), mp.sech(u), mp.sech(u)

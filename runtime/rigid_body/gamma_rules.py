@@ -102,10 +102,11 @@ def gamma_by_rule(name: str, rule: Rule, parameters: Mapping[str, Any]) -> float
         raise InputError(f"Parameter {name} is left to a search ({rule.name}), which looks at a "
                          "single run; give a number, such as that of gyrospark.tune(step, start, "
                          "dt=..., gamma='auto').parameters.")
-    for entries in reversed(inertia_names(name)):
-        entry_values = tuple(map(parameters.get, entries))
-        if {*map(type, entry_values)} == {float}:
-            return _mean_of_floats(rule.name, name, (*entries,), entry_values)
+    # most calls give moments as floats, for which the mean needs no further checks
+    for names_of_inertia in reversed(inertia_names(name)):
+        inertia = tuple(map(parameters.get, names_of_inertia))
+        if {*map(type, inertia)} == {float}:
+            return _mean_of_floats(rule.name, name, (*names_of_inertia,), inertia)
     return mean_inertia(inertia_of(name, rule, parameters), rule.name)
 
 
@@ -133,7 +134,7 @@ def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
     """
     moment_names, inverse = inertia_names(name)
     if {*inverse} <= parameters.keys():
-        return moments_of(tensor_of_inverse([parameters[entry] for entry in inverse]))
+        return moments_of(tensor_of_inverse([*map(parameters.__getitem__, inverse)]))
     missing = [moment for moment in moment_names if moment not in parameters]
     if missing:
         raise InputError(f"{name} cannot be chosen: the moment {missing[0]!r} of its body is no "

@@ -108,6 +108,7 @@ class Problem:
             dict.fromkeys(("gamma", "alpha"), self.inertia), {}, frozenset(zero_parameters))
 
     def __post_init__(self) -> None:
+        """Check all fields, and convert numbers; q0 and p0 become read-only arrays."""
         for name in ("name", "description"):
             as_text(name, getattr(self, name))
         choose("system", self.system, SYSTEMS)
@@ -115,7 +116,7 @@ class Problem:
             raise InputError(f"exact = {shown(self.exact)} is no motion; leave it out.")
         parameters = as_mapping("parameters", self.parameters, "{'mgl': 0.4}")
         object.__setattr__(self, "parameters", {
-            name: as_real(f"Parameter {name}", value) for name, value in parameters.items()})
+            name: as_real(f"Parameter {name}", number) for name, number in parameters.items()})
         object.__setattr__(self, "inertia", as_moments(self.inertia))
         for letter in ("q0", "p0"):
             state = _vector(getattr(self, letter), 4, letter)
@@ -198,6 +199,7 @@ def regular_precession(
     theta = math.pi / 3
     I1, I3 = principal_moments((3 * m * (r * r / 4 + h * h) / 5,) * 2 + (3 * m * r * r / 10,))[1:]
     mgl = m * _finite(gravity, "gravity", "m/s²") * 3 * h / 4
+    # the spin with which the cone neither rises nor falls: θ̈ = 0 at θ₀
     spin = mgl / (I3 * rate) + (I1 - I3) / I3 * rate * math.cos(theta)
     return _heavy_top(
         "regular-precession",
