@@ -125,12 +125,12 @@ def fields_of_events(
     """
     real = REALS[manifest.real]
     state = (("coordinate", len(manifest.system.coordinates)),)
-    inner = {"q": state, "p": state, "p_after": state}  # other columns have one number
+    shape_of_column = {"q": state, "p": state, "p_after": state}  # other columns have one number
 
     def stored(name: str, column: str) -> StoredField:
         """Return the field of one array of an event, with its shape, unit and type."""
         kind = {"steps": "i8", "rising": "i1", "t": "f8", "elapsed": "f8"}.get(column, real.stored)
-        return StoredField(f"event_{name}_{column}", inner.get(column, ()),
+        return StoredField(f"event_{name}_{column}", shape_of_column.get(column, ()),
                            description_of_column(manifest, name, column), kind,
                            real.wide and not kind.startswith("i"))
 
@@ -183,18 +183,21 @@ def create(
 def _create_along(
     group: zarr.Group, dimension: str, fields: list[StoredField], rows: int, block: int
 ) -> None:
-    """Create arrays with one row for each state or event, and those of their further digits."""
+    """Create arrays with one row for each state or event, and those of their further digits.
+
+    They have ``rows`` rows along ``dimension``, ``block`` of them in a chunk.
+    """
     for stored_field in fields:
-        inner = [name for name, _ in stored_field.inner]
+        inner_dimensions = [name for name, _ in stored_field.inner]
         create_array(group, stored_field.name, (rows, *stored_field.shape),
                      (block, *stored_field.shape), stored_field.dtype, stored_field.fill,
-                     [dimension, *inner], stored_field.attributes)
+                     [dimension, *inner_dimensions], stored_field.attributes)
         if stored_field.wide:
             description = {"long_name": f"{stored_field.name} with all its digits, {WIDE_BYTES} "
                                         "bytes a number"}
             create_array(group, wide_name(stored_field.name), (rows, *stored_field.wide_shape),
                          (block, *stored_field.wide_shape), "u1", WIDE_FILL,
-                         [dimension, *inner, "byte"], description)
+                         [dimension, *inner_dimensions, "byte"], description)
 
 
 def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str, Any]) -> None:

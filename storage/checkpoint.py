@@ -116,7 +116,7 @@ def _packed(binding: Binding, event_progress: EventProgress | None) -> list[Arra
             as_bytes(states), as_bytes(memory.margins)]
 
 
-def unpack(binding: Binding, data: Array, events: Events = ()) -> CheckpointState | None:
+def unpack(binding: Binding, packed: Array, events: Events = ()) -> CheckpointState | None:
     """Return the state of packed bytes, None if nothing was packed yet.
 
     The bytes are: digest of the rest; iterations and status; q and p; record and work memory; with
@@ -124,8 +124,8 @@ def unpack(binding: Binding, data: Array, events: Events = ()) -> CheckpointStat
 
     Raises ValueError if the bytes are damaged, or an integer is outside of its range.
     """
-    digest, body = data[:_DIGEST], data[_DIGEST:]
-    if not data.any():
+    digest, body = packed[:_DIGEST], packed[_DIGEST:]
+    if not packed.any():
         return None
     if hashlib.sha256(body.data).digest() != digest.tobytes():
         raise ValueError("the checkpoint is damaged")

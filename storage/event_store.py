@@ -62,23 +62,27 @@ class EventStore:
 
         Returns the names of the resized arrays.
         """
-        changed = [(array_name, count) for name, count in counts.items()
-                   for array_name in names_of(self._fields[name])
-                   if self._arrays[array_name].shape[0] != count]
-        for array_name, count in changed:
+        lengths_to_change = [(array_name, count) for name, count in counts.items()
+                             for array_name in names_of(self._fields[name])
+                             if self._arrays[array_name].shape[0] != count]
+        for array_name, count in lengths_to_change:
             array = self._arrays[array_name]
             array.resize((count, *array.shape[1:]))
-        return {array_name for array_name, _ in changed}
+        return {array_name for array_name, _ in lengths_to_change}
 
 
 def _appended_chunks(array: zarr.Array[Any], stored_count: int, new_rows: Array) -> list[Chunk]:
-    """Return the chunks with new rows; the first chunk has the stored rows of its block too."""
-    block, inner = array.chunks[0], (0,) * (array.ndim - 1)
-    first = stored_count // block
-    block_start = stored_values(array, first * block, stored_count - first * block, False,
+    """Return the chunks with new rows; the first chunk has the stored rows of its block too.
+
+    ``stored_count`` rows precede the new ones: chunks are written whole.
+    """
+    block, inner_position = array.chunks[0], (0,) * (array.ndim - 1)
+    first_chunk = stored_count // block
+    block_start = stored_values(array, first_chunk * block, stored_count - first_chunk * block,
+                                False,
                                 array.dtype)
     all_rows = np.concatenate([block_start, new_rows])
-    return [Chunk(array, (first + i, *inner), all_rows[i * block : (i + 1) * block])
+    return [Chunk(array, (first_chunk + i, *inner_position), all_rows[i * block : (i + 1) * block])
             for i in range(-(-len(all_rows) // block))]
 
 
@@ -86,7 +90,10 @@ def crossings_in(
     path: Path, group: zarr.Group, manifest: Manifest, events: Mapping[str, Mapping[str, Any]],
     counts: Mapping[str, int],
 ) -> dict[str, Crossings]:
-    """Return the given number of crossings, or impacts, of each event."""
+    """Return the crossings, or impacts, of each event: the first ``counts[name]`` of its rows.
+
+    ``events`` are the attributes of the run's events. Raises InputError for missing files.
+    """
     dtype = REALS[manifest.real].dtype
     crossings = {}
     for name, fields in fields_of_events(manifest, events).items():

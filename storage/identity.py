@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,21 +79,23 @@ def versions() -> dict[str, str]:
             "python": platform.python_version()}
 
 
-def refuse_if_different(stored: Mapping[str, Any], current: Mapping[str, Any], where: str) -> None:
+def refuse_if_different(
+    stored_identity: Mapping[str, Any], current_identity: Mapping[str, Any], where: str
+) -> None:
     """Refuse to resume another run.
 
     Raises InputError with all differences, both values each.
     """
-    differences = list(_differences(stored, current))
-    writer = stored.get("gyrospark")
-    if writer != current["gyrospark"]:
-        ours = ("gyrospark ", "code.source ", "steppers.")  # what a version changes
+    differences = list(_differences(stored_identity, current_identity))
+    writer = stored_identity.get("gyrospark")
+    if writer != current_identity["gyrospark"]:
+        prefixes_of_version = ("gyrospark ", "code.source ", "steppers.")  # what a version changes
         other_differences = "".join(f"; {phrase}" for phrase in differences
-                                    if not phrase.startswith(ours))
+                                    if not phrase.startswith(prefixes_of_version))
         raise InputError(
-            f"{where} was written by gyrospark {writer}; this is gyrospark {current['gyrospark']}, "
-            f"which may compute other bits{other_differences}. What is stored can be read; go on "
-            f"with gyrospark {writer}, or choose another store."
+            f"{where} was written by gyrospark {writer}; this is gyrospark "
+            f"{current_identity['gyrospark']}, which may compute other bits{other_differences}. "
+            f"What is stored can be read; go on with gyrospark {writer}, or choose another store."
         )
     if differences:
         raise InputError(
@@ -107,16 +110,16 @@ def written_by(path: Path, writer: Any, why: str) -> InputError:
                       f"{__version__}, which cannot read it: {why}. Use gyrospark {writer}.")
 
 
-def _differences(stored: Any, current: Any, path: str = "") -> list[str]:
-    """Return a phrase for each entry that differs."""
-    if isinstance(stored, Mapping) and isinstance(current, Mapping):
-        return [
-            phrase
-            for name in {**stored, **current}
-            for phrase in _differences(stored.get(name), current.get(name),
-                                       f"{path}.{name}".lstrip("."))
-        ]
-    return [] if stored == current else [f"{path} was {_short(stored)} and is {_short(current)}"]
+def _differences(stored_entry: Any, current_entry: Any, path: str = "") -> list[str]:
+    """Return a phrase for each entry that differs, with its ``path`` of keys, "run.dt"."""
+    if isinstance(stored_entry, Mapping) and isinstance(current_entry, Mapping):
+        return list(chain.from_iterable(
+            _differences(stored_entry.get(name), current_entry.get(name),
+                         f"{path}.{name}".lstrip("."))
+            for name in {**stored_entry, **current_entry}))
+    if stored_entry == current_entry:
+        return []
+    return [f"{path} was {_short(stored_entry)} and is {_short(current_entry)}"]
 
 
 def _short(value: Any) -> str:

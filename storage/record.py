@@ -127,8 +127,8 @@ def resume(
     about, real = recording.attributes["run"], recording.manifest.real
     stepper = recording.stepper
 
-    def number(value: Any) -> Any:
-        return from_text(value, real)
+    def number(digits: Any) -> Any:
+        return from_text(digits, real)
 
     parameters = {name: number(x) for name, x in about["parameters"].items()}
     if "frame" in about:  # the rates are chosen along the run
@@ -138,11 +138,11 @@ def resume(
     dt, t0 = number(about["dt"]), number(about["t0"])
     if stepper.binding.clocked and t_end is not None:
         raise InputError("Steps in scaled time adapt; give steps in place of t_end.")
-    count, rest = about["steps"], number(about.get("rest", 0.0))
+    count, remainder_of_step = about["steps"], number(about.get("rest", 0.0))
     end = number(about["t_end"]) if "t_end" in about else None
     if t_end is not None or steps is not None:
         count, remainder = span_of(steps, t_end, t0, dt)
-        rest = stepper.binding.number(remainder)
+        remainder_of_step = stepper.binding.number(remainder)
         end = as_real("t_end", t_end, stepper.binding.number) if remainder else None
     tolerance = about["tolerance"]
     n, (q0, p0) = stepper.n, ([number(x) for x in about[name]] for name in ("q0", "p0"))
@@ -152,7 +152,7 @@ def resume(
         solver=Solver(about["solver"], None if tolerance is None else number(tolerance),
                       about["max_iterations"]), scaled=True))
     run.p[n:] = p0[n:]
-    run = replace(run, rest=rest, t_end=end)
+    run = replace(run, rest=remainder_of_step, t_end=end)
     events = events_in(about)
     return record(stepper, run, events, path, resume=True, progress=progress)
 
@@ -161,7 +161,10 @@ def _opened(
     stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...], path: Path,
     resume: bool,
 ) -> zarr.Group:
-    """Return the store's group, existing or new."""
+    """Return the store's group, existing or new.
+
+    An existing one is opened with ``resume`` alone, and only if it is of this run.
+    """
     identity = identity_of(stepper, run, events)
     if not is_new(path, resume, "run"):
         return _existing_group(stepper, run, events, path, identity)
@@ -184,18 +187,21 @@ def _existing_group(
     stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...], path: Path,
     identity: dict[str, Any]
 ) -> zarr.Group:
-    """Return the group of an existing store of this run, or of its first steps."""
+    """Return the group of an existing store of this run, or of its first steps.
+
+    ``identity`` is that of the run; a longer run extends the store's arrays.
+    """
     recording = Recording.read(path)
-    begun = recording.attributes["run"]
-    rest = float(from_text(begun.get("rest", 0.0), recording.manifest.real))
-    longer = (run.steps, abs(float(run.rest))) > (begun["steps"], abs(rest)) and not (
+    stored_run = recording.attributes["run"]
+    stored_rest = float(from_text(stored_run.get("rest", 0.0), recording.manifest.real))
+    longer = (run.steps, abs(float(run.rest))) > (stored_run["steps"], abs(stored_rest)) and not (
         recording.status.startswith(FAILED))
     # a longer run differs in its end alone
     spans = ("steps", "t_end", "rest")
-    refuse_if_different({name: x for name, x in begun.items() if name not in spans}
+    refuse_if_different({name: x for name, x in stored_run.items() if name not in spans}
                         | {name: identity[name] for name in spans if name in identity}
-                        if longer else begun, identity, f"The store {str(path)!r}")
-    if recording.status.startswith(ENDED):
+                        if longer else stored_run, identity, f"The store {str(path)!r}")
+    if recording.status.startswith(ENDED):  # a terminal event: there is nothing to go on with
         return group_of(path)
     fields = fields_of(stepper.manifest)
     checkpoint = checkpoint_size(stepper.binding, events)

@@ -64,7 +64,10 @@ class Recorder:
 
     def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...],
                  path: Path, group: zarr.Group) -> None:
-        """Open a store for a run; events take the order that they have in the store."""
+        """Open a store for a run; events take the order that they have in the store.
+
+        ``group`` is that of the store at ``path``, from whose last commit the run goes on.
+        """
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
         self.stepper = stepper
         #: The last part of a step, to t_end between two steps, once it is taken.
@@ -89,7 +92,7 @@ class Recorder:
     # ------------------------------------------------------------ where it stands
 
     def _resume_state(self) -> tuple[CheckpointState, int, Rows]:
-        """Return the state to resume from, and its block."""
+        """Return the state to resume from, the first row of its block, and the block's rows."""
         try:
             checkpoint = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
                                 self.events)
@@ -103,13 +106,13 @@ class Recorder:
             return self._start()
         stored_states = self._states(checkpoint)
         # the block of the next row; its first rows may be stored already
-        first = stored_states // self.block * self.block
-        block_rows = self._read(first, stored_states - first)
+        first_row = stored_states // self.block * self.block
+        block_rows = self._read(first_row, stored_states - first_row)
         if checkpoint.ended_by is not None:
             self.end = self._stored("tau" if self.binding.clocked else "time",
                                     self.fields[0].wide, stored_states - 1, 1)
-        block_rows.iterations[stored_states - first] = checkpoint.most
-        return checkpoint, first, block_rows
+        block_rows.iterations[stored_states - first_row] = checkpoint.most
+        return checkpoint, first_row, block_rows
 
     def _check_checkpoint(self, checkpoint: CheckpointState | None) -> None:
         """Refuse a checkpoint of more steps, rows or events than the store has."""
@@ -117,12 +120,12 @@ class Recorder:
             return
         progress = checkpoint.event_progress
         counts = [] if progress is None else progress.counts.tolist()
-        stored = [array_of(self.group, fields[0].name).shape[0]
-                  for fields in self._event_fields.values()]
+        stored_counts = [array_of(self.group, fields[0].name).shape[0]
+                         for fields in self._event_fields.values()]
         if (checkpoint.steps > self.run.steps
                 or self._states(checkpoint) > self.run.stored_states
                 or any(count > stored_count
-                       for count, stored_count in zip(counts, stored, strict=True))):
+                       for count, stored_count in zip(counts, stored_counts, strict=True))):
             raise ValueError("its checkpoint is ahead of what is stored")
 
     def _resume_detection(self, checkpoint: CheckpointState | None) -> None:
@@ -179,24 +182,24 @@ class Recorder:
         block_rows.iterations[:] = 0
         return block_rows
 
-    def _read(self, first: int, count: int) -> Rows:
-        """Return a block of rows with its stored part."""
-        refuse_missing_blocks(self.path, self.group, first, first + count)
+    def _read(self, first_row: int, count: int) -> Rows:
+        """Return a block of rows from ``first_row`` on, its first ``count`` ones as stored."""
+        refuse_missing_blocks(self.path, self.group, first_row, first_row + count)
         block_rows, multiplier_columns = self._empty(), []
         for stored_field in self.fields:
             if stored_field.name in ("multipliers", "reactions"):
-                stored = self._stored(stored_field.name, stored_field.wide, first, count)
-                multiplier_columns.append(stored.reshape(count, int(np.prod(stored.shape[1:]))))
+                columns = self._stored(stored_field.name, stored_field.wide, first_row, count)
+                multiplier_columns.append(columns.reshape(count, int(np.prod(columns.shape[1:]))))
             elif stored_field.name in ("q", "p"):  # without t and e of scaled time
                 getattr(block_rows, stored_field.name)[:count, : self.binding.shown] = self._stored(
-                    stored_field.name, stored_field.wide, first, count)
+                    stored_field.name, stored_field.wide, first_row, count)
             elif self.binding.clocked and stored_field.name in ("time", "time_momentum"):
                 hidden = block_rows.q if stored_field.name == "time" else block_rows.p
                 hidden[:count, -1] = self._stored(
-                    stored_field.name, stored_field.wide, first, count)
+                    stored_field.name, stored_field.wide, first_row, count)
             elif (target := getattr(block_rows, stored_field.name, None)) is not None:
                 target[:count] = self._stored(
-                    stored_field.name, stored_field.wide, first, count
+                    stored_field.name, stored_field.wide, first_row, count
                 ).reshape(count, *target.shape[1:])
         if multiplier_columns:  # side by side, as ``flat_multipliers`` has them
             block_rows.multipliers[:count] = np.concatenate(multiplier_columns, axis=1)
@@ -233,7 +236,10 @@ class Recorder:
 
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
-        """Take all steps; commit full blocks, and every few seconds."""
+        """Take all steps; commit full blocks, and every few seconds.
+
+        ``interrupts`` end it after a chunk; ``progress`` is called with the steps done.
+        """
         run, committed = self.run, time.monotonic()
         while self.state.steps < run.steps and not self._has_ended() and not interrupts.requested:
             row = self.state.steps // run.every + 1 - self.first  # the next row in the block
@@ -251,8 +257,9 @@ class Recorder:
                 progress(self.state.steps)
             # while the writer is busy, steps go on: a slow disk makes commits rarer, not the run
             # slower
-            full = self.observer is not None and self.observer.full
-            if full or (time.monotonic() - committed > COMMIT_SECONDS and not writer.busy):
+            has_many_brackets = self.observer is not None and self.observer.full
+            if has_many_brackets or (time.monotonic() - committed > COMMIT_SECONDS
+                                     and not writer.busy):
                 self._commit(writer)
                 committed = time.monotonic()
 
@@ -280,28 +287,33 @@ class Recorder:
         t = binding.times(run.t0, run.dt, np.array([run.steps]))[0]
         elapsed = binding.times(0 * run.t0, run.dt, np.array([run.steps]))[0]
         try:
-            last = observed(self.stepper, run.part_of_step(state.q, state.p, t), self.events, None)
+            partial_run = observed(self.stepper, run.part_of_step(state.q, state.p, t),
+                                   self.events, None)
         except StepFailed as error:
+            # a failure is stored as a status of C, from which its reason is read again
             status = next(code for code, text in REASONS.items() if text == error.reason)
             self.state = replace(self.state, status=status)
             self._commit(writer)
             return
-        begun = self._report(self.state).work
-        crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, begun,
+        work_of_steps = self._report(self.state).work
+        crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, work_of_steps,
                                               self._latest.get(name))
-                     for name, crossings_of_event in (last.impacts or last.events).items()}
+                     for name, crossings_of_event in (partial_run.impacts
+                                                      or partial_run.events).items()}
         block_row = run.steps // run.every + 1 - self.first  # of the last row
         iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
         if block_row == self.block:
             self.first, block_row = self.first + self.block, 0
             self.rows = self._next_block(writer)
-        self.rows.assign(np.s_[block_row : block_row + 1], row_of(last, begun + last.work[-1:]))
-        self.last_part, self.state = last, replace(self.state, most=iterations)
-        self.end = np.array([run.t_end], last.t.dtype)
-        if ends_within(self.events, last, run.dt):
-            self.end = last.t[-1:]
-            name = first_terminal_event(self.events, last.events, run.dt) or max(
-                last.impacts, key=lambda gap: max(last.impacts[gap].elapsed, default=0 * elapsed))
+        self.rows.assign(np.s_[block_row : block_row + 1],
+                         row_of(partial_run, work_of_steps + partial_run.work[-1:]))
+        self.last_part, self.state = partial_run, replace(self.state, most=iterations)
+        self.end = np.array([run.t_end], partial_run.t.dtype)
+        if ends_within(self.events, partial_run, run.dt):
+            self.end = partial_run.t[-1:]
+            name = first_terminal_event(self.events, partial_run.events, run.dt) or max(
+                partial_run.impacts, key=lambda gap: max(partial_run.impacts[gap].elapsed,
+                                                         default=0 * elapsed))
             names = [event.name for event in self.events]
             self.state = replace(self.state, status=-1 - names.index(name))
         self._commit(writer, crossings=crossings)

@@ -276,14 +276,14 @@ class Recording(Trajectory):
 
         refuse_missing_blocks(self.path, self._group, 0, self.states)
         try:  # reads the times
-            stored = xarray.open_zarr(self.path)
+            store = xarray.open_zarr(self.path)
         except UNREADABLE as error:
             raise InputError(f"{str(self.path)!r} is damaged: {one_line(error)}.") from error
         counts: dict[str, int] = self.attributes["events"]
         event_arrays = [name for fields in fields_of_events(
             self.manifest, self.attributes["run"].get("events", {})).values()
             for name in names_of(fields)]
-        dataset: xarray.Dataset = stored[[*self.attributes["arrays"], *event_arrays]].isel(
+        dataset: xarray.Dataset = store[[*self.attributes["arrays"], *event_arrays]].isel(
             time=slice(0, self.states),
             **{f"event_{name}": slice(0, count) for name, count in counts.items()})
         return dataset.assign_coords({
@@ -295,12 +295,12 @@ class Recording(Trajectory):
         """Return the error of a failed run; its trajectory has the last states."""
         run, real = self.attributes["run"], self.manifest.real
         t0, dt = (from_text(run[name], real) for name in ("t0", "dt"))
-        last = self[-_LAST:]
+        last_states = self[-_LAST:]
         # Of steps that adapt, the last stored time.
         clocked = self.manifest.system.clock is not None
-        t = last.t[-1] if clocked else t0 + self.steps_done * dt
+        t = last_states.t[-1] if clocked else t0 + self.steps_done * dt
         return StepFailed(step=self.steps_done + 1, t=float(t),
-                          reason=self.status.removeprefix(FAILED), trajectory=last)
+                          reason=self.status.removeprefix(FAILED), trajectory=last_states)
 
     def _in_memory(self, row_range: range) -> Trajectory:
         """Return some of the stored states, in memory.
@@ -313,11 +313,11 @@ class Recording(Trajectory):
         """
         self._refuse_unless_begun()
         group, manifest, run = self._group, self.manifest, self.attributes["run"]
-        first, stop, stride = row_range.start, row_range.stop, row_range.step
-        refuse_missing_blocks(self.path, group, first, stop)
-        stored: list[str] = self.attributes["arrays"]
+        first_row, stop, stride = row_range.start, row_range.stop, row_range.step
+        refuse_missing_blocks(self.path, group, first_row, stop)
+        stored_names: list[str] = self.attributes["arrays"]
         missing = [name for output in OUTPUTS for name in names_in_files(output, manifest)
-                   if name not in stored]
+                   if name not in stored_names]
         if missing:
             raise written_by(self.path, run.get("gyrospark"), f"it has no {listed(missing)}")
         real = REALS[manifest.real]
@@ -325,10 +325,10 @@ class Recording(Trajectory):
 
         def read(name: str, *, after_start: bool = False) -> Array:
             """Return an array's rows in the stepper's type."""
-            exact = wide and wide_name(name) in stored
+            exact = wide and wide_name(name) in stored_names
             array = array_of(group, wide_name(name) if exact else name)
             if stride == 1:
-                array_rows = stored_values(array, first, stop - first, exact, dtype)
+                array_rows = stored_values(array, first_row, stop - first_row, exact, dtype)
             else:
                 array_rows = np.concatenate([
                     stored_values(array, row, end - row, exact, dtype)[::stride].copy()
@@ -338,11 +338,11 @@ class Recording(Trajectory):
         def spans(chunk: int) -> Iterator[tuple[int, int]]:
             """Yield the first selected row and the end of each chunk: one chunk in memory at once.
             """
-            yield first, first  # an array without rows, so that there is one to concatenate
-            for begin in range(first - first % chunk, stop, chunk):
-                row = max(begin, first)
-                row += (first - row) % stride
-                if row < (end := min(begin + chunk, stop)):
+            yield first_row, first_row  # an array without rows, so that there is one to concatenate
+            for chunk_start in range(first_row - first_row % chunk, stop, chunk):
+                row = max(chunk_start, first_row)
+                row += (first_row - row) % stride
+                if row < (end := min(chunk_start + chunk, stop)):
                     yield row, end
 
         arrays: dict[str, Any] = {output.attribute: array_from_files(
@@ -367,11 +367,13 @@ def source_of(stepper: Stepper, impacts: bool = False) -> bytes:
 
 def events_in(run: Mapping[str, Any]) -> tuple[Event | Impact, ...]:
     """Return the events or impacts of a run from its attributes."""
-    return tuple(Impact(entry["quantity"], Fraction(entry["restitution"]), name, entry["terminal"])
-                 if "restitution" in entry else
-                 Event(entry["quantity"], Fraction(entry["level"]), entry["direction"],
-                       terminal=entry["terminal"], name=name)
-                 for name, entry in run.get("events", {}).items())
+    return tuple(Impact(attributes["quantity"], Fraction(attributes["restitution"]), name,
+                        attributes["terminal"])
+                 if "restitution" in attributes else
+                 Event(attributes["quantity"], Fraction(attributes["level"]),
+                       attributes["direction"],
+                       terminal=attributes["terminal"], name=name)
+                 for name, attributes in run.get("events", {}).items())
 
 
 def group_of(path: Path, *, write: bool = False) -> zarr.Group:

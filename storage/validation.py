@@ -76,11 +76,14 @@ def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
 def _complaints(
     about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
 ) -> Iterator[str]:
-    """Yield complaints until one makes further checks meaningless."""
-    first = list(_check_manifest(about))
-    first = first or list(_check_run(run, about["manifest"]["real"]))
-    yield from first
-    if not first:
+    """Yield complaints until one makes further checks meaningless.
+
+    ``about`` are all attributes of the store, ``run`` the arguments of the run among them.
+    """
+    complaints = list(_check_manifest(about))
+    complaints = complaints or list(_check_run(run, about["manifest"]["real"]))
+    yield from complaints
+    if not complaints:
         yield from _check_events(about, run, group)
         yield from _check_run_attributes(about, run)
         yield from _check_arrays(about, group)
@@ -132,41 +135,46 @@ def _check_manifest(about: Mapping[str, Any]) -> Iterator[str]:
 
 def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[str]:
     """Yield complaints about the progress of the run."""
-    done, states, status = (about.get(name) for name in ("steps_done", "states", "status"))
-    if not _is_count(done, 0) or done > run["steps"]:
-        yield f"steps_done is {done!r}, of {run['steps']} steps"
+    steps_done, states, status = (about.get(name) for name in ("steps_done", "states", "status"))
+    if not _is_count(steps_done, 0) or steps_done > run["steps"]:
+        yield f"steps_done is {steps_done!r}, of {run['steps']} steps"
         return
-    ended = isinstance(status, str) and status.startswith(ENDED)
+    ended_by_event = isinstance(status, str) and status.startswith(ENDED)
     if not isinstance(status, str) or not (
-            status in (RUNNING, COMPLETE) or status.startswith(FAILED) or ended):
+            status in (RUNNING, COMPLETE) or status.startswith(FAILED) or ended_by_event):
         yield f"status is {status!r}"
-    elif ended and not about["events"].get(status.removeprefix(ENDED)):
+    elif ended_by_event and not about["events"].get(status.removeprefix(ENDED)):
         yield f"status is {status!r}, and that has not happened"
-    elif (status == COMPLETE) is not (done == run["steps"]) and about.get("report") is not None \
-            and not (done == run["steps"] and "rest" in run):  # t_end is still to be reached
-        yield f"status is {status!r} after {done} of {run['steps']} steps"
+    # before the first commit no status is final; with a rest, t_end is still to be reached
+    elif ((status == COMPLETE) is not (steps_done == run["steps"])
+            and about.get("report") is not None
+            and not (steps_done == run["steps"] and "rest" in run)):
+        yield f"status is {status!r} after {steps_done} of {run['steps']} steps"
     # the start is a row, and a row that a terminal event or the last step adds
     if about.get("report") is None:
-        expected = done  # before the first commit there are 0 steps and 0 rows
-    elif done == run["steps"] and (status == COMPLETE or "rest" not in run):
+        expected = steps_done  # before the first commit there are 0 steps and 0 rows
+    elif steps_done == run["steps"] and (status == COMPLETE or "rest" not in run):
         expected = rows_of(run)
     else:
-        expected = done // run["every"] + 1 + ended
+        expected = steps_done // run["every"] + 1 + ended_by_event
     if type(states) is not int or states != expected:
-        yield f"states is {states!r} after {done} steps"
+        yield f"states is {states!r} after {steps_done} steps"
     yield from _check_report(about.get("report"))
 
 
 def _check_events(
     about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
 ) -> Iterator[str]:
-    """Yield complaints about event counts and event arrays."""
+    """Yield complaints about event counts and event arrays.
+
+    ``about`` has the number of crossings of each event, ``run`` the attributes of the events.
+    """
     requested, counts = run.get("events", {}), about["events"]
     if not isinstance(requested, Mapping) or not isinstance(counts, Mapping) or (
             requested.keys() != counts.keys()):
         yield f"events are {counts!r}, and {requested!r} were asked for"
         return
-    if not all(isinstance(entry, Mapping) for entry in requested.values()):
+    if not all(isinstance(attributes, Mapping) for attributes in requested.values()):
         yield f"run.events are {requested!r}"
         return
     fields_by_name = fields_of_events(Manifest.from_json(about["manifest"]), requested)
@@ -180,6 +188,7 @@ def _check_events(
             except UNREADABLE:
                 yield f"array {array_name!r} is missing or cannot be read"
                 return
+            # rows behind the count are those of a commit that was interrupted
             if array.ndim == 0 or array.shape[0] < count:
                 yield f"array {array_name!r} has not {count} rows"
 
@@ -192,10 +201,11 @@ def _check_report(report: Any) -> Iterator[str]:
     if not isinstance(report, Mapping) or not needed <= report.keys():
         yield "its report is not complete"
         return
-    for name, value in known_fields(Report, report).items():
-        entries = value if name in ("q", "p") and isinstance(value, list) else [value]
-        if not all(map(_is_number, entries)):
-            yield f"report.{name} is {value!r}"
+    for name, field_value in known_fields(Report, report).items():
+        is_state = name in ("q", "p") and isinstance(field_value, list)
+        numbers = field_value if is_state else [field_value]
+        if not all(map(_is_number, numbers)):
+            yield f"report.{name} is {field_value!r}"
 
 
 def rows_of(run: Mapping[str, Any]) -> int:
@@ -255,7 +265,7 @@ def refuse_other_arrays(
     for stored_field in events:
         expect(stored_field, array_of(group, stored_field.name).chunks[0])
     growing = set(names_of(events))  # an event array has a row for each crossing
-    for name, (inner, chunks, dtype) in expected.items():
+    for name, (row_shape, chunks, dtype) in expected.items():
         lengths = {checkpoint_bytes} if name == CHECKPOINT else set(row_counts)
         try:
             array = array_of(group, name)
@@ -267,12 +277,12 @@ def refuse_other_arrays(
         if name in growing:
             lengths = set(array.shape[:1])
         if (array.shape[:1] not in {(length,) for length in lengths}
-                or (array.shape[1:], array.chunks, array.dtype) != (inner, chunks, dtype)):
+                or (array.shape[1:], array.chunks, array.dtype) != (row_shape, chunks, dtype)):
             raise _damaged(path, f"array {name!r} has not the form of this run's")
 
 
 def refuse_missing_blocks(
-    path: Path, group: zarr.Group, first: int, states: int, names: Iterable[str] | None = None
+    path: Path, group: zarr.Group, first_row: int, states: int, names: Iterable[str] | None = None
 ) -> None:
     """Refuse to read rows whose files are missing: Zarr would silently return NaN for them.
 
@@ -281,23 +291,23 @@ def refuse_missing_blocks(
     """
     for name in attributes_of(group)["arrays"] if names is None else names:
         array = array_of(group, name)
-        block, inner = array.chunks[0], (0,) * (array.ndim - 1)
-        for block_index in range(first // block, -(-states // block)):
-            key = array.metadata.encode_chunk_key((block_index, *inner))
+        block, inner_index = array.chunks[0], (0,) * (array.ndim - 1)
+        for block_index in range(first_row // block, -(-states // block)):
+            key = array.metadata.encode_chunk_key((block_index, *inner_index))
             if not (path / name / key).is_file():
                 raise _damaged(path,
                                f"rows {block_index * block} and on of array {name!r} are missing")
 
 
 def stored_values(
-    array: zarr.Array[Any], first: int, count: int, wide: bool, dtype: Any
+    array: zarr.Array[Any], first_row: int, count: int, wide: bool, dtype: Any
 ) -> Array:
     """Return rows of an array, wide ones in their own type.
 
     Raises InputError if what is stored is damaged.
     """
     try:
-        array_rows = read_rows(array, first, count)
+        array_rows = read_rows(array, first_row, count)
     except UNREADABLE as error:
         raise InputError(f"Array {array.name!r} of the store is damaged: {one_line(error)}."
                          ) from error

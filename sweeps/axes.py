@@ -136,7 +136,10 @@ def _numbers(name: str, values: Any) -> Array:
 
 
 def as_rows(name: str, values: Any, width: int | None = None) -> Array:
-    """Return a table of numbers, of any width or of this one, or raise InputError."""
+    """Return a table of numbers, (starts, ``width`` or any), or raise InputError.
+
+    ``name`` is that of the argument, for the error.
+    """
     try:
         table = np.array(values, dtype=float)
     except (ValueError, TypeError, OverflowError) as error:

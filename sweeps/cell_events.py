@@ -59,10 +59,10 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
     binding, row_count = ensemble_states.binding, steps // every + 1
     event_results: dict[str, Array] = {}
     for event in study.events:
-        of_event = [run_crossings[event.name].shown(binding) for run_crossings in crossings]
+        cell_crossings = [run_crossings[event.name].shown(binding) for run_crossings in crossings]
         event_results[first_of(event.name)] = np.array(
-            [float(cell.t[0]) if len(cell) else np.nan for cell in of_event])
-        event_results[count_of(event.name)] = np.array([len(cell) for cell in of_event],
+            [float(cell.t[0]) if len(cell) else np.nan for cell in cell_crossings])
+        event_results[count_of(event.name)] = np.array([len(cell) for cell in cell_crossings],
                                                        dtype=float)
     reports = np.concatenate([np.frombuffer(binding.ffi.buffer(record), dtype=binding.report_type)
                               for record in ensemble_states.reports])
@@ -79,7 +79,10 @@ def _runs(
     study: Study, stepper: Stepper, steps: int, every: int, cells: Cells, group: Array, q: Array,
     p: Array,
 ) -> EnsembleArguments:
-    """Return the cells as runs, in the number type of single runs."""
+    """Return the cells with the indices ``group`` as runs, in the number type of single runs.
+
+    q and p, (cells, n), are their starts; all take ``steps`` steps, every ``every``-th stored.
+    """
     binding = stepper.binding
 
     def column(values: Any) -> Array:
@@ -89,7 +92,8 @@ def _runs(
     q, p = (x.astype(binding.dtype) for x in (q, p))
     dt, t0 = column(cells.dt[group]), column(np.full(len(group), study.t0))
     parameters = {name: column(array[group]) for name, array in cells.parameters.items()}
-    first = RunArguments(q[0], p[0], dt[0], steps, every,
-                {name: array[0] for name, array in parameters.items()}, study.solver,
-                study.tolerance, study.max_iterations, t0[0])
-    return EnsembleArguments(first, q, p, dt, t0, parameters)
+    first_run = RunArguments(
+        q[0], p[0], dt[0], steps, every, {name: array[0] for name, array in parameters.items()},
+        solver=study.solver, tolerance=study.tolerance, max_iterations=study.max_iterations,
+        t0=t0[0])
+    return EnsembleArguments(first_run, q, p, dt, t0, parameters)

@@ -181,8 +181,8 @@ class _ClusterCapacity:
         Raises GyrosparkError if the workers have gone and none has come for a long time.
         """
         self._count()
-        last = self._last_worker_time
-        if last is not None and self._counted > last + _PATIENCE:
+        last_seen = self._last_worker_time
+        if last_seen is not None and self._counted > last_seen + _PATIENCE:
             raise GyrosparkError(
                 f"The cluster has had no worker for {_PATIENCE} s; {submitted_count} tiles were "
                 "begun. Start workers, and repeat the sweep with --resume.")
@@ -192,9 +192,9 @@ def _shared(study: Study, fields: list[StoredField], sink: Sink | None) -> tuple
     return study, fields, sink
 
 
-def _compute(shared: tuple[Any, ...], tile: Tile) -> Any:
+def _compute(study_fields_sink: tuple[Any, ...], tile: Tile) -> Any:
     """Compute a tile on a worker; return its arrays if there is no store."""
-    study, fields, sink = shared
+    study, fields, sink = study_fields_sink
     arrays = compute(study, fields, tile)
     if sink is None:
         return arrays

@@ -123,7 +123,10 @@ def _memory(stepper: Stepper) -> tuple[Any, ...]:
 def _in_scaled_time(
     study: Study, stepper: Stepper, structs: Array, q: Array, p: Array
 ) -> tuple[Array, Array]:
-    """Return the starts of cells with their time and its momentum, if time is scaled."""
+    """Return the starts of cells with their time and its momentum, if time is scaled.
+
+    ``structs`` has a row of parameters for each row of q and p, on which e = −H depends.
+    """
     binding = stepper.binding
     if not binding.clocked:
         return q, p
@@ -134,7 +137,7 @@ def _in_scaled_time(
 
 
 def first_steps(study: Study, stepper: Stepper, cells: Cells, group: Array) -> Array:
-    """Return Δt of the first step of some cells, to first order in scaled time."""
+    """Return Δt of the first step of the cells ``group``; in scaled time σ Δτ, to first order."""
     dt, binding = cells.dt[group], stepper.binding
     if not binding.clocked:
         return dt
@@ -174,7 +177,11 @@ def _report_results(reports: Array) -> dict[str, Array]:
 def _quantities(
     study: Study, stepper: Stepper, structs: Array, reports: Array, dt: Array, q: Array, p: Array
 ) -> dict[str, Array]:
-    """Return the system's own quantities at the ends."""
+    """Return the system's own quantities at the ends q and p, name → a number for each cell.
+
+    ``structs`` and ``dt`` have the parameters and the step of each, ``reports`` its steps: cells
+    that failed end earlier.
+    """
     binding = stepper.binding
     if not binding.quantity_names:
         return {}
@@ -200,12 +207,13 @@ def _project_starts(
     """
     for group_rows in equal_constraints:
         for rows in group_rows[:, None] if study.varied("q") else [group_rows]:
-            first = rows[0]
+            first_row = rows[0]
             try:
-                moved = stepper._projected(q[first], p[first], _struct(stepper, structs[first]))
+                projected_start = stepper._projected(q[first_row], p[first_row],
+                                                     _struct(stepper, structs[first_row]))
             except GyrosparkError:
                 continue
-            for state, projected in zip((q, p), moved, strict=True):
+            for state, projected in zip((q, p), projected_start, strict=True):
                 state[rows, : stepper.n] = projected[: stepper.n]
 
 
@@ -237,7 +245,10 @@ def _consistent(
 def _groups_of_constraints(
     study: Study, stepper: Stepper, cells: Cells, group: Array
 ) -> list[Array]:
-    """Return the indices of cells whose constraints have equal parameters, an array per group."""
+    """Return the indices of cells whose constraints have equal parameters, an array per group.
+
+    One projection, and one check of the start, serves all cells of a group with one start.
+    """
     if not stepper.binding.conditions:
         return []
     columns = [cells.parameters[name][group]

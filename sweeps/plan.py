@@ -58,9 +58,9 @@ def plan(
         elif key == START:
             axes.append(starts(axis_values, start, varied))
         else:
-            axis, drawn = _points(key, axis_values, step_name)
+            axis, axis_seed = _points(key, axis_values, step_name)
             axes.append(axis)
-            seed = drawn if seed is None else seed
+            seed = axis_seed if seed is None else seed
     # a model may name dt, but has no Δτ
     if step_name not in varied or dt is not None or dtau is not None:
         dt = step_argument(binding, start.dt if dt is None and not binding.clocked else dt, dtau)
@@ -102,14 +102,17 @@ def _refuse_impossible_inertias(study: Study, inertias: Mapping[str, Any]) -> No
 
 
 def _points(name: str, table: Any, step_name: str) -> tuple[Axis, int | None]:
-    """Return the axis of a list of points, and the seed with which it was drawn."""
+    """Return the axis of a list of points, and the seed with which it was drawn, or None.
+
+    ``table`` has a column for each quantity; with "count" and "seed", ranges to draw from.
+    """
     if not isinstance(table, Mapping):
         raise InputError(f"{name!r} is neither a parameter, {step_name}, scheme nor start; a list "
                          "of points is a dict with a column for each quantity.")
     if "count" not in table:
         return list_axis(name, table), None
     seed = as_positive_count(f"{name}: seed", table.get("seed", 0))
-    ranges = {key: value for key, value in table.items() if key not in ("count", "seed")}
+    ranges = {key: column for key, column in table.items() if key not in ("count", "seed")}
     return random_axis(name, ranges, table["count"], seed), seed
 
 
@@ -125,6 +128,6 @@ def _warn_of_moved_start(study: Study, parameters: dict[str, float]) -> None:
                       for name in axis.columns if name in stepper.parameter_domains}
     q, p = stepper.project(study.q, study.p, parameters=own_parameters | parameters, t=study.t0)
     system = stepper.manifest.system
-    for old, new, names in ((study.q, q, system.coordinates), (study.p, p, system.momenta)):
-        if change := text_of_move(stepper.binding, old, new, names):
+    for start, projected, names in ((study.q, q, system.coordinates), (study.p, p, system.momenta)):
+        if change := text_of_move(stepper.binding, start, projected, names):
             warn(change)

@@ -194,8 +194,8 @@ class MemorySink:
         dimensions = [axis.name for axis in self._study.axes]
         results = {f.name: ([*dimensions, *(name for name, _ in f.inner)], self.arrays[f.name],
                             f.attributes) for f in self._fields}
-        coordinates = {name: (inner, _labelled(name, coordinate, attributes_of))
-                       for name, (inner, coordinate,
+        coordinates = {name: (along, _labelled(name, coordinate, attributes_of))
+                       for name, (along, coordinate,
                                   attributes_of) in _coordinates(self._study).items()}
         return _named(xarray.Dataset(results, coordinates, attributes))
 
@@ -219,10 +219,11 @@ class StoreSink:
                 self._arrays = {name: array_of(group, name) for name in arrays}
             chunks = {name: Chunk(self._arrays[name], self._place(name, tile), array)
                       for name, array in arrays.items()}
-            last = chunks.pop(STATUS)
+            status_chunk = chunks.pop(STATUS)
+            # the status last: where it is, all results of the tile are
             if chunks:
                 write_chunks(list(chunks.values()))
-            write_chunks([last])
+            write_chunks([status_chunk])
 
     def _place(self, name: str, tile: Tile) -> tuple[int, ...]:
         """Return the place of a tile's chunk: a tile has all numbers of its cells."""
@@ -236,15 +237,18 @@ def _fill(field: StoredField) -> float:
 def create_store(
     path: Path, study: Study, fields: list[StoredField], attributes: dict[str, Any]
 ) -> None:
-    """Make an empty store for a sweep: results, and the values along the axes."""
+    """Make an empty store for a sweep: results, and the values along the axes.
+
+    ``fields`` are the results of a cell; a chunk is a tile, which one task computes.
+    """
     group = zarr.create_group(DurableStore(path), attributes=attributes)
     dimensions, chunks = [axis.name for axis in study.axes], tile_shape(study)
     for field in fields:
         create_array(group, field.name, (*study.shape, *field.shape), (*chunks, *field.shape),
                      field.dtype, _fill(field),
                      [*dimensions, *(name for name, _ in field.inner)], field.attributes)
-    for name, (inner, coordinate, coordinate_attributes) in _coordinates(study).items():
-        create_array(group, name, coordinate.shape, coordinate.shape, coordinate.dtype, 0, inner,
+    for name, (along, coordinate, coordinate_attributes) in _coordinates(study).items():
+        create_array(group, name, coordinate.shape, coordinate.shape, coordinate.dtype, 0, along,
                      coordinate_attributes)[...] = coordinate
     consolidate(path)
 
@@ -270,10 +274,10 @@ def _labelled(name: str, scheme_numbers: Array, attributes: dict[str, Any]) -> A
 def _named(dataset: xarray.Dataset) -> xarray.Dataset:
     """Return a result with the system's names along its dimensions, such as ``coordinate``."""
     system = Manifest.from_json(next(iter(dataset.attrs["manifests"].values()))).system
-    named: xarray.Dataset = dataset.assign_coords({
+    labelled: xarray.Dataset = dataset.assign_coords({
         dimension: (dimension, names, {"long_name": meaning})
         for dimension, (names, meaning) in labels_of(system).items() if dimension in dataset.dims})
-    return named
+    return labelled
 
 
 def done_tiles(path: Path) -> set[tuple[int, ...]]:
@@ -325,7 +329,7 @@ def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
                              f"{attributes['sweep']['format']}, and {FORMAT} is known here")
         names = attributes["sweep"]["results"]
         dataset: xarray.Dataset = xarray.open_zarr(root)
-        if SCHEME in dataset:
+        if SCHEME in dataset:  # numbers of schemes in the store, names for readers
             scheme = dataset[SCHEME]
             dataset = dataset.assign_coords({SCHEME: (scheme.dims, _labelled(
                 SCHEME, np.asarray(scheme), scheme.attrs))})
@@ -354,13 +358,13 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
         for end, argument_of, better in (("least", np.nanargmin, np.less),
                                          ("most", np.nanargmax, np.greater)):
             index = np.unravel_index(int(argument_of(tile_values)), tile_values.shape)
-            value = float(tile_values[index])
-            if end not in ends or better(value, ends[end][0]):
-                ends[end] = value, tuple(s.start + int(i) for s, i in
-                                         zip(tile.slices, index, strict=True))
+            extremum = float(tile_values[index])
+            if end not in ends or better(extremum, ends[end][0]):
+                ends[end] = extremum, tuple(s.start + int(i) for s, i in
+                                            zip(tile.slices, index, strict=True))
     if not ends:
         return {"least": None, "most": None}
-    return {end: value for end, (value, _) in ends.items()} | {
+    return {end: extremum for end, (extremum, _) in ends.items()} | {
         f"{end}_at": _values_at(study, index) for end, (_, index) in ends.items()}
 
 

@@ -161,7 +161,11 @@ def run_study(
     resume: bool = False, workers: int | None = None, dask: Any = None,
     progress: Progress = None,
 ) -> xarray.Dataset:
-    """Compute the missing cells of a study, and return its result; see ``sweep``."""
+    """Compute the missing cells of a study, and return its result; see ``sweep``.
+
+    ``keep`` are the names of results, all if None; ``out`` is the path of a store, or None for a
+    result in memory.
+    """
     as_flag("resume", resume)
     fields = fields_of(study, keep)
     count = os.cpu_count() or 1
@@ -223,7 +227,10 @@ def _warn_of_fast_rotation(study: Study) -> None:
 def _prepare(
     study: Study, fields: list[StoredField], path: Path, attributes: dict[str, Any], resume: bool
 ) -> None:
-    """Create the store, or check that the existing one belongs to this study."""
+    """Create the store, or check that the existing one belongs to this study.
+
+    ``attributes`` are those of a new store; what is not the study's may differ in an existing one.
+    """
     if is_new(path, resume, "sweep"):
         with created_atomically(path) as fresh:
             create_store(fresh, study, fields, attributes)
@@ -238,18 +245,19 @@ def _prepare(
 
 
 def _compute(
-    study: Study, fields: list[StoredField], done: set[tuple[int, ...]], sink: Sink, threads: int,
+    study: Study, fields: list[StoredField], finished: set[tuple[int, ...]], sink: Sink,
+    threads: int,
     client: Any, progress: Progress, path: Path | None,
 ) -> None:
     """Compute the remaining tiles.
 
     Raises Stopped after a signal.
     """
-    stored = path is not None
-    cells = sum(_size(tile) for tile in tiles_of(study, stored) if tile.place in done)
-    remaining_tiles = (tile for tile in tiles_of(study, stored) if tile.place not in done)
+    is_stored = path is not None
+    cells = sum(_size(tile) for tile in tiles_of(study, is_stored) if tile.place in finished)
+    remaining_tiles = (tile for tile in tiles_of(study, is_stored) if tile.place not in finished)
     with (log_progress(f"sweeping {study.size:,} cells", study.size, progress) as report,
-          catch_signals() if stored else catch_ctrl_c() as interrupts):
+          catch_signals() if is_stored else catch_ctrl_c() as interrupts):
         progress_count = _CellCount(cells, study.size, report)
         progress_count.tell()
         if client is None:
@@ -307,7 +315,7 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
                      for axis in study.axes},
             "shape": list(study.shape),
             "tile": list(tile_shape(study)),
-            "parameters": {name: value for name, value in study.parameters.items()
+            "parameters": {name: number for name, number in study.parameters.items()
                            if not study.varied(name)},
             "q": None if study.varied("q") else [digits_of(x) for x in study.q],
             "p": None if study.varied("p") else [digits_of(x) for x in study.p],

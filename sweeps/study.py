@@ -131,7 +131,7 @@ def checked_study(study: Study) -> Study:
     for axis in study.axes:
         for column, values in axis.columns.items():
             _check_column(study, names, column, values)
-    fixed = {name: value for name, value in study.parameters.items() if not study.varied(name)}
+    fixed = {name: number for name, number in study.parameters.items() if not study.varied(name)}
     # the first cell stands for all: columns of axes are checked above
     first_cell = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
                           for name in axis.columns if name in names}
@@ -225,9 +225,9 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
         if not np.isfinite(values).all():
             raise InputError(f"The starts have a {column} that is not finite; mend it.")
     elif column == study.step_name:
-        for value in (values[values == 0], values[~np.isfinite(values)]):
-            if len(value):
-                as_step(float(value[0]), name=column)
+        for unusable in (values[values == 0], values[~np.isfinite(values)]):
+            if len(unusable):
+                as_step(float(unusable[0]), name=column)
     elif column not in (*_OWN, *names):
         choices = [*names, study.step_name, SCHEME, START]
         raise InputError(f"{column!r} is nothing that a sweep of {stepper.name} can vary; choose "

@@ -99,19 +99,19 @@ def _study(content: dict[str, Any], path: Path) -> Study:
     if is_model_file(model):
         model = str(path.parent / model)
     options = {key: content[key] for key in _OPTIONS if key in content}
-    for key, value in options.items():
-        count = whole(value)
+    for key, option in options.items():
+        count = whole(option)
         if _OPTIONS[key] == (int,) and count is not None:
             options[key] = count  # 1e3 is a float in TOML
-        elif isinstance(value, bool) or not isinstance(value, _OPTIONS[key]):
+        elif isinstance(option, bool) or not isinstance(option, _OPTIONS[key]):
             kind = "text" if str in _OPTIONS[key] else "a number"
-            raise InputError(f"{key} = {value!r} is not {kind}.")
+            raise InputError(f"{key} = {option!r} is not {kind}.")
     name = content.get("name", path.stem)
     if not isinstance(name, str):
         raise InputError(f"name = {name!r} is not text.")
     study = plan(NamedModel(model, as_table(content.get("settings", {}), "settings")),
                  as_table(content.get("grid", {}), "grid"),
-                 parameters={key: Rule(value) if value in RULES else value for key, value in
+                 parameters={key: Rule(option) if option in RULES else option for key, option in
                              as_table(content.get("parameters", {}), "parameters").items()},
                  events=_events(as_table(content.get("events", {}), "events")), **options)
     return replace(study, name=name)
@@ -128,11 +128,11 @@ def _events(table: Mapping[str, Any]) -> list[Event]:
 
 def _text(content: dict[str, Any], key: str) -> str:
     """Return the text under a key, or refuse another type."""
-    value = content.get(key)
-    if not isinstance(value, str):
-        raise InputError(f"{key} = {value!r} is not text; write for example {key} = "
+    text = content.get(key)
+    if not isinstance(text, str):
+        raise InputError(f"{key} = {text!r} is not text; write for example {key} = "
                          '"fast-top", or the name of a model file.')
-    return value
+    return text
 
 
 def _keep(content: dict[str, Any]) -> list[str] | None:

@@ -59,21 +59,25 @@ def _named(
     name: str, settings: Mapping[str, Any], rep: str | None
 ) -> tuple[Any, str | None]:
     """Return the problem or model of a name with its settings, and ``rep`` for a problem."""
-    entry = entry_named(name, "model")
+    registered = entry_named(name, "model")
     for key in settings:
-        if key not in entry.options:
+        if key not in registered.options:
             raise InputError(f"The setting {key!r} does not fit {name}; give "
-                             f"{', '.join(entry.options) or 'none'}{proposal(key, entry.options)}.")
-    if entry.kind == "problem":
-        return entry.make(**settings), rep
+                             f"{', '.join(registered.options) or 'none'}"
+                            f"{proposal(key, registered.options)}.")
+    if registered.kind == "problem":
+        return registered.make(**settings), rep
     rep_argument = {} if rep is None else {"rep": choose("representation", rep, REPS)}
-    return entry.make(**settings, **rep_argument), None
+    return registered.make(**settings, **rep_argument), None
 
 
 def _stepper(
     model: Any, label: str, rep: str | None, real: str | None, frame: str | None
 ) -> tuple[Stepper, RunDefaults]:
-    """Return the stepper of one scheme, and parameters and start of the model."""
+    """Return the stepper of one scheme, and parameters and start of the model.
+
+    ``label`` is the scheme's, "G-L 3"; ``rep`` and ``frame`` are for models without their own.
+    """
     from ..api import model_stepper, stepper_of
 
     scheme, stages = _scheme(label)
@@ -111,14 +115,15 @@ def base_parameters(
     refuse_texts(parameter_values, stepper.parameter_domains)
     parameters: dict[str, Any] = {symmetry.name: 0.0 for symmetry in stepper.symmetries
                                   if symmetry.name not in varied}
-    parameters |= {name: value for name, value in start.parameters.items()
+    parameters |= {name: number_or_rule for name, number_or_rule in start.parameters.items()
                              if name in stepper.parameter_domains}
     for name, inertia in start.bodies.items():
         if name in stepper.parameter_domains and name not in parameters and name not in varied:
             parameters[name] = _by_rule(name, start.rules.get(name, "m"), inertia)
-    for name, value in parameter_values.items():
-        is_rule = isinstance(value, Rule) and name in start.bodies
-        parameters[name] = _by_rule(name, value.name, start.bodies[name]) if is_rule else value
+    for name, number_or_rule in parameter_values.items():
+        is_rule = isinstance(number_or_rule, Rule) and name in start.bodies
+        parameters[name] = _by_rule(name, number_or_rule.name,
+                                    start.bodies[name]) if is_rule else number_or_rule
     return parameters
 
 

@@ -90,8 +90,8 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
         Without matplotlib.
     """
     target = None if path is None else check_picture_path(path)
-    inner = {"coordinate", "sample"}
-    drawable = [str(n) for n, a in dataset.items() if not inner & set(a.dims)]
+    inner_dimensions = {"coordinate", "sample"}
+    drawable = [str(n) for n, a in dataset.items() if not inner_dimensions & set(a.dims)]
     if name not in drawable:
         raise InputError(f"{name!r} cannot be drawn; choose {', '.join(drawable)}.")
     array = dataset[name]
@@ -102,12 +102,12 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     array = array.isel({d: slice(None, None, -(-array.sizes[d] // _MOST)) for d in longest})
     figure = figure_class()(figsize=(7.2, 5), layout="constrained")
     axes = figure.add_subplot()
-    shown = [_axis(array, str(d)) for d in array.dims]
-    line_axis = _line_axis(shown)
-    if len(shown) == 2 and line_axis is None:
-        _colours(figure, axes, array, *shown)
+    drawn_axes = [_axis(array, str(d)) for d in array.dims]
+    line_axis = _line_axis(drawn_axes)
+    if len(drawn_axes) == 2 and line_axis is None:
+        _colours(figure, axes, array, *drawn_axes)
     else:
-        along = next(axis for axis in shown if axis is not line_axis)
+        along = next(axis for axis in drawn_axes if axis is not line_axis)
         _lines(axes, array, along, line_axis)
     fixed_values = ", ".join(f"{axis.label} = {axis.names[0]}" for axis in fixed)
     axes.set_title("\n".join(filter(None, [dataset.attrs.get("title", ""), fixed_values])),
@@ -128,7 +128,7 @@ def _axis(array: xarray.DataArray, dimension: str) -> _Axis:
                      numeric=True)
     size = array.sizes[dimension]
     if values is not None:
-        names = [str(value) for value in values]
+        names = [str(coordinate) for coordinate in values]
     elif along:
         names = [", ".join(f"{name} = {column[i]:.4g}" for name, column in along.items())
                  for i in range(size)]
@@ -146,7 +146,7 @@ def _line_axis(shown: list[_Axis]) -> _Axis | None:
 
 
 def _lines(axes: Any, array: xarray.DataArray, along: _Axis, line_axis: _Axis | None) -> None:
-    """Draw a quantity along an axis, a line for each value of the other one."""
+    """Draw a quantity along an axis, a line for each value of ``line_axis``, if there is one."""
     order = np.argsort(along.places, kind="stable")
     lines = np.asarray(array if line_axis is None
                        else array.transpose(line_axis.dimension, along.dimension),
@@ -165,7 +165,7 @@ def _lines(axes: Any, array: xarray.DataArray, along: _Axis, line_axis: _Axis | 
 
 
 def _colours(figure: Any, axes: Any, array: xarray.DataArray, x: _Axis, y: _Axis) -> None:
-    """Draw a quantity over two axes as colours."""
+    """Draw a quantity over the axes x and y of a sweep as colours, in ``axes`` of a figure."""
     from matplotlib.colors import LogNorm
 
     cell_values = np.asarray(array.transpose(y.dimension, x.dimension), dtype=float)
@@ -180,14 +180,18 @@ def _colours(figure: Any, axes: Any, array: xarray.DataArray, x: _Axis, y: _Axis
     figure.colorbar(image, ax=axes, label=_label(array))
 
 
-def _scale(axis: Any, set_scale: Any, shown: _Axis) -> None:
-    """Give an axis of a picture its label, scale and ticks."""
-    axis.set_label_text(shown.label)
-    if not shown.numeric and len(shown) <= _LINES:
-        axis.set_ticks(shown.places, shown.names)
-    if shown.logarithmic:
+def _scale(axis: Any, set_scale: Any, sweep_axis: _Axis) -> None:
+    """Give an axis of a picture the label, scale and ticks of an axis of the sweep.
+
+    ``set_scale`` is Matplotlib's method for this one, such as ``axes.set_xscale``.
+    """
+    axis.set_label_text(sweep_axis.label)
+    if not sweep_axis.numeric and len(sweep_axis) <= _LINES:
+        axis.set_ticks(sweep_axis.places, sweep_axis.names)
+    if sweep_axis.logarithmic:
         set_scale("log")
-        if shown.places.max() < _NEAR * shown.places.min():  # else labels run into each other
+        # labels at 2 and 5 of a decade, unless there are so many decades that they would touch
+        if sweep_axis.places.max() < _NEAR * sweep_axis.places.min():
             from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
             axis.set_minor_locator(LogLocator(subs=(2, 5)))

@@ -65,13 +65,13 @@ class Cells:
         return len(self.dt)
 
 
-def tile_shape(study: Study, stored: bool = True) -> tuple[int, ...]:
+def tile_shape(study: Study, is_stored: bool = True) -> tuple[int, ...]:
     """Return the shape of a whole tile: long in the last axes, one scheme each.
 
     An axis is cut into equal parts: a short last part would be padded on the disk to the length of
     the others.
     """
-    cells = _cells_of_a_tile(study, stored)
+    cells = _cells_of_a_tile(study, is_stored)
     shape = []
     for axis in reversed(study.axes):
         part_count = len(axis) if SCHEME in axis.columns else -(-len(axis) // cells)
@@ -81,10 +81,10 @@ def tile_shape(study: Study, stored: bool = True) -> tuple[int, ...]:
     return tuple(reversed(shape))
 
 
-def _cells_of_a_tile(study: Study, stored: bool) -> int:
+def _cells_of_a_tile(study: Study, is_stored: bool) -> int:
     """Return how many cells one task takes: enough work for a call, little enough to lose."""
     work = study.most_steps * max(s.unknowns for s in study.steppers)
-    least_work = _LEAST_STORED if stored else _LEAST_KEPT
+    least_work = _LEAST_STORED if is_stored else _LEAST_KEPT
     cells = min(max(study.size // _TILES, least_work // work), _MOST_WORK // work, _MOST_CELLS)
     if study.every is not None:
         numbers_per_cell = 2 * study.steppers[0].n * (study.most_steps // study.every + 1)
@@ -98,10 +98,10 @@ def tile_counts(study: Study, stored: bool = True) -> tuple[int, ...]:
                  for length, size in zip(study.shape, tile_shape(study, stored), strict=True))
 
 
-def tiles_of(study: Study, stored: bool = True) -> Iterator[Tile]:
+def tiles_of(study: Study, is_stored: bool = True) -> Iterator[Tile]:
     """Yield the tiles of a study in order: those of a store, or those for a result in memory."""
-    shape = tile_shape(study, stored)
-    for tile_index in itertools.product(*map(range, tile_counts(study, stored))):
+    shape = tile_shape(study, is_stored)
+    for tile_index in itertools.product(*map(range, tile_counts(study, is_stored))):
         yield Tile(tile_index, tuple(
             slice(i * size, min((i + 1) * size, length))
             for i, size, length in zip(tile_index, shape, study.shape, strict=True)))
