@@ -134,21 +134,21 @@ def stepper(
     as_flag("allow_invalid", allow_invalid)
     if isinstance(system, Path):
         system = str(system)
-    named = system if isinstance(system, str) or system is None else None
+    system_name = system if isinstance(system, str) or system is None else None
     file = Path(tableau) if isinstance(tableau, (str, Path)) else None
     own_tableau = None if file is not None else tableau
     if own_tableau is not None:
         if scheme is not None or stages is not None:
             raise InputError("A tableau fixes the scheme and its stages; leave out scheme and "
                              "stages.")
-        spec = Spec.of_tableau(rep, named, real)
+        spec = Spec.of_tableau(rep, system_name, real)
     else:
-        spec = Spec.checked(scheme, stages, rep, named, real, file, order, composition)
+        spec = Spec.checked(scheme, stages, rep, system_name, real, file, order, composition)
     spec = spec.with_frame(frame).with_energy(energy)
-    if named is None and system is not None and rep is not None:
+    if system_name is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
     with log_stages(f"making {spec.name}", 2, progress) as end_stage:
-        compiled = stepper_of(spec, None if named is not None else system, own_tableau,
+        compiled = stepper_of(spec, None if system_name is not None else system, own_tableau,
                               allow_invalid, derived=end_stage)
         end_stage()
     if visuals:
@@ -197,12 +197,14 @@ def consistent(
     if not isinstance(system, AnySystem):
         raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
     q: Any = start
-    begin = as_start(start) if p is None else Start(q, p)
+    numbers_of_start = as_start(start) if p is None else Start(q, p)
     names = [symbol.name for symbol in (*system.parameters, *system.inputs)]
-    values = {name: 1.0 if isinstance(value, str) else value  # the projection is free of γ
-              for name, value in start_parameters(names, begin, parameters).items()}
-    state = (as_array(name, getattr(begin, name), (system.n,), np.float64) for name in "qp")
-    return project(numeric(system, values, float(as_real("t", begin.t if t is None else t))),
+    values = {name: 1.0 if isinstance(number, str) else number  # the projection is free of γ
+              for name, number in start_parameters(names, numbers_of_start, parameters).items()}
+    state = (as_array(name, getattr(numbers_of_start, name), (system.n,), np.float64)
+             for name in "qp")
+    return project(numeric(system, values, float(as_real("t",
+                                                         numbers_of_start.t if t is None else t))),
                    *state)
 
 
@@ -359,13 +361,13 @@ def tableau(
 
     parts = {"A": A, "A_hat": A_hat, "A_tilde": A_tilde, "A_bar": A_bar, "b": b, "b_hat": b_hat,
              "b_tilde": b_tilde, "c": c, "c_tilde": c_tilde}
-    keys = [key for key, value in parts.items() if value is not None]
+    keys = [key for key, array in parts.items() if array is not None]
     if scheme is None and stages is None:
         return butcher_tableau(name, parts)
     if keys or scheme is None:
-        both = " and ".join(["stages" if scheme is None else "a scheme", *keys])
+        conflicting = " and ".join(["stages" if scheme is None else "a scheme", *keys])
         raise InputError("Give a scheme with its stages, a file, or A and b of a Butcher tableau; "
-                         f"not {both}.")
+                         f"not {conflicting}.")
     if isinstance(scheme, Path) or str(scheme).endswith(".json"):
         if stages is not None:
             raise InputError("A tableau file fixes its stages; leave out stages.")
@@ -373,7 +375,8 @@ def tableau(
     else:
         result = tableau_of(Spec.checked(scheme, stages))
     if result is None:
-        names = [entry.name for entry in SCHEMES.values() if entry.tableau is not None]
+        names = [registered.name for registered in SCHEMES.values()
+                 if registered.tableau is not None]
         raise InputError(f"{scheme} has no SPARK tableau; choose {listed(names)}.")
     return result
 
@@ -484,12 +487,12 @@ class Derivation:
         with capture_warnings() as messages, log_task(f"deriving {label}{method}",
                                                       f"derived {label}"):
             arguments = self.arguments()
-            free = arguments.pop("free", [])
+            free_names = arguments.pop("free", [])
             source = generate(spec, allow_invalid=self.allow_invalid, **arguments,
                               derivatives=kind in ("derivatives", "second"),
                               second=kind == "second").source
         model = arguments.get("model")
-        start = None if model is None else replace(RunDefaults.of(model), free=free).as_json()
+        start = None if model is None else replace(RunDefaults.of(model), free=free_names).as_json()
         return [source.name, source.files(), start, messages]
 
 
@@ -581,9 +584,9 @@ def stepper_of(
     """
     files = spec.model or spec.tableau
     if system is None and tableau is None and files is None and not allow_invalid:
-        named = _named_stepper(spec)
+        paper_stepper = _named_stepper(spec)
         derived()
-        return named
+        return paper_stepper
     return derivation(spec, system, tableau, allow_invalid).stepper(derived)[0]
 
 
@@ -613,8 +616,8 @@ def model_stepper(
         assert start is not None
         return compiled, start
 
-    numbers = {key: number for key, value in settings.items()
-               if (number := _plain_number(value)) is not None}
+    numbers = {key: number for key, text in settings.items()
+               if (number := _plain_number(text)) is not None}
     if not settings or len(numbers) < len(settings) or is_robot(spec.model or ""):
         return with_values(settings)
     compiled, start = with_values({})

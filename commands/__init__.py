@@ -94,10 +94,10 @@ def _call(command: click.Command, name: str) -> NoReturn:
             stream.reconfigure(errors="replace")
     try:
         with terminal_messages(), _printing_warnings(name):
-            result = command.main(prog_name=name, standalone_mode=False)
+            exit_code = command.main(prog_name=name, standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
-        sys.exit(result if isinstance(result, int) else 0)
+        sys.exit(exit_code if isinstance(exit_code, int) else 0)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         sys.exit(2)

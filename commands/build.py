@@ -117,7 +117,7 @@ def _option(name: str, metavar: str, about: str, names: Any = ()) -> click.Optio
 
 def _write(
     target: Target, model: str, settings: tuple[str, ...], values: tuple[str, ...],
-    stages: str | None, order: str | None, dt: str | None, check: bool, **given: Any,
+    stages: str | None, order: str | None, dt: str | None, check: bool, **scheme_options: Any,
 ) -> int:
     """Write the artefact and print its files; return the exit code, 1 if its bits differ from C."""
     with imported_for_good("sympy"), catch_termination():
@@ -126,7 +126,8 @@ def _write(
             stages=None if stages is None else whole_number("--stages", stages),
             order=None if order is None else whole_number("--order", order),
             dt=None if dt is None else real_number("--dt", dt),
-            parameters=dict(map(_value, values)), platforms=given.pop("for", None), **given)
+            parameters=dict(map(_value, values)), platforms=scheme_options.pop("for", None),
+            **scheme_options)
     click.echo(f"{built.path}: {target.about}, of {built.stepper.name}")
     for name in built.files:
         click.echo(f"  {name}")
@@ -147,16 +148,16 @@ def _model(name: str, settings: tuple[str, ...]) -> Any:
 
         changes = settings_of(settings)
         return read_model(model_text(Path(name)), name, None, changes).model if changes else name
-    entry = entry_named(name)
-    return entry.make(**arguments_of(entry, settings)) if settings else entry.name
+    registered = entry_named(name)
+    return registered.make(**arguments_of(registered, settings)) if settings else registered.name
 
 
 def _value(text: str) -> tuple[str, Any]:
     """Return name and value of ``--parameter``; γ and α may have a rule's name."""
-    name, sign, value = text.partition("=")
+    name, sign, number_text = text.partition("=")
     if not sign:
         raise InputError(f"--parameter {text!r} has no value; write NAME=VALUE, such as gamma=m.")
-    name, value = name.strip(), value.strip()
-    if is_inertia_parameter(name) and value in MEANS:
-        return name, Rule(value)
-    return name, real_number(f"--parameter {name}", value)
+    name, number_text = name.strip(), number_text.strip()
+    if is_inertia_parameter(name) and number_text in MEANS:
+        return name, Rule(number_text)
+    return name, real_number(f"--parameter {name}", number_text)

@@ -49,14 +49,14 @@ __all__ = ["fit"]
 @click.option("--sigma", metavar="SIGMA",
               help="One standard deviation of the noise, of attitudes in rad (default: that of the "
                    "residuals).")
-@click.option("--set", metavar="KEY=VALUE", multiple=True,
+@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
               help="As of gyrospark run: the time of the start, t=0.5, first guesses of the "
                    "parameters of a model file, and keys such as "
                    "start.angular_velocity='[0, 0, 40]'.")
 @json_option
 def fit(
     problem: str, data: Path, observe: str, free: str | None, fixed: str | None, dt: str | None,
-    dtau: str | None, sigma: str | None, set: tuple[str, ...], as_json: bool, **choice: Any,
+    dtau: str | None, sigma: str | None, settings: tuple[str, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Fit parameters and the start of PROBLEM to measured data: one of the paper's problems,
     (PROBLEMS); one of gs.models, (MODELS); or a model file (.toml), whose values are the first
@@ -76,11 +76,11 @@ def fit(
     from ..runtime.analysis.fit import fit as fitted
     from ..runtime.analysis.observations import observation_of
 
-    _, step, start, begin = started(problem, set, choice, scaled=True)
+    _, step, start, t0 = started(problem, settings, choice, scaled=True)
     observed = _names(observe)
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
-    state = start_of(step, start, begin)
+    state = start_of(step, start, t0)
     outcome = fitted(
         step, state, times, rows, observe=observed,
         dt=None if dt is None else real_number("--dt", dt),
@@ -107,6 +107,7 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
     """
     headings = ["time", *names]
     try:
+        # spreadsheets write a byte order mark
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = [line for line in csv.reader(file) if line]
     except (OSError, UnicodeError, csv.Error) as error:

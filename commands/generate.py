@@ -71,9 +71,9 @@ def generate(
     gyrospark generate --scheme G-L --stages 3 --energy
     gyrospark generate --check --all
     """
-    chosen = any([*choice.values(), profile])
-    if everything or (check and not chosen):
-        if chosen:
+    has_choices = any([*choice.values(), profile])
+    if everything or (check and not has_choices):
+        if has_choices:
             raise InputError("--all takes every stepper of the paper; leave out the other choices.")
         specs = list(PAPER_SPECS)
     else:
@@ -93,34 +93,39 @@ def write_stepper(
     spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool, standalone: bool,
     derivatives: bool = False,
 ) -> None:
-    """Generate, write, compile (where that is for Python) and report one stepper."""
-    start = time.perf_counter()
+    """Generate, write, compile (where that is for Python) and report one stepper.
+
+    ``out`` is the folder; ``standalone`` puts the engine into the C, ``derivatives`` adds tangents
+    and adjoints, ``allow_invalid`` takes a tableau that violates its conditions.
+    """
+    started_at = time.perf_counter()
     # steppers of named systems are cached by their names, others by their content
-    named = spec.tableau is None and spec.model is None and spec.system not in MODELS
+    is_named = spec.tableau is None and spec.model is None and spec.system not in MODELS
     with log_task(f"making {spec.model or spec.name}"):  # the summary says how long it took
-        if named and not derivatives:
+        if is_named and not derivatives:
             files = _cached(spec)
-            written = complete(files) if standalone else files
+            written_files = complete(files) if standalone else files
         else:
             source = _generate(spec, allow_invalid, derivatives).source
-            files, written = source.files(), source.files(standalone=standalone)
+            files, written_files = source.files(), source.files(standalone=standalone)
         name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
         module_kind: ModuleKind = "derivatives" if derivatives else "runs"
         if compile_it:
             files = complete(files)
             refuse_without_compiler(files, module_kind)
-        write_files(written, out)
-        derived = time.perf_counter()
+        write_files(written_files, out)
+        derived_at = time.perf_counter()
         if compile_it:
             from ..api import Derivation
             from ..runtime.compilation.stepper_module import load_module
 
             load_module(name, files, module_kind)
-            if named and not derivatives:
+            if is_named and not derivatives:
                 Derivation(spec).keep(files)
-    done = time.perf_counter()
-    click.echo(summary(name, Manifest.from_text(files[f"{name}.json"]), out, derived - start,
-                       done - derived if compile_it else None))
+    compiled_at = time.perf_counter()
+    click.echo(summary(name, Manifest.from_text(files[f"{name}.json"]), out,
+                       derived_at - started_at,
+                       compiled_at - derived_at if compile_it else None))
 
 
 def refuse_without_compiler(files: dict[str, str], module_kind: ModuleKind) -> None:
@@ -139,7 +144,10 @@ def refuse_without_compiler(files: dict[str, str], module_kind: ModuleKind) -> N
 def summary(
     name: str, manifest: Manifest, out: Path, derive: float, compile_seconds: float | None
 ) -> str:
-    """Return the properties of a generated stepper, in a few lines."""
+    """Return the properties of a generated stepper, in a few lines.
+
+    ``derive`` and ``compile_seconds`` are seconds, the latter None for what was not compiled.
+    """
     scheme, system = manifest.scheme, manifest.system
     remarks = "".join(f"  {subject}: {remark}\n" for subject, remark in manifest.warnings)
     seconds = f"derived and written in {derive:.2f} s"
@@ -172,9 +180,9 @@ def check_files(
     stale = 0
     for name, text in generated.source.files(standalone=standalone).items():
         path = out / name
-        old = _text_of(path)
+        present_text = _text_of(path)
         diff = list(difflib.unified_diff(
-            old.splitlines(keepends=True), text.splitlines(keepends=True),
+            present_text.splitlines(keepends=True), text.splitlines(keepends=True),
             str(path), f"{path} (generated)",
         ))
         click.echo("".join(diff), nl=False)

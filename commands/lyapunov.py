@@ -36,7 +36,7 @@ __all__ = ["lyapunov"]
 @click.option("--every", metavar="R", default="10", show_default=True,
               help="Steps between two QR decompositions.")
 @click.option("--count", metavar="K", help="How many exponents, the largest first (default: all).")
-@click.option("--set", metavar="KEY=VALUE", multiple=True,
+@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
               help="As of gyrospark run: the time of the start, t=0.5; an argument of the "
                    "problem, or of a model file a parameter or a key.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
@@ -44,7 +44,7 @@ __all__ = ["lyapunov"]
 @json_option
 def lyapunov(
     problem: str, dt: str | None, steps: str | None, t_end: str | None, every: str,
-    count: str | None, set: tuple[str, ...], plot: Path | None, as_json: bool, **choice: Any,
+    count: str | None, settings: tuple[str, ...], plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
     """Compute the Lyapunov exponents of PROBLEM: one of the paper's, (PROBLEMS); one of gs.models,
     (MODELS); or a model file (.toml). Statistical errors, MEGNO (2 where a motion is regular, λ t/2
@@ -62,16 +62,16 @@ def lyapunov(
         check_picture(plot)
     between = whole_number("--every", every)
     exponent_count = None if count is None else whole_number("--count", count)
-    _, step, start, begin = started(problem, set, choice)
-    state = start_of(step, start, begin)
-    size, number = steps_for(start, begin, {"dt": dt, "steps": steps, "t_end": t_end})
+    _, step, start, t0 = started(problem, settings, choice)
+    state = start_of(step, start, t0)
+    size, number = steps_for(start, t0, {"dt": dt, "steps": steps, "t_end": t_end})
     spectrum = exponents_of(step, state, dt=size, steps=number, every=between,
                             count=exponent_count)
-    result = _result(spectrum)
+    report = _result(spectrum)
     if plot is not None:
         spectrum.plot(plot)
-        result["plot"] = str(plot)
-    click.echo(json.dumps(result, indent=2) if as_json else _text(result))
+        report["plot"] = str(plot)
+    click.echo(json.dumps(report, indent=2) if as_json else _text(report))
     return 0
 
 
@@ -95,19 +95,19 @@ def _result(spectrum: Lyapunov) -> dict[str, Any]:
     }
 
 
-def _text(result: dict[str, Any]) -> str:
+def _text(report: dict[str, Any]) -> str:
     """Return the report for people: exponents with errors, MEGNO, symplectic defect, pairing."""
-    lines = [f"{result['stepper']}: {result['steps']:,} steps of {result['dt']:g} s, QR every "
-             f"{result['every']}"]
-    lines += [f"  λ{i:<3} {value:12.6f} ± {'?' if error is None else f'{error:.2g}'} /s"
-              for i, (value, error) in enumerate(zip(result["exponents"], result["errors"],
-                                                     strict=True), 1)]
-    lines += [f"  MEGNO                     {result['megno']:.6g}",
-              f"  finite-time exponent      {result['ftle']:.6g} /s",
-              f"  symplectic defect         {result['symplectic_defect']:.1e}"]
-    if result["pairing"] is not None:
-        lines += [f"  pairs sum to              {result['pairing']:.1e} /s",
-                  f"  rate of phase volume      {result['volume_rate']:.1e} /s"]
-    if "plot" in result:
-        lines.append(f"  picture                   {result['plot']}")
+    lines = [f"{report['stepper']}: {report['steps']:,} steps of {report['dt']:g} s, QR every "
+             f"{report['every']}"]
+    lines += [f"  λ{i:<3} {exponent:12.6f} ± {'?' if error is None else f'{error:.2g}'} /s"
+              for i, (exponent, error) in enumerate(zip(report["exponents"], report["errors"],
+                                                        strict=True), 1)]
+    lines += [f"  MEGNO                     {report['megno']:.6g}",
+              f"  finite-time exponent      {report['ftle']:.6g} /s",
+              f"  symplectic defect         {report['symplectic_defect']:.1e}"]
+    if report["pairing"] is not None:
+        lines += [f"  pairs sum to              {report['pairing']:.1e} /s",
+                  f"  rate of phase volume      {report['volume_rate']:.1e} /s"]
+    if "plot" in report:
+        lines.append(f"  picture                   {report['plot']}")
     return "\n".join(lines)

@@ -156,15 +156,15 @@ def real_number(name: str, text: str) -> float:
 def solver_from(text: str) -> Solver:
     """Return the solver that an option's text says: ``newton,tolerance=1e-12,max_iterations=20``.
     """
-    kind, *parts = (entry.strip() for entry in text.split(","))
-    read = {"tolerance": real_number, "max_iterations": whole_number}
+    kind, *parts = (part.strip() for part in text.split(","))
+    readers = {"tolerance": real_number, "max_iterations": whole_number}
     settings: dict[str, Any] = {}
-    for entry in parts:
-        name, sign, value = (x.strip() for x in entry.partition("="))
-        if not sign or name in settings or name not in read:
-            raise InputError(f"--solver {text!r} has {entry!r}; write NAME,KEY=VALUE with KEY once "
-                             f"among {listed(read)}{proposal(name, read)}.")
-        settings[name] = read[name](f"--solver {name}", value)
+    for part in parts:
+        name, sign, number_text = (x.strip() for x in part.partition("="))
+        if not sign or name in settings or name not in readers:
+            raise InputError(f"--solver {text!r} has {part!r}; write NAME,KEY=VALUE with KEY once "
+                             f"among {listed(readers)}{proposal(name, readers)}.")
+        settings[name] = readers[name](f"--solver {name}", number_text)
     return Solver(choose("solver", kind, get_args(SolverName)), **settings)
 
 

@@ -100,14 +100,15 @@ def _sound(results: Sequence[Result]) -> bool:
 
 @contextmanager
 def _progress(
-    total: int, *, quiet: bool
+    result_count: int, *, quiet: bool
 ) -> Iterator[tuple[Callable[[str, int], None] | None, Callable[[str], None] | None]]:
     """Yield callbacks of progress: a bar on a terminal, elsewhere one line for each result."""
-    if quiet or sys.stderr is None or (total == 1 and not sys.stderr.isatty()):
+    if quiet or sys.stderr is None or (result_count == 1 and not sys.stderr.isatty()):
         yield None, None
         return
     if not sys.stderr.isatty():
-        yield lambda name, done: click.echo(f"{name}: {done + 1} of {total}", err=True), None
+        yield (lambda name, results_done: click.echo(f"{name}: {results_done + 1} of "
+                                                     f"{result_count}", err=True)), None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -116,8 +117,9 @@ def _progress(
                TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeElapsedColumn(),
                TextColumn("{task.description}"))
     with hide_tasks(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=total, result="")
-        yield (lambda name, done: bar.update(task, completed=done, result=name, description=""),
+        task = bar.add_task("", total=result_count, result="")
+        yield (lambda name, results_done: bar.update(task, completed=results_done, result=name,
+                                                     description=""),
                lambda text: bar.update(task, description=text))
 
 

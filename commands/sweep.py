@@ -84,7 +84,7 @@ def sweep(
         except KeyboardInterrupt:  # the second one: Python would wait for the tiles in work
             click.echo("gyrospark: Interrupted; every finished cell is stored.", err=True)
             sys.stderr.flush()
-            os._exit(130)
+            os._exit(130)  # without joining the threads that compute tiles
         if trouble is None or is_complete(loaded.study, store):
             result = _result(loaded.study, store, show, time.perf_counter() - started)
             if plot is not None:
@@ -140,8 +140,9 @@ def _text(result: dict[str, Any]) -> str:
              f"  {result['cells']:,} cells ({axes}) in {result['seconds']:.1f} s"]
     lines += [f"  {name:<23} {count:,}" for name, count in result["statuses"].items()]
     if result["least"] is not None:
-        location = ", ".join(f"{name} = {value:.6g}" if isinstance(value, float)
-                             else f"{name} = {value}" for name, value in result["least_at"].items())
+        location = ", ".join(f"{name} = {axis_value:.6g}" if isinstance(axis_value, float)
+                             else f"{name} = {axis_value}"
+                             for name, axis_value in result["least_at"].items())
         lines += [f"  {result['shown']:<23} from {result['least']:.3e} to {result['most']:.3e}",
                   f"  least at                {location}"]
     lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]

@@ -85,9 +85,9 @@ def verify(
     """
     if model is not None:
         return _certify(model, target, dt, dtau, steps, plot, choice, frame=frame, as_json=as_json)
-    for option, value in (("--dt", dt), ("--dtau", dtau), ("--steps", steps), ("--plot", plot),
-                          ("--frame", frame)):
-        if value is not None:
+    for option, argument in (("--dt", dt), ("--dtau", dtau), ("--steps", steps), ("--plot", plot),
+                             ("--frame", frame)):
+        if argument is not None:
             raise InputError(f"{option} belongs to --model; name the model, or leave it out.")
     from ..certificates.verification import verify_composition, verify_stepper
 
@@ -110,9 +110,10 @@ def verify(
 def _compositions(target: str | None, choice: dict[str, Any]) -> list[Composition]:
     """Return the compositions to verify; none where a stepper or a tableau is."""
     composed = {"scheme", "order", "composition"}
-    named = [choice[key] for key in composed if choice[key] is not None]
-    if target is not None or not named or choice["scheme"] not in (None, SPLITTING) or any(
-            value not in (None, False) for key, value in choice.items() if key not in composed):
+    composition_choices = [choice[key] for key in composed if choice[key] is not None]
+    if target is not None or not composition_choices or choice["scheme"] not in (None,
+                                                                                 SPLITTING) or any(
+            option not in (None, False) for key, option in choice.items() if key not in composed):
         return []
     if choice["composition"] is None and choice["order"] is None:
         return list(COMPOSITIONS.values())
@@ -204,15 +205,16 @@ def _certify(
             steps=None if steps is None else whole_number("--steps", steps),
             order=None if spec.composition else spec.order, composition=spec.composition or None,
         )
-    drawn = {}
+    picture_report = {}
     if plot is not None:
         with log_task(f"measuring how exact {certificate.stepper} is"):
-            drawn = _draw(model, certificate, choice, spec, rep, plot)
+            picture_report = _draw(model, certificate, choice, spec, rep, plot)
     if as_json:
-        click.echo(json.dumps(certificate.as_dict() | drawn, indent=2, allow_nan=False))
+        click.echo(json.dumps(certificate.as_dict() | picture_report, indent=2, allow_nan=False))
     else:
         _print_certificate(certificate)
-        click.echo("".join(f"wrote {path}\n" for path in [drawn.get("plot")] if path), nl=False)
+        click.echo("".join(f"wrote {path}\n" for path in [picture_report.get("plot")] if path),
+                   nl=False)
     return 0 if certificate.holds else 1
 
 
@@ -239,9 +241,9 @@ def _draw(
 def _model(name: str, rep: str | None) -> Model | Problem:
     """Return the named problem or model, or the model of a file."""
     if not Path(name).suffix and not Path(name).is_file():
-        entry = entry_named(name, "model")
-        options = {"rep": rep} if rep is not None and entry.kind == "model" else {}
-        problem: Model | Problem = entry.make(**options)
+        registered = entry_named(name, "model")
+        options = {"rep": rep} if rep is not None and registered.kind == "model" else {}
+        problem: Model | Problem = registered.make(**options)
         return problem
     from ..generator.models.model_file import parse_model
     from ..generator.parsing.text_file import model_text

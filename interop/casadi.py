@@ -195,14 +195,18 @@ def _reverse(
             name, _named(ins, [*shapes, (flow.size, count)]),
             _named(outs, [(width, height * columns) for height, columns in shapes]), second)
 
-    def second(x: Array, z: Array, w: Array, result: Array) -> tuple[Array, ...]:
-        """Return the Jacobian of F'(x)ᵀ w by x, by z (0) and by w."""
+    def second(x: Array, z: Array, w: Array, nominal: Array) -> tuple[Array, ...]:
+        """Return the Jacobian of F'(x)ᵀ w by x, by z (0) and by w, side by side in columns.
+
+        With the ``count`` columns of w stacked it has size · count rows, and size, 2n and 2n count
+        columns.
+        """
         # columns of w are stacked: by w it is one block F'ᵀ for each column
-        first = flow.jacobian(x.T)[0].T
+        first_order = flow.jacobian(x.T)[0].T
         unit = np.eye(flow.size)[None]
         by_x = np.concatenate([flow.second(flow.adjoint, x.T, np.repeat(
             cotangent[None, None], flow.size, axis=1), unit)[0].T for cotangent in w.T])
-        return by_x, np.zeros((len(by_x), len(z))), np.kron(np.eye(count), first)
+        return by_x, np.zeros((len(by_x), len(z))), np.kron(np.eye(count), first_order)
 
     return _Function(name, _named(ins, shapes), _named(outs, [(flow.size, count)]),
                      lambda x, z, w: (flow.adjoint(x.T, w.T[None])[0].T,), {"jacobian": jacobian})

@@ -68,6 +68,7 @@ class DiscreteFlow:
     """
 
     def __init__(self, stepper: Stepper, steps: int, *, exact: bool = True) -> None:
+        """Lay out x = (q, p, parameters, dt, t0, inputs), and its rows in compiled directions."""
         if not isinstance(stepper, Stepper):
             raise InputError(f"step = {shown(stepper)} is no stepper; give one of "
                              "gyrospark.stepper(...).")
@@ -176,11 +177,11 @@ class DiscreteFlow:
         Raises InputError for missing and unknown names, and for text in place of a number.
         """
         rates = {symmetry.name for symmetry in self.stepper.symmetries}
-        for name, value in parameters.items():
+        for name, number in parameters.items():
             if name not in self.names:
                 raise unknown("parameter", name, self.names)
-            if isinstance(value, str):
-                raise InputError(f"Parameter {name} = {value!r} is no number; give one, such as "
+            if isinstance(number, str):
+                raise InputError(f"Parameter {name} = {number!r} is no number; give one, such as "
                                  "gs.gamma(inertia).")
         missing = [name for name in self.names if name not in parameters and name not in rates]
         if missing:
@@ -284,8 +285,8 @@ class DiscreteFlow:
         is_last, no_entries = True, binding.own.new(0)
         for steps in backwards(self.stepper, run, as_bytes(DEFAULT_MEMORY), None):
             if is_last and frame.moves:
-                last = np.concatenate([steps.q[-1], steps.p[-1]])
-                z_bar += w @ frame.own_derivatives(self.steps, last)
+                end_state = np.concatenate([steps.q[-1], steps.p[-1]])
+                z_bar += w @ frame.own_derivatives(self.steps, end_state)
                 w = np.ascontiguousarray(w @ frame.matrix(self.steps))
             is_last = False
             # in place: each w becomes the cotangent of the state before these steps

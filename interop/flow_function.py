@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..core.errors import InputError
 from ..runtime.steppers.stepper import Stepper
 from .discrete_flow import DiscreteFlow
 
-__all__ = ["FlowFunction", "no_second_order"]
+__all__ = ["FlowFunction", "no_second_order", "on_mapped_axis"]
 
 #: Choices for second derivatives.
 _SECOND_ORDER = ("exact", "differences", "refuse")
@@ -99,7 +99,7 @@ class FlowFunction(ABC):
         arguments: list[tuple[str, Any, tuple[int, ...]]] = [("q", q, (flow.n,)),
                                                              ("p", p, (flow.n,))]
         if isinstance(parameters, Mapping):
-            arguments += [(f"Parameter {name}", value, ()) for name, value in
+            arguments += [(f"Parameter {name}", argument, ()) for name, argument in
                           zip(self.names, flow.parameters(parameters), strict=True)]
         else:
             arguments.append(("parameters", parameters, (len(self.names),)))
@@ -111,15 +111,41 @@ class FlowFunction(ABC):
                              f"shape ({flow.steps}, {count}) or ({count},).")
         if inputs is not None:
             arguments.append(("inputs", inputs, (flow.steps, count)))
-        for name, value, shape in arguments:
-            value_shape, allowed = self._shape(value), {shape}
+        for name, argument, shape in arguments:
+            given_shape, allowed = self._shape(argument), {shape}
             if name == "inputs":
                 allowed.add((count,))
             if shape[-1:] == (1,):  # one number or a column, which CasADi has no other shapes for
                 allowed |= {(), shape[:-1] if self._columns else ()}
-            if value_shape not in allowed:
-                raise InputError(f"{name} has shape {value_shape}; give shape {shape}.")
-        return [(value, shape) for _, value, shape in arguments]
+            if given_shape not in allowed:
+                raise InputError(f"{name} has shape {given_shape}; give shape {shape}.")
+        return [(argument, shape) for _, argument, shape in arguments]
+
+
+def on_mapped_axis(
+    function: Callable[..., Any], arrays: Sequence[Any], axes: Sequence[int | None], size: int,
+    move: Callable[[Any, int, int], Any], repeat: Callable[[Any, int, int], Any],
+) -> tuple[Any, int]:
+    """Return a function of arrays of which ``axes`` are mapped, and the mapped axis of the result.
+
+    The mapped axis, of length ``size``, is put before the axis of points and merged with it; if x,
+    the first array, has none, before the axis of directions: all of them follow one run. The
+    library moves an axis, ``move(array, axis, new_axis)``, and inserts one of equal entries,
+    ``repeat(array, axis, size)``.
+    """
+    mapped_axis = 0 if axes[0] is not None else 1
+    merged = []
+    for i, (array, axis) in enumerate(zip(arrays, axes, strict=True)):
+        if i == 0 and axis is None:
+            merged.append(array)
+            continue
+        mapped = (repeat(array, mapped_axis, size) if axis is None
+                  else move(array, axis, mapped_axis))
+        merged.append(mapped.reshape(*mapped.shape[:mapped_axis], -1,
+                                     *mapped.shape[mapped_axis + 2 :]))
+    result = function(*merged)
+    return result.reshape(*result.shape[:mapped_axis], size, -1,
+                          *result.shape[mapped_axis + 1 :]), mapped_axis
 
 
 def no_second_order(cure: str = "") -> InputError:

@@ -23,7 +23,7 @@ from ..core.errors import InputError, MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
 from .discrete_flow import DiscreteFlow
-from .flow_function import FlowFunction, no_second_order
+from .flow_function import FlowFunction, no_second_order, on_mapped_axis
 
 try:
     import jax
@@ -86,7 +86,11 @@ _second_adjoint = Primitive("gyrospark_second_adjoint")
 
 
 def _register(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> None:
-    """Register the evaluation of a primitive, in Python and in compiled programs."""
+    """Register the evaluation of a primitive, in Python and in compiled programs.
+
+    ``call`` takes the flow and NumPy arrays; ``is_adjoint``: its result has the width of x, not of
+    F(x). Compiled programs call Python back.
+    """
     def shape(x: Any, *directions: Any, flow: DiscreteFlow) -> tuple[int, ...]:
         width = flow.size if is_adjoint else 2 * flow.n
         return (*(directions[0].shape[:2] if directions else x.shape[:1]), width)
@@ -114,24 +118,16 @@ def _register(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> Non
 def _batch(
     primitive: Any, arrays: Sequence[Any], axes: Sequence[int | None], **settings: Any
 ) -> tuple[Any, int]:
-    """Merge the mapped axis with the axis of points; if x is not mapped, with the directions."""
+    """The rule of ``vmap`` for a primitive; see ``on_mapped_axis``."""
     size = next(array.shape[axis] for array, axis in zip(arrays, axes, strict=True)
                 if axis is not None)
-    # The mapped axis is put before the axis of points or directions, and merged with it.
-    mapped_axis = 0 if axes[0] is not None else 1
-    batched = []
-    for i, (array, axis) in enumerate(zip(arrays, axes, strict=True)):
-        if i == 0 and axis is None:
-            batched.append(array)
-            continue
-        array = (jnp.moveaxis(array, axis, mapped_axis) if axis is not None else jnp.broadcast_to(
-            jnp.expand_dims(array, mapped_axis),
-            (*array.shape[:mapped_axis], size, *array.shape[mapped_axis:])))
-        batched.append(array.reshape(*array.shape[:mapped_axis], -1,
-                                     *array.shape[mapped_axis + 2 :]))
-    result = primitive.bind(*batched, **settings)
-    return result.reshape(*result.shape[:mapped_axis], size, -1,
-                          *result.shape[mapped_axis + 1 :]), mapped_axis
+
+    def repeat(array: Any, axis: int, size: int) -> Any:
+        return jnp.broadcast_to(jnp.expand_dims(array, axis),
+                                (*array.shape[:axis], size, *array.shape[axis:]))
+
+    return on_mapped_axis(partial(primitive.bind, **settings), arrays, axes, size, jnp.moveaxis,
+                          repeat)
 
 
 def _is_nonzero(tangent: Any) -> bool:
@@ -150,14 +146,14 @@ def _linear_jvp(
     """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
     (x, v), (dx, dv) = primals, tangents
     settings = {"flow": flow, "has_second": has_second}
-    value = linear.bind(x, v, **settings)
+    product = linear.bind(x, v, **settings)
     terms = [linear.bind(x, dv, **settings)] if _is_nonzero(dv) else []
     if _is_nonzero(dx):
         if not has_second:
             raise no_second_order()
         directions = jnp.broadcast_to(dx[:, None], (*v.shape[:2], dx.shape[-1]))
         terms.append(second.bind(x, v, directions, **settings))
-    return value, sum(terms[1:], terms[0]) if terms else ad.Zero.from_primal_value(value)
+    return product, sum(terms[1:], terms[0]) if terms else ad.Zero.from_primal_value(product)
 
 
 def _transpose(transposed_primitive: Any, cotangent: Any, x: Any, v: Any, **settings: Any) -> Any:

@@ -17,7 +17,7 @@ from ..core.errors import InputError, MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
 from .discrete_flow import DiscreteFlow
-from .flow_function import FlowFunction, no_second_order
+from .flow_function import FlowFunction, no_second_order, on_mapped_axis
 
 try:
     import torch
@@ -83,23 +83,14 @@ def _save(ctx: Any, inputs: tuple[Any, ...]) -> None:
 
 
 def _batch(function: Any, size: int, axes: tuple[Any, ...], inputs: tuple[Any, ...]) -> Any:
-    """Merge the mapped axis with the axis of points; if x is not mapped, with the directions."""
+    """The rule of ``vmap`` for a function; see ``on_mapped_axis``."""
     *tensors, flow, has_second = inputs
-    # The mapped axis is put before the axis of points or directions, and merged with it.
-    mapped_axis = 0 if axes[0] is not None else 1
-    batched = []
-    for i, (tensor, axis) in enumerate(zip(tensors, axes[: len(tensors)], strict=True)):
-        if i == 0 and axis is None:
-            batched.append(tensor)
-            continue
-        mapped = (tensor.movedim(axis, mapped_axis) if axis is not None
-                  else tensor.unsqueeze(mapped_axis).expand(*tensor.shape[:mapped_axis], size,
-                                                            *tensor.shape[mapped_axis:]))
-        batched.append(mapped.reshape(*mapped.shape[:mapped_axis], -1,
-                                      *mapped.shape[mapped_axis + 2 :]))
-    result = function.apply(*batched, flow, has_second)
-    return result.reshape(*result.shape[:mapped_axis], size, -1,
-                          *result.shape[mapped_axis + 1 :]), mapped_axis
+
+    def repeat(tensor: Any, axis: int, size: int) -> Any:
+        return tensor.unsqueeze(axis).expand(*tensor.shape[:axis], size, *tensor.shape[axis:])
+
+    return on_mapped_axis(lambda *merged: function.apply(*merged, flow, has_second), tensors,
+                          axes[: len(tensors)], size, torch.movedim, repeat)
 
 
 class _Batched(Function):

@@ -304,6 +304,7 @@ def place(artefact: Path, out: Path, facts: Mapping[str, Any]) -> tuple[str, ...
     if not out.is_dir() or not any(out.iterdir()):
         artefact.replace(out)
         return (*names, MARKER)
+    # file by file: whoever watches one of them never sees it missing
     old_files: Sequence[str] = [*json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]]
     for name in (*names, MARKER):
         (out / name).parent.mkdir(parents=True, exist_ok=True)

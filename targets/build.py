@@ -129,23 +129,23 @@ def build(
         files_and_defaults = [text_of(spec, model) for spec in specs]
         end_stage()
         steppers = tuple(_written_stepper(files) for files, _ in files_and_defaults)
-        first = steppers[0]
+        first_stepper = steppers[0]
         _, model_defaults = files_and_defaults[0]
         defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else model_defaults
-        options = _options(first, defaults, dt, start, parameters, steppers)
+        options = _options(first_stepper, defaults, dt, start, parameters, steppers)
         if start is not None:
             _refuse_off_constraints(specs[0], model, options)
         if path is None:
-            path = Path(f"{first.name}{chosen_target.suffix}")
+            path = Path(f"{first_stepper.name}{chosen_target.suffix}")
             check_out(path)
-        content = module.files(first.manifest, first.sources, options)
-        facts = {"target": chosen_target.name, "stepper": first.name, "dt": options.dt,
+        content = module.files(first_stepper.manifest, first_stepper.sources, options)
+        facts = {"target": chosen_target.name, "stepper": first_stepper.name, "dt": options.dt,
                  "q": options.q, "p": options.p, "parameters": dict(options.parameters),
                  "platforms": platform_names}
         with staging(path, content) as folder:
             names = place(module.compile(folder, platform_names), path, facts)
         end_stage()
-        return Built(chosen_target, path, names, platform_names, first, options)
+        return Built(chosen_target, path, names, platform_names, first_stepper, options)
 
 
 def target_named(name: Any) -> Target:
@@ -214,8 +214,8 @@ def _resolved(system: Any, rep: Any) -> Any:
     if isinstance(system, (str, Path)):
         if is_model_file(str(system)):
             return str(system)
-        entry = entry_named(str(system), "model")
-        return entry.make() if entry.kind == "problem" else entry.name
+        registered = entry_named(str(system), "model")
+        return registered.make() if registered.kind == "problem" else registered.name
     if system is None:
         raise InputError("system = None names nothing; give a problem such as 'fast-top', a model "
                          "or a model file.")
@@ -233,7 +233,10 @@ def _options(
     stepper: Written, model: RunDefaults | None, dt: Any, start: Any, parameters: Any,
     steppers: tuple[Written, ...],
 ) -> Options:
-    """Return the numbers of the start, each checked."""
+    """Return the numbers of the start, each checked.
+
+    ``dt``, ``start`` = (q, p) and ``parameters`` are the caller's, None for the model's own.
+    """
     system = stepper.manifest.system
     name, n = system.name, len(system.coordinates)
     refuse_together(artefact=f"an artefact of {name}", events=model is not None
@@ -268,12 +271,12 @@ def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
 
 
 def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
-    """Refuse a given start off the constraints: steps do not project it."""
+    """Refuse a start of the caller's off the constraints: steps do not project it."""
     if spec.model is not None:
         model = load_model(spec.model)
     elif model is None:
-        entry = {**SYSTEMS, **MODELS}[spec.system]
-        model = entry.make(spec.rep) if entry.kind == "system" else entry.make()
+        registered = {**SYSTEMS, **MODELS}[spec.system]
+        model = registered.make(spec.rep) if registered.kind == "system" else registered.make()
     projection = consistent(getattr(model, "system", model), options.q, options.p,
                             parameters=options.parameters)
     size = max(map(abs, (*options.q, *options.p)))
@@ -292,7 +295,10 @@ def _pair(start: Any) -> tuple[Any, Any]:
 def _parameter_values(
     manifest: Manifest, model: RunDefaults | None, parameters: Any
 ) -> dict[str, float]:
-    """Return the value of every member of the parameters' struct."""
+    """Return the value of every member of the parameters' struct: the caller's, else the model's.
+
+    γ and α are means of the moments where neither names them.
+    """
     domains = manifest.system.parameters
     defaults: dict[str, Any] = {}
     if model is not None:

@@ -65,7 +65,7 @@ def _bits(built: Built) -> str:
     options, device, name = built.options, HostDevice(), built.stepper.name
     real = np.float32 if built.stepper.manifest.real == "float" else np.float64
     program = device.load(name, (built.path / f"{name}.cu").read_text(encoding="ascii"))
-    count, n, total = 3, len(options.q), EXAMPLE_STEPS
+    count, n, step_total = 3, len(options.q), EXAMPLE_STEPS
 
     def repeated(numbers: Any) -> Any:
         return device.put(np.repeat(np.array([*numbers], real)[:, None], count, axis=1))
@@ -81,10 +81,10 @@ def _bits(built: Built) -> str:
                   np.intc(options.max_iterations), state, words, status, steps, iterations)
     states = [device.zeros((2, n, count), real) for _ in range(2)]
     most_iterations = device.zeros((2, count), np.intc)
-    for first, last in ((0, total // 3), (total // 3, total)):
+    for first_step, end_step in ((0, step_total // 3), (step_total // 3, step_total)):
         device.launch(program, "advance_trajectories", count, np.int64(count), *map(np.int64, (
-            first, last, total, total, 0)), state, words, status, steps, iterations, *states,
-                      most_iterations)
+            first_step, end_step, step_total, step_total, 0)), state, words, status, steps,
+                      iterations, *states, most_iterations)
     failed = device.get(status).any()
     if failed:
         raise GyrosparkError(f"A step of {name} with dt = {options.dt:.6g} failed: status "

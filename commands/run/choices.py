@@ -61,13 +61,13 @@ def with_options(
 
 def _inertia_parameter(name: str, text: str) -> float:
     """Return γ or α from a number."""
-    value = decimal(text)
-    if value is None:
+    number = decimal(text)
+    if number is None:
         raise InputError(f"--{name} {text!r} is none of {listed([*RULES, 'a number'])}.")
-    value = value if isinstance(value, float) else Rounded(value)
-    if not math.isfinite(value) or value == 0:
+    number = number if isinstance(number, float) else Rounded(number)
+    if not math.isfinite(number) or number == 0:
         raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")
-    return value
+    return number
 
 
 def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
@@ -75,12 +75,12 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
     names = [symmetry.name for symmetry in step.symmetries]
     rates = {}
     for option in (rate for text in options for rate in text.split(",")):
-        name, sign, value = option.partition("=")
+        name, sign, rate_text = option.partition("=")
         if not sign or name.strip() not in names:
             raise InputError(f"--frame {option!r} is no frame of {step.name}; write auto, start or "
                              f"NAME=RATE with NAME among {listed(names)}"
                              f"{proposal(name.strip(), names)}.")
-        rates[name.strip()] = real_number(f"--frame {name.strip()}", value.strip())
+        rates[name.strip()] = real_number(f"--frame {name.strip()}", rate_text.strip())
     return rates
 
 
@@ -151,7 +151,10 @@ def check_span(problem: str, options: Mapping[str, str | None]) -> None:
 def _require_span(
     name: str, dt: float | None, steps: int | None, options: Mapping[str, str | None]
 ) -> None:
-    """Refuse options with which a model has no dt, or no number of steps."""
+    """Refuse options with which a model has no dt, or no number of steps.
+
+    ``dt`` and ``steps`` are the model's own, None if it names none.
+    """
     unset = (options["steps"], options["t_end"], steps) == (None, None, None)
     if options["dt"] is None and dt is None:
         raise InputError(f"--dt is not given and {name} names none; write for example "

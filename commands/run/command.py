@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import click
 
@@ -35,6 +36,9 @@ from .report import (
 )
 from .starts import start_of, started
 
+if TYPE_CHECKING:
+    from ...runtime.results.trajectory import Trajectory
+
 __all__ = ["run"]
 
 
@@ -42,8 +46,8 @@ class RunCommand(Grouped):
     """``gyrospark run``."""
 
     groups: ClassVar = {
-        "What runs": ("set", "scheme", "stages", "order", "composition", "rep", "tableau", "real",
-                      "energy"),
+        "What runs": ("settings", "scheme", "stages", "order", "composition", "rep", "tableau",
+                      "real", "energy"),
         "Steps": ("dt", "dtau", "step_error", "steps", "t_end", "solver", "events"),
         "Inertia and frame": ("gamma", "alpha", "frame"),
         "What is written": ("out", "every", "resume", "plot", "show", "as_json"),
@@ -81,7 +85,7 @@ class RunCommand(Grouped):
               shell_complete=completing(SOLVERS),
               help="auto (fixed point, Newton as fallback), fixed-point, newton; with tolerance "
                    "and max_iterations: newton,tolerance=1e-12,max_iterations=20.")
-@click.option("--set", metavar="KEY=VALUE", multiple=True,
+@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
               help="t=0.5, the time of the start in seconds. Argument of the problem, e.g. "
                    "radius_ratio=1.5 or inertia=2,1.3,0.8; of a model file a parameter, k=3, or a "
                    "key, start.euler='[0, \"30 deg\", 0]'; of a robot where it starts, "
@@ -107,7 +111,7 @@ class RunCommand(Grouped):
 def run(
     problem: str, gamma: str | None, alpha: str | None, frame: tuple[str, ...], dt: str | None,
     dtau: str | None, step_error: str | None, steps: str | None, t_end: str | None,
-    every: str, solver: str, set: tuple[str, ...], events: tuple[str, ...], out: Path | None,
+    every: str, solver: str, settings: tuple[str, ...], events: tuple[str, ...], out: Path | None,
     resume: bool, plot: Path | None, show: tuple[Path, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
@@ -138,7 +142,7 @@ def run(
     times = {"dt": dt, "dtau": dtau, "step_error": step_error, "steps": steps, "t_end": t_end}
     check_span(problem, times)
     choice["frame"] = "symmetries" if frame else None
-    paper_problem, step, start, t0 = started(problem, set, choice, scaled=True)
+    paper_problem, step, start, t0 = started(problem, settings, choice, scaled=True)
     if show:
         check_bodies(step.manifest)
     if not as_json:  # properties of the stepper, before a step is taken
@@ -157,28 +161,18 @@ def run(
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
             with capture_warnings() as captured:
-                done = integrate_to(step, state, out, arguments, resume=resume)
-            trouble = done.trouble
-            if isinstance(trouble, StepFailed):
-                trouble.add_note("Everything before it is reported and saved.")
-            for message in dict.fromkeys(captured):
-                if isinstance(trouble, StepFailed):
-                    trouble.add_note(message)  # a failure is one line on stderr
-                else:
-                    warn(message)
-            result = result_of(start, step, done, t0)
+                outcome = integrate_to(step, state, out, arguments, resume=resume)
+            trouble = outcome.trouble
+            _pass_warnings_on(captured, trouble)
+            result = result_of(start, step, outcome, t0)
             if tuning is not None:
                 result |= about_tuning(tuning)
             if paper_problem is not None and paper_problem.exact is not None:
-                result |= axis_errors(paper_problem.exact, done.trajectory)
-            for key, targets in (("plot", [] if plot is None else [plot]), ("show", show)):
-                for target in targets:
-                    try:
-                        getattr(done.trajectory, key)(target)
-                        result[key] = [*result.get(key, []), str(target)]
-                    except GyrosparkError as error:  # the numbers are still printed
-                        trouble = trouble or error
-            warn_of_rest(done.trajectory, problem)
+                result |= axis_errors(paper_problem.exact, outcome.trajectory)
+            pictures = {"plot": () if plot is None else (plot,), "show": show}
+            error_of_picture = _draw(outcome.trajectory, pictures, result)
+            trouble = trouble or error_of_picture
+            warn_of_rest(outcome.trajectory, problem)
             click.echo(json_text(result) if as_json else as_text(result, step.manifest.system))
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {stored_location(out)}".rstrip(), err=True)
@@ -192,6 +186,35 @@ def run(
     if trouble is not None:
         raise trouble
     return 0
+
+
+def _pass_warnings_on(messages: Iterable[str], trouble: BaseException | None) -> None:
+    """Warn of the messages of a run, each once; add them to the error of a step that failed."""
+    if not isinstance(trouble, StepFailed):
+        for message in dict.fromkeys(messages):
+            warn(message)
+        return
+    # a failure is one line on stderr
+    for note in ("Everything before it is reported and saved.", *dict.fromkeys(messages)):
+        trouble.add_note(note)
+
+
+def _draw(
+    trajectory: Trajectory, pictures: Mapping[str, Sequence[Path]], result: dict[str, Any]
+) -> GyrosparkError | None:
+    """Draw by the methods "plot" and "show", and add the files to the report of the run.
+
+    Return the first error: a picture that fails must not keep the numbers from being printed.
+    """
+    first_error: GyrosparkError | None = None
+    for method, targets in pictures.items():
+        for target in targets:
+            try:
+                getattr(trajectory, method)(target)
+                result[method] = [*result.get(method, []), str(target)]
+            except GyrosparkError as error:
+                first_error = first_error or error
+    return first_error
 
 
 run.help = (run.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(

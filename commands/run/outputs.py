@@ -60,7 +60,7 @@ class RunOutcome:
 def check_targets(
     out: Path | None, plot: Path | None, show: Sequence[Path], *, resume: bool
 ) -> None:
-    """Refuse unwritable files before a long run."""
+    """Refuse unwritable files before a long run: states, pictures, and what shows the bodies."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
         check_ending("--out", out, endings("states", "store"))
@@ -125,7 +125,7 @@ def _in_memory(
     """Integrate in memory and write ``out``; return the outcome with the error that ended the run.
     """
     trouble: GyrosparkError | Stopped | None = None
-    written = None
+    saved_path = None
     started = time.perf_counter()
     try:
         trajectory = step.integrate(start, **arguments)
@@ -136,28 +136,30 @@ def _in_memory(
     seconds = time.perf_counter() - started
     try:
         if out is not None:
-            written = str(trajectory.save(out))
+            saved_path = str(trajectory.save(out))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = trouble or error
     count = steps_of(arguments, start.t, arguments.get("dt"))
     if isinstance(trouble, Stopped) and count:
-        trouble = _told(trouble, trajectory.report.steps, count, written)
+        trouble = _with_location(trouble, trajectory.report.steps, count, saved_path)
     origin = trajectory._origin
     events = () if origin is None else (*origin.events, *origin.impacts)
     ended_by = next((event.name for event in events
                      if event.terminal and len(trajectory.events.get(event.name, ()))), None)
-    return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
+    return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, saved_path, trouble,
                       ended_by, trajectory._grid is not None)
 
 
-def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
-    """Return the error of an interrupted run with the location of its states."""
+def _with_location(
+    stopped: Stopped, steps_done: int, steps: int, saved_path: str | None
+) -> Stopped:
+    """Return the error of an interrupted run of ``steps`` steps with the location of its states."""
     from ...runtime.integration.step_loop import ended_at
 
-    where = "--out would keep its states." if written is None else f"It is in {written!r}."
-    if done < steps and written is not None:
-        where = f"Everything up to there is in {written!r}."
-    return Stopped(f"{ended_at(done, steps)} {where}", stopped.signal)
+    location = "--out would keep its states." if saved_path is None else f"It is in {saved_path!r}."
+    if steps_done < steps and saved_path is not None:
+        location = f"Everything up to there is in {saved_path!r}."
+    return Stopped(f"{ended_at(steps_done, steps)} {location}", stopped.signal)
 
 
 def _stored(
@@ -174,15 +176,16 @@ def _stored(
     started = time.perf_counter()
     try:
         span = Span(*(arguments.get(name) for name in Span._fields))
-        others = {name: arguments[name] for name in arguments.keys() - {*Span._fields}}
-        recording = step._recorded(step._integration(start, None, span, **others), store,
+        other_arguments = {name: arguments[name] for name in arguments.keys() - {*Span._fields}}
+        recording = step._recorded(step._integration(start, None, span, **other_arguments), store,
                                    resume=resume)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, open_recording(store)
     assert isinstance(recording, Recording)
     seconds = time.perf_counter() - started
-    shown = recording[:: -(-len(recording) // _SHOWN)]  # a sample of a long run, for plots
-    last = recording[-1:]
-    return RunOutcome(shown, last, seconds, recording.steps_done - before, str(store), trouble,
+    sampled_states = recording[:: -(-len(recording) // _SHOWN)]  # a sample of a long run, for plots
+    last_state = recording[-1:]
+    return RunOutcome(sampled_states, last_state, seconds, recording.steps_done - before,
+                      str(store), trouble,
                 recording.ended_by,
                 recording.status == COMPLETE and "rest" in recording.attributes["run"])

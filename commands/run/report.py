@@ -48,23 +48,23 @@ def about_tuning(tuned: Tuned) -> dict[str, Any]:
 
 
 def result_of(
-    start: RunDefaults, step: Stepper, done: RunOutcome, t0: float = 0.0
+    start: RunDefaults, step: Stepper, outcome: RunOutcome, t0: float = 0.0
 ) -> dict[str, Any]:
     """Return the report of a run that began at t0, as JSON values by name.
 
-    ``done.last`` has the end of the run and the report of all its steps, ``done.trajectory`` the
-    states that are kept. Of a stored run ``last`` is one state, which has no events.
+    ``outcome.last`` has the end of the run and the report of all its steps, ``outcome.trajectory``
+    the states that are kept. Of a stored run ``last`` is one state, which has no events.
     """
     import numpy as np  # not for --help
 
     from ...core.real_types import REALS
     from ...runtime.results.rotation_rate import fastest_rotation
 
-    trajectory = done.last
+    trajectory = outcome.last
     report = trajectory.report
     end = float(t0) + report.steps * float(trajectory.dt)
     clocked = step.binding.clocked
-    if done.between_steps or clocked:
+    if outcome.between_steps or clocked:
         end = float(trajectory.t[-1])
     result: dict[str, Any] = {
         "problem": start.name,
@@ -81,32 +81,33 @@ def result_of(
         **{name: getattr(report, name) for name in _REPORTED},
         **({"energy_waits": report.energy_waits} if step.manifest.scheme.exact_energy
            else {}),
-        "seconds": done.seconds,
-        "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else None,
+        # of this call: a resumed run has further steps from earlier ones
+        "seconds": outcome.seconds,
+        "ns_per_step": outcome.seconds / outcome.steps * 1e9 if outcome.steps else None,
     }
     if trajectory.has_motion_energy:
         with np.errstate(all="ignore"):  # the numbers of a failed run may be infinite
-            motion_errors = abs(done.trajectory.energy_error(of_motion=True, stepper=step))
+            motion_errors = abs(outcome.trajectory.energy_error(of_motion=True, stepper=step))
         result["motion_energy_error_max"] = float(motion_errors.max())
         result["motion_energy_error_mean"] = float(motion_errors.mean())
     if REALS[step.manifest.real].wide:
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
         result["work"] = report.work
-    rotation = fastest_rotation(done.trajectory)
+    rotation = fastest_rotation(outcome.trajectory)
     if rotation is not None:
         result["radians_per_step"] = rotation.radians
         result["fastest_body"] = rotation.body
     if trajectory.quantities:
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
-    result |= _events(done.trajectory)
+    result |= _events(outcome.trajectory)
     displacement = max(float(np.abs(np.subtract(x, x0)).max()) for x, x0 in (
-        (done.trajectory.q[0], start.q0), (done.trajectory.p[0], start.p0)))
+        (outcome.trajectory.q[0], start.q0), (outcome.trajectory.p[0], start.p0)))
     # the start was projected onto the constraints by more than round-off
     if displacement > _MOVED * max(map(abs, (*start.q0, *start.p0))):
         result["start_moved"] = displacement
-    return result | _ending(done)
+    return result | _ending(outcome)
 
 
 def _events(trajectory: Trajectory) -> dict[str, Any]:
@@ -124,22 +125,22 @@ def _events(trajectory: Trajectory) -> dict[str, Any]:
     return {}
 
 
-def _ending(done: RunOutcome) -> dict[str, Any]:
+def _ending(outcome: RunOutcome) -> dict[str, Any]:
     """Return why a run ended before its last step, where it was resumed and what it wrote."""
     ending: dict[str, Any] = {}
-    steps = done.last.report.steps
-    if done.ended_by is not None:
-        ending["ended"] = {"event": done.ended_by, "t": float(done.last.t[-1])}
-    if done.steps < steps:  # some steps of the store are from an earlier call
-        ending["resumed_at"] = steps - done.steps
-        ending["done_before"] = not done.steps and done.trouble is None
-    if isinstance(done.trouble, StepFailed):
-        ending["failed"] = {name: getattr(done.trouble, name) for name in
+    steps = outcome.last.report.steps
+    if outcome.ended_by is not None:
+        ending["ended"] = {"event": outcome.ended_by, "t": float(outcome.last.t[-1])}
+    if outcome.steps < steps:  # some steps of the store are from an earlier call
+        ending["resumed_at"] = steps - outcome.steps
+        ending["done_before"] = not outcome.steps and outcome.trouble is None
+    if isinstance(outcome.trouble, StepFailed):
+        ending["failed"] = {name: getattr(outcome.trouble, name) for name in
                             ("step", "t", "reason", "increment", "dt")}
-    if isinstance(done.trouble, Stopped):
-        ending["stopped"] = {"step": steps, "signal": done.trouble.signal}
-    if done.out is not None:
-        ending["out"] = done.out
+    if isinstance(outcome.trouble, Stopped):
+        ending["stopped"] = {"step": steps, "signal": outcome.trouble.signal}
+    if outcome.out is not None:
+        ending["out"] = outcome.out
     return ending
 
 
@@ -221,7 +222,8 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
                      f"{result['fastest_body']}")
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
-    lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
+    lines += [f"  {name:<23} {quantity:.9g}"
+              for name, quantity in result.get("quantities", {}).items()]
     lines += [_event_line("event", name, crossings)
               for name, crossings in result.get("events", {}).items()]
     lines += [_event_line("impact", name, hits) + f", {sum(hits['energy_lost']):.6g} J lost"
@@ -243,9 +245,9 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
         failed = result["failed"]
         lines.append(f"  stopped: step {failed['step']} at t = {failed['t']:g} s "
                      f"{failed['reason']}")
-    written = [result["out"]] if "out" in result else []
+    paths = [result["out"]] if "out" in result else []
     lines += [f"  wrote {path}" for path in
-              [*written, *result.get("plot", []), *result.get("show", [])]]
+              [*paths, *result.get("plot", []), *result.get("show", [])]]
     return "\n".join(lines)
 
 

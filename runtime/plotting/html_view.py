@@ -149,13 +149,22 @@ def with_visuals(
 
 def _page(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> str:
     """Return the document: styles, script and scene in one."""
+    return filled_page(page_file("view.html"), scene.title, _content(scene, shape, meshes),
+                       {"SCRIPT": compact(page_file("view.js"))})
+
+
+def filled_page(
+    template: str, title: str, content: Mapping[str, Any], parts: Mapping[str, str]
+) -> str:
+    """Return a page with bodies: a template with style, drawing and scripts in place of @NAME@.
+
+    ``content`` is its data, for JSON; ``parts`` are further texts by NAME.
+    """
     # "</script>" in a name would end the script
-    content = json.dumps(_content(scene, shape, meshes), allow_nan=False).replace("<", "\\u003c")
-    page = page_file("view.html")
-    for name, text in (("STYLE", page_file("view.css")),
-                       ("DRAWING", compact(drawing())),
-                       ("SCRIPT", compact(page_file("view.js"))),
-                       ("TITLE", html.escape(scene.title)), ("SCENE", content)):  # the longest last
+    data = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
+    page = template
+    for name, text in {"STYLE": page_file("view.css"), "DRAWING": compact(drawing()), **parts,
+                       "TITLE": html.escape(title), "CONTENT": data}.items():  # the longest last
         page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
     return page
 

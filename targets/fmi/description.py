@@ -31,7 +31,7 @@ def _text(root: Element) -> str:
 def model_description(
     manifest: Manifest, options: Options, variables: Sequence[Variable], version: int,
 ) -> str:
-    """Return modelDescription.xml of FMI 2.0 or 3.0."""
+    """Return modelDescription.xml of FMI 2.0 or 3.0, whose ``version`` is 2 or 3."""
     name, two = manifest.name, version == 2
     root = Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": name,
@@ -79,9 +79,9 @@ def _variables2(root: Element, variables: Sequence[Variable]) -> None:
     """Add variables and the dependencies of outputs, as FMI 2 has them: by position from 1."""
     listed = Sub(root, "ModelVariables")
     for reference, variable in enumerate(variables):
-        entry = Sub(listed, "ScalarVariable", {
+        element = Sub(listed, "ScalarVariable", {
             "name": variable.name, "valueReference": str(reference), **_attributes(variable)})
-        Sub(entry, "Real", _numbers(variable))
+        Sub(element, "Real", _numbers(variable))
     structure = Sub(root, "ModelStructure")
     inputs = {v.name: str(k) for k, v in enumerate(variables, 1)
               if v.causality in ("input", "independent")}
@@ -126,7 +126,10 @@ def build_description(name: str) -> str:
 def model_header(
     manifest: Manifest, options: Options, variables: Sequence[Variable], version: int,
 ) -> str:
-    """Return sources/model.h: the stepper and its numbers, as core.h reads them."""
+    """Return sources/model.h: the stepper and its numbers, as core.h reads them.
+
+    Functions that a stepper has not are empty macros, so that core.h is the same for all.
+    """
     name, system = manifest.name, manifest.system
     roles = [quantity.role for quantity in system.numbers]
     velocities, quantities = roles.count("velocity"), roles.count("quantity")

@@ -54,6 +54,10 @@ class Slave:
 
     def __init__(self, library: Path, token: str, version: int,
                  references: Mapping[str, int]) -> None:
+        """Load the library of an FMU, and make an instance.
+
+        ``token`` is the GUID of its description, ``references`` the value references by names.
+        """
         try:
             self._library = ctypes.CDLL(str(library))
         except OSError as error:

@@ -91,9 +91,11 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
     quantities: Mapping[str, str] = system.quantities
     input_names = [n.name for n in numbers if n.role in ("parameter", "input")]
     time = system.time
-    first = "velocity" if any(n.role == "velocity" for n in numbers) else "p"
+    # of a Lagrangian the FMU has velocities in place of momenta
+    motion_role = "velocity" if any(n.role == "velocity" for n in numbers) else "p"
     mechanical = any("kg" in base_units(n.unit) for n in numbers if n.unit)
-    starts = {"q": options.q, first: options.p if first == "p" else _velocities(system, options)}
+    starts = {"q": options.q,
+              motion_role: options.p if motion_role == "p" else _velocities(system, options)}
     yield Variable("time", "time", "time", "independent", unit="s")
     yield Variable("dt", "longest step of the integrator", "dt", "parameter", "fixed", "exact",
                    float(options.dt), "s", "positive")
@@ -112,14 +114,14 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
             member = f"{'quantities' if role == 'quantity' else role}[{counts[role]}]"
             counts[role] += 1
         if role in ("parameter", "input"):
-            value = float(options.parameters[name])
+            start_value = float(options.parameters[name])
             yield Variable(name, role, f"parameters.{name}", role,
                            *(("continuous", "") if role == "input" else ("fixed", "exact")),
-                           value, unit, domain)
-        elif role in ("q", first):
-            value = float(starts[role][counts[role] - 1])
+                           start_value, unit, domain)
+        elif role in ("q", motion_role):
+            start_value = float(starts[role][counts[role] - 1])
             yield Variable(name, about.get(name, default_texts[role]), member, "output",
-                           initial="exact", start=value,
+                           initial="exact", start=start_value,
                            unit=unit, depends=() if role != "velocity" else depends(hamiltonian))
         elif role == "quantity":
             yield Variable(name, quantities[name], member, "output", initial="calculated",

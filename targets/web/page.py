@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 import json
 import re
 import tempfile
@@ -16,7 +15,7 @@ from ..._version import __version__
 from ...core.errors import InputError
 from ...core.manifest import Manifest
 from ...runtime.compilation.body_columns import bodies_of
-from ...runtime.plotting.html_view import View, compact, drawing, page_file
+from ...runtime.plotting.html_view import View, compact, filled_page
 from ...runtime.plotting.scene import check_bodies, drawn_joints
 from ...runtime.plotting.solids import encoded_solids
 from ..artefact import MARKER, Built, Options
@@ -58,15 +57,9 @@ def files(
     if not bodies_of(manifest):
         raise InputError(f"The place of the bodies of {manifest.system.name!r} is a formula "
                          "of its coordinates, which a page does not evaluate; build target wasm.")
-    content = json.dumps(_page_data(manifest, options), allow_nan=False, ensure_ascii=False)
-    page = read("page.html")
-    for name, text in (("STYLE", page_file("view.css")), ("OWN_STYLE", read("page.css")),
-                       ("DRAWING", compact(drawing())),
-                       ("STEPPER", compact(read("stepper.js"))),
-                       ("SCRIPT", compact(read("page.js"))),
-                       ("TITLE", html.escape(_title(manifest))),
-                       ("CONTENT", content.replace("<", "\\u003c"))):
-        page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
+    page = filled_page(read("page.html"), _title(manifest), _page_data(manifest, options), {
+        "OWN_STYLE": read("page.css"), "STEPPER": compact(read("stepper.js")),
+        "SCRIPT": compact(read("page.js"))})
     return {**c_files(options), _PAGE: page}
 
 
@@ -96,7 +89,7 @@ def _page_data(manifest: Manifest, options: Options) -> dict[str, Any]:
     index_of = {name: i for i, name in enumerate(bodies)} | {"": -1}  # −1: the ground
     units = {quantity.name: quantity.unit for quantity in system.numbers}
     inputs = [*system.inputs]
-    sliders = sorted(system.parameters.items(), key=lambda pair: pair[0] not in inputs)
+    sliders = sorted(system.parameters.items(), key=lambda parameter: parameter[0] not in inputs)
     description = " ".join(filter(None, [
         options.description,
         f"The generated C of gyrospark {__version__}, as WebAssembly, integrates in this page."]))

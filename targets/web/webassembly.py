@@ -41,8 +41,8 @@ def files(
     name = manifest.name
     facts = {"schemes": schemes_of(options), "start": start_of(manifest, options),
              "velocities": [x.name for x in velocities_of(manifest)]}
-    constants = "".join(f"export const {constant_name} = {json.dumps(value)};\n"
-                        for constant_name, value in facts.items())
+    constants = "".join(f"export const {constant_name} = {json.dumps(content)};\n"
+                        for constant_name, content in facts.items())
     script = f"{read('stepper.js')}\n{constants}export {{ Stepper }};\n"
     return {**c_files(options), f"{name}.mjs": script}
 
@@ -108,6 +108,7 @@ def compile_module(folder: Path, module: Path, level: str = "-O2") -> None:
     objects = [f"{manifest.name}.o" for manifest in manifests]
     exports = [f"-Wl,--export={function}" for manifest in manifests for function in exported(
         manifest.name, (folder / f"{manifest.name}.h").read_text(encoding="utf-8"))]
+    # without the C library, unless a function of mathematics is missing then
     for target in (_WITHOUT_LIBRARY, _WITH_LIBRARY):
         try:
             run_tool([*compiler, *target, *flags, *_LINK, *exports, *objects, "-o",
@@ -191,18 +192,19 @@ def _in_wasmtime(module: bytes, options: Options) -> list[str]:
             list(options.parameters.values()), options.q, options.p)]
         arrays.append(struct.pack(f"<{real}i", 0.0, options.max_iterations))
         arrays += [bytes(16), bytes(call("work_size"))]
+        # the arrays behind each other in free memory, each at a multiple of 16 bytes
         addresses, end = [], -(-base // 16)*16
         for array in arrays:
             addresses.append(end)
             end += -(-len(array) // 16)*16
         missing = end - memory.data_len(store)
         if missing > 0:
-            memory.grow(store, -(-missing // 65536))
+            memory.grow(store, -(-missing // 65536))  # pages of 64 KiB
         for address, array in zip(addresses, arrays, strict=True):
             memory.write(store, array, address)
-        parameters, q, p, limits, done, work = addresses
+        parameters, q, p, limits, done_address, work = addresses
         call("begin", work, parameters, limits, options.dt, q, p)
-        call("repeat", work, q, p, _STEPS, done)
+        call("repeat", work, q, p, _STEPS, done_address)
         bits.append(b"".join(memory.read(store, address, address + len(array))
                              for address, array in zip((q, p), arrays[1:3], strict=True)).hex())
     return bits

@@ -193,12 +193,12 @@ def test_the_script_is_javascript_and_draws(name, tops, gl3, tmp_path):
 
 @needs_node
 def test_text_of_others_stays_text(tops, tmp_path):
-    method = "</script><b>@SCENE@ & \"x\""
+    method = "</script><b>@CONTENT@ & \"x\""
     manifest = replace(tops.manifest, scheme=replace(tops.manifest.scheme, method=method))
     hostile = replace(tops, manifest=manifest)
     page = hostile.show().page
     assert "<b>" not in page
-    assert scene_in(page)["title"].endswith('</script><b>@SCENE@ & "x"')
+    assert scene_in(page)["title"].endswith('</script><b>@CONTENT@ & "x"')
     assert executed(page, tmp_path)["bad"] == 0
 
 
