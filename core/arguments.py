@@ -41,14 +41,14 @@ def choose(label: str, value: Any, allowed: Collection[Name], suffix: str = "") 
 
     Parameters
     ----------
-    what : str
-        What is chosen, e.g. ``"scheme"``.
+    label : str
+        The kind of name, for the error, such as ``"scheme"``.
     value
         Anything a caller passed.
     allowed : collection of str
         The names; a mapping's keys do.
-    more : str
-        What else may be given, e.g. ``" or a model file"``.
+    suffix : str
+        Further choices, for the error, such as ``" or a model file"``.
 
     Raises
     ------
@@ -77,10 +77,10 @@ def proposal(
     """
     if not isinstance(value, str):
         return ""
-    plain = {_plain(name): text for name, text in spelt.items()}
-    plain |= {_plain(name): name for name in allowed}
-    closest = difflib.get_close_matches(_plain(value), plain, n=1, cutoff=0.6)
-    return f" (did you mean {plain[closest[0]]}?)" if closest else ""
+    text_by_spelling = {_plain(name): text for name, text in spelt.items()}
+    text_by_spelling |= {_plain(name): name for name in allowed}
+    closest = difflib.get_close_matches(_plain(value), text_by_spelling, n=1, cutoff=0.6)
+    return f" (did you mean {text_by_spelling[closest[0]]}?)" if closest else ""
 
 
 def _plain(name: str) -> str:
@@ -156,7 +156,7 @@ def as_flag(name: str, value: Any) -> bool:
 
 
 def as_mapping(name: str, value: Any, example: str) -> dict[str, Any]:
-    """Return a dict whose keys are names, or raise InputError."""
+    """Return a dict whose keys are names, or raise InputError, which shows an ``example``."""
     if not isinstance(value, Mapping):
         raise InputError(f"{name} = {shown(value)} is no dict; give one such as {example}.")
     for key in value:
@@ -173,7 +173,10 @@ def as_text(name: str, value: Any) -> str:
 
 
 def as_items(name: str, value: Any, content: str) -> list[Any]:
-    """Return the items of a list, tuple or other row, or raise InputError, also for text."""
+    """Return the items of a list, tuple or other row, or raise InputError, also for text.
+
+    ``content`` says of what the list is, for the error.
+    """
     items = None
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
         items = list(value)

@@ -36,13 +36,13 @@ def explain_arguments(cls: Class) -> Class:
         for name, member in list(vars(base).items()):
             if name.startswith("_") and name != "__init__":
                 continue
-            shown = base.__name__ if name == "__init__" else name
+            shown_name = base.__name__ if name == "__init__" else name
             if isinstance(member, FunctionType):
-                setattr(base, name, _explained(member, shown, bound=True))
+                setattr(base, name, _explained(member, shown_name, bound=True))
             elif isinstance(member, (classmethod, staticmethod)):
                 kind = type(member)
                 setattr(base, name, kind(_explained(
-                    member.__func__, shown, bound=kind is classmethod)))
+                    member.__func__, shown_name, bound=kind is classmethod)))
         if base.__name__ in FORMER_MEMBERS:
             _refuse_former_members(base)
     return cls
@@ -67,13 +67,13 @@ def _refuse_former_members(cls: type) -> None:
 def explain_names(module: ModuleType, names: Iterable[str]) -> None:
     """Let functions and classes of a module refuse wrong arguments by a sentence."""
     for name in names:
-        thing = vars(module).get(name)
-        if isinstance(thing, FunctionType):
-            explained = _explained(thing, name, bound=False)
+        member = vars(module).get(name)
+        if isinstance(member, FunctionType):
+            explained = _explained(member, name, bound=False)
             setattr(module, name, explained)
-            setattr(sys.modules[thing.__module__], name, explained)  # where pickle looks for it
-        elif isinstance(thing, type) and not issubclass(thing, BaseException):
-            explain_arguments(thing)
+            setattr(sys.modules[member.__module__], name, explained)  # where pickle looks for it
+        elif isinstance(member, type) and not issubclass(member, BaseException):
+            explain_arguments(member)
 
 
 def explain_module(module: ModuleType) -> ModuleType:
@@ -113,36 +113,37 @@ def _explained(function: Any, shown: str, *, bound: bool) -> Any:
 
 
 def _refusal(
-    function: Callable[..., Any], shown: str, arguments: tuple[Any, ...], named: dict[str, Any],
-    *, bound: bool,
+    function: Callable[..., Any], shown_name: str, arguments: tuple[Any, ...],
+    keywords: dict[str, Any], *, bound: bool,
 ) -> str:
-    """Return the sentence for arguments that do not fit a function, which is called ``shown``.
+    """Return the sentence for arguments that do not fit a function, which is called ``shown_name``.
 
     ``bound``: its first parameter is self. The first of these that applies: former and unknown
     names, too many arguments, one given twice, missing ones.
     """
     parameters = list(inspect.signature(function).parameters.values())[bound:]
-    by_place = [each.name for each in parameters
-                if each.kind in (each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD)]
-    by_name = [each.name for each in parameters
-               if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)]
+    by_place = [parameter.name for parameter in parameters
+                if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)]
+    by_name = [parameter.name for parameter in parameters
+               if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)]
     takes = ", ".join(by_name) or "none by name"
-    takes_any_name = any(each.kind is each.VAR_KEYWORD for each in parameters)
-    unknown = [] if takes_any_name else [name for name in named if name not in by_name]
+    takes_any_name = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
+    unknown = [] if takes_any_name else [name for name in keywords if name not in by_name]
     for name in unknown:
-        if cure := former_argument(shown, name, {each.name for each in parameters}):
-            return f"{shown} has no argument {name!r} any more; {cure}."
+        if cure := former_argument(shown_name, name, {parameter.name for parameter in parameters}):
+            return f"{shown_name} has no argument {name!r} any more; {cure}."
     if unknown:
-        return (f"{shown} has no argument {unknown[0]!r}{proposal(unknown[0], by_name)}; it takes "
-                f"{takes}.")
+        return (f"{shown_name} has no argument {unknown[0]!r}{proposal(unknown[0], by_name)}; it "
+                f"takes {takes}.")
     if len(arguments) > len(by_place) and not any(
-            each.kind is each.VAR_POSITIONAL for each in parameters):
-        return (f"{shown} takes {len(by_place)} arguments without a name, and got "
+            parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters):
+        return (f"{shown_name} takes {len(by_place)} arguments without a name, and got "
                 f"{len(arguments)}; name the others, of {takes}.")
-    twice = [name for name in by_place[:len(arguments)] if name in named]
+    twice = [name for name in by_place[:len(arguments)] if name in keywords]
     if twice:
-        return f"{shown} got {twice[0]!r} twice, by place and by name; give it once."
-    missing = [each.name for each in parameters if each.default is each.empty
-               and each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
-               and each.name not in named and each.name not in by_place[:len(arguments)]]
-    return f"{shown} needs {', '.join(missing)} too; it takes {takes}."
+        return f"{shown_name} got {twice[0]!r} twice, by place and by name; give it once."
+    missing = [parameter.name for parameter in parameters if parameter.default is parameter.empty
+               and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+               and parameter.name not in keywords
+               and parameter.name not in by_place[:len(arguments)]]
+    return f"{shown_name} needs {', '.join(missing)} too; it takes {takes}."

@@ -57,6 +57,7 @@ class Event:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check all fields; the name is by default that of the quantity."""
         _set_name(self, "event")
         if type(self.direction) is not int or self.direction not in (-1, 0, 1):
             raise InputError(f"direction = {shown(self.direction)} is none; give -1 (falling), 1 "
@@ -147,11 +148,11 @@ def events_of_model(
     Impacts watch quantities; events may also watch velocities. Raises InputError as ``as_impacts``
     and ``as_events``.
     """
-    entries = [argument] if isinstance(argument, Event | Impact) else argument
-    if not isinstance(entries, Sequence):
-        return as_events(entries, [*quantities, *velocities])  # which says what is wrong with it
-    impacts = [entry for entry in entries if isinstance(entry, Impact)]
-    events = [entry for entry in entries if entry not in impacts] if impacts else entries
+    declared = [argument] if isinstance(argument, Event | Impact) else argument
+    if not isinstance(declared, Sequence):
+        return as_events(declared, [*quantities, *velocities])  # which says what is wrong with it
+    impacts = [item for item in declared if isinstance(item, Impact)]
+    events = [item for item in declared if item not in impacts] if impacts else declared
     return *as_impacts(impacts, quantities), *as_events(events, [*quantities, *velocities])
 
 
@@ -167,7 +168,7 @@ def as_impacts(
     impacts = (argument,) if isinstance(argument, Event | Impact) else argument
     if not isinstance(impacts, Sequence):
         return ()
-    if not any(isinstance(entry, Impact) for entry in impacts):
+    if not any(isinstance(event_or_impact, Impact) for event_or_impact in impacts):
         impacts = (*model_impacts, *impacts) if model_impacts else ()
     for impact in impacts:
         refuse_together(impacts="impacts", events=not isinstance(impact, Impact) and "events")

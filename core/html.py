@@ -63,9 +63,9 @@ def curve(x: Any, y: Any, label: str) -> Raw:
     if len(points) < 2:
         return Raw("")
     (x0, x1), (y0, y1) = ((min(values), max(values)) for values in zip(*points, strict=True))
-    wide, high = (x1 - x0) or 1.0, (y1 - y0) or 1.0
-    line = " ".join(f"{4 + (_WIDTH - 8) * (a - x0) / wide:.1f},"
-                    f"{_HEIGHT - 4 - (_HEIGHT - 8) * (b - y0) / high:.1f}" for a, b in points)
+    x_range, y_range = (x1 - x0) or 1.0, (y1 - y0) or 1.0
+    line = " ".join(f"{4 + (_WIDTH - 8) * (a - x0) / x_range:.1f},"
+                    f"{_HEIGHT - 4 - (_HEIGHT - 8) * (b - y0) / y_range:.1f}" for a, b in points)
     caption = html.escape(f"{label}: {y0:.3g} to {y1:.3g}")
     return Raw(f'<figure style="margin:.3em 0"><svg width="{_WIDTH}" height="{_HEIGHT}" role="img" '
                f'aria-label="{caption}"><polyline points="{line}" fill="none" '

@@ -109,6 +109,7 @@ def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
     if np.abs(tensor - tensor.T).max() > 1e-6 * size:
         raise InputError(f"The {label} {shown(inertia)} is not symmetric, as inertia tensors are; "
                          "give both products of inertia of a pair of axes one value, −∫xy dm.")
+    # entries keep their types, such as mpmath's, unless round-off makes the mean of two of them
     rows = [[_kept(x) for x in row] for row in inertia]
     if not (np.tril(tensor, -1).any() or np.triu(tensor, 1).any()):
         return as_moments([rows[i][i] for i in range(3)], label)
@@ -223,11 +224,12 @@ def refuse_impossible_inertias(
     if len(bodies) <= _FEW and _are_plainly_possible(bodies, parameters):
         return
     for count in (3, 6):
-        names = {body: entries for body, entries in bodies.items() if len(entries) == count}
+        names = {body: names_of_inertia for body, names_of_inertia in bodies.items()
+                 if len(names_of_inertia) == count}
         if not names:
             continue
-        values = np.array([[parameters[entry] for entry in entries]
-                           for entries in names.values()], dtype=float)
+        values = np.array([[parameters[name] for name in names_of_inertia]
+                           for names_of_inertia in names.values()], dtype=float)
         moments = values if count == 3 else _moments_of_inverses(values)
         with np.errstate(over="ignore"):
             largest = moments.max(axis=1)
@@ -236,17 +238,20 @@ def refuse_impossible_inertias(
         impossible = ~(largest - sums_of_smaller <= _TWO_DIGITS * largest)
         if impossible.any():
             body, *row = np.argwhere(impossible)[0].tolist()
-            entries = values[(body, slice(None), *row)].tolist()
-            as_inertia(entries if count == 3 else tensor_of_inverse(entries),
+            inertia = values[(body, slice(None), *row)].tolist()
+            as_inertia(inertia if count == 3 else tensor_of_inverse(inertia),
                        f"inertia of {list(names)[body]!r}")
 
 
 def _are_plainly_possible(
     bodies: Mapping[str, Sequence[str]], parameters: Mapping[str, Any]
 ) -> bool:
-    """Return whether all have moments in plain floats that a body can have; arrays take longer."""
-    for entries in bodies.values():
-        values = [*map(parameters.__getitem__, entries)]
+    """Return whether all have moments in plain floats with max I ≤ sum of the others, to rounding.
+
+    A call of a step checks them each time: arrays take longer.
+    """
+    for names_of_inertia in bodies.values():
+        values = [*map(parameters.__getitem__, names_of_inertia)]
         if len(values) != 3 or {*map(type, values)} != {float}:
             return False
         largest = max(values)
@@ -314,16 +319,16 @@ def _warn_of_order(label: str, values: Any, unit: Floats) -> None:
     Nothing proves it. But all of them, read so, are turns by less than 60°, and by more than 120°
     as they are read here: of random attitudes one in seventeen is like that.
     """
-    last = np.abs(unit[..., 3])
-    if not (last > math.cos(math.pi / 6)).all():
+    scalars_if_last = np.abs(unit[..., 3])
+    if not (scalars_if_last > math.cos(math.pi / 6)).all():
         return
-    first = np.atleast_2d(unit)[0]
+    quaternion = np.atleast_2d(unit)[0]
     scalar_first, scalar_last = (
-        math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in first[[0, 3]])
-    moved = ", ".join(f"{x + 0.0:.6g}" for x in first[[3, 0, 1, 2]])
+        math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in quaternion[[0, 3]])
+    scalar_first_text = ", ".join(f"{x + 0.0:.6g}" for x in quaternion[[3, 0, 1, 2]])
     warn(f"The {label} {shown(values)} is read scalar first, a turn by {scalar_first:.0f}°. If its "
-         f"scalar stands last, a turn by {scalar_last:.0f}°, write ({moved}); else give it as a "
-         "rotation, which has this unsaid.")
+         f"scalar stands last, a turn by {scalar_last:.0f}°, write ({scalar_first_text}); else "
+         "give it as a rotation, which has this unsaid.")
 
 
 def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Floats:

@@ -56,9 +56,9 @@ def from_json(cls: type[Record], content: Any) -> Record:
 def _encoded(value: Any) -> Any:
     """Return a value as JSON has it: tuples as lists, records as objects."""
     if isinstance(value, tuple):
-        return [_encoded(entry) for entry in value]
+        return [_encoded(item) for item in value]
     if isinstance(value, Mapping):
-        return {key: _encoded(entry) for key, entry in value.items()}
+        return {key: _encoded(item) for key, item in value.items()}
     return as_json(value) if is_dataclass(value) else value
 
 
@@ -67,6 +67,7 @@ def _is_written(field: Field[Any], record: Any) -> bool:
     value = getattr(record, field.name)
     if "written" in field.metadata:
         return True
+    # metadata say when a field with a default is written all the same
     if "beside" in field.metadata:
         return bool(getattr(record, field.metadata["beside"]))
     if "implied" in field.metadata:
@@ -81,7 +82,7 @@ def _refuse(value: Any, expected: str) -> Any:
 
 
 def _at(path: str, decode: Decoder, value: Any) -> Any:
-    """Return a decoded value; errors get its place."""
+    """Return a decoded value; errors get its place: ``path``, before that within the value."""
     try:
         return decode(value)
     except UnfitError as error:
@@ -92,28 +93,28 @@ def _at(path: str, decode: Decoder, value: Any) -> Any:
 @cache
 def _decoder(hint: Any) -> Decoder:
     """Return the function that checks JSON against a type."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin, type_arguments = get_origin(hint), get_args(hint)
     if is_dataclass(hint):
         return _of_record(hint)
     if origin is Literal:
-        return lambda value: value if isinstance(value, str) and value in inner else _refuse(
-            value, f"one of {', '.join(inner)}")
+        return lambda value: (value if isinstance(value, str) and value in type_arguments
+                              else _refuse(value, f"one of {', '.join(type_arguments)}"))
     if origin in (Union, types.UnionType):
-        return _of_union(inner)
+        return _of_union(type_arguments)
     if origin is tuple:
-        return _of_items(_decoder(inner[0])) if inner[1:] == (...,) else _of_row(
-            [_decoder(argument) for argument in inner])
+        return _of_items(_decoder(type_arguments[0])) if type_arguments[1:] == (...,) else _of_row(
+            [_decoder(argument) for argument in type_arguments])
     if origin is not None and issubclass(origin, Mapping):
-        return _of_mapping(_decoder(inner[1]))
+        return _of_mapping(_decoder(type_arguments[1]))
     kinds = (int, float) if hint is float else (hint,)
     name = {str: "text", int: "a whole number", float: "a number", bool: "true or false",
             type(None): "null"}[hint]
     return lambda value: value if type(value) in kinds else _refuse(value, name)
 
 
-def _of_union(inner: tuple[Any, ...]) -> Decoder:
+def _of_union(types_of_union: tuple[Any, ...]) -> Decoder:
     """Return a decoder that takes the first type that fits."""
-    decoders = [_decoder(argument) for argument in inner]
+    decoders = [_decoder(argument) for argument in types_of_union]
 
     def decode(value: Any) -> Any:
         for decoder in decoders[:-1]:
@@ -131,7 +132,7 @@ def _of_items(decode_one: Decoder) -> Decoder:
     def decode(value: Any) -> Any:
         if type(value) is not list:
             _refuse(value, "a list")
-        return tuple(_at(f"[{i}]", decode_one, entry) for i, entry in enumerate(value))
+        return tuple(_at(f"[{i}]", decode_one, item) for i, item in enumerate(value))
 
     return decode
 
@@ -141,8 +142,8 @@ def _of_row(decoders: list[Decoder]) -> Decoder:
     def decode(value: Any) -> Any:
         if type(value) is not list or len(value) != len(decoders):
             _refuse(value, f"a list of {len(decoders)}")
-        return tuple(_at(f"[{i}]", decode_one, entry)
-                     for i, (decode_one, entry) in enumerate(zip(decoders, value, strict=True)))
+        return tuple(_at(f"[{i}]", decode_one, item)
+                     for i, (decode_one, item) in enumerate(zip(decoders, value, strict=True)))
 
     return decode
 
@@ -152,8 +153,8 @@ def _of_mapping(decode_one: Decoder) -> Decoder:
     def decode(value: Any) -> Any:
         if type(value) is not dict:
             _refuse(value, "an object")
-        return FrozenDict({key: _at(f".{key}", decode_one, entry)
-                           for key, entry in value.items()})
+        return FrozenDict({key: _at(f".{key}", decode_one, item)
+                           for key, item in value.items()})
 
     return decode
 
@@ -174,6 +175,6 @@ def _of_record(cls: Any) -> Decoder:
         for key in needed:
             if key not in value:
                 raise UnfitError(f"lacks {key!r}")
-        return cls(**{key: _at(f".{key}", decoders[key], entry) for key, entry in value.items()})
+        return cls(**{key: _at(f".{key}", decoders[key], item) for key, item in value.items()})
 
     return decode

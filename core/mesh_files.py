@@ -114,9 +114,11 @@ def located(shape: Shape, model: str | Path) -> Shape:
     scheme, colon, relative = shape.file.partition("://")
     if not colon or scheme == "file":
         return replace(shape, file=str(folder / (relative or shape.file)))
-    package, _, inner = relative.partition("/")
+    package, _, path_in_package = relative.partition("/")
     for above in (folder, *folder.parents):
-        for candidate in (above / relative, *([above / inner] if above.name == package else [])):
+        # the package is a folder above, or one beside it
+        for candidate in (above / relative,
+                          *([above / path_in_package] if above.name == package else [])):
             if candidate.is_file():
                 return replace(shape, file=str(candidate))
     return shape

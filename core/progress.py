@@ -147,14 +147,14 @@ def _install() -> None:
 def log_task(text: str, done: str = "") -> Iterator[None]:
     """Log the begin of a task, and at its end ``done`` with the duration."""
     _install()
-    start, level, result = time.perf_counter(), logging.DEBUG, f"{text}: ended"
+    start, level, message = time.perf_counter(), logging.DEBUG, f"{text}: ended"
     _LOGGER.debug("%s …", text, extra={"task": "begin"})
     try:
         yield
         if done:
-            level, result = logging.INFO, f"{done} in {time.perf_counter() - start:.1f} s"
+            level, message = logging.INFO, f"{done} in {time.perf_counter() - start:.1f} s"
     finally:
-        _LOGGER.log(level, "%s", result, extra={"task": "end"})
+        _LOGGER.log(level, "%s", message, extra={"task": "end"})
 
 
 def as_progress(progress: Any) -> Progress:
@@ -198,7 +198,10 @@ def log_progress(
 def _log_progress(
     text: str, total: int, progress: Progress
 ) -> Iterator[Callable[..., Any] | None]:
-    """Yield the function of ``log_progress``: the caller's own, one that logs, or None."""
+    """Yield the function of ``log_progress``: the caller's own, one that logs, or None.
+
+    The time left is (total − done) · seconds so far/steps since the start.
+    """
     as_progress(progress)
     if callable(progress) or progress is False:
         with hide_tasks():
@@ -210,26 +213,29 @@ def _log_progress(
             yield None
             return
         start = time.perf_counter()
-        due, begun, first = start + _FIRST, False, None
+        due, has_begun, steps_before = start + _FIRST, False, None
 
         def report(done: int, *_: Any) -> None:
             """Log the share that is done, at intervals, from the main thread alone."""
-            nonlocal due, begun, first
+            nonlocal due, has_begun, steps_before
             seconds = time.perf_counter()
-            first = done if first is None else first  # what an earlier call did tells no speed
+            # of a resumed task the steps of earlier calls say nothing about its speed
+            steps_before = done if steps_before is None else steps_before
             if seconds < due or threading.current_thread() is not threading.main_thread():
                 return
             due = seconds + (_NEXT if _is_terminal() or _is_notebook() else _NEXT_LINE)
-            left = (total - done) * (seconds - start) / (done - first) if done > first else 0.0
-            rest = f", {timedelta(seconds=round(left))} left" if _SOON <= left < _FAR else ""
-            _LOGGER.debug("%s: %.0f %%%s …", text, 100 * done / max(total, 1), rest,
-                          extra={"task": "step" if begun else "begin"})
-            begun = True
+            seconds_left = ((total - done) * (seconds - start) / (done - steps_before)
+                            if done > steps_before else 0.0)
+            time_left = (f", {timedelta(seconds=round(seconds_left))} left"
+                         if _SOON <= seconds_left < _FAR else "")
+            _LOGGER.debug("%s: %.0f %%%s …", text, 100 * done / max(total, 1), time_left,
+                          extra={"task": "step" if has_begun else "begin"})
+            has_begun = True
 
         try:
             yield report
         finally:
-            if begun:
+            if has_begun:
                 _LOGGER.debug("%s: ended", text, extra={"task": "end"})
 
 

@@ -127,6 +127,7 @@ class Projection:
             rows, ("constraint", "|g| before", "after", "|g_q H_p| before", "after")))
 
     def __str__(self) -> str:
+        """Return the largest moves, and a line for each constraint before and after."""
         lines = [_moved("q", self.q_moved, self.q_name), _moved("p", self.p_moved, self.p_name)]
         width = max(map(len, self.hidden_before), default=0)
         lines += [
@@ -157,15 +158,19 @@ def project(system: Constrained, q: Array, p: Array) -> Projection:
 
 
 def report(
-    system: Any, old: tuple[Array, Array], new: tuple[Array, Array], g: tuple[Array, Array],
+    system: Any, start: tuple[Array, Array], projected: tuple[Array, Array], g: tuple[Array, Array],
     f: tuple[Array, Array],
 ) -> Projection:
-    """Return the report of a projection that was made; g and f before and after."""
+    """Return the report of a projection of (q, p) from ``start`` to ``projected``.
+
+    ``g`` and ``f`` are the constraints and the conditions on momenta before and after; ``system``
+    has the names.
+    """
     names = _names(system)
-    q_moved, q_name = _furthest(new[0] - old[0], system.coordinates)
-    p_moved, p_name = _furthest(new[1] - old[1], system.momenta)
+    q_moved, q_name = _furthest(projected[0] - start[0], system.coordinates)
+    p_moved, p_name = _furthest(projected[1] - start[1], system.momenta)
     return Projection(
-        new[0], new[1], q_moved, p_moved, q_name, p_name,
+        projected[0], projected[1], q_moved, p_moved, q_name, p_name,
         *({name: abs(float(x)) for name, x in zip(names[: len(defects)], defects, strict=True)}
           for defects in (*g, *f)),
     )
@@ -349,7 +354,11 @@ def as_dense(matrix: Array | csr_array) -> Array:
 def _newton_step(
     system: Constrained, G: Array | csr_array, W: Array | csr_array, defect: Array
 ) -> Array:
-    """Return Gᵀ W⁻¹ defect, or name the constraints that make W singular."""
+    """Return Gᵀ W⁻¹ d of a defect d = g or f, or name the constraints that make W singular.
+
+    With S = diag(|W_ii|^−½): Gᵀ S (S W S)⁻¹ S d, so that the condition of S W S, which is checked,
+    does not depend on the units of the constraints.
+    """
     if not len(defect):
         return np.zeros(G.shape[1])
     if not isinstance(W, np.ndarray):

@@ -53,8 +53,8 @@ def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: A
 
     @recursive_repr()
     def text(self: Any) -> str:
-        shown = (f"{f.name}={getattr(self, f.name)!r}" for f in fields if f.repr)
-        return f"{type(self).__qualname__}({', '.join(shown)})"
+        field_texts = (f"{f.name}={getattr(self, f.name)!r}" for f in fields if f.repr)
+        return f"{type(self).__qualname__}({', '.join(field_texts)})"
 
     methods: dict[str, Any] = {"__eq__": is_equal, "__hash__": hash_of} if eq else {}
     for name, method in (methods | ({"__repr__": text} if repr else {})).items():

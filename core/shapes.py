@@ -65,6 +65,7 @@ class Shape:
     file: str = ""
 
     def __post_init__(self) -> None:
+        """Check all fields, and convert arrays to floats."""
         choose("kind of a shape", self.kind, KINDS)
         for name, shape in (("size", (3,)), ("centre", (3,)), ("axes", (3, 3))):
             object.__setattr__(self, name, self._array(name, getattr(self, name), shape))
@@ -81,11 +82,11 @@ class Shape:
             raise InputError(f"A {self.kind} has file = {shown(self.file)}; a mesh has the name of "
                              "one, and nothing else has.")
 
-    def _array(self, name: str, entry: Any, shape: tuple[int, ...]) -> Floats:
-        """Return an entry of a shape as floats of the given array shape, or refuse it."""
-        array = real_array(entry)
+    def _array(self, name: str, numbers: Any, shape: tuple[int, ...]) -> Floats:
+        """Return the numbers of a field as floats of an array ``shape``, or refuse them."""
+        array = real_array(numbers)
         if array is None or array.shape != shape or not np.isfinite(array.astype(float)).all():
-            raise InputError(f"The {name} of a {self.kind} is {shown(entry)}; give "
+            raise InputError(f"The {name} of a {self.kind} is {shown(numbers)}; give "
                              f"{'×'.join(map(str, shape))} finite numbers.")
         return array.astype(float)
 

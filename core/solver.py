@@ -41,6 +41,7 @@ class Solver:
     max_iterations: int = 50
 
     def __post_init__(self) -> None:
+        """Check all fields; 50.0 iterations are 50."""
         choose("solver", self.kind, get_args(SolverName))
         bound = 1 if self.tolerance is None else exact(self.tolerance)
         if bound is None or not 0 < bound < math.inf:

@@ -101,7 +101,8 @@ class Start:
         self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number] | None = None,
         t: Number | ArrayLike = 0.0, inputs: Mapping[str, Number] | None = None,
     ) -> None:
-        # Copies: arrays that the caller changes later do not change the start.
+        """Copy the numbers, which are checked by the steps that take them."""
+        # arrays that the caller changes later do not change the start
         self.q, self.p, self.t = (_copied(*pair) for pair in (("q", q), ("p", p), ("t", t)))
         self.parameters: Mapping[str, Number] = FrozenDict(
             as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}"))

@@ -30,11 +30,11 @@ DIMENSIONLESS: Dimensions = {}
 
 def combined(*parts: tuple[Dimensions, Fraction | int]) -> dict[str, Fraction]:
     """Return the dimensions of a product of powers."""
-    total: dict[str, Fraction] = {}
+    exponents: dict[str, Fraction] = {}
     for dimensions, power in parts:
         for unit, exponent in dimensions.items():
-            total[unit] = total.get(unit, Fraction(0)) + exponent * power
-    return {unit: exponent for unit, exponent in total.items() if exponent}
+            exponents[unit] = exponents.get(unit, Fraction(0)) + exponent * power
+    return {unit: exponent for unit, exponent in exponents.items() if exponent}
 
 
 def base_units(text: str) -> dict[str, Fraction]:
