@@ -55,7 +55,7 @@ def guaranteed(why: str, refuted: str = "") -> Guarantee:
 
 
 def not_guaranteed(why: str) -> Guarantee:
-    """Return that a property may hold, but is not guaranteed."""
+    """Return no guarantee, and why there is none: the property may hold all the same."""
     return Guarantee(guaranteed=False, why=why)
 
 

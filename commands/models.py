@@ -106,6 +106,7 @@ def copy_examples(names: tuple[str, ...], folder: Path) -> int:
             raise InputError(f"There is no example {shown(name)}; choose "
                              f"{listed(example_of_name)}, or "
                              f"all{proposal(name, example_of_name)}.")
+    # all are checked before the first is copied
     paths = [path for name, path in example_of_name.items() if name in names or "all" in names]
     for path in paths:
         if (folder / path.name).exists():

@@ -137,6 +137,7 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
     if any(choice[key] for key in ("scheme", "stages", "order", "composition", "tableau")):
         raise InputError(f"{target!r} is given besides --scheme, --stages, --order or --tableau; "
                          "give one.")
+    # a file is a tableau, anything else the name of a stepper
     if target.endswith(".json") or Path(target).is_file():
         return [Spec.checked(None, None, choice["rep"], choice["system"], choice["real"],
                              Path(target))]

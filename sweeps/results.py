@@ -83,6 +83,7 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
     """
     stepper = study.steppers[0]
     body = stepper.manifest.system.rigid_body
+    # of other systems than a rigid body the units of H and p are not known
     joule, momentum = ({"units": unit} if body else {} for unit in ("J", "kg m2 s-1"))
     state = (("coordinate", stepper.n),)
 

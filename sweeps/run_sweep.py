@@ -306,6 +306,7 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
     """Return the attributes of a result; ``sweep`` is compared before a sweep is resumed."""
     return {
         "title": study.name,
+        # all that decides the bits of a cell
         "sweep": {
             "format": FORMAT,
             "gyrospark": __version__,

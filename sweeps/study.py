@@ -234,6 +234,7 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
                          f"{listed(choices)}{proposal(column, choices)}.")
     elif column in names:
         domain = stepper.parameter_domains[column]
+        # a real parameter takes every number but NaN, which differs from itself
         outside_domain = {"positive": values <= 0, "nonzero": values == 0}.get(
             domain, values != values)
         if outside_domain.any():

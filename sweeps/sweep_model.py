@@ -155,6 +155,7 @@ def starts(table: Any, start: RunDefaults, varied: set[str]) -> Axis:
                          "angular_velocity and, if it varies, quaternion.")
     if "q" in table:
         return start_axis(table["q"], table["p"])
+    # p = 2 L(q)ᵀ J Ω needs the inertia, one for all states
     if len(start.bodies) == 0 or len(start.q0) != 4 or varied & {"I1", "I2", "I3"}:
         raise InputError("angular_velocity is for one rigid body whose moments of inertia do not "
                          "vary; give the states as q and p.")

@@ -248,6 +248,7 @@ def check_out(out: Path) -> None:
     if not os.path.lexists(out) or (out.is_dir() and not any(out.iterdir())):
         return
     cure = "remove it, or choose another --out"
+    # only what carries the marker of this package, and is unchanged, may be written over
     if out.is_file():
         if MARKER.encode() not in out.read_bytes():
             raise InputError(f"--out {str(out)!r} is a file that gyrospark did not write; {cure}.")

@@ -46,7 +46,7 @@ def with_options(
     for name, kind in kinds.items():
         option = texts[kind]
         if option in RULES:
-            numbers.pop(name, None)
+            numbers.pop(name, None)  # a rule takes the place of the model's number
             rules[name] = option
         elif option is not None:
             numbers[name] = _inertia_parameter(kind, option)

@@ -549,6 +549,7 @@ def _free_names(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str])
     for name in fixed:
         if not isinstance(name, str) or name not in allowed:
             raise unknown("name in fixed", name, allowed)
+    # γ and α change the motion within truncation alone: they are fitted only if they are named
     if free is None:
         free_names = [name for name in allowed if not is_inertia_parameter(name)]
     else:

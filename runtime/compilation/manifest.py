@@ -64,7 +64,9 @@ def sizes_of(manifest: Manifest) -> dict[str, Any]:
     return {
         "name": manifest.name,
         "real": REALS[manifest.real].c_type,
+        # C has no empty struct
         "parameters": [*system.parameters, *time] or ["none"],
+        # in scaled time t is one more coordinate
         "coordinates": len(system.coordinates) + (system.clock is not None),
         "constraints": len(system.constraints),
         "unknowns": scheme.unknowns,

@@ -229,6 +229,7 @@ def merged_starts(
         if not impacts:
             _refuse_impacts(start)
         return _rows_of_start(stepper, start, parameter_sets)
+    # an array, or a list of rows, is q, and its p is missing
     if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
                                           and isinstance(starts[0], (Sequence, np.ndarray))):
         raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "

@@ -72,7 +72,7 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
             raise InputError(f"System {run.manifest.system.name!r} has no coordinate "
                              f"{shown(name)}; it has {', '.join(run.coordinates)}"
                              f"{proposal(name, run.coordinates)}.")
-    # a coordinate that stays is one point
+    # by default coordinates that move: one that stays is a point
     moving = [name for name, q in zip(run.coordinates, run.q.T, strict=True) if (q != q[0]).any()]
     portrait_names = names or (moving or run.coordinates)[:_PORTRAITS]
     column_count = min(len(portrait_names), 3)

@@ -524,7 +524,8 @@ def _camera(points: Array, up: Array, facing: float, tilt: float, width: int, he
     """Return a camera that sees all points, with half the diagonal and the centre of their box.
 
     A camera with the focus 1 is moved back along the axis of sight; the focus then makes the
-    projected points fill the picture.
+    projected points fill the picture: focus = fill · min(width/Δx, height/Δy), of the extents Δx
+    and Δy of the points at the focus 1.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     centre, half_diagonal = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)

@@ -391,14 +391,15 @@ class Differentiation(Evaluation):
         """
         from ..derivatives.gradient import cotangents_of, gradient_of, names_of
 
-        names = names_of(self, wrt)  # type: ignore[arg-type]
+        stepper: Any = self
+        names = names_of(stepper, wrt)
         value, cotangents = _value_and_cotangents(run, cotangents, loss)
         kinds = self._rows_of(run, solver)
+        # a last row that a point made is no end of a step, to which the steps could be compared
         ended = bool(kinds.points)
         q, p = full_states(run)
-        return gradient_of(self, kinds.run, cotangents_of(self, kinds,
-                                                          cotangents),  # type: ignore[arg-type]
-                           names, memory, value, None if ended else (q[-1], p[-1]))
+        return gradient_of(stepper, kinds.run, cotangents_of(stepper, kinds, cotangents), names,
+                           memory, value, None if ended else (q[-1], p[-1]))
 
     def hessian(
         self, run: Trajectory, cotangents: Mapping[str, ArrayLike] | None = None, *,
@@ -468,6 +469,7 @@ class Differentiation(Evaluation):
         origin: Origin | None = run._origin
         if origin is None:
             refuse_forgotten(self, run)  # type: ignore[arg-type]
+            # a file has times, and no number of steps
             steps = int(np.rint(float(run.elapsed[-1] / run.dt)))
             arguments = self._run_of(
                 StartNumbers(run.q[0], run.p[0], dict(run.parameters), run.t[0], run[0]._excess),

@@ -79,7 +79,7 @@ if TYPE_CHECKING:
 
     from .stepper import Stepper
 
-__all__ = ["Ensemble", "integrate_members"]
+__all__ = ["Ensemble", "EnsembleEnd", "integrate_members"]
 
 
 @explain_arguments
@@ -221,6 +221,19 @@ class Ensemble:
         return {**self.__dict__, "_make": members.__getitem__}
 
 
+class EnsembleEnd(NamedTuple):
+    """The time t_end of the last state of all runs, where that is not the end of a whole step."""
+
+    #: t_end in scaled time, up to which runs take different numbers of steps.
+    open_end: Any = None
+    #: t_end between two steps, and the time from the last whole step to it: one for all runs, or
+    #: one for each.
+    last_part: tuple[Any, Sequence[Fraction]] | None = None
+
+
+NO_END = EnsembleEnd()
+
+
 def integrate_members(
     stepper: Stepper,
     starts: StartNumbers,
@@ -231,17 +244,14 @@ def integrate_members(
     tangents: Tangents | None = None,
     device: DeviceName | None = None,
     progress: Progress = None,
-    open_end: Any = None,
-    last_part: tuple[Any, Sequence[Fraction]] | None = None,
+    end: EnsembleEnd = NO_END,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of starts; see ``Stepper.integrate_ensemble``.
 
     There are four ways: on a card; each run by itself, with impacts; each by itself up to t_end in
-    scaled time, ``open_end``, where the numbers of steps are not known before; all side by side,
-    which is the usual one. ``last_part`` is given where t_end lies between two steps: t_end, and
-    the time from the last whole step to it, one for all or one for each run. ``options`` are steps,
-    every and solver.
+    scaled time, ``end.open_end``, where the numbers of steps are not known before; all side by
+    side, which is the usual one. ``options`` are steps, every and solver.
     """
     as_progress(progress)
     card = device_for(device, starts.q, starts.p)
@@ -250,18 +260,18 @@ def integrate_members(
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
         return cast(Ensemble, _integrate_on(card, stepper, starts, dt, options, progress))
-    runs, warned = _checked(stepper, starts, dt, options, inputs, last_part)
+    runs, warned = _checked(stepper, starts, dt, options, inputs, end.last_part)
     impacts = as_impacts(events, stepper.manifest.system.event_quantities)
-    # impacts are refused in scaled time, so that there is no ``open_end`` with them
+    # impacts are refused in scaled time, so that there is no open end with them
     if impacts:
         refuse_unusable(stepper, runs[int(np.argmin(runs.dt))], impacts,
                         tangents=tangents is not None and "tangents of an ensemble")
         return _each_alone(stepper, runs, impacts, threads_of(workers), progress)
-    if open_end is not None:
+    if end.open_end is not None:
         observed_events = as_events(events, stepper.manifest.system.event_quantities)
         refuse_together(ensemble="an ensemble", terminal=terminal_of(observed_events))
         ensemble = _each_alone(stepper, runs, observed_events, threads_of(workers), progress,
-                               open_end)
+                               end.open_end)
         return ensemble if tangents is None else _with_tangents(
             stepper, ensemble, tangents, threads_of(workers), lambda: False)
     return _side_by_side(stepper, runs, events, tangents, threads_of(workers), progress,
@@ -424,6 +434,7 @@ def _integrate_on(
         raise InputError(f"device = 'cuda' takes what profile control takes: {error}") from error
     state, like = None, starts.q
     if is_on_card(starts.q):
+        # the checks read a copy on the host; trajectories begin from what lies on the card
         state = gathered(device, name, text, *views_of(device, stepper, starts.q, starts.p))
         q, p = np.split(device.get(state).T, 2, axis=1)
         starts = replace(starts, q=q, p=p)

@@ -477,7 +477,7 @@ class Stepper(Dynamics):
 
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
-        from .ensemble import integrate_members
+        from .ensemble import EnsembleEnd, integrate_members
 
         dt, steps = span_or_own(self.binding, starts, Span(dt, dtau, t_end, steps))
         is_open = self.binding.clocked and steps is None and t_end is not None
@@ -488,7 +488,7 @@ class Stepper(Dynamics):
             steps, t_end, state.t, dt, whole_steps=device is not None or bool(impacts))
         return integrate_members(
             self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
-            open_end=t_end if is_open else None, last_part=(t_end, rests) if any(rests) else None,
+            EnsembleEnd(t_end if is_open else None, (t_end, rests) if any(rests) else None),
             steps=count, every=every, solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside
@@ -500,7 +500,10 @@ class Stepper(Dynamics):
         events: Event | Impact | Sequence[Event | Impact] | None = None,
         solver: SolverName | Solver = "auto",
     ) -> Integration:
-        """Return the arguments of ``integrate``, checked, with numbers for what is searched."""
+        """Return the arguments of ``integrate``, checked, with numbers for what is searched.
+
+        ``span`` are dt, dtau, t_end and steps; the other arguments are those of ``integrate``.
+        """
         (dt, steps), t_end = span_or_own(self.binding, start, span), span.t_end
         own_events = events is None
         state = merged_start(self, start, p, parameters, impacts=True)
