@@ -81,6 +81,8 @@ class Real:
             return repr(float(rounded))
         import mpmath as mp  # costs time, and running a stepper writes no literals
 
+        # 64 bits more than the type has: the decimal digits are those of the number, not of a
+        # quotient rounded to the type
         with mp.workprec(self.bits + 64):
             number = mp.mpf(rounded.numerator) / rounded.denominator
             return str(mp.nstr(number, self.digits, strip_zeros=True)) + self.suffix

@@ -51,6 +51,7 @@ def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) 
 
     size = getattr(library, f"{name}_work_size")
     size.restype = ctypes.c_size_t
+    # long doubles are aligned for every type of number
     work = (ctypes.c_longdouble * (size() // ctypes.sizeof(ctypes.c_longdouble) + 1))()
     q, p = (real * len(options.q))(*options.q), (real * len(options.p))(*options.p)
     limits = Limits(0, options.max_iterations)

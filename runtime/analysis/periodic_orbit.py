@@ -436,7 +436,7 @@ class OrbitSearch:
         return max(float(np.linalg.norm(guess.z.astype(float))), 1e-300)
 
     def _fixed_residual(self, guess: Guess) -> float:
-        """Return the largest relative change of a fixed quantity since the start."""
+        """Return the largest |c − c₀|/max(|c₀|, s) of a fixed quantity c, s the scale of states."""
         largest = 0.0
         for name, fixed_value in self.fixed_values.items():
             change = float(self._value(name, guess.z, guess.parameters) - fixed_value)

@@ -38,7 +38,11 @@ class Objective:
         self, stepper: Stepper, loss: Callable[..., Any], start: StartNumbers, wrt: tuple[str, ...],
         dt: Any, span: dict[str, Any], inputs: Any, memory: str, options: dict[str, Any],
     ) -> None:
-        """Project the start, and keep a basis of the tangent space there: x has its coordinates."""
+        """Project the start, and keep a basis of the tangent space there: x has its coordinates.
+
+        ``span`` is {"t_end": ...} or {"steps": ...}, ``options`` are further arguments of
+        ``integrate``; the others are those of ``value_and_gradient``.
+        """
         if {"q", "p"} & {*wrt}:
             raise InputError("x has coordinates of the tangent space for the start: ask for "
                              "\"start\" in place of \"q\" and \"p\".")

@@ -213,7 +213,7 @@ class _BestStates:
         binding = work.stepper.binding
         self.time_in_step = 0 * work.t(indices)
         self.q, self.p = (binding.new(len(indices), binding.n) for _ in range(2))
-        self._size = self.time_in_step - 1  # none yet
+        self._size = self.time_in_step - 1  # |x − level| of the best state; below 0: none yet
 
     def __call__(self, x: Array, roots: Array) -> Array:
         """Return x − level after the partial steps to the places x of the roots ``roots``."""

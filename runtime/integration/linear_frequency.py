@@ -92,7 +92,7 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
     if not fast.any():
         return None
     rates = np.linalg.lstsq(modes, (basis.T @ (velocity / scale)).astype(complex), rcond=None)[0]
-    # Amplitudes: a mode that drifts is counted over the run.
+    # amplitude = rate/|exp(iωδ) − 1|; a mode that drifts, ω = 0, is counted over the run
     parts = modes * (rates / np.maximum(np.abs(factors - 1), _PART / run.steps))
     if np.linalg.norm(parts[:, fast].sum(axis=1)) < _SHARE * np.linalg.norm(parts, axis=0).sum():
         return None

@@ -65,8 +65,9 @@ class IndexedMesh:
         return IndexedMesh(self.points, rotated[np.sort(_unique_rows(rotated)[0])])
 
     def clustered(self, cell: float) -> IndexedMesh:
-        """Return the mesh with the vertices in each cell of this width as one."""
+        """Return the mesh with the vertices in each cell of this width replaced by their mean."""
         low = self.points.min(axis=0)
+        # to the nearest multiple: vertices of a flat side are in one layer, in spite of rounding
         cells = np.floor((self.points - low) / cell + 0.5).astype(np.int64)
         index = _unique_rows(cells)[1]
         points = np.stack([np.bincount(index, self.points[:, k]) for k in range(3)], axis=1)

@@ -72,6 +72,7 @@ def mesh_of(shape: Shape, around: int = _AROUND) -> Mesh:
         unit = _revolved(lower + [(x, -z) for x, z in reversed(lower)], 0, min(around, 18))
     else:
         unit = _revolved(_wheel(r, c) if c < _WHEEL * r else _cylinder(r, c), 6, around)
+    # a surface scaled by S has the normals S⁻¹ n
     normals = unit.normals / scale @ shape.axes.T
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return replace(unit, points=shape.centre + unit.points * scale @ shape.axes.T,

@@ -196,9 +196,9 @@ class Evaluation:
         """
         state = merged_start(self, start, p, parameters, t, impacts=True)
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
-        parameters_there, times = self._parameters(state.parameters), self._times(state.t, shape)
-        values = self.binding.quantities(parameters_there, times, *self.binding.in_scaled_time(
-            parameters_there, q_rows, p_rows, times))
+        compiled_parameters, times = self._parameters(state.parameters), self._times(state.t, shape)
+        values = self.binding.quantities(compiled_parameters, times, *self.binding.in_scaled_time(
+            compiled_parameters, q_rows, p_rows, times))
         return {name: values[:, i].reshape(shape)
                 for i, name in enumerate(self.binding.quantity_names)}
 

@@ -115,6 +115,7 @@ class AdvancingRun:
     def trajectory(self, manifest: Manifest) -> Trajectory:
         """Return the current state as a trajectory of one row."""
         t = self.run.t0 + self.steps * self.run.dt
+        # ``every`` beyond the number of steps: only the start of this run, the present, is a row
         run = replace(self.run, q=self.q, p=self.p, t0=t, steps=self.steps + 1,
                       every=self.steps + 2)
         rows = Rows.allocate(self.binding, 1)

@@ -104,7 +104,11 @@ class Pilots:
         self, stepper: Stepper, run: RunArguments, directions: list[Direction],
         means: dict[str, float], aim: Aim, report: Callable[[int], Any] | None, *, longer: bool,
     ) -> None:
-        """``longer``: the choice is for a run that continues where the pilot runs end."""
+        """Pilot runs of ``run`` with rates along ``directions`` and numbers for γ, α.
+
+        ``means`` are the γ_m of the searched γ by name, ``aim`` says which error is to be small.
+        ``longer``: the choice is for a run that continues where the pilot runs end.
+        """
         self.stepper, self.arguments, self.directions = stepper, run, directions
         self.means, self.aim, self.longer = means, aim, longer and aim == "motion"
         self.every = max(1, run.steps // _ROWS)
