@@ -215,6 +215,7 @@ def work_size(name: str, header: str) -> int:
     """Return the bytes of a trajectory's memory where int64_t and double are aligned to 8."""
     import cffi
 
+    # cffi reads declarations alone, without directives of the preprocessor
     declared = "\n".join(line for line in header.splitlines() if not line.startswith("#")
                          and line != 'extern "C" {' and line != "}")
     types = cffi.FFI()
@@ -273,6 +274,7 @@ def _digest(path: Path) -> str:
 def staging(out: Path, files: Mapping[str, str | bytes]) -> Iterator[Path]:
     """Yield a temporary folder beside ``out`` with the files in it, which is removed afterwards."""
     try:
+        # on the file system of ``out``, so that the artefact is moved there by a rename
         folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".part", dir=out.parent))
         try:
             for name, content in files.items():
@@ -305,7 +307,7 @@ def place(artefact: Path, out: Path, facts: Mapping[str, Any]) -> tuple[str, ...
     if not out.is_dir() or not any(out.iterdir()):
         artefact.replace(out)
         return (*names, MARKER)
-    # file by file: whoever watches one of them never sees it missing
+    # each file is replaced at once: a reader never finds it missing
     old_files: Sequence[str] = [*json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]]
     for name in (*names, MARKER):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
