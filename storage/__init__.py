@@ -6,7 +6,7 @@ Open first: ``record.record``.
 
     durable_files  a Zarr store with atomic, durable files
     staging        atomic creation of stores, and their writer lock
-    chunk_files    files of arrays: read, and written side by side
+    chunk_writer   chunks of arrays, written side by side
     identity       everything that determines the bits of a run
     array_layout   the arrays of a run: names, dimensions, units
     event_store    appendable arrays of events

@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import zarr
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
@@ -22,8 +21,8 @@ from ..core.arguments import as_path
 from ..core.errors import InputError, StorageError
 from ..core.file_formats import ending_of, endings
 
-__all__ = ["DurableStore", "atomic_file", "folder_of", "new_store_path", "one_line",
-           "remove_parts", "storage_errors", "store_path", "sync_folder", "write_durably"]
+__all__ = ["DurableStore", "atomic_file", "new_store_path", "one_line", "remove_parts",
+           "storage_errors", "store_path", "sync_folder", "write_durably"]
 
 #: Suffix of unfinished files.
 _PART = ".part"
@@ -60,13 +59,6 @@ class DurableStore(LocalStore):
     def with_read_only(self, read_only: bool = False) -> DurableStore:
         """Return the same store, to read only or not."""
         return type(self)(self.root, read_only=read_only)
-
-
-def folder_of(node: zarr.Group | zarr.Array[Any]) -> Path:
-    """Return the folder of a group or an array; stores are on a local disk."""
-    store = node.store_path.store
-    assert isinstance(store, LocalStore)
-    return store.root / node.path
 
 
 def _array_folder(root: Path) -> Path | None:

@@ -19,7 +19,7 @@ from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.results.crossings import Crossings, of_columns
 from .array_layout import StoredField, array_of, fields_of_events, names_of, wide_name
-from .chunk_files import Chunk
+from .chunk_writer import Chunk
 from .validation import refuse_missing_blocks, stored_values
 
 __all__ = ["EventStore", "crossings_in"]

@@ -24,7 +24,7 @@ from .array_layout import (
     open_group,
     wide_name,
 )
-from .chunk_files import Chunk, write_chunks
+from .chunk_writer import Chunk, write_chunks
 from .durable_files import storage_errors
 from .event_store import EventStore
 from .identity import FORMAT, versions

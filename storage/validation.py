@@ -33,7 +33,6 @@ from .array_layout import (
     names_of,
     wide_name,
 )
-from .chunk_files import read_rows
 from .durable_files import one_line
 from .identity import FORMAT, written_by
 
@@ -307,7 +306,7 @@ def stored_values(
     Raises InputError if what is stored is damaged.
     """
     try:
-        array_rows = read_rows(array, first_row, count)
+        array_rows = np.asarray(array[first_row : first_row + count])
     except UNREADABLE as error:
         raise InputError(f"Array {array.name!r} of the store is damaged: {one_line(error)}."
                          ) from error

@@ -21,7 +21,7 @@ from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.results.crossings import Crossings
 from ..runtime.results.outputs import OUTPUTS, States, arrays_in_files, names_in_files, value_of
 from .array_layout import CHECKPOINT, StoredField, array_of, attributes_of, consolidate, wide_name
-from .chunk_files import Chunk, write_chunks
+from .chunk_writer import Chunk, write_chunks
 from .durable_files import storage_errors
 from .event_store import EventStore
 

@@ -31,7 +31,7 @@ from ..storage.array_layout import (
     create_array,
     open_group,
 )
-from ..storage.chunk_files import Chunk, write_chunks
+from ..storage.chunk_writer import Chunk, write_chunks
 from ..storage.durable_files import DurableStore, storage_errors
 from ..storage.identity import written_by
 from .axes import SCHEME
