@@ -34,7 +34,7 @@ from .attitudes import Array
 __all__ = ["Accuracy", "Subject", "measure", "subjects"]
 
 #: Relative changes of central differences.
-_SHIFT = {"double": 2.0**-9, "float128": 2.0**-36}
+_SHIFT = {"double": 2.0**-11, "float128": 2.0**-36}
 
 
 @dataclass(frozen=True)
