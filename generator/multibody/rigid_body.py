@@ -7,6 +7,7 @@ identities.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Literal
 
@@ -60,14 +61,22 @@ def left_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:
 
 def rotation_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:
     """Return R(x) of (3), 3 × 3; maps body to space axes (erratum 1)."""
-    x0, x1, x2, x3 = expressions("quaternion", x, 4)
-    return sp.Matrix(
-        [
-            [x0**2 + x1**2 - x2**2 - x3**2, 2 * (x1 * x2 - x0 * x3), 2 * (x1 * x3 + x0 * x2)],
-            [2 * (x1 * x2 + x0 * x3), x0**2 - x1**2 + x2**2 - x3**2, 2 * (x2 * x3 - x0 * x1)],
-            [2 * (x1 * x3 - x0 * x2), 2 * (x2 * x3 + x0 * x1), x0**2 - x1**2 - x2**2 + x3**2],
-        ]
-    )
+    entries = expressions("quaternion", x, 4)
+    # a model asks for the matrices of its bodies again and again
+    return sp.Matrix(_rotation_of_symbols(*entries) if all(e.is_Symbol for e in entries)
+                     else _rotation(*entries))
+
+
+def _rotation(x0: sp.Expr, x1: sp.Expr, x2: sp.Expr, x3: sp.Expr) -> list[list[sp.Expr]]:
+    """Return the rows of R(x)."""
+    return [
+        [x0**2 + x1**2 - x2**2 - x3**2, 2 * (x1 * x2 - x0 * x3), 2 * (x1 * x3 + x0 * x2)],
+        [2 * (x1 * x2 + x0 * x3), x0**2 - x1**2 + x2**2 - x3**2, 2 * (x2 * x3 - x0 * x1)],
+        [2 * (x1 * x3 - x0 * x2), 2 * (x2 * x3 + x0 * x1), x0**2 - x1**2 - x2**2 + x3**2],
+    ]
+
+
+_rotation_of_symbols = lru_cache(maxsize=1024)(_rotation)
 
 
 def double_momentum(x: Sequence[sp.Expr], y: Sequence[sp.Expr]) -> list[sp.Expr]:

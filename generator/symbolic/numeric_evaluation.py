@@ -42,9 +42,10 @@ class Evaluator:
 
     def __call__(self, e: sp.Expr) -> Any:
         """Return the value of an expression, with the shape of the values of the symbols."""
-        if e not in self._values:
-            self._values[e] = self._compute(e)
-        return self._values[e]
+        value = self._values.get(e)  # each look-up takes a hash of an expression
+        if value is None:
+            value = self._values[e] = self._compute(e)
+        return value
 
     def define(self, symbol: sp.Symbol, value: Any) -> None:
         """Define the value of one more symbol."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import sympy as sp
 
@@ -81,6 +82,7 @@ def curvature(
     return symmetric_jacobian(gradient(weighted, q), q)
 
 
+@lru_cache(maxsize=1024)  # each scheme and the derivatives of a system ask for the same ones
 def shortest(expression: sp.Expr) -> sp.Expr:
     """Return the expression as it is, expanded or factored: whichever has fewest operations.
 

@@ -330,9 +330,13 @@ def _skate_chain() -> Case:
 
 
 def _eccentric() -> Case:
-    """Eccentricity .6, from the pericentre, in steps of equal length in ∫ r^(-3/2) dt."""
+    """Eccentricity .6, from the pericentre, in steps of equal length in ∫ r^(-3/2) dt.
+
+    Its parameter is any number, as that of a model file, which so has the same stepper.
+    """
+    k = sp.Symbol("k", real=True)
     return _plane("eccentric", (0.4, 0.0), (0.0, 2.0), {"k": 1.0},
-                  (u**2 + v**2) / 2 - k / sp.sqrt(x**2 + y**2), dt=0.1,
+                  (u**2 + v**2) / 2 - k / sp.sqrt(x**2 + y**2), order=(k,), dt=0.1,
                   time_scale=gs.scales.distance((x, y), (0, 0)),
                   exact=lambda time: _kepler_motion(time, 0.6))
 
