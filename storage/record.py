@@ -7,6 +7,7 @@ bits of ``Stepper.integrate``, for any number of interruptions.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -206,11 +207,11 @@ def _existing_group(
     fields = fields_of(stepper.manifest)
     checkpoint = checkpoint_size(stepper.binding, events)
     rows, planned_rows = recording.rows, recording.attributes.get(EXTENDS)
-    of_events = [field for fields_of_one in fields_of_events(
-        stepper.manifest, identity.get("events", {})).values() for field in fields_of_one]
+    event_fields = list(chain.from_iterable(fields_of_events(
+        stepper.manifest, identity.get("events", {})).values()))
     with storage_errors(path, CURE):
         refuse_other_arrays(path, group_of(path), fields, {rows, planned_rows or rows}, checkpoint,
-                            of_events)
+                            event_fields)
         if longer or planned_rows is not None:
             extend(path, recording.attributes["arrays"], run.stored_states,
                    _run_attributes(stepper, run, identity, recording) if longer else {})

@@ -141,10 +141,11 @@ def checked_study(study: Study) -> Study:
     if (study.steps is None) == (study.t_end is None):
         raise InputError("Give a sweep either steps, the number for every cell, or t_end, the "
                          "time of the end of every cell.")
-    names_of_counts = [name for name in ("steps", "every", "max_iterations")
-                       if getattr(study, name) is not None or name == "max_iterations"]
-    counts: dict[str, Any] = {name: as_positive_count(name, getattr(study, name), minimum=1)
-                              for name in names_of_counts}
+    # steps and every may be left out
+    counts: dict[str, Any] = {
+        name: as_positive_count(name, getattr(study, name), minimum=1)
+        for name in ("steps", "every", "max_iterations")
+        if getattr(study, name) is not None or name == "max_iterations"}
     study = replace(study, **counts)
     if study.tolerance is not None and as_real("tolerance", study.tolerance) <= 0:
         raise InputError(f"tolerance = {study.tolerance} is not positive; give none for round-off.")

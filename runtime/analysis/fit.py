@@ -124,7 +124,7 @@ class Fit:
         starts = sum(name not in self.parameters for name in self.names)
         if starts:
             lines.append(f"  start: {starts} coordinates")
-        for words, times in Counter(map(spelt, self.undetermined)).items():
+        for words, times in Counter(map(in_words, self.undetermined)).items():
             lines.append(f"  undetermined: {words}" + f" ({times} directions)" * (times > 1))
         return "\n".join(lines) + ">"
 
@@ -146,7 +146,7 @@ def with_sigma(estimate: float, sigma: float) -> str:
     return f"{estimate:.{digits}g} ± {sigma:.2g}"
 
 
-def spelt(combination: Mapping[str, float]) -> str:
+def in_words(combination: Mapping[str, float]) -> str:
     """Return an undetermined combination in words."""
     if all(abs(weight - 1) < 1e-2 for weight in combination.values()):
         *names, last_name = combination

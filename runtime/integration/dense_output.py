@@ -279,13 +279,17 @@ def partial_steps(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
     fill: Callable[[EnsembleStates], None], inputs: InputRows | None = None,
 ) -> tuple[Array, Array]:
-    """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing."""
+    """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing.
+
+    ``t0``, ``dt`` and the columns of ``parameters`` have an entry for each row, ``inputs`` a run.
+    """
     q, p = q.copy(), p.copy()
     indices = np.flatnonzero(dt != 0)
     if len(indices):
-        ensemble = run_together(stepper, q[indices], p[indices], t0[indices], dt[indices],
-                              {name: column[indices] for name, column in parameters.items()}, fill,
-                              1, None if inputs is None else inputs.taken(indices, 0 * indices))
+        columns = {name: column[indices] for name, column in parameters.items()}
+        ensemble = run_together(stepper, q[indices], p[indices], t0[indices], dt[indices], columns,
+                                fill, 1,
+                                None if inputs is None else inputs.taken(indices, 0 * indices))
         q[indices], p[indices] = ensemble.q, ensemble.p
     return q, p
 

@@ -251,9 +251,11 @@ def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
     q, p, start, t = (numbers[name] for name in _TANGENTS[:4])
     multipliers = numbers.get("multipliers")
     n, names = len(about["manifest"].system.coordinates), about["tangents"]
-    if q.shape != p.shape or q.shape[1:] != (n, len(names)) or start.shape != (2 * n, len(names)) \
-            or t.shape != (len(q), len(names)) or (multipliers is not None and (
-                multipliers.shape[0] + 1, multipliers.shape[-1]) != (len(q), len(names))):
+    rows, k = q.shape[:1], len(names)
+    shapes = {"q": (*rows, n, k), "p": (*rows, n, k), "start": (2 * n, k), "t": (*rows, k)}
+    if any(numbers[name].shape != shape for name, shape in shapes.items()) or (
+            multipliers is not None
+            and (multipliers.shape[0] + 1, multipliers.shape[-1]) != (*rows, k)):
         raise ValueError("tangents have parts of several shapes")
     return TangentRows(q, p, [str(name) for name in names], start, t, multipliers=multipliers,
                        switched_steps=int(about.get("switched_steps", 0)))

@@ -185,7 +185,7 @@ class FreeRotation(_PreciseMotion):
         angular_velocity: Sequence[float],
         attitude: Sequence[float],
     ) -> None:
-        """Compute the constants of the motion, in axes i, j, k of which k has the larger modulus.
+        """Compute the constants of the motion; j is the middle axis, i the extremal one with m ≤ 1.
 
             Ω_i = B_i dn u, Ω_j = B_j sn u, Ω_k = B_k cn u,   u = u₀ + κ t, of the parameter m
 
@@ -266,6 +266,8 @@ class FreeRotation(_PreciseMotion):
 
     def _from_euler(self, phi: Any, theta: Any, psi: Any) -> list[Any]:
         """Return the quaternion of erratum 9, its third axis being the body's axis i.
+
+        With j and k the next two axes in cyclic order:
 
             e_0 = cos((φ+ψ)/2) cos(θ/2),   e_i = sin((φ+ψ)/2) cos(θ/2)
             e_j = cos((φ−ψ)/2) sin(θ/2),   e_k = sin((φ−ψ)/2) sin(θ/2)
