@@ -1,12 +1,23 @@
-/* Projection onto the constraints g(q) = 0 and the hidden constraints f(q, p) = G H_p = 0. */
+/* Projection onto the constraints g(q) = 0 and onto the conditions on momenta, G H_p + g_t = 0. */
 #ifndef GS_CONSTRAINTS_PROJECTION_H
 #define GS_CONSTRAINTS_PROJECTION_H
 
 #include "gyrospark/linear_algebra/norms.h"
 
+#if GS_VELOCITY_CONSTRAINTS
+#include "gyrospark/velocity_constraints/conditions.h"
+#else
+/* The conditions on momenta are the hidden constraints alone. */
+enum { HIDDEN = M };
+#define momentum_defect hidden_constraint
+#define observed_defect hidden_constraint
+#define condition_force constraint_force
+#endif
+
+#if GS_CONSTRAINED
 #if GS_ELEMENTS
-/* Largest accepted step of a projection that stagnates, in units of epsilon times the state. */
-enum { COORDINATE_SLACK = 1024, MOMENTUM_SLACK = 1024 };
+/* Largest accepted step of q that stagnates, in units of epsilon times the state. */
+enum { COORDINATE_SLACK = 1024 };
 
 /* f <- W^-1 f with W = G H_pp G^T */
 static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
@@ -30,8 +41,8 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
 #else
 #include "gyrospark/linear_algebra/dense_lu.h"
 
-/* Largest accepted step that stagnates, in epsilon |state|: f has the round-off of differences. */
-enum { COORDINATE_SLACK = 2, MOMENTUM_SLACK = 1024 };
+/* Largest accepted step of q that stagnates, in units of epsilon times the state. */
+enum { COORDINATE_SLACK = 2 };
 
 /* G^T lambda */
 static void constraint_force(const constants *c, const real q[N], const real lambda[M],
@@ -84,41 +95,6 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
 }
 #endif
 
-#if !GS_VELOCITY_CONSTRAINTS
-/*
- * Projects p along G^T onto f(q, p) = 0 by Newton's method, p <- p - G^T W^-1 f, until the step is
- * at round-off level; impulse is the sum of all W^-1 f. One step is exact if H is quadratic in p,
- * but for round-off. (Hairer-Lubich-Wanner, IV.4 and VII.1)
- */
-static int project_momentum(const constants *c, const real q[N], real p[N],
-    real impulse[M])
-{
-    real previous = HUGE_VAL;
-    for (int mu = 0; mu < M; ++mu)
-        impulse[mu] = 0;
-    for (int iteration = 0; iteration < 20; ++iteration) {
-        real f[M], change[N];
-        hidden_constraint(c, q, p, f);
-        const int status = solve_momentum(c, q, p, f);
-        if (status != OK)
-            return status;
-        constraint_force(c, q, f, change);
-        for (int a = 0; a < N; ++a)
-            p[a] -= change[a];
-        for (int mu = 0; mu < M; ++mu)
-            impulse[mu] += f[mu];
-        const real step = norm(MEASURED, change), floor = epsilon*norm(MEASURED, p);
-        if (!isfinite(step))
-            return NOT_FINITE;
-        if (step <= floor/2 || (step <= MOMENTUM_SLACK*floor && step >= previous/2))
-            return OK;
-        previous = step;
-    }
-    return NOT_CONVERGED;
-}
-
-#endif
-
 /*
  * Projects q along G^T onto g(q) = 0 by minimum-norm Newton steps, q <- q - G^T (G G^T)^-1 g, at the
  * same time.
@@ -144,15 +120,53 @@ static int project_coordinates(const constants *c, real q[N])
     }
     return NOT_CONVERGED;
 }
+#endif
 
-#if !GS_VELOCITY_CONSTRAINTS
+/* Largest accepted step of p that stagnates, in epsilon |p|: f has the round-off of differences. */
+enum { MOMENTUM_SLACK = 1024 };
+
+/*
+ * Projects p along G^T, with velocity constraints along [G; A]^T, onto the conditions f(q, p) = 0 by
+ * Newton's method, p <- p - G^T W^-1 f, until the step is at round-off level; impulse is the sum of
+ * all W^-1 f. One step is exact if H is quadratic in p, but for round-off. (Hairer-Lubich-Wanner,
+ * IV.4 and VII.1)
+ */
+static int project_momentum(const constants *c, const real q[N], real p[N],
+    real impulse[HIDDEN])
+{
+    real previous = HUGE_VAL;
+    for (int mu = 0; mu < HIDDEN; ++mu)
+        impulse[mu] = 0;
+    for (int iteration = 0; iteration < 20; ++iteration) {
+        real f[HIDDEN], change[N];
+        momentum_defect(c, q, p, f);
+        const int status = solve_momentum(c, q, p, f);
+        if (status != OK)
+            return status;
+        condition_force(c, q, f, change);
+        for (int a = 0; a < N; ++a)
+            p[a] -= change[a];
+        for (int mu = 0; mu < HIDDEN; ++mu)
+            impulse[mu] += f[mu];
+        const real step = norm(MEASURED, change), floor = epsilon*norm(MEASURED, p);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= floor/2 || (step <= MOMENTUM_SLACK*floor && step >= previous/2))
+            return OK;
+        previous = step;
+    }
+    return NOT_CONVERGED;
+}
+
 int NAME(project)(const parameters_t *parameters, real q[N], real p[N])
 {
     constants c;
-    real impulse[M];
+    real impulse[HIDDEN];
+    int status = OK;
     prepare(parameters, &c);
-    const int status = project_coordinates(AT(&c, start_time(parameters)), q);
-    return status == OK ? project_momentum(&c, q, p, impulse) : status;
+    const constants *at = AT(&c, start_time(parameters));
+    IF_CONSTRAINED(status = project_coordinates(at, q);)
+    return status == OK ? project_momentum(at, q, p, impulse) : status;
 }
 
 #if !GS_PROFILE_RUN
@@ -162,12 +176,13 @@ void NAME(defects)(const parameters_t *parameters, long count, IF_TIME(
 {
     constants c;
     prepare(parameters, &c);
+    (void)g; /* without constraints g(q) = 0 */
     for (long i = 0; i < count; ++i) {
-        constraint(AT(&c, time_of(parameters, t, i)), q + i*N, g + i*M);
-        hidden_constraint(&c, q + i*N, p + i*N, f + i*M);
+        const constants *at = AT(&c, time_of(parameters, t, i));
+        IF_CONSTRAINED(constraint(at, q + i*N, g + i*M);)
+        observed_defect(at, q + i*N, p + i*N, f + i*HIDDEN);
     }
 }
-#endif
 #endif
 
 #endif

@@ -94,6 +94,16 @@ static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int start,
     return result.failed ? failure_reason(progress.change, progress.previous) : OK;
 }
 
+/* Copies the state in the work memory, rounded. */
+static void get_state(work_t *w, real q[N], real p[N])
+{
+    const SINGLE(t) *s = &fixed_point_of(w)->solver;
+    for (int a = 0; a < N; ++a) {
+        q[a] = lane_get(&s->q[a], 0);
+        p[a] = lane_get(&s->p[a], 0);
+    }
+}
+
 /*
  * Solves the step by Newton's method: simplified Newton from the prediction, and if it fails, full
  * Newton from the rates at the start of the step, as with the solver NEWTON. A poor prediction may
@@ -104,10 +114,7 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
     SINGLE(t) *s = &fixed_point_of(w)->solver;
     real q[N], p[N];
     int count, status = NOT_CONVERGED;
-    for (int a = 0; a < N; ++a) {
-        q[a] = lane_get(&s->q[a], 0);
-        p[a] = lane_get(&s->p[a], 0);
-    }
+    get_state(w, q, p);
     if (s->predictor.count > 0) {
         SINGLE(start_iteration)(s, PREDICTED);
         SINGLE(get_unknowns)(s, w->x);
@@ -222,25 +229,14 @@ static void begin_fixed_point(work_t *w, real dt, const real q[N], const real p[
     SEPARATE(initialise)(&f->solver);
 }
 
-static void get_state(work_t *w, real q[N], real p[N])
-{
-    const SINGLE(t) *s = &fixed_point_of(w)->solver;
-    for (int a = 0; a < N; ++a) {
-        q[a] = lane_get(&s->q[a], 0);
-        p[a] = lane_get(&s->p[a], 0);
-    }
-}
-
 /* Updates the report with the errors of the state in the work memory, as observe does. */
 static void observe_fixed_point(work_t *w, report_t *report)
 {
     SINGLE(t) *s = &fixed_point_of(w)->solver;
     const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
-    IF_FORCES(set_work(report, lane_get(&s->work, 0), lane_get(&s->work_low, 0));)
-    const real gain = lane_get(&H, 0) - report->energy_start;
-    const real error = MATH(fabs)(gain IF_FORCES(- report->work));
-    report->energy_error_max = larger(error, report->energy_error_max);
-    report->energy_error_sum += error;
+    IF_FORCES(report->work = lane_get(&s->work, 0);)
+    IF_FORCES(report->work_low = lane_get(&s->work_low, 0);)
+    observe_energy(lane_get(&H, 0), report);
     IF_CONSTRAINED(SINGLE(observe_constraint_errors)(s, report);)
 }
 

@@ -58,7 +58,7 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
     } while (another);
     w->energy_waits = search.waits;
 #endif
-    IF_FORCES(store_work(w, dt, q, p, w->x);)
+    IF_FORCES(w->work_done = step_work(w, dt, q, p, w->x);) /* until the step is accepted */
     for (int a = 0; a < N; ++a) {
         q1[a] = q_end[a];
         p1[a] = p_end[a];

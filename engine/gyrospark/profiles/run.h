@@ -12,7 +12,7 @@
 static void store_iteration_work(work_t *w, const real q[N], const real p[N])
 {
     get_unknowns(&w->state, w->state.x, w->x);
-    store_work(w, w->state.h, q, p, w->x);
+    w->work_done = step_work(w, w->state.h, q, p, w->x);
 }
 #endif
 
@@ -106,7 +106,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
             reset_iteration(w);
         }
     }
-    IF_FORCES(add_step_work(w, report);)
+    IF_FORCES(add_work(report, w->work_done);)
     observe(&w->constants, q, p, report);
     return OK;
 }

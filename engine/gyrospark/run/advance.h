@@ -46,7 +46,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
 #if GS_EXACT_ENERGY
     report->energy_waits += w->energy_waits;
 #endif
-    IF_FORCES(add_step_work(w, report);)
+    IF_FORCES(add_work(report, w->work_done);)
     observe(AT(&w->constants, w->t + w->step), q, p, report);
     return OK;
 }

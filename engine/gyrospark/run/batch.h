@@ -220,8 +220,8 @@ static void observe_lanes(ensemble_t *b)
 /* Copies the report of a lane to the caller's report. */
 static void write_report(const ensemble_t *b, int lane, report_t *report)
 {
-    IF_FORCES(set_work(report, lane_get(&b->solver.work, lane),
-        lane_get(&b->solver.work_low, lane));)
+    IF_FORCES(report->work = lane_get(&b->solver.work, lane);)
+    IF_FORCES(report->work_low = lane_get(&b->solver.work_low, lane);)
     report->energy_error_max = lane_get(&b->energy_error_max, lane);
     report->energy_error_sum = lane_get(&b->energy_error_sum, lane);
     report->constraint_max = lane_get(&b->g_max, lane);

@@ -4,8 +4,8 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
-#if GS_VELOCITY_CONSTRAINTS
-#include "gyrospark/velocity_constraints/projection.h"
+#if GS_CONSTRAINED || GS_VELOCITY_CONSTRAINTS
+#include "gyrospark/constraints/projection.h"
 #endif
 
 #if !GS_PROFILE_RUN
@@ -48,26 +48,6 @@ static void add_work(report_t *report, real done)
     report->work = total;
 }
 
-/* Stores the work of the step with unknowns x until the step is accepted. */
-static void store_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
-{
-    w->work_done = step_work(w, dt, q, p, x);
-}
-
-static void add_step_work(const work_t *w, report_t *report)
-{
-    add_work(report, w->work_done);
-}
-
-#if GS_FIXED_POINT
-/* Copies the work of a lane, with the low word of its compensated sum, to the report. */
-static inline void set_work(report_t *report, real work, real low)
-{
-    report->work = work;
-    report->work_low = low;
-}
-#endif
-
 #if !GS_PROFILE_RUN
 void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     const real x[U], real work_done[1], work_t *work)
@@ -89,10 +69,10 @@ static void record_time_step(report_t *report, real step)
 }
 #endif
 
-/* Adds the energy error |H - H_0 - W| of the state (q, p) to the report. */
-static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
+/* Adds the energy error |H - H_0 - W| of a state with the energy H to the report. */
+static void observe_energy(real H, report_t *report)
 {
-    const real gain = hamiltonian(c, q, p) - report->energy_start;
+    const real gain = H - report->energy_start;
     const real error = MATH(fabs)(gain IF_FORCES(- report->work));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
@@ -108,31 +88,18 @@ static void observe_constraint_errors(real g_size, real f_size, report_t *report
     report->hidden_sum += f_size;
 }
 
+#endif
+
 /* Adds the errors of the state (q, p) to the report. */
 static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
 {
-#if GS_VELOCITY_CONSTRAINTS
+    observe_energy(hamiltonian(c, q, p), report);
+#if GS_CONSTRAINED || GS_VELOCITY_CONSTRAINTS
     real g[M + 1] = { 0 }, f[HIDDEN];
-    observe_energy(c, q, p, report);
-#if GS_CONSTRAINED
-    constraint(c, q, g);
-#endif
+    IF_CONSTRAINED(constraint(c, q, g);)
     observed_defect(c, q, p, f);
     observe_constraint_errors(norm(M, g), norm(HIDDEN, f), report);
-#else
-    real g[M], f[M];
-    observe_energy(c, q, p, report);
-    constraint(c, q, g);
-    hidden_constraint(c, q, p, f);
-    observe_constraint_errors(norm(M, g), norm(M, f), report);
 #endif
 }
-#else
-/* Adds the errors of the state (q, p) to the report. */
-static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
-{
-    observe_energy(c, q, p, report);
-}
-#endif
 
 #endif

@@ -12,7 +12,7 @@
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
 {
-    real Q[N], momentum[N];
+    real Q[N], momentum[N], impulse[HIDDEN];
     stage_values(w, dt, q, p, x);
     node_state(w, dt, q, p, x, P, Q, momentum);
     for (int a = 0; a < N; ++a) {
@@ -21,7 +21,7 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
     }
     for (int l = 0; l < MULTIPLIERS; ++l)
         multipliers[l] = x[FIRST_LAMBDA + l];
-    const int status = project_momentum(AT(&w->constants, w->t + w->step), q1, p1);
+    const int status = project_momentum(AT(&w->constants, w->t + w->step), q1, p1, impulse);
     return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
 }
 #endif

@@ -97,12 +97,12 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
         status = finish(w, dt, q, p, w->x, q1, p1, multipliers);
     if (status != OK)
         return status;
-    IF_FORCES(store_work(w, dt, q, p, w->x);)
+    IF_FORCES(w->work_done = step_work(w, dt, q, p, w->x);)
     for (int a = 0; a < N; ++a) {
         q[a] = q1[a];
         p[a] = p1[a];
     }
-    IF_FORCES(add_step_work(w, report);)
+    IF_FORCES(add_work(report, w->work_done);)
     observe(AT(&w->constants, w->t + w->step), q, p, report);
     return OK;
 }

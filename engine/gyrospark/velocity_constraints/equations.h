@@ -2,7 +2,7 @@
 #ifndef GS_VELOCITY_CONSTRAINTS_EQUATIONS_H
 #define GS_VELOCITY_CONSTRAINTS_EQUATIONS_H
 
-#include "gyrospark/velocity_constraints/projection.h"
+#include "gyrospark/constraints/projection.h"
 
 /* Offsets in x: multipliers Lambda_0..Lambda_P of g, then M_1..M_S of the velocity constraints. */
 enum { FIRST_LAMBDA = 2*S*N, REACTIONS = FIRST_LAMBDA + (P + 1)*M };

@@ -56,6 +56,21 @@ static inline void TYPED(hidden_constraint)(const TYPED(flow_constants) *c, cons
     f[0] = q[0]*p[0] + q[1]*p[1] + q[2]*p[2] + q[3]*p[3];
 }
 
+static inline void TYPED(constraint_jacobian)(const TYPED(flow_constants) *c, const NUMBER *q,
+    NUMBER (*G)[N])
+{
+    (void)c;
+    for (int a = 0; a < N; ++a)
+        G[0][a] = a < 4 ? 2*q[a] : q[a] - q[a];
+}
+
+static inline void TYPED(hidden_matrix)(const TYPED(flow_constants) *c, const NUMBER *q,
+    const NUMBER *p, NUMBER (*W)[M])
+{
+    (void)c, (void)p;
+    W[0][0] = 2*(q[0]*q[0] + q[1]*q[1] + q[2]*q[2] + q[3]*q[3]);
+}
+
 #if TOY_SPLITTING > 2 && !GS_ON_DUALS
 #include "gyrospark/simd/sine_cosine.h"
 #endif
