@@ -28,25 +28,6 @@ INLINE void TYPED(get_quaternion)(const NUMBER *q, const int at[4], NUMBER r[4])
         r[e] = q[at[e]];
 }
 
-/* Starts a step from (q, p), as start_flows does. */
-INLINE void TYPED(start_of_step)(TYPED(flows) *s, const NUMBER q[N], const NUMBER p[N])
-{
-    for (int a = 0; a < N; ++a) {
-        s->now.q[a] = q[a];
-        s->now.q_low[a] = TYPED(broadcast)(0);
-    }
-    for (int b = 0; BODIES > 0 && b < BODIES; ++b) {
-        NUMBER r[4], momentum[4];
-        TYPED(get_quaternion)(q, body_q[b], r);
-        TYPED(get_quaternion)(p, body_q[b], momentum);
-        TYPED(angular_momentum_of)(r, momentum, s->now.y + 3*b);
-    }
-    for (int e = 0; e < FREE; ++e)
-        s->now.y[3*BODIES + e] = p[free_q[e]];
-    for (int e = 0; e < Y; ++e)
-        s->now.y_low[e] = TYPED(broadcast)(0);
-}
-
 /* A map of a step, forwards. */
 INLINE void TYPED(take_map)(const TYPED(flow_constants) *c, TYPED(flows) *s, step_map map)
 {
@@ -67,15 +48,7 @@ INLINE void TYPED(end_of_maps)(const TYPED(flows) *s, NUMBER q[N], NUMBER p[N])
 {
     for (int a = 0; a < N; ++a)
         q[a] = s->now.q[a];
-    for (int b = 0; BODIES > 0 && b < BODIES; ++b) {
-        NUMBER r[4], momentum[4];
-        TYPED(get_quaternion)(q, body_q[b], r);
-        TYPED(momentum_of)(r, s->now.y + 3*b, momentum);
-        for (int e = 0; e < 4; ++e)
-            p[body_q[b][e]] = momentum[e];
-    }
-    for (int e = 0; e < FREE; ++e)
-        p[free_q[e]] = s->now.y[3*BODIES + e];
+    TYPED(momenta_at)(q, s->now.y, p);
 }
 
 #if !GS_ON_DUALS || GS_SECOND_DERIVATIVES
@@ -93,15 +66,6 @@ static void TYPED(take_step)(TYPED(linearisation_t) *l, const NUMBER p[N])
     }
     for (int a = 0; a < N; ++a)
         l->p[a] = p[a];
-}
-
-/* ab <- a b */
-INLINE void TYPED(quaternion_product)(const NUMBER a[4], const NUMBER b[4], NUMBER ab[4])
-{
-    ab[0] = a[0]*b[0] - a[1]*b[1] - a[2]*b[2] - a[3]*b[3];
-    ab[1] = a[0]*b[1] + a[1]*b[0] + a[2]*b[3] - a[3]*b[2];
-    ab[2] = a[0]*b[2] + a[2]*b[0] + a[3]*b[1] - a[1]*b[3];
-    ab[3] = a[0]*b[3] + a[3]*b[0] + a[1]*b[2] - a[2]*b[1];
 }
 
 INLINE void TYPED(conjugate_of)(const NUMBER a[4], NUMBER made[4])
@@ -260,8 +224,7 @@ INLINE void TYPED(rotate_axes_transposed)(TYPED(linearisation_t) *l, int i,
         TYPED(conjugate_of)(q, conjugate);
         TYPED(quaternion_product)(q_bar, conjugate, w_bar);
         TYPED(quaternion_product)(back, q_bar, q);
-        for (int e = 0; e < 4; ++e)
-            bar->now.q[body_q[b][e]] = q[e];
+        TYPED(set_quaternion)(q, body_q[b], bar->now.q);
         bar->space_cosine[k][i] += w_bar[0];
         for (int e = 0; e < 3; ++e)
             bar->space_vector[k][i][e] += w_bar[1 + e];
@@ -349,8 +312,7 @@ INLINE void TYPED(drift_transposed)(TYPED(linearisation_t) *l, int i, const TYPE
                 elapsed_bar, &bar->drift[i] };
             TYPED(axis_turn_transposed)(axis_which[k], &turn, first, momentum, q_bar, l_bar, &own);
         }
-        for (int e = 0; e < 4; ++e)
-            bar->now.q[body_q[b][e]] = q_bar[e];
+        TYPED(set_quaternion)(q_bar, body_q[b], bar->now.q);
     }
     if (FREE > 0) {
         NUMBER velocity[FREE + 1], offset[FREE + 1], y_bar[Y], own[E];
@@ -451,8 +413,7 @@ INLINE void TYPED(rotate_further_transposed)(TYPED(linearisation_t) *l, const st
     TYPED(get_quaternion)(l->bar.now.q, place, q_bar);
     TYPED(axis_turn_transposed)(further_which[k], &turn, q, at->y + 3*further_body[k], q_bar,
         l->bar.now.y + 3*further_body[k], &bar);
-    for (int e = 0; e < 4; ++e)
-        l->bar.now.q[place[e]] = q_bar[e];
+    TYPED(set_quaternion)(q_bar, place, l->bar.now.q);
     l->bar.kick[map->stage] += map->share*duration_bar;
 }
 

@@ -24,7 +24,7 @@ static int lanes_linearise(const lanes_constants *c, lanes t, lanes h, const lan
     l->is_symmetric = own.is_symmetric;
     l->s.is_symmetric = 0;
     l->s.t = t;
-    lanes_start_of_step(&l->s, q, p);
+    lanes_set_flow_state(&l->s, q, p);
     lanes_take_step(l, p);
     return OK;
 }
@@ -40,7 +40,7 @@ static int linearise(const constants *c, real t, real h, const real *q, const re
     prepare_flows(&l->s, c, h);
     l->is_symmetric = l->s.is_symmetric;
     l->s.is_symmetric = 0;
-    start_of_step(&l->s, q, p);
+    set_flow_state(&l->s, q, p);
     take_step(l, p);
     return isfinite(norm(N, l->s.now.q) + norm(Y, l->s.now.y)) ? OK : NOT_FINITE;
 }
@@ -117,7 +117,7 @@ static int step_tangent(const linearisation_t *l, const real z[Z], real *dx, rea
         q[a] = make_dual(l->start[0].q[a], unit*z[a]);
         p[a] = make_dual(l->p[a], unit*z[N + a]);
     }
-    dual_start_of_step(&s, q, p);
+    dual_set_flow_state(&s, q, p);
     for (int m = 0; m < maps_of(s.stages); ++m)
         dual_take_map(&c, &s, map_of(l->is_symmetric, m));
     dual_end_of_maps(&s, q, p);
@@ -137,7 +137,7 @@ static int dual_linearise(const dual_constants *c, dual t, dual h, const dual q[
     l->is_symmetric = of->is_symmetric;
     l->c = c;
     l->s.t = t;
-    dual_start_of_step(&l->s, q, p);
+    dual_set_flow_state(&l->s, q, p);
     dual_take_step(l, p);
     return OK;
 }

@@ -9,6 +9,42 @@
  * last kick, and the state at the end of the step is found on a copy.
  */
 
+/* Starts from (q, p): momenta in space axes, nothing is lost in sums. */
+INLINE void TYPED(set_flow_state)(TYPED(flows) *s, const NUMBER q[N], const NUMBER p[N])
+{
+    for (int a = 0; a < N; ++a) {
+        s->now.q[a] = q[a];
+        s->now.q_low[a] = TYPED(broadcast)(0);
+    }
+    for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
+        const int *at = body_q[b];
+        const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
+        const NUMBER momentum[4] = { p[at[0]], p[at[1]], p[at[2]], p[at[3]] };
+        TYPED(angular_momentum_of)(r, momentum, &s->now.y[3*b]);
+    }
+    for (int e = 0; e < FREE; ++e) {
+        s->now.y[(3*BODIES) + e] = p[free_q[e]];
+    }
+    for (int e = 0; e < Y; ++e) {
+        s->now.y_low[e] = TYPED(broadcast)(0);
+    }
+}
+
+/* p <- the momenta of coordinates, from those in space axes */
+INLINE void TYPED(momenta_at)(const NUMBER q[N], const NUMBER y[Y], NUMBER p[N])
+{
+    for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
+        const int *at = body_q[b];
+        const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
+        NUMBER momentum[4];
+        TYPED(momentum_of)(r, &y[3*b], momentum);
+        TYPED(set_quaternion)(momentum, at, p);
+    }
+    for (int e = 0; e < FREE; ++e) {
+        p[free_q[e]] = y[(3*BODIES) + e];
+    }
+}
+
 /* Free motion during duration i: bodies rotate, points move. */
 INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, int i,
     NUMBER q[N], NUMBER q_low[N], NUMBER y[Y])
@@ -35,9 +71,7 @@ INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, 
             TYPED(rotate_about_axis)(r, axis_which[k], s->axis[k], cosine, sine);
         }
         TYPED(rotate_freely)(r, l, (real)0.5*s->sphere[b]*elapsed);
-        for (int e = 0; e < 4; ++e) {
-            q[at[e]] = r[e];
-        }
+        TYPED(set_quaternion)(r, at, q);
 #if GS_DRAG
         for (int e = 0; e < 3; ++e) {
             l[e] *= s->decay[b][i];
@@ -91,10 +125,10 @@ INLINE void TYPED(rotate_axes)(const TYPED(flows) *s, int i, NUMBER q[N],
         NUMBER *const l[3] = { y + 3*b, y + 3*b + 1, y + 3*b + 2 };
         NUMBER *const l_low[3] = { y_low + 3*b, y_low + 3*b + 1, y_low + 3*b + 2 };
         const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
-        q[at[0]] = c*r[0] - u[0]*r[1] - u[1]*r[2] - u[2]*r[3];
-        q[at[1]] = c*r[1] + u[0]*r[0] + u[1]*r[3] - u[2]*r[2];
-        q[at[2]] = c*r[2] + u[1]*r[0] + u[2]*r[1] - u[0]*r[3];
-        q[at[3]] = c*r[3] + u[2]*r[0] + u[0]*r[2] - u[1]*r[1];
+        const NUMBER rotation[4] = { c, u[0], u[1], u[2] };
+        NUMBER turned[4];
+        TYPED(quaternion_product)(rotation, r, turned);
+        TYPED(set_quaternion)(turned, at, q);
         TYPED(turn_vector)(c, u, l, l_low);
     }
     for (int e = 0; e < SPACE_POINTS; ++e) {
@@ -158,9 +192,7 @@ INLINE void TYPED(rotate_further)(TYPED(flows) *s, int k, NUMBER duration)
         *TYPED(axis_momentum)(r, &s->now.y[3*further_body[k]], further_which[k],
         s->further_axis[k])) + s->further_offset[k]), &sine, &cosine);
     TYPED(rotate_about_axis)(r, further_which[k], s->further_axis[k], cosine, sine);
-    for (int e = 0; e < 4; ++e) {
-        s->now.q[at[e]] = r[e];
-    }
+    TYPED(set_quaternion)(r, at, s->now.q);
 }
 
 /* What is between two drifts: a kick, and rotations that do not commute with the drift. */
@@ -228,9 +260,7 @@ INLINE void TYPED(end_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, in
             const int *at = body_q[b];
             NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] };
             TYPED(normalise)(r);
-            for (int e = 0; e < 4; ++e) {
-                s->now.q[at[e]] = r[e];
-            }
+            TYPED(set_quaternion)(r, at, s->now.q);
         }
         s->is_underway = 1;
     }
@@ -263,17 +293,6 @@ INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows
     if (s->is_underway != 0) {
         *work = TYPED(drift_and_turn)(c, s, s->stages, q, q_low, y, y_low);
     }
-    for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
-        const int *at = body_q[b];
-        const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
-        NUMBER momentum[4];
-        TYPED(momentum_of)(r, &y[3*b], momentum);
-        for (int e = 0; e < 4; ++e) {
-            p[at[e]] = momentum[e];
-        }
-    }
-    for (int e = 0; e < FREE; ++e) {
-        p[free_q[e]] = y[(3*BODIES) + e];
-    }
+    TYPED(momenta_at)(q, y, p);
 }
 #endif

@@ -18,6 +18,23 @@ INLINE NUMBER TYPED(size_of)(const NUMBER l[3])
 #endif
 }
 
+/* ab <- a b */
+INLINE void TYPED(quaternion_product)(const NUMBER a[4], const NUMBER b[4], NUMBER ab[4])
+{
+    ab[0] = (a[0]*b[0]) - (a[1]*b[1]) - (a[2]*b[2]) - (a[3]*b[3]);
+    ab[1] = (a[0]*b[1]) + (a[1]*b[0]) + (a[2]*b[3]) - (a[3]*b[2]);
+    ab[2] = (a[0]*b[2]) + (a[2]*b[0]) + (a[3]*b[1]) - (a[1]*b[3]);
+    ab[3] = (a[0]*b[3]) + (a[3]*b[0]) + (a[1]*b[2]) - (a[2]*b[1]);
+}
+
+/* Copies the quaternion r to its places in q. */
+INLINE void TYPED(set_quaternion)(const NUMBER r[4], const int at[4], NUMBER *q)
+{
+    for (int e = 0; e < 4; ++e) {
+        q[at[e]] = r[e];
+    }
+}
+
 /*
  * q <- exp(turn l) q, the free motion of a body with inertia I in all directions: l is constant, and
  * turn is the time over 2 I.
@@ -30,14 +47,9 @@ INLINE void TYPED(rotate_freely)(NUMBER q[4], const NUMBER l[3], NUMBER turn)
     NUMBER c;
     TYPED(sine_cosine)(turn*size, &s, &c);
     const NUMBER k = s*inverse;
-    const NUMBER x = k*l[0];
-    const NUMBER y = k*l[1];
-    const NUMBER z = k*l[2];
+    const NUMBER rotation[4] = { c, k*l[0], k*l[1], k*l[2] };
     const NUMBER old[4] = { q[0], q[1], q[2], q[3] };
-    q[0] = (c*old[0]) - (x*old[1]) - (y*old[2]) - (z*old[3]);
-    q[1] = (c*old[1]) + (x*old[0]) + (y*old[3]) - (z*old[2]);
-    q[2] = (c*old[2]) + (y*old[0]) + (z*old[1]) - (x*old[3]);
-    q[3] = (c*old[3]) + (z*old[0]) + (x*old[2]) - (y*old[1]);
+    TYPED(quaternion_product)(rotation, old, q);
 }
 
 /* q <- q (cos, sin e): a rotation about a body axis; `which` is 0, 1 or 2 for a coordinate axis. */

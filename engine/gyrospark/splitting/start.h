@@ -120,34 +120,21 @@ static void prepare_flows(flows *s, const constants *c, real h)
 #endif
 }
 
-/* Starts from (q, p): momenta in space axes, and rotations whose rate stays during the run. */
-static void start_flows(flows *s, const real q[N],
-    const real p[N])
+/* Starts from (q, p), with rotations whose rate stays during the run. */
+static void start_flows(flows *s, const real q[N], const real p[N])
 {
-    for (int a = 0; a < N; ++a) {
-        s->now.q[a] = q[a];
-        s->now.q_low[a] = (real)0;
-    }
+    set_flow_state(s, q, p);
     for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
         const int *at = body_q[b];
         const int k = body_axis[b];
-        const real r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
-        const real momentum[4] = { p[at[0]], p[at[1]], p[at[2]], p[at[3]] };
-        real *l = &s->now.y[3*b];
-        angular_momentum_of(r, momentum, l);
         if ((k >= 0) && (axis_steady[k] != 0) && (s->is_symmetric != 0)) {
+            const real r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
             const real rate = (real)0.5*(s->axis_offset[k]
-                + (s->axis_rate[k]*axis_momentum(r, l, axis_which[k], s->axis[k])));
+                + (s->axis_rate[k]*axis_momentum(r, &s->now.y[3*b], axis_which[k], s->axis[k])));
             for (int i = 0; i < (s->stages + 2); ++i) {
                 sine_cosine(rate*s->drift[i], &s->sine[k][i], &s->cosine[k][i]);
             }
         }
-    }
-    for (int e = 0; e < FREE; ++e) {
-        s->now.y[(3*BODIES) + e] = p[free_q[e]];
-    }
-    for (int e = 0; e < Y; ++e) {
-        s->now.y_low[e] = (real)0;
     }
     s->is_underway = 0;
 }
