@@ -246,6 +246,12 @@ enum { NEWTON = 1, FIXED_POINT };
 
 static const real epsilon = LIMIT(EPSILON);
 
+/*
+ * The first multiple of 64 bytes in a caller's memory, where types with vectors begin. The public
+ * header declares bytes, 64 more than their size, which depends on the vector registers.
+ */
+#define ALIGNED(memory) ((void *)(((size_t)(memory) + 63) & ~(size_t)63))
+
 #if GS_FIXED_POINT
 /* Functions of the fixed-point iteration: of one trajectory, and of a batch of trajectories. */
 #if GS_SPARK

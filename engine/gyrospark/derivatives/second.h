@@ -10,7 +10,7 @@
 #include "gyrospark/derivatives/dual_numbers.h"
 #include "gyrospark/derivatives/steps.h"
 
-/* Memory, in the caller's memory from its first multiple of 64 bytes on. */
+/* Memory, ALIGNED in the caller's memory. */
 typedef struct {
     derivatives_t first;
     dual_constants c;
@@ -78,7 +78,7 @@ int NAME(integrate_second)(const parameters_t *parameters, IF_INPUTS(const real 
     const real *cotangents, const real *cotangents_slope, long every, real *w, real *w_slope,
     real *z_bar, real *z_bar_slope, void *memory)
 {
-    second_t *d = (second_t *)(((size_t)memory + 63) & ~(size_t)63);
+    second_t *d = ALIGNED(memory);
     const real unit = slope_unit();
     IF_INPUTS(const inputs_t own = { inputs, hold, 0 };)
     prepare_second(parameters, dz, d);
@@ -160,7 +160,7 @@ static void dual_row(const second_t *d, const dual *by_q, const dual *by_p, cons
 void NAME(constraint_second)(const parameters_t *parameters, const real q[N], const real p[N],
     const real *dz, real *g_z_slope, real *f_z_slope, void *memory)
 {
-    second_t *d = (second_t *)(((size_t)memory + 63) & ~(size_t)63);
+    second_t *d = ALIGNED(memory);
     enum { ROWS = 2*N + PARAMETERS + 2 };
     dual q0[N], p0[N], G[M][N], g_c[M][E], f_q[M][N], f_p[M][N], f_c[M][E];
     real *z = d->first.z;

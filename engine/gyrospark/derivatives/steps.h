@@ -30,7 +30,7 @@
 /* Results of a step: q1, p1, multipliers */
 enum { RESULTS = 2*N + MULTIPLIERS };
 
-/* Memory of derivatives, in the caller's memory from its first multiple of 64 bytes on. */
+/* Memory of derivatives, ALIGNED in the caller's memory. */
 typedef struct {
     work_t work;
 #if GS_DERIVATIVES_IN_LANES
@@ -58,7 +58,7 @@ typedef struct {
 
 static derivatives_t *derivatives_of(void *memory)
 {
-    return (derivatives_t *)(((size_t)memory + 63) & ~(size_t)63);
+    return ALIGNED(memory);
 }
 
 size_t NAME(derivative_size)(void)

@@ -27,14 +27,10 @@ _Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory),
     "work memory is too small");
 _Static_assert(_Alignof(fixed_point_t) <= 64, "fixed_point_of aligns to 64 bytes only");
 
-/*
- * The state of the fixed-point iteration at the first multiple of 64 bytes in its memory. The
- * public header declares the memory as bytes, because the size of fixed_point_t depends on the
- * width of the vector registers.
- */
+/* The state of the fixed-point iteration in its memory. */
 static fixed_point_t *fixed_point_of(work_t *w)
 {
-    return (fixed_point_t *)(((size_t)w->memory + 63) & ~(size_t)63);
+    return ALIGNED(w->memory);
 }
 
 /* Status of a failed iteration, from its last two changes (squared). */

@@ -1,25 +1,5 @@
 /* Start of a run and scales of a step, of SPARK and of IMS and EMS. */
 
-/* H_p and H_q - F of item i, at its time, or at the middle of the step, at given q and p. */
-INLINE void SOLVER(rates_at)(SOLVER(t) *w, int i, const lanes *q, const lanes *p, lanes *H_p,
-    lanes *H_q)
-{
-#if GS_SPARK
-    lanes shared[SHARED];
-    const lanes t = w->t + w->stage_time[i];
-    first_rates(LANES_AT(&w->constants, t), q, p, H_p, shared);
-    second_rates(&w->constants, q, p, &t, shared, H_p, H_q);
-#else
-    lanes zero[N];
-    const lanes t = w->t + (real)0.5*w->h;
-    (void)i;
-    for (int a = 0; a < N; ++a)
-        zero[a] = splat(0);
-    lanes_mean_velocity(LANES_AT(&w->constants, t), q, p, zero, zero, H_p);
-    lanes_mean_force(&w->constants, q, p, zero, zero, &t, H_q);
-#endif
-}
-
 /*
  * w->round_off: estimate of the round-off in one iteration, as a squared change relative to the
  * state. The rates are evaluated at four random perturbations of the state by 2 ulp and are
@@ -32,14 +12,20 @@ NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
     for (int i = 0; i < SOLVER(S); ++i) {
         lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
         unsigned seed = 1;
-        SOLVER(rates_at)(w, i, w->q, w->p, H_p, H_q);
+#if GS_SPARK
+        const lanes t = w->t + w->stage_time[i];
+#else
+        const lanes t = w->t + (real)0.5*w->h;
+#endif
+        IF_TIME(lanes_at_time(&w->constants, t);)
+        SOLVER(rates_at)(w, &t, w->q, w->p, H_p, H_q);
         for (int sample = 0; sample < 4; ++sample) {
             lanes position[N], momentum[N], H_p_perturbed[N], H_q_perturbed[N];
             for (int a = 0; a < N; ++a) {
                 position[a] = w->q[a] + perturbation(&seed)*w->q[a];
                 momentum[a] = w->p[a] + perturbation(&seed)*w->p[a];
             }
-            SOLVER(rates_at)(w, i, position, momentum, H_p_perturbed, H_q_perturbed);
+            SOLVER(rates_at)(w, &t, position, momentum, H_p_perturbed, H_q_perturbed);
             for (int a = 0; a < MEASURED; ++a) {
                 const lanes by_p = H_p_perturbed[a] - H_p[a] + perturbation(&seed)*H_p[a];
                 const lanes by_q = H_q_perturbed[a] - H_q[a] + perturbation(&seed)*H_q[a];

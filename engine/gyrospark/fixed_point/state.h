@@ -440,3 +440,20 @@ INLINE void SOLVER(add_constraint_forces)(const SOLVER(t) *w, const lanes *Y, la
 #endif
 #endif
 #endif
+
+/* H_p and H_q - F at a state (q, p), with forces at the time t and the time among the constants. */
+INLINE void SOLVER(rates_at)(const SOLVER(t) *w, const lanes t[1], const lanes q[N],
+    const lanes p[N], lanes H_p[N], lanes H_q[N])
+{
+#if GS_SPARK
+    lanes shared[SHARED];
+    first_rates(&w->constants, q, p, H_p, shared);
+    second_rates(&w->constants, q, p, t, shared, H_p, H_q);
+#else
+    lanes zero[N];
+    for (int a = 0; a < N; ++a)
+        zero[a] = splat(0);
+    lanes_mean_velocity(&w->constants, q, p, zero, zero, H_p);
+    lanes_mean_force(&w->constants, q, p, zero, zero, t, H_q);
+#endif
+}

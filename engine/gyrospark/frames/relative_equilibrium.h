@@ -1,27 +1,5 @@
 /* Detection of relative equilibria, to suppress their round-off drift. */
 
-#if GS_SPARK
-/* H_p and H_q - F at the state (q, p) */
-static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N],
-    lanes H_p[N], lanes H_q[N])
-{
-    lanes shared[SHARED];
-    first_rates(&w->constants, q, p, H_p, shared);
-    second_rates(&w->constants, q, p, &w->t, shared, H_p, H_q);
-}
-#else
-/* H_p and H_q - F at the state (q, p) */
-static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N],
-    lanes H_p[N], lanes H_q[N])
-{
-    lanes zero[N];
-    for (int a = 0; a < N; ++a)
-        zero[a] = splat(0);
-    lanes_mean_velocity(&w->constants, q, p, zero, zero, H_p);
-    lanes_mean_force(&w->constants, q, p, zero, zero, &w->t, H_q);
-}
-#endif
-
 /* The state and the low words of its compensated sums. */
 typedef struct {
     lanes q[N], p[N], q_low[N], p_low[N];
@@ -48,7 +26,7 @@ static void SOLVER(estimate_drift)(const SOLVER(t) *w, const SOLVER(state) *at, 
 {
     lanes H_p[N], H_q[N];
     unsigned seed = 1;
-    SOLVER(evaluate_rates)(w, at->q, at->p, H_p, H_q);
+    SOLVER(rates_at)(w, &w->t, at->q, at->p, H_p, H_q);
     for (int a = 0; a < N; ++a)
         q_drift[a] = p_drift[a] = splat(0);
     for (int attempt = 0; attempt < 4; ++attempt) {
@@ -57,7 +35,7 @@ static void SOLVER(estimate_drift)(const SOLVER(t) *w, const SOLVER(state) *at, 
             q[a] = at->q[a] + perturbation(&seed)*at->q[a];
             p[a] = at->p[a] + perturbation(&seed)*at->p[a];
         }
-        SOLVER(evaluate_rates)(w, q, p, H_p_near, H_q_near);
+        SOLVER(rates_at)(w, &w->t, q, p, H_p_near, H_q_near);
         for (int a = 0; a < N; ++a) {
             const lanes by_p = H_p_near[a] - H_p[a] + perturbation(&seed)*H_p[a];
             const lanes by_q = H_q_near[a] - H_q[a] + perturbation(&seed)*H_q[a];

@@ -5,29 +5,25 @@
 #include "gyrospark/fixed_point/batch.h"
 #include "gyrospark/fixed_point/fallback.h"
 #include "gyrospark/run/integrate.h"
+#include "gyrospark/run/lane_record.h"
 
 /* State of a batch, inside the caller's batch memory. */
 typedef struct {
     BATCH(t) solver;
     BATCH(unknowns) converged; /* unknowns of lanes that converged or do not restart */
-    lanes energy_start, energy_error_max, energy_error_sum;
+    lanes_record record;
     lanes start; /* time at the start of the run */
     long done;   /* steps since the start */
-    lanes g_max, g_sum, f_max, f_sum;
 } ensemble_t;
 
 _Static_assert(sizeof(ensemble_t) + 64 <= sizeof(((batch_memory *)0)->memory),
     "batch memory is too small");
 _Static_assert(_Alignof(ensemble_t) <= 64, "ensemble_of aligns to 64 bytes only");
 
-/*
- * The state of a batch at the first multiple of 64 bytes in its memory. The cast keeps the engine's
- * types, whose size depends on the vector registers, out of the public header, which declares
- * bytes.
- */
+/* The state of a batch in its memory. */
 static ensemble_t *ensemble_of(batch_memory *memory)
 {
-    return (ensemble_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
+    return ALIGNED(memory->memory);
 }
 
 enum { UNKNOWNS = sizeof(BATCH(unknowns))/sizeof(lanes) };
@@ -170,30 +166,6 @@ static int solve_lane_by_newton(ensemble_t *b, const options_t *options, int lan
     return OK;
 }
 
-/* |a| in every lane */
-INLINE lanes lanes_size(lanes a)
-{
-    return lanes_larger(a, -a);
-}
-
-#if GS_CONSTRAINED
-/* Adds the constraint errors max |g| and max |f| of all lanes to the report. */
-static void observe_lane_errors(ensemble_t *b)
-{
-    BATCH(t) *solver = &b->solver;
-    lanes f[M], g_size = splat(0), f_size = splat(0);
-    lanes_hidden_constraint(&solver->constants, solver->q, solver->p, f);
-    for (int mu = 0; mu < M; ++mu) {
-        g_size = lanes_larger(g_size, lanes_size(solver->constraint_state.g_rounded[mu]));
-        f_size = lanes_larger(f_size, lanes_size(f[mu]));
-    }
-    b->g_max = lanes_larger(g_size, b->g_max);
-    b->g_sum += g_size;
-    b->f_max = lanes_larger(f_size, b->f_max);
-    b->f_sum += f_size;
-}
-#endif
-
 #if GS_INPUTS
 /* Sets the inputs of the next step in every lane; unused lanes repeat the first trajectory. */
 static void set_lane_inputs(ensemble_t *b, const inputs_t *inputs, int count)
@@ -206,15 +178,19 @@ static void set_lane_inputs(ensemble_t *b, const inputs_t *inputs, int count)
 }
 #endif
 
-/* Adds the energy and constraint errors of all lanes to the report. */
-static void observe_lanes(ensemble_t *b)
+/* Adds the energy and constraint errors of all lanes to the record. */
+static void observe_batch(ensemble_t *b)
 {
     BATCH(t) *solver = &b->solver;
-    const lanes error = lanes_size(lanes_hamiltonian(&solver->constants, solver->q, solver->p)
-        - b->energy_start - solver->work);
-    b->energy_error_max = lanes_larger(error, b->energy_error_max);
-    b->energy_error_sum += error;
-    IF_CONSTRAINED(observe_lane_errors(b);)
+    const lanes H = lanes_hamiltonian(&solver->constants, solver->q, solver->p);
+    const lanes *g = NULL, *f = NULL;
+#if GS_CONSTRAINED
+    lanes hidden[M];
+    lanes_hidden_constraint(&solver->constants, solver->q, solver->p, hidden);
+    g = solver->constraint_state.g_rounded;
+    f = hidden;
+#endif
+    observe_lanes(&b->record, H, solver->work, g, f);
 }
 
 /* Copies the report of a lane to the caller's report. */
@@ -222,12 +198,7 @@ static void write_report(const ensemble_t *b, int lane, report_t *report)
 {
     IF_FORCES(report->work = lane_get(&b->solver.work, lane);)
     IF_FORCES(report->work_low = lane_get(&b->solver.work_low, lane);)
-    report->energy_error_max = lane_get(&b->energy_error_max, lane);
-    report->energy_error_sum = lane_get(&b->energy_error_sum, lane);
-    report->constraint_max = lane_get(&b->g_max, lane);
-    report->constraint_sum = lane_get(&b->g_sum, lane);
-    report->hidden_max = lane_get(&b->f_max, lane);
-    report->hidden_sum = lane_get(&b->f_sum, lane);
+    write_record(&b->record, lane, report);
 }
 
 /* Copies the state and report of a lane to the caller. */
@@ -271,10 +242,10 @@ static void begin_ensemble(ensemble_t *b, int count, const parameters_t *paramet
     IF_TIME(b->solver.t = b->start;)
     BATCH(initialise)(&b->solver);
     b->done = 0;
-    b->energy_start = lanes_hamiltonian(&b->solver.constants, b->solver.q, b->solver.p);
-    b->energy_error_max = b->energy_error_sum = splat(0);
-    b->g_max = b->g_sum = b->f_max = b->f_sum = splat(0);
-    observe_lanes(b);
+    const lanes_record start = {
+        .energy_start = lanes_hamiltonian(&b->solver.constants, b->solver.q, b->solver.p) };
+    b->record = start;
+    observe_batch(b);
 }
 
 int NAME(lanes)(void)
@@ -296,7 +267,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
     if (reports[0].steps == 0 && status[0] == OK) {
         begin_ensemble(b, count, parameters, dt, q, p);
         for (int i = 0; i < count; ++i) {
-            reports[i].energy_start = lane_get(&b->energy_start, i);
+            reports[i].energy_start = lane_get(&b->record.energy_start, i);
             write_report(b, i, &reports[i]);
         }
     }
@@ -348,7 +319,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
                 write_state(b, i, q_before, p_before, q, p, &reports[i]);
                 IF_FORCES(reports[i].work = lane_get(&work_before, i);)
             }
-        observe_lanes(b);
+        observe_batch(b);
         for (int i = 0; i < count; ++i) {
             if (!alive[i])
                 continue;

@@ -59,11 +59,7 @@ INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lane
         (lanes)(second ^ (-((turns + 1) >> 1 & 1) & sign)));
 }
 #else
-INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lanes *sine,
-    lanes *cosine)
-{
-    select_quadrant(n, shifted, s, c, sine, cosine);
-}
+#define lanes_select_quadrant select_quadrant
 #endif
 #endif
 #endif

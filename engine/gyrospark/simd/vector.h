@@ -74,7 +74,24 @@ INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
     *high = sum;
 }
 
-/* Masks: results of comparisons, lane by lane. */
+/* Masks: results of comparisons, of numbers and lane by lane. */
+typedef int mask;
+
+INLINE mask mask_not(mask m)
+{
+    return !m;
+}
+
+INLINE mask select_mask(mask m, mask x, mask y)
+{
+    return m ? x : y;
+}
+
+INLINE real select_value(mask m, real x, real y)
+{
+    return m ? x : y;
+}
+
 #if defined(LANE_BYTES)
 typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask; /* integers of equal width: 0 or -1 */
 
@@ -99,27 +116,15 @@ INLINE lanes lanes_select_value(lanes_mask m, lanes x, lanes y)
     return (lanes)lanes_select_mask(m, (lanes_mask)x, (lanes_mask)y);
 }
 #else
-typedef int lanes_mask;
+typedef mask lanes_mask;
+#define lanes_mask_not mask_not
+#define lanes_select_mask select_mask
+#define lanes_select_value select_value
 
 INLINE int mask_get(const lanes_mask *m, int i)
 {
     (void)i;
     return *m;
-}
-
-INLINE lanes_mask lanes_mask_not(lanes_mask m)
-{
-    return !m;
-}
-
-INLINE lanes_mask lanes_select_mask(lanes_mask m, lanes_mask x, lanes_mask y)
-{
-    return m ? x : y;
-}
-
-INLINE lanes lanes_select_value(lanes_mask m, lanes x, lanes y)
-{
-    return m ? x : y;
 }
 #endif
 
@@ -148,6 +153,12 @@ INLINE lanes lanes_smaller(lanes a, lanes b)
     return lanes_select_value(a < b, a, b);
 }
 
+/* |x| in every lane */
+INLINE lanes lanes_size(lanes x)
+{
+    return lanes_larger(x, -x);
+}
+
 INLINE lanes lanes_square_root(lanes x)
 {
     lanes result = x;
@@ -164,28 +175,7 @@ INLINE lanes lanes_power(lanes x, lanes y)
     return result;
 }
 
-INLINE lanes lanes_broadcast(real x)
-{
-    return splat(x);
-}
-
-/* The mask operations for scalars. */
-typedef int mask;
-
-INLINE mask mask_not(mask m)
-{
-    return !m;
-}
-
-INLINE mask select_mask(mask m, mask x, mask y)
-{
-    return m ? x : y;
-}
-
-INLINE real select_value(mask m, real x, real y)
-{
-    return m ? x : y;
-}
+#define lanes_broadcast splat
 
 INLINE int any(mask m)
 {

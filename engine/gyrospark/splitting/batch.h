@@ -3,6 +3,7 @@
 #define GS_SPLITTING_BATCH_H
 
 #include "gyrospark/run/integrate.h"
+#include "gyrospark/run/lane_record.h"
 
 /*
  * Registers take each stage in turn: their operations are independent, which hides the latency of
@@ -17,13 +18,6 @@ typedef struct {
     lanes_constants constants;
 } lanes_motion;
 
-/* What is recorded of the trajectories in a register. */
-typedef struct {
-    lanes energy_start, energy_error_max, energy_error_sum;
-    lanes constraint_max, constraint_sum, hidden_max, hidden_sum;
-    lanes start, h; /* time at the start of the run, time step */
-} lanes_record;
-
 /* The part of a batch that a step changes. */
 typedef struct {
     lanes_flow_state now[KINDS][REGISTERS];
@@ -34,6 +28,7 @@ typedef struct {
 typedef struct {
     lanes_motion motions[KINDS][REGISTERS];
     lanes_record records[REGISTERS];
+    lanes start[REGISTERS], h[REGISTERS]; /* time at the start of the run, time step */
     long done, recorded;
     int kind[TRAJECTORIES], present[KINDS];
     moving_part before, previous;
@@ -42,9 +37,10 @@ typedef struct {
 _Static_assert(sizeof(ensemble_t) + 64 <= sizeof(((batch_memory *)0)->memory),
     "batch memory is too small");
 
+/* The state of a batch in its memory. */
 static ensemble_t *ensemble_of(batch_memory *memory)
 {
-    return (ensemble_t *)(void *)(((size_t)memory->memory + 63) & ~(size_t)63);
+    return ALIGNED(memory->memory);
 }
 
 _Static_assert(sizeof(lanes_flows) >= FLOW_NUMBERS*sizeof(lanes)
@@ -90,12 +86,6 @@ static void end_of_register(const ensemble_t *b, int at, lanes_state *end)
     }
 }
 
-/* |a| in every lane */
-INLINE lanes lanes_size(lanes a)
-{
-    return lanes_larger(a, -a);
-}
-
 /* Adds the errors of a state to the records. */
 static void observe_register(ensemble_t *b, int at, const lanes_state *end)
 {
@@ -104,32 +94,21 @@ static void observe_register(ensemble_t *b, int at, const lanes_state *end)
         if (!b->present[kind])
             continue;
         const lanes_constants *c = &b->motions[kind][at].constants;
-        const lanes error = lanes_size(lanes_hamiltonian(c, end->q, end->p) - record->energy_start
-            IF_FORCES(- end->work));
-        lanes g_size = splat(0), f_size = splat(0), own = splat(0);
+        const lanes_record before = *record;
+        const lanes *g = NULL, *f = NULL;
+        lanes other = splat(0);
 #if GS_CONSTRAINED
-        lanes g[M], f[M];
-        lanes_constraint(c, end->q, g);
-        lanes_hidden_constraint(c, end->q, end->p, f);
-        for (int mu = 0; mu < M; ++mu) {
-            g_size = lanes_larger(g_size, lanes_size(g[mu]));
-            f_size = lanes_larger(f_size, lanes_size(f[mu]));
-        }
+        lanes values[M], hidden[M];
+        lanes_constraint(c, end->q, values);
+        lanes_hidden_constraint(c, end->q, end->p, hidden);
+        g = values;
+        f = hidden;
 #endif
+        observe_lanes(record, lanes_hamiltonian(c, end->q, end->p), end->work, g, f);
         for (int i = 0; i < LANES; ++i)
-            lane_set(&own, i, (real)(b->kind[at*LANES + i] == kind));
-        const lanes_mask m = own > splat(0);
-        const lanes sums[3] = { record->energy_error_sum + error,
-            record->constraint_sum + g_size, record->hidden_sum + f_size };
-        assign_lanes(m, 1, &sums[0], &record->energy_error_sum);
-        assign_lanes(m, 1, &sums[1], &record->constraint_sum);
-        assign_lanes(m, 1, &sums[2], &record->hidden_sum);
-        const lanes largest[3] = { lanes_larger(error, record->energy_error_max),
-            lanes_larger(g_size, record->constraint_max),
-            lanes_larger(f_size, record->hidden_max) };
-        assign_lanes(m, 1, &largest[0], &record->energy_error_max);
-        assign_lanes(m, 1, &largest[1], &record->constraint_max);
-        assign_lanes(m, 1, &largest[2], &record->hidden_max);
+            lane_set(&other, i, (real)(b->kind[at*LANES + i] != kind));
+        assign_lanes(other > splat(0), sizeof(before)/sizeof(lanes), &before.energy_start,
+            &record->energy_start);
     }
 }
 
@@ -137,15 +116,9 @@ static void observe_register(ensemble_t *b, int at, const lanes_state *end)
 static void write_trajectory(const ensemble_t *b, int i, const lanes_state *end, real *q, real *p,
     report_t *report)
 {
-    const lanes_record *record = &b->records[i/LANES];
     const int lane = i % LANES;
     IF_FORCES(report->work = lane_get(&end->work, lane);)
-    report->energy_error_max = lane_get(&record->energy_error_max, lane);
-    report->energy_error_sum = lane_get(&record->energy_error_sum, lane);
-    report->constraint_max = lane_get(&record->constraint_max, lane);
-    report->constraint_sum = lane_get(&record->constraint_sum, lane);
-    report->hidden_max = lane_get(&record->hidden_max, lane);
-    report->hidden_sum = lane_get(&record->hidden_sum, lane);
+    write_record(&b->records[i/LANES], lane, report);
     for (int a = 0; a < N; ++a) {
         q[i*N + a] = lane_get(&end->q[a], lane);
         p[i*N + a] = lane_get(&end->p[a], lane);
@@ -201,8 +174,8 @@ static void begin_ensemble(ensemble_t *b, int count, const parameters_t *paramet
         start.energy_start = hamiltonian(AT(&c, one.t = start_time(&parameters[from])),
             q + from*N, p + from*N);
         observe(&c, q + from*N, p + from*N, &start);
-        lane_set(&record->start, i % LANES, one.t);
-        lane_set(&record->h, i % LANES, dt[from]);
+        lane_set(&b->start[i/LANES], i % LANES, one.t);
+        lane_set(&b->h[i/LANES], i % LANES, dt[from]);
         lane_set(&record->energy_start, i % LANES, start.energy_start);
         lane_set(&record->energy_error_max, i % LANES, start.energy_error_max);
         lane_set(&record->energy_error_sum, i % LANES, start.energy_error_sum);
@@ -243,7 +216,7 @@ static void step_batch(ensemble_t *b, int registers, IF_INPUTS(
             continue;
         lanes_motion *motions = b->motions[kind];
         for (int at = 0; at < registers; ++at)
-            motions[at].flows.t = b->records[at].start + (real)n*b->records[at].h;
+            motions[at].flows.t = b->start[at] + (real)n*b->h[at];
         for (int i = 0; i < motions[0].flows.stages; ++i)
             for (int at = 0; at < registers; ++at)
                 lanes_take_stage(&motions[at].constants, &motions[at].flows, i);
@@ -325,7 +298,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
         for (int at = 0; at < registers; ++at) {
             end_of_register(b, at, &state);
             if (is_observed(last)) {
-                set_register_time(b, at, b->records[at].start + (real)last*b->records[at].h);
+                set_register_time(b, at, b->start[at] + (real)last*b->h[at]);
                 observe_register(b, at, &state);
             }
             for (int i = at*LANES; i < count && i < (at + 1)*LANES; ++i) {

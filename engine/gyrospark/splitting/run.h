@@ -14,10 +14,10 @@ typedef struct {
 
 _Static_assert(sizeof(flows) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
 
-/* The state of the composition, at the first multiple of 64 bytes in its memory. */
+/* The state of the composition in its memory. */
 static flows *flows_of(work_t *w)
 {
-    return (flows *)(void *)(((size_t)w->memory + 63) & ~(size_t)63);
+    return ALIGNED(w->memory);
 }
 
 /* Starts from (q, p), which the caller may have changed, or at other parameters. */
