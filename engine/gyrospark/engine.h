@@ -25,6 +25,9 @@
  *   COEFFICIENT, TABLE_PRODUCT  type of its numbers; storage class of products with it
  *   NUMBER, TYPED(f)   in headers that are included for numbers and for lanes (simd/numbers.h,
  *                      simd/lanes.h): real and f, then lanes and lanes_f
+ *   ALIGNED(memory)    the first multiple of 64 bytes in a caller's memory, where types with vectors
+ *                      begin; the public header declares bytes, 64 more than their size, for that
+ *                      depends on the vector registers
  *   SEPARATE(f)        SINGLE(f), which another object file contains if the build makes several
  *   KERNEL(f)          profiles: kernel f of the fixed-point iteration, where Newton's differs
  *   INLINE, NOINLINE   storage class with the attribute that keeps vectors in registers
@@ -245,11 +248,6 @@ enum { NEWTON = 1, FIXED_POINT };
 #endif
 
 static const real epsilon = LIMIT(EPSILON);
-
-/*
- * The first multiple of 64 bytes in a caller's memory, where types with vectors begin. The public
- * header declares bytes, 64 more than their size, which depends on the vector registers.
- */
 #define ALIGNED(memory) ((void *)(((size_t)(memory) + 63) & ~(size_t)63))
 
 #if GS_FIXED_POINT

@@ -122,18 +122,15 @@ static int project_coordinates(const constants *c, real q[N])
 }
 #endif
 
-/* Largest accepted step of p that stagnates, in epsilon |p|: f has the round-off of differences. */
-enum { MOMENTUM_SLACK = 1024 };
-
 /*
- * Projects p along G^T, with velocity constraints along [G; A]^T, onto the conditions f(q, p) = 0 by
- * Newton's method, p <- p - G^T W^-1 f, until the step is at round-off level; impulse is the sum of
- * all W^-1 f. One step is exact if H is quadratic in p, but for round-off. (Hairer-Lubich-Wanner,
- * IV.4 and VII.1)
+ * Projects p along G^T, with velocity constraints [G; A]^T, onto f(q, p) = 0 by Newton's method,
+ * p <- p - G^T W^-1 f, until the step is at round-off level; impulse is the sum of all W^-1 f. One
+ * step is exact if H is quadratic in p, but for round-off. (Hairer-Lubich-Wanner, IV.4 and VII.1)
  */
 static int project_momentum(const constants *c, const real q[N], real p[N],
     real impulse[HIDDEN])
 {
+    enum { SLACK = 1024 }; /* as COORDINATE_SLACK: f has the round-off of differences */
     real previous = HUGE_VAL;
     for (int mu = 0; mu < HIDDEN; ++mu)
         impulse[mu] = 0;
@@ -151,7 +148,7 @@ static int project_momentum(const constants *c, const real q[N], real p[N],
         const real step = norm(MEASURED, change), floor = epsilon*norm(MEASURED, p);
         if (!isfinite(step))
             return NOT_FINITE;
-        if (step <= floor/2 || (step <= MOMENTUM_SLACK*floor && step >= previous/2))
+        if (step <= floor/2 || (step <= SLACK*floor && step >= previous/2))
             return OK;
         previous = step;
     }
