@@ -350,8 +350,9 @@ def cross(a: Sequence[object], b: Sequence[object]) -> Vector:
 
 
 def dot(a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> sp.Expr:
-    """Return a · b."""
-    return sum((x * y for x, y in zip(a, b, strict=True)), sp.Integer(0))
+    """Return a · b; most vectors of a model are along an axis, and zeros are left out."""
+    return sum((x * y for x, y in zip(a, b, strict=True)
+                if x is not sp.S.Zero and y is not sp.S.Zero), sp.Integer(0))
 
 
 def _times(rows: Sequence[Sequence[sp.Expr]], v: Sequence[object]) -> list[sp.Expr]:
