@@ -19,8 +19,10 @@ from .program import Elements
 
 __all__ = ["Cost", "solver_costs"]
 
-#: Time of an operation, in additions; other names are calls of <math.h>.
-_WEIGHTS = {"add": 1.0, "mul": 1.0, "div": 6.0, "sqrt": 8.0, "product": 12.0}
+#: Time of an operation, in additions; other names are calls of <math.h>,
+#: lane by lane.
+_WEIGHTS = {"add": 1.0, "mul": 1.0, "div": 6.0, "sqrt": 8.0, "product": 12.0,
+            "sin": 40.0, "cos": 40.0}
 _CALL = 40.0
 
 #: Kernels of a stage, and of a constraint node, in an iteration, a residual and a Jacobian.

@@ -243,6 +243,29 @@ def test_largest_step_of_auto_is_not_below_that_of_newton(scheme, stages, rep):
     assert largest["auto"] >= largest["newton"] > largest["fixed-point"]
 
 
+def test_angles_of_any_size_have_the_sines_of_newton():
+    """Those of lanes are by polynomials, beyond 1e6 quarters of a turn by <math.h>, as Newton's."""
+    x, u = sp.symbols("x u", real=True)
+    step = gs.stepper("G-L", 2, system=gs.System(
+        (x,), (u,), (), u**2 / 2 - sp.sin(x) - sp.cos(x) / 2, name="rotor"))
+    angles = np.array([0.0, 0.7, -2.4, 31.5, -800.0, 1e5, -1.5e6, 1.6e6, 3e9, -1e16])[:, None]
+    dt, steps = 0.01, 3
+
+    def members(x):
+        return step.integrate_ensemble(x, np.zeros_like(x), dt=dt, steps=steps, workers=1).members
+
+    for angle, member in zip(angles, members(angles), strict=True):
+        (alone,) = members(angle[None])  # neighbouring lanes change no bit
+        assert alone.p.tobytes() == member.p.tobytes()
+        alone = step.integrate(angle, np.zeros(1), dt=dt, steps=steps)
+        newton = step.integrate(angle, np.zeros(1), dt=dt, steps=steps, solver="newton")
+        assert alone.report.newton_steps == 0 or np.abs(angle) > 1e3  # coarse increments
+        # forces up to 1.2, of angles that are rounded in each step
+        size = dt * steps * (np.spacing(4.0) + np.spacing(abs(angle[0])))
+        for run in (alone, member):
+            assert np.abs(run.p[-1] - newton.p[-1]).max() < 4 * size, angle
+
+
 def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
     step, q, p, parameters = another("two_rods")
     run = {"dt": 0.2, "steps": 30, "parameters": parameters}
