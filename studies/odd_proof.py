@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import sympy as sp
@@ -19,6 +20,7 @@ from ..generator.tableaux.tableau import Tableau
 from .body_frame import BodyFrameTop
 from .energy_law import energy_law, node_numbers, node_slope
 from .one_step import energy_error
+from .power_series import PowerSeries
 from .study_result import Claim
 
 __all__ = [
@@ -105,9 +107,8 @@ def step_claim_symbolic(s: int) -> Claim:
 def step_claim_rational(s: int) -> Claim:
     """Claim the same at rational states of two bodies, with γ as a symbol."""
     holds = True
-    for top in _rational_tops():
+    for top, error in _rational_errors(s, 2 * s - 1):
         law = energy_law(s, _moving(top))
-        error = energy_error(lobatto_iiiab(s), top, 2 * s - 1)
         expected = {(2 * s - 1, 0): -_rate(law.A), (2 * s - 1, -1): -_rate(law.C)}
         holds &= error.terms == expected
     return _step_claim(s, holds, f"{len(RATIONAL_STATES)} rational states, γ symbolic")
@@ -125,8 +126,7 @@ def gamma_claim(stages: Sequence[int]) -> Claim:
     """Claim where γ itself first appears in the energy error of one step."""
     terms = []
     for s in stages:
-        for top in _rational_tops():
-            error = energy_error(lobatto_iiiab(s), top, 2 * s + 1)
+        for top, error in _rational_errors(s, 2 * s + 1):
             with_gamma = {key: a for key, a in error.terms.items() if key[1] > 0}
             terms.append(with_gamma == {(2 * s + 1, 1): -_rate(energy_law(s, _moving(top)).B)})
     return Claim(
@@ -134,6 +134,12 @@ def gamma_claim(stages: Sequence[int]) -> Claim:
         f"{sum(terms)} of {len(terms)} expansions of s = {_list(stages)} at rational states",
         f"all {len(terms)}, in rational arithmetic", all(terms), "proved",
     )
+
+
+@cache
+def _rational_errors(s: int, order: int) -> list[tuple[BodyFrameTop, PowerSeries]]:
+    """Return the rational tops, each with the energy error of one step of s-LIIIA-B."""
+    return [(top, energy_error(lobatto_iiiab(s), top, order)) for top in _rational_tops()]
 
 
 def _rational_tops() -> list[BodyFrameTop]:
