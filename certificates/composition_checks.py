@@ -169,12 +169,13 @@ def _symplectic(composition: Composition) -> Condition:
 def force_gradient_residuals() -> tuple[sp.Expr, ...]:
     """Return the residuals of the identities behind kicks with a force gradient, all 0.
 
-    For functions V(q), f(q, p) and T = pᵀM(q)p/2 + d(q)·p in two degrees of freedom:
+    For functions V(q) and T = pᵀM(q)p/2 + d(q)·p in two degrees of freedom:
     {{V, T}, V} + V_qᵀ M V_q, the derivatives of {{V, T}, V} by p, and
-    [B, [A, B]] f − {f, {{V, T}, V}} with A = {·, T} and B = {·, V}.
+    [B, [A, B]] f − {f, {{V, T}, V}} with A = {·, T} and B = {·, V}, for each coordinate and
+    momentum f: commutators of derivations are derivations, which these values determine.
     """
     q, p = sp.symbols("q0:2"), sp.symbols("p0:2")
-    V, f = sp.Function("V")(*q), sp.Function("f")(*q, *p)
+    V = sp.Function("V")(*q)
     M = sp.Matrix(2, 2, lambda i, j: sp.Function(f"M{min(i, j)}{max(i, j)}")(*q))
     d = [sp.Function(f"d{i}")(*q) for i in range(2)]
     T = sum(M[i, j] * p[i] * p[j] for i in range(2) for j in range(2)) / 2 + sum(
@@ -195,9 +196,9 @@ def force_gradient_residuals() -> tuple[sp.Expr, ...]:
 
     double = sp.expand(bracket(bracket(V, T), V))
     G = sum(V.diff(q[i]) * M[i, j] * V.diff(q[j]) for i in range(2) for j in range(2))
-    nested = commutator(B, lambda function: commutator(A, B, function), f)
     return (sp.expand(double + G), *(double.diff(y) for y in p),
-            sp.expand((nested - bracket(f, double)).doit()))
+            *(sp.expand(commutator(B, lambda function: commutator(A, B, function), f)
+                        - bracket(f, double)) for f in (*q, *p)))
 
 
 def _measured(composition: Composition) -> Iterator[Condition]:

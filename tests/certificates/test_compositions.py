@@ -166,7 +166,7 @@ def test_conditions_agree_with_composed_maps():
 
 
 def test_the_kick_of_a_force_gradient_is_a_potential():
-    assert force_gradient_residuals() == (0, 0, 0, 0)
+    assert force_gradient_residuals() == (0,) * 7
 
 
 # ---------------------------------------------------------------- certificates
