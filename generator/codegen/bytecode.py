@@ -43,9 +43,11 @@ class Bytecode(jinja2.BytecodeCache):
     def load_bytecode(self, bucket: Bucket) -> None:
         """Load the cached bytecode, if its digest is right."""
         with contextlib.suppress(OSError):  # no cached file
-            data = Path(bucket.key).read_bytes()
-            if data[:_DIGEST_BYTES] == _digest(bucket, data[_DIGEST_BYTES:]):
-                bucket.code = marshal.loads(data[_DIGEST_BYTES:])
+            content = Path(bucket.key).read_bytes()
+            digest, code = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
+            # damaged bytes may crash marshal
+            if digest == _digest(bucket, code):
+                bucket.code = marshal.loads(code)
 
     def dump_bytecode(self, bucket: Bucket) -> None:
         """Write the bytecode by an atomic rename, if the folder is writable."""

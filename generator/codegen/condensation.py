@@ -15,7 +15,7 @@ The engine's ``newton/condensed.h`` has the algorithm; here are the places of th
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import accumulate, product
 from typing import Any, NamedTuple
 
 from ...core.records import dataclass
@@ -36,7 +36,7 @@ class Condensation:
     ----------
     first : list of int
         Index of the first entry of each row, then the number of entries.
-    moved : list of int
+    momentum_ends : list of int
         End of the entries of each row that are not 0 in H_pp, H_pq and X; further entries of the
         row belong to D and K alone.
     rows, columns : list of int
@@ -63,7 +63,7 @@ class Condensation:
     """
 
     first: list[int]
-    moved: list[int]
+    momentum_ends: list[int]
     rows: list[int]
     columns: list[int]
     constraint_rows: list[int]
@@ -113,6 +113,7 @@ def condensation_of(
         return None
     free = _free_coordinates(structure, block_of)
     columns, by_momenta, elements = _couplings(structure, block_of, free)
+    # those of H_pp, H_pq and X first in each row (``momentum_ends``)
     entries = [(a, b) for a in range(structure.system.n)
                for b in (*sorted(by_momenta[a]), *sorted(columns[a] - by_momenta[a]))]
     all_entries = [entry for template in structure.constraint_templates
@@ -121,31 +122,29 @@ def condensation_of(
                for template, tables in zip(structure.constraint_templates, constraints, strict=True)
                for k in _nonzero(tables, "jacobian") for i in template.instances}
     constraint_entries = [entry for entry in all_entries if entry in nonzero]
-    # Without free coordinates, the multipliers of all joints of a body are coupled to each other,
-    # which widens the band of a body with many joints.
+    # Free coordinates are eliminated if that narrows the band: it couples the multipliers of all
+    # joints of a body to each other, which widens the band of a body with many joints.
     positions, band, eliminated = min(
         (_positions(structure, scheme, elements, constraint_entries, candidates)
          for candidates in (free, frozenset())), key=lambda choice: choice[1])
     constraint_entries.sort(key=lambda entry: entry[1] not in eliminated)
-    by_column: dict[int, list[int]] = {a: [] for a in sorted(eliminated)}
+    entries_of_column: dict[int, list[int]] = {a: [] for a in sorted(eliminated)}
     for e, (_, a) in enumerate(constraint_entries):
         if a in eliminated:
-            by_column[a].append(e)
+            entries_of_column[a].append(e)
     place_of = {entry: k for k, entry in enumerate(all_entries)}
-    first = [0]
-    for row in columns:
-        first.append(first[-1] + len(row))
+    first = [0, *accumulate(map(len, columns))]
     return Condensation(
         first=first,
-        moved=[start + len(row) for start, row in zip(first, by_momenta, strict=False)],
+        momentum_ends=[start + len(row) for start, row in zip(first, by_momenta, strict=False)],
         rows=[a for a, _ in entries],
         columns=[b for _, b in entries],
         constraint_rows=[mu for mu, _ in constraint_entries],
         constraint_columns=[b for _, b in constraint_entries],
         constraint_places=[place_of[entry] for entry in constraint_entries],
         constraint_size=len(all_entries),
-        eliminated_entries=sum(map(len, by_column.values())),
-        pairs=[pair for column in by_column.values() for pair in product(column, column)],
+        eliminated_entries=sum(map(len, entries_of_column.values())),
+        pairs=[pair for column in entries_of_column.values() for pair in product(column, column)],
         largest=max(len(template.p) * max(len(template.p), len(template.q))
                     for template in structure.templates),
         positions=positions,
@@ -189,26 +188,33 @@ def _tables(
     structure: Structure, entries: list[tuple[int, int]], free: frozenset[int],
     constraints: list[dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Return, for each template, the indices of the entries of its instances."""
+    """Return, for each template, the indices of the entries of its instances.
+
+    ``entries`` are those of the condensed matrices; ``constraints`` the templates of constraints
+    with their kernels. The result is ``Condensation.tables``.
+    """
     index_of = {entry: k for k, entry in enumerate(entries)}
     # Derivatives by free coordinates are 0 but for H_pp: their zeros go to the diagonal entry.
-    index_of |= {pair: index_of[a, a] for i in (
-        i for template in (*structure.templates, *structure.constraint_templates)
-        for i in template.instances) for a in free.intersection((*i.q, *i.p))
-        for b in (*i.q, *i.p) for pair in ((a, b), (b, a))}
+    for template in (*structure.templates, *structure.constraint_templates):
+        for i in template.instances:
+            for a in free.intersection((*i.q, *i.p)):
+                for b in (*i.q, *i.p):
+                    index_of[a, b] = index_of[b, a] = index_of[a, a]
+    # of H_pp, H_pq, H_qp and H_qq
     tables: list[dict[str, Any]] = [
-        {"condensed": [[index_of[pair]  # of H_pp, H_pq, H_qp and H_qq
+        {"condensed": [[index_of[pair]
                         for rows, columns in ((i.p, i.p), (i.p, i.q), (i.q, i.p), (i.q, i.q))
                         for pair in product(rows, columns)] for i in template.instances]}
         for template in structure.templates]
     start = 0
     for template, constraint in zip(structure.constraint_templates, constraints, strict=True):
-        curved, n = _nonzero(constraint, "curvature"), len(template.q)
-        tables.append({"condensed": [[index_of[i.q[k // n], i.q[k % n]] for k in curved]  # of K
+        curved, n = _nonzero(constraint, "curvature"), len(template.q)  # entries of K, row by row
+        tables.append({"condensed": [[index_of[i.q[k // n], i.q[k % n]] for k in curved]
                                      for i in template.instances],
                        "curved": curved, "condensed_start": start})
         start += sum(len(i.rows) * len(i.q) for i in template.instances)
-    tables += [{"condensed": [[index_of[pair] for pair in product(i.rows, i.q)]  # of F_q
+    # of F_q
+    tables += [{"condensed": [[index_of[pair] for pair in product(i.rows, i.q)]
                               for i in template.instances]}
                for template in structure.force_templates]
     return tables

@@ -89,9 +89,10 @@ def derivatives_of(
         lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
                  for k in step.linearisation if f"lanes_{k.name}" not in names]
         # all others are evaluated on lanes; these also once, at the end of a step
-        of_one_state = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative",
-                        *({"rates_by_constants"} if system.is_time_dependent else ())}
-        kernels = [k for k in kernels if k.name in of_one_state]
+        end_kernels = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative",
+                       *({"rates_by_constants"} if system.is_time_dependent else ())}
+        kernels = [k for k in kernels if k.name in end_kernels]
+    # functions of one state are in the user's parameters, not in constants of a run
     quantities = quantity_derivatives(system)
     rates = quantity_rates(system) if derived.profile == "full" else None
     switches = switch_kernel(system)
@@ -99,10 +100,12 @@ def derivatives_of(
     kernels += [emit_kernel(kernel, Constants(system.parameters), real,
                             Target(real.c_type, "parameters_t", ""))
                 for kernel in (quantities, rates, switches, impacts) if kernel is not None]
-    called = [*kernels, *(k["scalar"] for template in templates for k in template["own"])]
+    scalar_kernels = [*kernels, *(k["scalar"] for template in templates for k in template["own"])]
+    # dc_i/dθ_j, the chain rule from constants to parameters
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
                        | {START: f"par->{system.time}"})
     slopes = _slopes([e for _, e in constants], system.parameters)
+    # second derivatives, and derivatives of flows that are not on lanes, are by dual numbers
     duals = dual_kernels(derived, step.duals, [d for *_, d in slopes]) if derived.second or (
         isinstance(scheme, SplittingScheme) and not lanes) else None
     index_of = {name: i for i, name in enumerate(constants_c)}
@@ -113,7 +116,7 @@ def derivatives_of(
         chain=[(i, j, printer.number(d)) for i, j, d in slopes],
         inputs=[index_of.get(str(u), -1) for u in system.inputs],
         functions=frozenset(printer.functions).union(
-            duals.functions if duals else (), *(k.functions for k in called)),
+            duals.functions if duals else (), *(k.functions for k in scalar_kernels)),
         parts=templates,
         lanes=lanes,
         quantities=quantities is not None,

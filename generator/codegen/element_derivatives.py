@@ -79,44 +79,53 @@ def _group(
 ) -> dict[str, Any]:
     """Return the matrix-vector products of a template in a group, as the template of C reads them.
 
-    ``calls`` are the kernels; ``matrices`` their outputs, each of which is multiplied by the
-    direction ``by`` (q, p or constants c) and added to the sum ``of``; ``places`` are (row, column)
-    of the entries that are not always 0. ``outputs`` and ``inputs`` are these sums and directions
-    with their lengths ``n``, the index tables of the instances, and the entries ``used``.
+    ``calls`` are the kernels; ``matrices`` their outputs, each of which is multiplied by its
+    ``direction`` (q, p or constants c) and added to its ``sum``; ``places`` are (row, column) of
+    the entries that are not always 0. ``outputs`` and ``inputs`` are these sums and directions with
+    their lengths ``n``, the index tables of the instances, and the ``entries`` that a product has.
     """
-    sums = {"force": "q" if template["kind"] == 0 else "row", "velocity": "p",
-            "out": "q" if name.endswith("force") else "row"}
+    # the array of indices by which the instances add each sum
+    index_of = {"force": "q" if template["kind"] == 0 else "row", "velocity": "p",
+                "out": "q" if name.endswith("force") else "row"}
     size = {"q": template["nq"], "p": template["np"], "row": template["rows"],
             "c": template["columns"]}
     matrices: list[dict[str, Any]] = []
     for kernel in kernels:
+        # ``nonzero`` counts through the entries of all outputs of a kernel
         first, nonzero = 0, set(kernel["nonzero"])
         for output in kernel["outputs"]:
-            for of, by, transposed in _PRODUCTS[output]:
-                rows, columns = (size[side] for side in (
-                    (by, sums[of]) if transposed else (sums[of], by)))
+            for total, direction, transposed in _PRODUCTS[output]:
+                sides = index_of[total], direction
+                rows, columns = (size[side] for side in (sides[::-1] if transposed else sides))
                 places = [divmod(e, columns) for e in range(rows * columns) if first + e in nonzero]
-                matrices.append({"name": output, "of": of, "by": by, "transposed": transposed,
-                                 "rows": rows, "columns": columns, "places": places})
+                matrices.append({"name": output, "sum": total, "direction": direction,
+                                 "transposed": transposed, "rows": rows, "columns": columns,
+                                 "places": places})
             first += rows * columns
+    # the array ``force`` is that of H_q − F
     sign = "-" if template["kind"] == 2 else "+"
     return {
         "calls": kernels,
         "matrices": matrices,
-        "outputs": [{"name": of, "index": sums[of], "n": size[sums[of]], "sign": sign, "used": used}
-                    for of, used in _used(matrices, "of").items()],
-        "inputs": [{"name": by, "index": by, "n": size[by], "sign": "+", "used": used}
-                   for by, used in _used(matrices, "by").items() if by != "c"],
+        "outputs": [{"name": total, "index": index_of[total], "n": size[index_of[total]],
+                     "sign": sign, "entries": entries}
+                    for total, entries in _nonzero_entries(matrices, "sum").items()],
+        "inputs": [{"name": direction, "index": direction, "n": size[direction], "sign": "+",
+                    "entries": entries}
+                   for direction, entries in _nonzero_entries(matrices, "direction").items()
+                   if direction != "c"],
     }
 
 
-def _used(matrices: Sequence[dict[str, Any]], side: str) -> dict[str, list[int]]:
-    """Return the entries of each sum, side "of", or direction, "by", in a nonzero product."""
-    used: dict[str, set[int]] = {}
+def _nonzero_entries(matrices: Sequence[dict[str, Any]], side: str) -> dict[str, list[int]]:
+    """Return the entries of each "sum", or "direction", by ``side``, that a nonzero product has."""
+    entries_of: dict[str, set[int]] = {}
     for m in matrices:
+        # a direction is multiplied by columns, or by rows of the transpose
         for place in m["places"]:
-            used.setdefault(m[side], set()).add(place[m["transposed"] != (side == "by")])
-    return {name: sorted(entries) for name, entries in used.items()}
+            entries_of.setdefault(m[side], set()).add(
+                place[m["transposed"] != (side == "direction")])
+    return {name: sorted(entries) for name, entries in entries_of.items()}
 
 
 def _by(
@@ -128,18 +137,22 @@ def _by(
 
 def _nonempty(kernels: Sequence[Kernel]) -> list[Placed]:
     """Return kernels without empty outputs; a kernel that has no other outputs is omitted."""
-    placed = []
+    nonempty = []
     for kernel in kernels:
         outputs = {a: matrix for a, matrix in kernel.outputs.items() if matrix and matrix[0]}
         if outputs:
-            placed.append((Kernel(kernel.name, kernel.doc, kernel.inputs, outputs), NUMBERS))
-    return placed
+            nonempty.append((Kernel(kernel.name, kernel.doc, kernel.inputs, outputs), NUMBERS))
+    return nonempty
 
 
 def _energy(
     template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
-    """Return the kernels of a term of H: dH_q/dc, dH_p/dc and, of IMS and EMS, of D_q and D_p."""
+    """Return the kernels of a term of H: dH_q/dc, dH_p/dc and, of IMS and EMS, of D_q and D_p.
+
+    D_q and D_p are its discrete gradients, in means and differences of two states; ``times`` are
+    the columns of derivatives by times behind those by constants.
+    """
     element = template.system
     state = Kernel("rates_by_constants", "dH_q/dc and dH_p/dc", local_inputs(template),
                    {"H_qc": _by(template, element.H_q if template.q else [], times),

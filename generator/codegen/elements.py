@@ -40,52 +40,57 @@ Placed = tuple[Kernel, str]
 
 
 def elements_of(structure: Structure, derived: Derived) -> Elements:
-    """Return the tables and kernels of the element templates of a system."""
+    """Return the tables and kernels of the element templates of a system.
+
+    The tables of each template (``_table_of``) have its kernels in C, and
+    ``blocks``, ``places``
+        of a term of H its blocks of G H_pp Gᵀ, of a constraint its entries in G (``_Blocks``);
+    ``condensed``, ``curved``, ``condensed_start``
+        entries of the condensed system, if H_pp is invertible block by block (``Condensation``).
+    """
     scheme, emit = derived.implicit, Emitter(derived.constants, derived.real)
     templates = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
     # constants in the order of the system, so that equal systems have equal C
-    used = sorted({c for template in templates for i in template.instances for c in i.constants})
-    index = {c: position for position, c in enumerate(used)}
+    constants = sorted({c for template in templates for i in template.instances
+                        for c in i.constants})
+    index = {c: position for position, c in enumerate(constants)}
+    # IMS and EMS evaluate gradients between two states, and have kernels for these as well
     between, constrained = isinstance(scheme, MeanScheme), bool(structure.system.m)
     blocks = _Blocks(structure)
-    energies = [
-        _table_of(f"term{f}", template, index)
-        | {"kernels": emit.all(f"term{f}", term_kernels(template, between=between,
-                                                        constrained=constrained)),
-           "blocks": blocks.of_elements[f]}
-        for f, template in enumerate(structure.templates)
-    ]
-    constraints = [
-        _table_of(f"constraint{f}", template, index)
-        | {"kernels": emit.all(f"constraint{f}", constraint_kernels(template, between=between)),
-           "places": blocks.places[f]}
-        for f, template in enumerate(structure.constraint_templates)
-    ]
-    forces = [
-        _table_of(f"force{f}", template, index)
-        | {"kernels": emit.all(f"force{f}", force_kernels(template, time_input(structure.system)))}
-        for f, template in enumerate(structure.force_templates)
-    ]
-    if isinstance(scheme, MeanScheme):
-        for f, template in enumerate(structure.templates):
-            energies[f]["kernels"] += emit.all(f"term{f}",
-                                               mean_term_kernels(template, scheme.discrete))
-        for f, template in enumerate(structure.constraint_templates):
-            constraints[f]["kernels"] += emit.all(
-                f"constraint{f}", mean_constraint_kernels(template, scheme.discrete))
-    positions, band = _band(structure, scheme)
+    energies, constraints, forces = (list[dict[str, Any]]() for _ in range(3))
+    for f, template in enumerate(structure.templates):
+        kernels = term_kernels(template, between=between, constrained=constrained)
+        if isinstance(scheme, MeanScheme):
+            kernels += mean_term_kernels(template, scheme.discrete)
+        energies.append(_table_of(f"term{f}", template, index)
+                        | {"kernels": emit.all(f"term{f}", kernels),
+                           "blocks": blocks.of_elements[f]})
+    for f, template in enumerate(structure.constraint_templates):
+        kernels = constraint_kernels(template, between=between)
+        if isinstance(scheme, MeanScheme):
+            kernels += mean_constraint_kernels(template, scheme.discrete)
+        constraints.append(_table_of(f"constraint{f}", template, index)
+                           | {"kernels": emit.all(f"constraint{f}", kernels),
+                              "places": blocks.places[f]})
+    for f, template in enumerate(structure.force_templates):
+        kernels = force_kernels(template, time_input(structure.system))
+        forces.append(_table_of(f"force{f}", template, index)
+                      | {"kernels": emit.all(f"force{f}", kernels)})
     condensed = condensation_of(structure, scheme, constraints)
     if condensed:
         for table, condensed_table in zip((*energies, *constraints, *forces), condensed.tables,
                                           strict=True):
             table |= condensed_table
+    # order of the unknowns and half the bandwidth of Newton's matrix, where it is not condensed
+    positions, band = _band(structure, scheme)
     symbols = list(scheme.system.parameters)
+    momenta = [a for template in structure.templates for i in template.instances for a in i.p]
     return Elements(
         energies, constraints, forces,
-        used_constants=[str(symbols[c]) for c in used],
+        used_constants=[str(symbols[c]) for c in constants],
         blocks=blocks,
-        covers_momenta=sorted(a for template in structure.templates for i in template.instances
-                              for a in i.p) == list(range(structure.system.n)),
+        # each momentum in one instance: H_p is written by the instances, and no zeros before them
+        covers_momenta=sorted(momenta) == list(range(structure.system.n)),
         elimination=_elimination_tables(structure.elimination),
         second=_second_derivatives(structure, energies, forces),
         positions=positions,
@@ -234,12 +239,12 @@ def force_kernels(template: ElementTemplate, time: dict[str, list[sp.Symbol]]) -
     """Return the kernels of a template of forces: F, and F_q and F_p if it depends on the state."""
     arguments = {"q": template.q, "p": template.p, **time, "k": template.constants}
     F = list(template.expressions)
-    value = (Kernel("value", "F, which no potential has", arguments, {"F": F}), BOTH)
+    kernels = [(Kernel("value", "F, which no potential has", arguments, {"F": F}), BOTH)]
     derivatives = {name: jacobian(F, symbols)
                    for name, symbols in (("F_q", template.q), ("F_p", template.p)) if symbols}
-    if not derivatives:  # a force of t alone
-        return [value]
-    return [value, (Kernel("jacobian", "dF/dq and dF/dp", arguments, derivatives), NUMBERS)]
+    if derivatives:  # a force of t alone has none
+        kernels.append((Kernel("jacobian", "dF/dq and dF/dp", arguments, derivatives), NUMBERS))
+    return kernels
 
 
 def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]:
@@ -275,7 +280,11 @@ def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]
 
 
 def mean_constraint_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]:
-    """Return Gᵀ λ with the mean G between two states, its derivative by q₁, G itself, and g_t."""
+    """Return the kernels of IMS and EMS: Gᵀ λ with the mean G between two states, its derivative
+    by q₁, G itself, and g_t of a rheonomic constraint.
+
+    IMS has G at the mean state, EMS a ``discrete`` derivative with g(q₁) − g(q₀) = G Δq.
+    """
     qm, dq, lam = (vector("qm", len(template.q)), vector("dq", len(template.q)),
                    vector("lambda", len(template.expressions)))
     G, rates = mean_jacobian(template, qm, dq, discrete)
@@ -336,6 +345,7 @@ class _Blocks:
     """
 
     def __init__(self, structure: Structure) -> None:
+        """Number the blocks G_i of rows and momenta, instance by instance, and their slots in W."""
         slot_of = structure.elimination.slot_of
         entry_index: dict[tuple[int, int], int] = {}  # (row, coordinate) → place in G
         self.of_elements: list[dict[str, list[Any]]] = []
@@ -357,9 +367,9 @@ class _Blocks:
         self.places = []
         for template in structure.constraint_templates:
             G = jacobian(template.expressions, template.q)
+            # −1: an entry that is 0 for every state, or of a coordinate without momenta, is not
+            # stored
             self.places.append([
-                # −1: an entry that is 0 for every state, or of a coordinate without momenta, is not
-                # stored
                 [entry_index.get((row, a), -1) if G[r][b] != 0 else -1
                  for r, row in enumerate(instance.rows) for b, a in enumerate(instance.q)]
                 for instance in template.instances])

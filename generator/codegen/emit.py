@@ -158,7 +158,6 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     # functions of one state, in the parameters
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
-    state_kernels = states.kernels if states else []
     # constants of a run
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters}
                        | {START: f"par->{system.time}"},
@@ -168,29 +167,23 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     single_constants, constant_loops = split_constants(constants_c)
     derivatives = (derivatives_of(derived, constants_c, element_sums, lanes) if derived.derivatives
                    else None)
-    # functions of <math.h> and of the engine that the C calls
-    other_functions = frozenset[str]().union(derivatives.functions if derivatives else (),
-                                             *(kernel.functions for kernel in state_kernels))
+    # functions of <math.h> and of the engine that the C calls: derivatives and functions of one
+    # state on numbers, the step on numbers or on lanes
+    lane_derivatives = derivatives.lanes if derivatives else []
+    state_calls = _called_by(states.kernels if states else []).union(
+        derivatives.functions if derivatives else ())
     if derivatives and lanes:
-        lanes = _with_functions(lanes, other_functions.union(
-            *(k.functions for k in derivatives.lanes)))
+        lanes = _with_functions(lanes, state_calls | _called_by(lane_derivatives))
     # kernels on lanes call versions of their own, which ``LaneIteration`` lists
-    functions = printer.functions.union(
-        *(k.functions for k in step_kernels if not k.name.startswith("lanes_")),
-        quantities.functions if quantities else (), other_functions)
-    kernel_functions = other_functions.union(*(
-        k.functions for k in [*step_kernels, *(derivatives.lanes if derivatives else [])]))
+    scalar_calls = state_calls.union(
+        printer.functions, quantities.functions if quantities else (),
+        _called_by(k for k in step_kernels if not k.name.startswith("lanes_")))
+    kernel_calls = state_calls | _called_by([*step_kernels, *lane_derivatives])
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
         scheme, kernels if plain else step_kernels, element_sums)
     return Program(
-        name=derived.name,
-        version=__version__,
-        engine_version=ENGINE_VERSION,
-        include_check=INCLUDE_CHECK,
-        profile=derived.profile,
+        **_identity(derived),
         features=_features(derived, element_sums, lanes or plain, frame, states),
-        title=f"{derived.method} for {system.name.replace('_', ' ')}",
-        R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
         **_sizes(derived),
         **_formulas(derived, element_sums),
         **_arguments(derived, constants_c),
@@ -200,10 +193,11 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         single_constants=single_constants,
         constant_loops=constant_loops,
         run_constants=plain.run_constants if plain else [],
+        # the template of profile ``control`` prints one list of kernels
         kernels=[*kernels, *iteration_kernels] if is_control else kernels,
         compensated=any(map(sums_products, step_kernels)),
-        cardinals=sorted(c_names_with_needs(kernel_functions)),
-        switch_functions=SWITCHES & functions,
+        cardinals=sorted(c_names_with_needs(kernel_calls)),
+        switch_functions=SWITCHES & scalar_calls,
         costs=costs,
         iteration_kernels=iteration_kernels,
         renamed=renamed,
@@ -218,6 +212,22 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         flows=flows,
         states=states,
     )
+
+
+def _identity(derived: Derived) -> dict[str, Any]:
+    """Return the name, versions, profile and title of a stepper, and its type of numbers."""
+    real = derived.real
+    return {
+        "name": derived.name, "version": __version__, "engine_version": ENGINE_VERSION,
+        "include_check": INCLUDE_CHECK, "profile": derived.profile,
+        "title": f"{derived.method} for {derived.system.name.replace('_', ' ')}",
+        "R": real.c_type, "suffix": real.suffix.lower(), "limits": real.limits,
+    }
+
+
+def _called_by(kernels: Iterable[EmittedKernel]) -> frozenset[str]:
+    """Return the functions that kernels call."""
+    return frozenset[str]().union(*(kernel.functions for kernel in kernels))
 
 
 def _arguments(derived: Derived, constants_c: Mapping[str, str]) -> dict[str, Any]:
@@ -284,10 +294,10 @@ def _used_constants(
     return {e: s for e, s in constants.definitions.items() if str(s) in names}
 
 
-def _with_functions(lanes: LaneIteration, called: frozenset[str]) -> LaneIteration:
+def _with_functions(lanes: LaneIteration, functions: frozenset[str]) -> LaneIteration:
     """Return the iteration on lanes with the functions that kernels of derivatives call too."""
-    return replace(lanes, functions=sorted({*lanes.functions, *(called - ON_LANES)}),
-                   switches=sorted({*lanes.switches, *(called & ON_LANES)}))
+    return replace(lanes, functions=sorted({*lanes.functions, *(functions - ON_LANES)}),
+                   switches=sorted({*lanes.switches, *(functions & ON_LANES)}))
 
 
 def _iterations(
@@ -446,15 +456,15 @@ def _frame(derived: Derived) -> FrameTransformation | None:
     )
 
 
-def _half_pi_literals(wide: Real) -> list[str]:
+def _half_pi_literals(real: Real) -> list[str]:
     """Return π/2 as a sum of three numbers of the type, each the rounded remainder."""
-    bits = 4 * wide.bits
+    bits = 4 * real.bits  # one number more than the three
     with mp.workprec(bits + 64):
         remainder = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)
     literals = []
     for _ in range(3):
-        literals.append(wide.literal(remainder))
-        remainder -= round_binary(remainder, wide.bits)
+        literals.append(real.literal(remainder))
+        remainder -= round_binary(remainder, real.bits)
     return literals
 
 

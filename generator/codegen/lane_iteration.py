@@ -121,14 +121,16 @@ def _memory(derived: Derived, constants: int, factor: int, *, single: bool) -> i
     scheme, real, history = derived.implicit, derived.real, _history(derived)
     n, m = scheme.system.n, scheme.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
-    lanes = 64 // real.bytes if not real.wide else 1
+    lanes = 64 // real.bytes if not real.wide else 1  # of AVX-512, the widest registers
+    # stages and nodes in blocks of lanes, or one by one with trajectories in the lanes
     blocks, nodes = (-(-s // lanes), -(-p // lanes)) if single else (s, p)
+    # all numbers below count registers; x are the unknowns k, k̂ and λ
     x = 2 * blocks * n + nodes * m
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if single else 0
     forced = n if single else s * n
     constants += 3 + 2 * nodes if scheme.system.is_time_dependent else 0
-    ring = (history + 1) * x
+    ring = (history + 1) * x  # of the unknowns of previous steps, which predict the next
     least_squares = 2 * (s + (30 if s < 6 else 40)) * blocks + 2 * x + 24 if scheme.tableau else 0
     vectors = (forced + blocks + constants + 42
                + 5 * n + 2 * blocks + tables + 2 * iterate + ring + least_squares + 4 * m + m * m

@@ -302,14 +302,18 @@ def _velocity_constraints(system: System) -> VelocityConstraintsManifest | None:
 
 
 def frame_manifest(frame: CoMovingFrame, system: System) -> FrameManifest:
-    """Return the symmetries: A by its entries, conditions as polynomials that vanish."""
+    """Return the symmetries q ↦ exp(ωA) q of a frame with their momenta J = pᵀ A q.
+
+    ``A`` has (row, column, text) of each entry, ``conditions`` are equations on parameters, and
+    ``vanishing`` the polynomials that are 0 then. Symmetries of different groups commute.
+    """
     return FrameManifest(symmetries=tuple(SymmetryManifest(
-        name=symmetry.name, group=group, meaning=symmetry.field.name,
+        name=symmetry.name, group=index, meaning=symmetry.field.name,
         A=tuple((i, j, str(x)) for (i, j), x in sorted(symmetry.field.weights.items())),
         J=str(symmetry.momentum(system)),
         conditions=tuple(_equation(e) for e in symmetry.conditions),
         vanishing=tuple(_terms(e) for e in symmetry.conditions),
-    ) for group, together in enumerate(frame.groups) for symmetry in together))
+    ) for index, group in enumerate(frame.groups) for symmetry in group))
 
 
 def _equation(e: sp.Expr) -> str:

@@ -70,14 +70,14 @@ def dual_kernels(
     printer = CPrinter(real, {p: f"par[{j}]" for j, p in enumerate(
         [*derived.system.parameters, START])}, "dual_")
     chain = [printer.number(e) for e in slopes]
-    called = printer.functions.union(*(k.functions for k in emitted))
+    functions = printer.functions.union(*(k.functions for k in emitted))
     # a cardinal function and its slope, which are defined together
-    cardinals = [name for name in _CARDINALS if called & {name, f"{name}_slope"}]
+    cardinals = [name for name in _CARDINALS if functions & {name, f"{name}_slope"}]
     return DualKernels(
         kernels=emitted,
         chain=chain,
-        slopes={name: slope for name, slope in _SLOPES.items() if name in called},
+        slopes={name: slope for name, slope in _SLOPES.items() if name in functions},
         cardinals={name: _CARDINALS[name] for name in cardinals},
-        others=sorted(called & (SWITCHES | {"pow", "atan2"})),
+        others=sorted(functions & (SWITCHES | {"pow", "atan2"})),
         functions=frozenset({*cardinals, *(f"{name}_slope" for name in cardinals)}),
     )

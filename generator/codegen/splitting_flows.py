@@ -72,7 +72,10 @@ def flows_of(derived: Derived) -> Flows:
 
 
 def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
-    """Return the kernels on lanes and the memory of runs of many trajectories."""
+    """Return the kernels on lanes of a composition of flows, and the bytes of its runs.
+
+    A trajectory is in each lane; the memory is that of a run of many trajectories.
+    """
     scheme, real = derived.scheme, derived.real
     assert isinstance(scheme, SplittingScheme)
     recorded = [k for k in scheme.state_kernels() if k.name in _RECORDED]
@@ -83,12 +86,12 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     # each register: two structs of flows with their constants, two recorded states, 16 numbers.
     state_length = sum(_length(shape) for _, shape in flows.state)
     vectors = _REGISTERS * (2 * (flows.numbers + constants + 2 + 2 * state_length) + 16)
-    wide = real.bytes if real.wide else _LANE_BYTES
+    vector_bytes = real.bytes if real.wide else _LANE_BYTES
     return LaneIteration(
         kernels=kernels, folded={}, **called_functions(kernels), tables={}, even_odd_tables={},
         compensated=any(sums_products(k, "lanes_") for k in kernels), factors=False,
         constant_schur=False, scalar_schur=False, separable=False, shared=0, affine=True,
-        history=0, memory=flows.memory, batch_memory=vectors * wide + 4096)
+        history=0, memory=flows.memory, batch_memory=vectors * vector_bytes + 4096)
 
 
 def _momentum_index(scheme: SplittingScheme, i: int) -> int:

@@ -86,16 +86,17 @@ def common_subexpressions(
             return node.symbol
         form = node.form or node
         arguments = graph.in_order(form) if sort else form.arguments
-        new = [rebuild(a) for a in arguments]
+        rebuilt = [rebuild(a) for a in arguments]
+        # an expression without temporaries is kept, in place of building an equal one
         if form.expression is None or any(
-                a is not b.expression for a, b in zip(new, arguments, strict=True)):
-            result = applied(form.function, new)
+                a is not b.expression for a, b in zip(rebuilt, arguments, strict=True)):
+            expression = applied(form.function, rebuilt)
         else:
-            result = form.expression
+            expression = form.expression
         if not node.is_shared:
-            return result
+            return expression
         node.symbol = next(new_symbols)
-        definitions.append((node.symbol, result))
+        definitions.append((node.symbol, expression))
         return node.symbol
 
     reduced = [rebuild(root) for root in roots]
@@ -154,19 +155,18 @@ class _Graph:
         """
         if node.expression is None or not (node.expression.is_Mul or node.expression.is_Add):
             return node.arguments
-        first, *others = node.arguments
-        number = first.expression
-        if node.expression.is_Mul and first.has_minus and number.is_Number and (
+        arguments = node.arguments
+        number = arguments[0].expression
+        if node.expression.is_Mul and arguments[0].has_minus and number.is_Number and (
                 number is not sp.S.NegativeOne):
-            others = [self.node(sp.S.NegativeOne), self.node(-number), *others]
-        else:
-            others = node.arguments
+            arguments = [self.node(sp.S.NegativeOne), self.node(-number), *arguments[1:]]
         ordered = list[_Node]()
-        for _, group in groupby(sorted(others, key=_SIZE), key=_SIZE):
-            equals = list(group)
-            if len(equals) > 1:
-                equals.sort(key=lambda a: sp.default_sort_key(a.expression))
-            ordered += equals
+        for _, group in groupby(sorted(arguments, key=_SIZE), key=_SIZE):
+            same_size = list(group)
+            # SymPy's key visits whole trees: only where sizes do not decide
+            if len(same_size) > 1:
+                same_size.sort(key=lambda a: sp.default_sort_key(a.expression))
+            ordered += same_size
         return ordered
 
 
@@ -213,12 +213,12 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
             functions_of.append(set())
         return number_of[node]
 
-    def replace(i: int, part: set[int], shared: int) -> None:
-        """Replace the arguments ``part`` of function i by the argument ``shared``."""
-        for a in part:
+    def replace(i: int, common: set[int], replacement: int) -> None:
+        """Replace the arguments ``common`` of function i by one argument."""
+        for a in common:
             functions_of[a].discard(i)
-        arguments_of[i] = (arguments_of[i] - part) | {shared}
-        functions_of[shared].add(i)
+        arguments_of[i] = (arguments_of[i] - common) | {replacement}
+        functions_of[replacement].add(i)
         rewritten.add(i)
 
     def function_of(numbers: set[int]) -> _Node:
@@ -230,19 +230,19 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
         counts = Counter(j for a in arguments_of[i] for j in functions_of[a] if j > i)
         candidates = sorted((count, j) for j, count in counts.items() if count > 1)
         for position, (_, j) in enumerate(candidates):
-            part = arguments_of[i] & arguments_of[j]
-            if len(part) < 2:  # an earlier candidate has taken arguments away from i
+            common = arguments_of[i] & arguments_of[j]
+            if len(common) < 2:  # an earlier candidate has taken arguments away from i
                 continue
             # if j contains all arguments of i, i itself becomes an argument of j
-            if len(part) == len(arguments_of[i]):
-                shared = number(node)
+            if len(common) == len(arguments_of[i]):
+                replacement = number(node)
             else:
-                shared = number(function_of(part))
-                replace(i, part, shared)
-            replace(j, part, shared)
+                replacement = number(function_of(common))
+                replace(i, common, replacement)
+            replace(j, common, replacement)
             for _, k in candidates[position + 1:]:
-                if part <= arguments_of[k]:
-                    replace(k, part, shared)
+                if common <= arguments_of[k]:
+                    replace(k, common, replacement)
         if i in rewritten:
             node.form = function_of(arguments_of[i])
         for a in arguments_of[i]:  # i is done: later functions are not compared with it

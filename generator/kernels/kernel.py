@@ -222,13 +222,13 @@ def emit_kernel(
     lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};")
              for t, e in statements.shared]
     lines += map(wrap, _assignments(statements, printer))
-    used = symbols_of(e for _, e in (*statements.shared, *statements.outputs))
+    read_symbols = symbols_of(e for _, e in (*statements.shared, *statements.outputs))
     # the templates print (void)a for arguments that a kernel does not read
-    unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
-    own_constants = used & set(constants.definitions.values())
+    unused = [a for a, symbols in kernel.inputs.items() if not read_symbols & set(symbols)]
+    own_constants = read_symbols & set(constants.definitions.values())
     # functions of single lanes take the number of lanes from the constants
     lane_by_lane = printer.on_lanes and printer.functions - ON_LANES
-    if not own_constants and not used & {*target.names, *constants.clock} and not lane_by_lane:
+    if not (own_constants or read_symbols & {*target.names, *constants.clock} or lane_by_lane):
         unused.insert(0, "c")
     return EmittedKernel(
         target.prefix + kernel.name,
@@ -246,14 +246,17 @@ def emit_kernel(
 
 def _is_exact_polynomial(e: sp.Expr) -> bool:
     """Whether e is a polynomial with coefficients that are exact in every binary format."""
-    return is_small(e) and all(
-        (base.is_Symbol or base == 1) and power.is_Integer and power > 0
-        for term in sp.Add.make_args(sp.expand(e))
-        for base, power in term.as_coeff_Mul()[1].as_powers_dict().items()
-    ) and all(
-        a.is_Rational and abs(a.p) < 2**20 and a.q & (a.q - 1) == 0
-        for a in (term.as_coeff_Mul()[0] for term in sp.Add.make_args(sp.expand(e)))
-    )
+    if not is_small(e):  # the expansion of a large expression may take minutes
+        return False
+    for term in sp.Add.make_args(sp.expand(e)):
+        a, monomial = term.as_coeff_Mul()
+        # numerators below 2²⁰ fit into the 24 bits of a float; denominators are powers of 2
+        if not (a.is_Rational and abs(a.p) < 2**20 and a.q & (a.q - 1) == 0):
+            return False
+        if not all((base.is_Symbol or base == 1) and power.is_Integer and power > 0
+                   for base, power in monomial.as_powers_dict().items()):
+            return False
+    return True
 
 
 def _emit_compensated(
@@ -282,15 +285,15 @@ def _emit_compensated(
             lines.append(f"{{ const {target.value} factors[] = {{ {', '.join(factors)} }}; "
                          f"{target.prefix}add_product(sum, {len(factors)}, factors); }}")
         lines.append(f"{entry} = sum[0] + sum[1];")
-    symbols = symbols_of(e for _, e in outputs)
-    used = symbols & set(constants.definitions.values())
-    unused = [a for a, s in kernel.inputs.items() if not symbols & set(s)]
+    read_symbols = symbols_of(e for _, e in outputs)
+    own_constants = read_symbols & set(constants.definitions.values())
+    unused = [a for a, symbols in kernel.inputs.items() if not read_symbols & set(symbols)]
     return EmittedKernel(
         target.prefix + kernel.name, f"{kernel.doc}, in twice the working precision", "void",
         _signature(kernel, target), lines, 0,
         {"product": sum("add_product" in line for line in lines)},
-        ([] if used or symbols & {*constants.clock} else ["c"]) + unused,
-        frozenset(map(str, used)),
+        ([] if own_constants or read_symbols & {*constants.clock} else ["c"]) + unused,
+        frozenset(map(str, own_constants)),
     )
 
 

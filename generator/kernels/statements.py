@@ -78,20 +78,20 @@ def statements_of(kernel: Kernel) -> Statements:
     """
     targets = entries(kernel)
     if not kernel.factors:
-        shared, reduced = _name_recurring([e for _, e in targets])
-        return Statements(shared, _paired(targets, reduced))
-    definitions, outputs = _replace_shared([e for _, e in targets])
-    expressions = [*definitions.values(), *outputs]
+        temporaries, outputs = _name_recurring([e for _, e in targets])
+        return Statements(temporaries, _paired(targets, outputs))
+    shared, outputs = _replace_shared([e for _, e in targets])
+    expressions = [*shared.values(), *outputs]
     # whole trees are compared to sort arguments, which takes too long in deep ones
-    shared, reduced = common_subexpressions(
+    temporaries, reduced = common_subexpressions(
         expressions, sp.numbered_symbols("_t", real=True),
         sort=tree_size(expressions) <= _LARGEST_TREE)
-    shared_definitions, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
-    if definitions:  # a temporary of step 2 may use one of step 1, and the other way round
-        shared = _sort_definitions(shared, dict(zip(definitions, shared_definitions, strict=True)))
-        shared, reduced = _drop_unused(shared, reduced)
-    shared, reduced = _name_bases(shared, reduced)
-    return Statements(shared, _paired(targets, reduced))
+    bodies, outputs = reduced[: len(shared)], reduced[len(shared) :]
+    if shared:  # a temporary of step 2 may use one of step 1, and the other way round
+        temporaries = _sort_definitions(temporaries, dict(zip(shared, bodies, strict=True)))
+        temporaries, outputs = _drop_unused(temporaries, outputs)
+    temporaries, outputs = _name_bases(temporaries, outputs)
+    return Statements(temporaries, _paired(targets, outputs))
 
 
 def _paired(
@@ -175,16 +175,16 @@ def _replace_shared(
 
 
 def _sort_definitions(
-    shared: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
+    temporaries: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
 ) -> list[tuple[sp.Symbol, sp.Expr]]:
     """Return temporaries and definitions in an order in which each uses earlier ones only."""
-    definition_of, ordered = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
+    definition_of, ordered = dict(temporaries) | definitions, dict[sp.Symbol, sp.Expr]()
 
     def visit(symbol: sp.Symbol) -> None:
         """Add a symbol's definition to ``ordered``, those that it uses first."""
         if symbol not in ordered and symbol in definition_of:
-            for used in sorted(definition_of[symbol].free_symbols, key=name_of):
-                visit(used)
+            for operand in sorted(definition_of[symbol].free_symbols, key=name_of):
+                visit(operand)
             ordered[symbol] = definition_of[symbol]
 
     for symbol in definition_of:
@@ -193,27 +193,28 @@ def _sort_definitions(
 
 
 def _drop_unused(
-    shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
+    temporaries: list[tuple[sp.Symbol, sp.Expr]], outputs: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
     """Drop unused temporaries and those equal to another symbol."""
     alias_of: dict[sp.Symbol, sp.Expr] = {}
-    remaining: list[tuple[sp.Symbol, sp.Expr]] = []
-    for symbol, definition in shared:
+    distinct: list[tuple[sp.Symbol, sp.Expr]] = []
+    for symbol, definition in temporaries:
         e = definition.xreplace(alias_of)
         if e.is_Symbol:
             alias_of[symbol] = e
         else:
-            remaining.append((symbol, e))
-    reduced = [e.xreplace(alias_of) for e in reduced]
-    used = symbols_of(reduced)
-    for symbol, e in reversed(remaining):
-        if symbol in used:
-            used |= e.free_symbols
-    return [(symbol, e) for symbol, e in remaining if symbol in used], reduced
+            distinct.append((symbol, e))
+    outputs = [e.xreplace(alias_of) for e in outputs]
+    # backwards, as a temporary is used by later ones and by outputs only
+    live = symbols_of(outputs)
+    for symbol, e in reversed(distinct):
+        if symbol in live:
+            live |= e.free_symbols
+    return [(symbol, e) for symbol, e in distinct if symbol in live], outputs
 
 
 def _name_bases(
-    shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
+    temporaries: list[tuple[sp.Symbol, sp.Expr]], outputs: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
     """Define a temporary for every base of an integer power, as the C of x² is x*x.
 
@@ -222,7 +223,7 @@ def _name_bases(
     new_symbols = sp.numbered_symbols("_u", real=True)
     definitions: list[tuple[sp.Symbol, sp.Expr]] = []
     name_of_base: dict[sp.Expr, sp.Symbol] = {}
-    fourth_roots = {power.base for e in (*(e for _, e in shared), *reduced)
+    fourth_roots = {power.base for e in (*(e for _, e in temporaries), *outputs)
                     for power in parts_of([e]) if power.is_Pow and _has_denominator(power, 4)}
 
     def symbol_of(e: sp.Expr) -> sp.Symbol:
@@ -242,10 +243,11 @@ def _name_bases(
             return symbol_of(sp.sqrt(e.base)) ** (2 * e.exp)
         return symbol_of(e.base) ** e.exp if _multiplies(e) and not e.base.is_Atom else e
 
-    for symbol, e in shared:
-        renamed = rename(e)
-        definitions.append((symbol, renamed))
-    return definitions, [rename(e) for e in reduced]
+    for symbol, e in temporaries:
+        # the temporaries of its bases come before it
+        definition = rename(e)
+        definitions.append((symbol, definition))
+    return definitions, [rename(e) for e in outputs]
 
 
 def _has_denominator(e: sp.Pow, q: int) -> bool:

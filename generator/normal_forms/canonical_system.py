@@ -39,9 +39,10 @@ def canonical(system: System) -> System:
     Symbols are ordered by their indices in q, p and the parameters, not by their names.
     """
     variables = (*system.q, *system.p, *filter(None, (system.time,)))
-    placeholders = {x: placeholder(index, side is variables, frozenset(x.assumptions0.items()))
-                    for side in (variables, system.parameters) for index, x in enumerate(side)}
-    symbol_of = {p_x: x for x, p_x in placeholders.items()}
+    placeholders = {
+        x: placeholder(index, symbols is variables, frozenset(x.assumptions0.items()))
+        for symbols in (variables, system.parameters) for index, x in enumerate(symbols)}
+    symbol_of = {stand_in: x for x, stand_in in placeholders.items()}
     forms = CanonicalForms()
 
     def with_symbols(e: sp.Expr, original: sp.Expr) -> sp.Expr:
@@ -59,7 +60,7 @@ def canonical(system: System) -> System:
     # T keeps its original form: expanded, it would lose its short sums of velocities
     if isinstance(system, LagrangianSystem):
         return replace(system, constraints=g, velocity_constraints=velocity_constraints)
-    q, p = ([placeholders[x] for x in side] for side in (system.q, system.p))
+    q, p = ([placeholders[x] for x in symbols] for symbols in (system.q, system.p))
     hamiltonian, *forces = substitute([system.H, *system.forces], placeholders)
     H = HamiltonianTerms(forms, q, p, hamiltonian)
     F = ForceTerms(forms, H.support, forces)
@@ -68,7 +69,8 @@ def canonical(system: System) -> System:
         H=with_symbols(H.sum(), system.H),
         constraints=g,
         velocity_constraints=velocity_constraints,
-        forces=tuple(with_symbols(e, old) for e, old in zip(F.rows(), system.forces, strict=True)),
+        forces=tuple(with_symbols(e, original)
+                     for e, original in zip(F.rows(), system.forces, strict=True)),
         quantities={name: canonical_expression(e) for name, e in system.quantities.items()},
         time_scale=(None if system.time_scale is None
                     else canonical_expression(system.time_scale)),

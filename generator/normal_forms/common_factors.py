@@ -42,18 +42,20 @@ def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
     common = dict(next(monomials))
     for m in monomials:
         powers = dict(m)
-        common = {base: shared for base, n in common.items()
-                  if (shared := nearer_zero(n, powers.get(base, 0))) is not None}
+        common = {base: power for base, n in common.items()
+                  if (power := nearer_zero(n, powers.get(base, 0))) is not None}
         if not common:
             break
     outer: Monomial = frozenset(common.items())
+    # gcd of the numerators over lcm of the denominators: the quotients are coprime integers
     content = quotient(math.gcd(*(a.numerator for a in terms.values())),
                        math.lcm(*(a.denominator for a in terms.values())))
     if terms[min(terms, key=order)] < 0:
         content = -content
     inverse_outer = inverse(outer)
-    inner = {merged(m, inverse_outer)[0]: a for m, a in terms.items()} if inverse_outer else terms
-    return outer, content, scaled(inner, quotient(1, content))
+    primitive = {merged(m, inverse_outer)[0]: a for m, a in terms.items()
+                 } if inverse_outer else terms
+    return outer, content, scaled(primitive, quotient(1, content))
 
 
 def nearer_zero(a: Any, b: Any) -> Any:

@@ -28,15 +28,18 @@ class CoordinateCoupling:
     """
 
     def __init__(self, n: int, terms: Iterable[tuple[IndexSet, IndexSet]]) -> None:
+        """Take H of ``n`` coordinates: ``terms`` has (momenta, coordinates) of each of its terms.
+        """
         pairs = list(dict.fromkeys(terms))
         self.kinetic_block_of = {a: min(block) for block in connected([p for p, _ in pairs])
                                  for a in block}
-        reach: dict[int, set[int]] = defaultdict(set)
+        # coordinates that one kinetic block depends on belong together
+        support_of_block: dict[int, set[int]] = defaultdict(set)
         for p, support in pairs:
             if p:
-                reach[self.kinetic_block_of[min(p)]] |= support
+                support_of_block[self.kinetic_block_of[min(p)]] |= support
         singletons = [frozenset([a]) for a in range(n)]
-        blocks = connected([*singletons, *map(frozenset, reach.values())])
+        blocks = connected([*singletons, *map(frozenset, support_of_block.values())])
         self.block_of = {a: min(block) for block in blocks for a in block}
         neighbours: dict[int, set[int]] = {min(block): {min(block)} for block in blocks}
         for _, support in pairs:
@@ -45,9 +48,9 @@ class CoordinateCoupling:
                 neighbours[b].add(a)
         self.neighbours = neighbours
         # equal sets of neighbours, each with the block itself: the blocks are of one class
-        first: dict[IndexSet, int] = {}
-        self.class_of = {b: first.setdefault(frozenset(around), b)
-                         for b, around in neighbours.items()}
+        representatives: dict[IndexSet, int] = {}
+        self.class_of = {block: representatives.setdefault(frozenset(adjacent), block)
+                         for block, adjacent in neighbours.items()}
 
     def blocks(self, indices: Iterable[int]) -> IndexSet:
         """Return the blocks of indices."""

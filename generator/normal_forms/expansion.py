@@ -68,11 +68,11 @@ class NormalForm:
     @contextmanager
     def allowed(self, products: int) -> Iterator[None]:
         """Set the allowance inside a ``with`` block; the previous one is restored afterwards."""
-        before, self.allowance = self.allowance, products
+        previous, self.allowance = self.allowance, products
         try:
             yield
         finally:
-            self.allowance = before
+            self.allowance = previous
 
     def spend(self, products: int) -> None:
         """Subtract from the allowance; raises ``TooLongError`` if it is exhausted."""
@@ -85,10 +85,10 @@ class NormalForm:
         terms = self.terms(e)
         while True:  # a quotient by one sum may be divisible by another
             sums = {base for m in terms for base, n in m if is_below(base, n)}
-            before = terms
+            undivided = terms
             for base in sorted(sums, key=base_key):
                 terms = self._divided(terms, base)
-            if terms == before:
+            if terms == undivided:
                 return terms
 
     def terms(self, e: sp.Expr) -> Terms:

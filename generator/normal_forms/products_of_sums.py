@@ -130,16 +130,17 @@ def squares_of(terms: Terms) -> list[tuple[Number, Terms]] | None:
              if not any(n % 2 for _, n in m)}
     if not roots or len(roots) > _MOST_SQUARES or len(roots) == len(terms):
         return None  # without mixed terms there is nothing to combine
-    joined: dict[Monomial, list[tuple[Monomial, int]]] = defaultdict(list)
+    # a mixed term 2 a m n of (m ± n)² joins the roots m and n, with this sign
+    neighbours: dict[Monomial, list[tuple[Monomial, int]]] = defaultdict(list)
     for t, a in terms.items():
         if any(n % 2 for _, n in t):
             signs = _signs(t, a, roots)
             if signs is None:
                 return None
             for (m, n), sign in signs:
-                joined[m].append((n, sign))
-                joined[n].append((m, sign))
-    sums = _connected_sums(roots, joined)
+                neighbours[m].append((n, sign))
+                neighbours[n].append((m, sign))
+    sums = _connected_sums(roots, neighbours)
     # signs were chosen term by term: the squares must give exactly these terms
     remainder = dict(terms)
     for a, root in sums:
@@ -171,9 +172,13 @@ def _signs(
 
 
 def _connected_sums(
-    roots: dict[Monomial, Number], joined: dict[Monomial, list[tuple[Monomial, int]]]
+    roots: dict[Monomial, Number], neighbours: dict[Monomial, list[tuple[Monomial, int]]]
 ) -> list[tuple[Number, Terms]]:
-    """Return the connected sums; the first monomial of each has a positive sign."""
+    """Return (a, s) of each connected sum s = m ± n ± …, whose first monomial has the sign +.
+
+    ``roots`` are the monomials with the coefficients of their squares; ``neighbours`` the
+    monomials that mixed terms join to each, with the sign of the product.
+    """
     sums: list[tuple[Number, Terms]] = []
     visited: set[Monomial] = set()
     for first in sorted(roots, key=order):
@@ -184,7 +189,7 @@ def _connected_sums(
         stack = [first]
         while stack:
             m = stack.pop()
-            for n, sign in joined[m]:
+            for n, sign in neighbours[m]:
                 if n not in signs:
                     signs[n] = sign * signs[m]
                     stack.append(n)
@@ -383,15 +388,17 @@ class _PowerSplitter:
 
         They are subtracted if fewer terms remain, or if all xⁿ are present: a sum of squares.
         """
-        needed: dict[sp.Expr, Number] = defaultdict(lambda: 0)
+        # coefficients of the pure powers xⁿ in Σ a (x ± y)ⁿ, and in the remainder
+        subtracted: dict[sp.Expr, Number] = defaultdict(lambda: 0)
         for (x, y), (a, sign) in powers.items():
-            needed[x] += a
-            needed[y] += a * sign**n
-        present = {x: self.remainder.get(constants | {(x, n)}, 0) for x in needed}
-        terms_after = len(powers) + sum(present[x] != needed[x] for x in needed)
+            subtracted[x] += a
+            subtracted[y] += a * sign**n
+        present = {x: self.remainder.get(constants | {(x, n)}, 0) for x in subtracted}
+        # each (x ± y)ⁿ replaces n − 1 mixed terms
+        terms_after = len(powers) + sum(present[x] != subtracted[x] for x in subtracted)
         terms_before = (n - 1) * len(powers) + sum(a != 0 for a in present.values())
         is_covered = n % 2 == 0 and all(
-            0 < quotient(a, present[x] or -a) <= 1 for x, a in needed.items())
+            0 < quotient(a, present[x] or -a) <= 1 for x, a in subtracted.items())
         # a sum of squares is kept even where it is no shorter: it has no cancellation
         if terms_after >= terms_before and not is_covered:
             return

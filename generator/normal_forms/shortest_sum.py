@@ -136,6 +136,9 @@ class Compact:
         self, terms: Terms, powers: list[Power], remainder: Terms
     ) -> Iterator[sp.Expr]:
         """Yield forms of a sum: factored, with powers, as products, as squares, over a denominator.
+
+        ``powers`` and ``remainder`` are the sum as Σ a sⁿ + remainder. Of forms of equal length the
+        first one is taken, so that their order is a part of the normal form.
         """
         factors = factors_of(terms)
         if factors is not None:

@@ -73,7 +73,7 @@ def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> li
     kernels = {k.name: k for k in (*scheme.kernels(), *scheme.flow_kernels(work=False))}
     return [
         _transposed(kernels["kick_rate"], {**kernels["kick_rate"].inputs, **constants},
-                    value=True),
+                    with_value=True),
         _transposed(kernels["free_velocity"],
                     {**kernels["free_velocity"].inputs, **constants}),
         _transposed(kernels["flow_rates"], constants),
@@ -83,22 +83,22 @@ def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> li
 
 
 def _transposed(
-    kernel: Kernel, by: Mapping[str, Sequence[sp.Symbol]], *, value: bool = False
+    kernel: Kernel, variables: Mapping[str, Sequence[sp.Symbol]], *, with_value: bool = False
 ) -> Kernel:
-    """Return the kernel of Σ w ∂(output)/∂x for each x in ``by``, by reverse differentiation.
+    """Return the kernel of Σ w ∂(output)/∂x for each x of ``variables``: reverse differentiation.
 
-    ``value`` adds Σ w (output). Weights w of an output y are in the array ``y_bar``, the results of
-    an array x in ``x_bar``.
+    ``variables`` has arrays by name; ``with_value`` adds Σ w (output). Weights w of an output y
+    are in the array ``y_bar``, the results of an array x in ``x_bar``.
     """
-    rows = {name: _flat(e) for name, e in kernel.outputs.items()}
-    weights = {f"{name}_bar": vector(f"_w_{name}", len(e)) for name, e in rows.items()}
-    shared = iter(share_repeated([e for row in rows.values() for e in row]))
-    total = sp.Add(*(w * next(shared) for names in weights.values() for w in names))
-    symbols = [x for names in by.values() for x in names]
-    cotangents = iter(slopes(total, tuple(symbols)))
-    outputs: dict[str, Any] = {f"{name}_bar": [next(cotangents) for _ in names]
-                               for name, names in by.items()}
-    if value:
+    flat_outputs = {name: _flat(e) for name, e in kernel.outputs.items()}
+    weights = {f"{name}_bar": vector(f"_w_{name}", len(e)) for name, e in flat_outputs.items()}
+    # equal subexpressions of different outputs are differentiated once
+    entries = iter(share_repeated([e for row in flat_outputs.values() for e in row]))
+    total = sp.Add(*(w * next(entries) for symbols in weights.values() for w in symbols))
+    cotangents = iter(slopes(total, tuple(x for symbols in variables.values() for x in symbols)))
+    outputs: dict[str, Any] = {f"{name}_bar": [next(cotangents) for _ in symbols]
+                               for name, symbols in variables.items()}
+    if with_value:
         outputs["value"] = [total]
     return Kernel(f"{kernel.name}_transposed", f"transposed derivatives of {kernel.name}",
                   {**kernel.inputs, **weights}, outputs)
@@ -283,9 +283,13 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
 
 
 def _discrete_lagrangian(scheme: LagrangianEMS, columns: Sequence[sp.Symbol]) -> list[Kernel]:
-    """Return the kernels of EMS of a Lagrangian, in the velocities of both ends."""
-    system, (before, after) = scheme.system, scheme.ends
-    arguments = {"qm": scheme.means[0], "dq": scheme.differences[0], "v0": before, "v1": after}
+    """Return the derivatives of L_v and of the mean generalised force R of EMS of a Lagrangian.
+
+    R depends on the means of q, the velocities v0 and v1 of both ends, and the constants, of which
+    ``columns`` are differentiated by.
+    """
+    system, (v0, v1) = scheme.system, scheme.ends
+    arguments = {"qm": scheme.means[0], "dq": scheme.differences[0], "v0": v0, "v1": v1}
     R = scheme.mean_generalised_force
     momentum = {"q": list(system.q), "v": list(system.velocities)}
     kernels = [
@@ -293,8 +297,8 @@ def _discrete_lagrangian(scheme: LagrangianEMS, columns: Sequence[sp.Symbol]) ->
                {"momentum_c": by_each(system.L_v, columns)}),
         Kernel("mean_generalised_force_by_state", "derivatives of R by qm, v0, v1 and constants",
                arguments | time_input(system),
-               {"R_q": by_each(R, scheme.means[0]), "R_v0": by_each(R, before),
-                "R_v1": by_each(R, after), "R_c": by_each(R, columns)}),
+               {"R_q": by_each(R, scheme.means[0]), "R_v0": by_each(R, v0),
+                "R_v1": by_each(R, v1), "R_c": by_each(R, columns)}),
     ]
     return [Kernel(k.name, k.doc, k.inputs, k.outputs, factors=not system.is_long)
             for k in kernels]

@@ -115,27 +115,28 @@ def discrete_gradient(
     nodes = [node for node in parts_of([expression]) if isinstance(node, Shared)]
     names = {node: sp.Symbol(f"_part{i}", real=True) for i, node in enumerate(nodes)}
     *bodies, root = substitute([*(node.args[0] for node in nodes), expression], names)
-    shared = []
+    node_differences = []
     for symbol, body in zip(names.values(), bodies, strict=True):
         difference = differentiate(body, leaves, steps)
         change = share(difference.change)
         # a shared subexpression is one more variable, with the step ``change``
         leaves[symbol] = DiscreteDifference(share(difference.mean), {len(steps): sp.Integer(1)},
                                             steps, change, difference.known_ends)
-        shared.append(difference)
+        node_differences.append(difference)
         steps.append(change)
-    return _propagate_backward(differentiate(root, leaves, steps), shared, len(symbols))
+    return _propagate_backward(differentiate(root, leaves, steps), node_differences, len(symbols))
 
 
 def _propagate_backward(
-    root: DiscreteDifference, shared: Sequence[DiscreteDifference], count: int
+    root: DiscreteDifference, node_differences: Sequence[DiscreteDifference], count: int
 ) -> list[sp.Expr]:
     """Return D of the root by the ``count`` symbols, by the chain rule through shared nodes.
 
-    Slope i ≥ count of a difference is the slope by shared node i − count.
+    D_j = Σ_i D_i · slope_j(node i), from the last node to the first. Slope i ≥ count of a
+    difference is the slope by shared node i − count.
     """
     terms: dict[int, list[sp.Expr]] = {i: [d] for i, d in root.slope.items()}
-    for i, difference in reversed([*enumerate(shared, count)]):
+    for i, difference in reversed([*enumerate(node_differences, count)]):
         adjoint = share(sp.Add(*terms.get(i, ())))
         for j, d in difference.slope.items():
             terms.setdefault(j, []).append(adjoint * d)

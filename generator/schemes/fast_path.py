@@ -61,14 +61,14 @@ class FastSystem:
             return polynomial
         # SymPy would simplify each coefficient that has p and a root of p, for seconds: in a
         # division by q roots are symbols
-        terms = [polynomial, *self.system.constraints]
-        roots = {part for x in terms for part in x.atoms(sp.Pow)
-                 if not part.exp.is_Integer and part.free_symbols
-                 and part.free_symbols.isdisjoint(self.system.q)}
+        polynomials = [polynomial, *self.system.constraints]
+        roots = {power for x in polynomials for power in x.atoms(sp.Pow)
+                 if not power.exp.is_Integer and power.free_symbols
+                 and power.free_symbols.isdisjoint(self.system.q)}
         symbols = {root: sp.Dummy(f"root{i}")
                    for i, root in enumerate(sorted(roots, key=sp.default_sort_key))}
-        divided, *divisors = (x.xreplace(symbols) for x in terms)
-        remainder = sp.reduced(divided, divisors, *self.system.q)[1]
+        dividend, *divisors = (x.xreplace(symbols) for x in polynomials)
+        remainder = sp.reduced(dividend, divisors, *self.system.q)[1]
         return sp.expand(remainder.xreplace({symbol: root for root, symbol in symbols.items()}))
 
     def _is_constant(self, e: sp.Expr) -> bool:
@@ -205,12 +205,12 @@ class FastSystem:
         """
         system = self.system
         state = {"q": list(system.q), "p": list(system.p)}
-        H_p, H_q, shared = self.gradients
-        w = vector("w", len(shared))
+        H_p, H_q, common_parts = self.gradients
+        w = vector("w", len(common_parts))
         velocity: dict[str, list[sp.Expr]] = {"H_p": H_p}
         force: dict[str, list[sp.Expr]] = {"H_q": H_q}
         if w:
-            velocity["w"] = shared
+            velocity["w"] = common_parts
         # the velocity changes with P, by H_pp Gᵀ δλ, and no number c gives this change
         if system.m and self.correction is None and not separate:
             force = {"H_p": H_p, "H_q": H_q}

@@ -309,29 +309,30 @@ def splitting_scheme(
         If H has no splitting, or the system does not permit the order or the composition.
     """
     splitting = split(system)
-    plain = composition_named(named) if named else composition(order)
-    if splitting.highest_order is not None and plain.order > splitting.highest_order:
-        raise InputError(f"order = {plain.order} is not reached where forces depend on momenta "
+    general = composition_named(named) if named else composition(order)
+    if splitting.highest_order is not None and general.order > splitting.highest_order:
+        raise InputError(f"order = {general.order} is not reached where forces depend on momenta "
                          "other than by isotropic drag; choose order 2, or scheme G-L.")
+    # at parameters with equal moments, rotation is one exact flow, and more compositions serve
     symmetric = split(system, symmetric=True)
-    symmetric_composition = plain
+    for_symmetric = general
     # force gradients only for the default of an order, without forces: their work has order 2
-    if (not named and not system.forces and symmetric.has_gradient and _is_local(symmetric)):
-        symmetric_composition = composition(order, gradients=True)
-    if plain.has_gradients and system.forces:
-        raise InputError(f"Composition {plain.name} has force gradients, with which the work of "
+    if not named and not system.forces and symmetric.has_gradient and _is_local(symmetric):
+        for_symmetric = composition(order, gradients=True)
+    if general.has_gradients and system.forces:
+        raise InputError(f"Composition {general.name} has force gradients, with which the work of "
                          f"the forces of system {system.name!r} has order 2 only; give an order "
                          "instead.")
     if splitting.is_exact:  # T is one exact flow for all parameters: one composition is enough
-        return SplittingScheme(reduced, splitting, splitting, constants, (symmetric_composition,))
-    if named and not _of_strang_steps(plain):
+        return SplittingScheme(reduced, splitting, splitting, constants, (for_symmetric,))
+    if named and not _of_strang_steps(general):
         raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
                          f"system {system.name!r} has others; give an order instead, or choose a "
                          "composition of Strang steps such as KL8.")
     if not named:  # a step K(h/2) R K(h/2) of an asymmetric body is symmetric, and no more
-        plain = next(stored for stored in COMPOSITIONS.values()
-                     if stored.order == order and _of_strang_steps(stored))
+        general = next(stored for stored in COMPOSITIONS.values()
+                       if stored.order == order and _of_strang_steps(stored))
     # with two compositions, a run selects by ``symmetric.conditions`` at its parameters
-    if symmetric_composition is plain or not symmetric.is_exact:
-        return SplittingScheme(reduced, splitting, splitting, constants, (plain,))
-    return SplittingScheme(reduced, splitting, symmetric, constants, (plain, symmetric_composition))
+    if for_symmetric is general or not symmetric.is_exact:
+        return SplittingScheme(reduced, splitting, splitting, constants, (general,))
+    return SplittingScheme(reduced, splitting, symmetric, constants, (general, for_symmetric))

@@ -49,6 +49,7 @@ class StartKernels:
     """
 
     def __init__(self, system: System) -> None:
+        """Collect the columns of C in p = C y: 2 L(q)ᵀ of quaternions, 1 of other coordinates."""
         self.system = system
         self.bodies = [body for body in system.bodies if body.q]
         self._quotient = Quotient(unit_quaternions([body.q for body in self.bodies]))
@@ -59,6 +60,7 @@ class StartKernels:
         self.rate_of: list[sp.Symbol | None] = []
         index_of = {x: i for i, x in enumerate(system.q)}
         for body in system.bodies:
+            # the column of Ω_k is row k of 2 L(q), as Ω = 2 L(q) q̇
             for axis, row in enumerate(left_matrix(body.q).tolist() if body.q else []):
                 self._add(f"{body.name}_omega_{'xyz'[axis]}",
                           {index_of[x]: 2 * e for x, e in zip(body.q, row, strict=True)})

@@ -134,6 +134,7 @@ class _Search:
     """
 
     def __init__(self, system: System) -> None:
+        """Number bodies, each with four coordinates of q, and name the symbols of m and l."""
         self.system = system
         self.quaternions = _quaternions(system)
         self.body_of = {i: (b, k) for b, indices in enumerate(self.quaternions)
@@ -471,18 +472,20 @@ def _quaternions(system: System) -> list[tuple[int, ...]]:
     """
     index_of = {x: i for i, x in enumerate(system.q)}
     layouts = {frozenset(body.q): body.q for body in system.bodies}
-    quaternions, used = [], set[sp.Symbol]()
+    quaternions, taken_symbols = [], set[sp.Symbol]()
     for name, g in zip(system.constraint_names, system.constraints, strict=True):
         q = layouts.get(frozenset(g.free_symbols), tuple(sorted(
             (x for x in g.free_symbols if x in index_of), key=index_of.__getitem__)))
         square = sp.Add(*(x**2 for x in q), -1)
         expanded = sp.expand(g) if len(q) == 4 else g
-        if len(q) != 4 or used & {*q} or not _is_zero(expanded - expanded.coeff(q[0], 2) * square):
+        # g = c (|q|² − 1), with c its coefficient of q₀²
+        if len(q) != 4 or taken_symbols & {*q} or not _is_zero(
+                expanded - expanded.coeff(q[0], 2) * square):
             raise InputError(
                 f"System {system.name!r} has the constraint {name!r}, and exact-flow splitting is "
                 "for free bodies: |q|² = 1 of a quaternion is the only constraint that it takes; "
                 "remove the joint, or take another scheme, such as 'G-L'.")
-        used |= {*q}
+        taken_symbols |= {*q}
         quaternions.append(tuple(index_of[x] for x in q))
     return quaternions
 

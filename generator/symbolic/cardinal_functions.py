@@ -36,8 +36,8 @@ class Numeric(sp.Function):  # type: ignore[misc]
         if not all(a is not None and a.is_Number for a in arguments):
             return None
         with mp.workprec(prec):
-            value = self.value(*(a._to_mpmath(prec) for a in arguments))
-            return sp.Float._new(value._mpf_, prec)
+            number = self.value(*(a._to_mpmath(prec) for a in arguments))
+            return sp.Float._new(number._mpf_, prec)
 
     def _eval_is_extended_real(self) -> Any:
         return self.args[0].is_extended_real

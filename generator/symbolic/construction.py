@@ -21,10 +21,11 @@ ORDER = cmp_to_key(sp.Basic.compare)
 def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
     """Return Σ terms, ``Add(*terms)``.
 
-    Like terms, which SymPy combines, are equal without their numbers (``multiples``).
+    Like terms, which SymPy combines, are equal without their numbers (``multiples``); these and
+    unusual terms go to SymPy.
     """
     number: sp.Expr = sp.S.Zero
-    remaining, others, multiples = [*terms], list[sp.Expr](), set[object]()
+    remaining, summands, multiples = [*terms], list[sp.Expr](), set[object]()
     for term in remaining:
         if term.is_Number:
             if not term.is_Rational:
@@ -42,20 +43,20 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
             multiple = factors if len(factors) > 1 else factors[0]
         elif not (term.is_Symbol or term.is_Function or (term.is_Pow and not term.base.is_Number)):
             return sp.Add(*terms)
-        others.append(term)
+        summands.append(term)
         multiples.add(multiple)
-    if len(multiples) < len(others):  # like terms
+    if len(multiples) < len(summands):  # like terms
         return sp.Add(*terms)
-    others.sort(key=ORDER)
+    summands.sort(key=ORDER)
     if number:
-        others.insert(0, number)
-    return sp.Add._from_args(others, True)
+        summands.insert(0, number)
+    return sp.Add._from_args(summands, True)
 
 
 def product_of(factors: Sequence[sp.Expr]) -> sp.Expr:
-    """Return Π factors, ``Mul(*factors)``."""
+    """Return Π factors, ``Mul(*factors)``; factors of equal base, and unusual ones, go to SymPy."""
     number: sp.Expr = sp.S.One
-    remaining, others, bases = [*factors], list[sp.Expr](), set[sp.Expr]()
+    remaining, powers, bases = [*factors], list[sp.Expr](), set[sp.Expr]()
     for factor in remaining:
         if factor.is_Number:
             if not factor.is_Rational or not factor:
@@ -72,15 +73,15 @@ def product_of(factors: Sequence[sp.Expr]) -> sp.Expr:
                 return sp.Mul(*factors)
         if not (base.is_Symbol or base.is_Add or base.is_Function) or isinstance(base, sp.exp):
             return sp.Mul(*factors)
-        others.append(factor)
+        powers.append(factor)
         bases.add(base)
     # a number times a sum is a sum, or none, by rules of SymPy
-    if len(bases) < len(others) or (len(others) == 1 and others[0].is_Add):
+    if len(bases) < len(powers) or (len(powers) == 1 and powers[0].is_Add):
         return sp.Mul(*factors)
-    others.sort(key=ORDER)
+    powers.sort(key=ORDER)
     if number is not sp.S.One:
-        others.insert(0, number)
-    return sp.Mul._from_args(others, True)
+        powers.insert(0, number)
+    return sp.Mul._from_args(powers, True)
 
 
 def has_minus(e: sp.Basic) -> bool:

@@ -70,13 +70,15 @@ def along(
 
 @lru_cache(maxsize=16)
 def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
-    """Return the derivatives by each symbol, in reverse mode: shared parts are visited once.
+    """Return the derivatives by each symbol, in reverse mode: shared nodes are visited once.
 
-    Their total length is a small multiple of the length of e, for any number of symbols.
+    The adjoint of a node is the derivative of e by it; that of a symbol sums adjoint(node) ×
+    ∂(node)/∂(symbol). The total length is a small multiple of the length of e, for any number of
+    symbols.
     """
-    shared = [node for node in parts_of([e]) if isinstance(node, Shared)]
-    names = {node: sp.Symbol(f"_r{i}", real=True) for i, node in enumerate(shared)}
-    *bodies, root = substitute([*(node.args[0] for node in shared), e], names)
+    nodes = [node for node in parts_of([e]) if isinstance(node, Shared)]
+    names = {node: sp.Symbol(f"_r{i}", real=True) for i, node in enumerate(nodes)}
+    *bodies, root = substitute([*(node.args[0] for node in nodes), e], names)
     terms: dict[sp.Symbol, list[sp.Expr]] = {}
 
     def add_products(adjoint: sp.Expr, body: sp.Expr) -> None:
@@ -85,7 +87,8 @@ def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
                 terms.setdefault(x, []).append(adjoint * derivative(term, x))
 
     add_products(sp.Integer(1), root)
-    for node, body in zip(reversed(shared), reversed(bodies), strict=True):
+    # a node comes after those that it contains: backwards, its adjoint is complete when it is used
+    for node, body in zip(reversed(nodes), reversed(bodies), strict=True):
         if names[node] in terms:
             add_products(share(sp.Add(*terms[names[node]])), body)
     node_of = {symbol: node for node, symbol in names.items()}

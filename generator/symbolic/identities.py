@@ -92,7 +92,10 @@ def _is_equal(a: sp.Expr, b: sp.Expr, thorough: bool) -> bool:
 def _points(
     pairs: Sequence[tuple[sp.Expr, sp.Expr]], small: set[sp.Symbol]
 ) -> Iterator[dict[sp.Basic, Any]]:
-    """Yield the values of all subexpressions at up to 8 random points where these are real."""
+    """Yield the values of all subexpressions at up to 8 random points where these are real.
+
+    A pair has the two sides of an equation; the symbols in ``small`` get a tenth of a value.
+    """
     expressions = [e for pair in pairs for e in pair]
     symbols = sorted(symbols_of(expressions), key=str)
     generator, count = random.Random(1), 0
@@ -138,10 +141,9 @@ def evaluate(
         }
         for e in parts_of(expressions):
             if e not in values:
-                value = _value_if_any(e, [values[a] for a in e.args])
-                if e not in sides and not mp.isfinite(value):
+                values[e] = _value_if_any(e, [values[a] for a in e.args])
+                if e not in sides and not mp.isfinite(values[e]):
                     raise ValueError(f"{e} is not a finite real number here.")
-                values[e] = value
         for e in expressions:
             if not mp.isfinite(values[e]):
                 raise ValueError(f"{e} is not a finite real number here.")
@@ -153,10 +155,10 @@ def _value_if_any(e: sp.Basic, arguments: list[Any]) -> Any:
     if not all(map(mp.isfinite, arguments[:2] if isinstance(e, Where) else arguments)):
         return mp.nan
     try:
-        value = _value(e, arguments)
+        number = _value(e, arguments)
     except (ValueError, ArithmeticError):
         return mp.nan
-    return mp.nan if isinstance(value, mp.mpc) or not mp.isfinite(value) else value
+    return mp.nan if isinstance(number, mp.mpc) or not mp.isfinite(number) else number
 
 
 def _value(e: sp.Basic, arguments: list[Any]) -> Any:

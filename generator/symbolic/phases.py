@@ -111,10 +111,10 @@ def since_start(
             argument = linear(x.args[0], periodic=True)
             return x.func(in_elapsed_time(x.args[0]) if argument is None else argument)
         if x == time or x.is_Add or x.is_Mul:
-            result = linear(x, periodic=False)
-            if result is not None:
-                return result
+            linear_sum = linear(x, periodic=False)
+            if linear_sum is not None:
+                return linear_sum
         return x.func(*map(in_elapsed_time, x.args))
 
-    result: sp.Expr = in_elapsed_time(e)
-    return result
+    shifted: sp.Expr = in_elapsed_time(e)
+    return shifted

@@ -181,7 +181,10 @@ def _solutions(
 
 
 def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
-    """Return the limits of all conditions on a variable in ascending order, or raise."""
+    """Return the limits c of all conditions x ≥ c of e on a variable x in ascending order.
+
+    Raises NotPiecewiseError for other conditions, and limits whose order is not known.
+    """
     limits: dict[sp.Expr, None] = {}
     for w in _comparisons([e], {symbol}):
         variable, limit, _ = _split(w, {symbol})
@@ -189,12 +192,12 @@ def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
             raise NotPiecewiseError(f"its conditions compare {_short(w)} with 0, which is not "
                                     "linear in the variable")
         limits.setdefault(sp.expand(limit))
-    before = _order_by_position(e, symbol)
+    known_order = _order_by_position(e, symbol)
     unsorted, ordered = list(limits), []
     while unsorted:
         # the limit that is below all others, if the order of these is known
         lowest = [a for a in unsorted
-                  if all(a == b or _is_below(a, b, before) for b in unsorted)]
+                  if all(a == b or _is_below(a, b, known_order) for b in unsorted)]
         if len(lowest) != 1:
             raise NotPiecewiseError("the order of its limits "
                                     f"{' and '.join(map(_short, unsorted[:2]))} is not known")
@@ -203,12 +206,13 @@ def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
     return ordered
 
 
-def _is_below(a: sp.Expr, b: sp.Expr, before: set[tuple[sp.Expr, sp.Expr]]) -> bool:
-    """Whether a ≤ b by the sign of b − a, or, if it is not known, by the nesting (``before``)."""
+def _is_below(a: sp.Expr, b: sp.Expr, known_order: set[tuple[sp.Expr, sp.Expr]]) -> bool:
+    """Whether a ≤ b by the sign of b − a, or else by the nesting: pairs (a, b) in ``known_order``.
+    """
     difference = b - a
     if difference.is_positive or difference.is_negative:
         return bool(difference.is_positive)
-    return (a, b) in before
+    return (a, b) in known_order
 
 
 def _order_by_position(e: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.Expr]]:

@@ -88,13 +88,16 @@ def _slope(e: sp.Expr, i: int, evaluate: Evaluator) -> Any:
 
 
 def _of_product(sizes: Sequence[Any], errors: Sequence[Any]) -> Any:
-    """Return Σ_i δx_i Π_(j≠i) |x_j|, by products from both ends: x_i may be 0."""
-    products_before = [np.ones(())]
+    """Return Σ_i δx_i Π_(j≠i) |x_j|, the error of a product of factors x with errors δx.
+
+    Products from both ends are multiplied in place of dividing by x_i, which may be 0.
+    """
+    left_products = [np.ones(())]
     for size in sizes[:-1]:
-        products_before.append(products_before[-1] * size)
-    total, product_after = 0.0, np.ones(())
-    for size, error, before in zip(reversed(sizes), reversed(errors), reversed(products_before),
-                                   strict=True):
-        total = total + error * before * product_after
-        product_after = product_after * size
+        left_products.append(left_products[-1] * size)
+    total, right_product = 0.0, np.ones(())
+    for size, error, left_product in zip(reversed(sizes), reversed(errors), reversed(left_products),
+                                         strict=True):
+        total = total + error * left_product * right_product
+        right_product = right_product * size
     return total

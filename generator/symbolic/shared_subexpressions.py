@@ -43,13 +43,13 @@ class Shared(sp.Function):  # type: ignore[misc]
     _instances: ClassVar[WeakValueDictionary[sp.Basic, Shared]] = WeakValueDictionary()
 
     def __new__(cls, argument: sp.Expr, **options: Any) -> Any:
-        """Return the instance of an argument."""
-        shared = cls._instances.get(argument)
-        if shared is None:
-            shared = super().__new__(cls, argument, **options)
-            if isinstance(shared, cls):
-                cls._instances[argument] = shared
-        return shared
+        """Return the one instance of an argument; a number stays a number."""
+        node = cls._instances.get(argument)
+        if node is None:
+            node = super().__new__(cls, argument, **options)
+            if isinstance(node, cls):
+                cls._instances[argument] = node
+        return node
 
     @classmethod
     def eval(cls, argument: sp.Expr) -> sp.Expr | None:

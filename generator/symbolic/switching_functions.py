@@ -333,7 +333,7 @@ def as_switches(e: sp.Expr) -> sp.Expr:
     return replacement[e]
 
 
-def _piecewise(e: sp.Piecewise, pieces: Sequence[tuple[sp.Expr, Chooser]]) -> sp.Expr:
+def _piecewise(e: sp.Piecewise, pieces: Sequence[tuple[sp.Expr, Chooser | sp.Basic]]) -> sp.Expr:
     """Return a Piecewise as nested choices, the last piece innermost.
 
     ``pieces`` has each expression with the function that chooses, (x, otherwise) ↦ choice; a
@@ -342,12 +342,13 @@ def _piecewise(e: sp.Piecewise, pieces: Sequence[tuple[sp.Expr, Chooser]]) -> sp
     if not _is_complete([condition for _, condition in e.args]):
         raise InputError(f"{e} has no value where none of its conditions holds; end it with "
                          "(value, True).")
-    result = pieces[-1][0]
-    for pair, (expression, condition) in reversed(list(zip(e.args, pieces, strict=True))[:-1]):
-        if isinstance(condition, sp.Basic):
-            raise _not_understood(pair.cond)
-        result = condition(expression, result)
-    return result
+    # the last piece has no condition: it is the value where no other condition holds
+    choice = pieces[-1][0]
+    for (_, condition), (expression, choose) in zip(e.args[-2::-1], pieces[-2::-1], strict=True):
+        if isinstance(choose, sp.Basic):
+            raise _not_understood(condition)
+        choice = choose(expression, choice)
+    return choice
 
 
 def _not_understood(condition: sp.Basic) -> InputError:

@@ -52,6 +52,7 @@ class SymmetrySpace:
         numbers: Mapping[sp.Symbol, sp.Rational],
         within: SymmetrySpace | None = None,
     ) -> None:
+        """Take the derivatives of H and of g exactly, at the ``numbers`` of parameters."""
         self.fields, self._n = list(fields), system.n
         expressions = [*system.minus_p_rate, *system.H_p, *system.constraints,
                        *(e for row in system.G for e in row)]

@@ -29,11 +29,11 @@ def as_sequence(name: str, value: object) -> Sequence[object]:
     return tuple(value)
 
 
-def refuse_unless_symbols(system: str, field: str, values: Iterable[object]) -> None:
+def refuse_unless_symbols(system: str, field: str, entries: Iterable[object]) -> None:
     """Refuse entries of coordinates, momenta, parameters, … that are no symbols."""
-    for value in values:
-        if not isinstance(value, sp.Symbol):
-            raise InputError(f"System {system!r} has {shown(value)} in {field}, which is no "
+    for entry in entries:
+        if not isinstance(entry, sp.Symbol):
+            raise InputError(f"System {system!r} has {shown(entry)} in {field}, which is no "
                              "symbol; make it with sympy.Symbol.")
 
 

@@ -81,18 +81,19 @@ def with_row_integrals(system: System) -> System:
     """
     remaining = dict(zip(system.velocity_constraint_names, system.velocity_constraints,
                          strict=True))
-    g, names, values = [], [], []
+    g, names, levels = [], [], []
     for integral in row_integrals(system):
+        # several rows imply φ = φ₀: one of them follows from it and the others
         name = next(row for row in integral.rows if row in remaining)
-        value = sp.Symbol(re.sub(r"\W+", "_", f"{name}_0"), real=True)
+        phi_0 = sp.Symbol(re.sub(r"\W+", "_", f"{name}_0"), real=True)
         del remaining[name]
-        g.append(integral.expression - value)
+        g.append(integral.expression - phi_0)
         names.append(name)
-        values.append(value)
+        levels.append(phi_0)
     if not g:
         return system
     extended: System = replace(
-        system, parameters=(*system.parameters, *values), constraints=(*system.constraints, *g),
+        system, parameters=(*system.parameters, *levels), constraints=(*system.constraints, *g),
         constraint_names=(*system.constraint_names, *names),
         velocity_constraints=tuple(remaining.values()), velocity_constraint_names=tuple(remaining))
     return extended

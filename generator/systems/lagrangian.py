@@ -359,18 +359,18 @@ def _refuse_singular(system: LagrangianSystem) -> None:
 
 
 def _masses(
-    system: LagrangianSystem, points: int, decades: float = 0.0, wide: int = 0
+    system: LagrangianSystem, points: int, decades: float = 0.0, distant_points: int = 0
 ) -> Iterator[NDArray[Any]]:
     """Yield M at random points where it is finite, none if NumPy lacks a function of L.
 
-    Parameters are between 0.5 and 2; at ``wide`` more points they are up to ``decades`` decades
+    Parameters are between 0.5 and 2; at ``distant_points`` more they are up to ``decades`` decades
     away from there, and coordinates may be negative.
     """
     rng = np.random.default_rng(17)
     symbols = sorted(symbols_of(system.L_v) - {*system.velocities}, key=name_of)
     # p = M v + b at v = e_1, …, e_n and 0: M are the differences
     unit_velocities = dict(zip(system.velocities, np.eye(system.n, system.n + 1), strict=True))
-    for point in range(points + wide):
+    for point in range(points + distant_points):
         substitution = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
         if point >= points:
             substitution = {s: x * float(rng.choice([-1, 1]) if s in system.q else

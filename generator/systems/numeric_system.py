@@ -49,11 +49,15 @@ class Pattern:
     def of(cls, expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]) -> Pattern:
         """Return the pattern of the derivatives of expressions (rows) by symbols (columns)."""
         column_of = {x: i for i, x in enumerate(symbols)}
-        inside = [sorted(column_of[s] for s in e.free_symbols if s in column_of)
-                  for e in expressions]
-        return cls(np.repeat(np.arange(len(inside)), list(map(len, inside))),
-                   np.array([i for entries in inside for i in entries], dtype=int),
-                   find_colours(inside, len(symbols)))
+        return cls.of_rows([sorted(column_of[s] for s in e.free_symbols if s in column_of)
+                            for e in expressions], len(symbols))
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[Sequence[int]], columns: int) -> Pattern:
+        """Return the pattern with these columns in each row, of a matrix with ``columns``."""
+        return cls(np.repeat(np.arange(len(rows)), list(map(len, rows))),
+                   np.array([i for row in rows for i in row], dtype=int),
+                   find_colours(rows, columns))
 
     @property
     def masks(self) -> Array:
@@ -88,14 +92,15 @@ def find_colours(rows: Sequence[Sequence[int]], columns: int) -> Array:
 
     One evaluation then serves all columns of a colour (Curtis, Powell and Reid, 1974).
     """
-    inside: list[list[int]] = [[] for _ in range(columns)]
+    rows_of: list[list[int]] = [[] for _ in range(columns)]
     for row, entries in enumerate(rows):
         for column in entries:
-            inside[column].append(row)
+            rows_of[column].append(row)
+    # greedy: the smallest colour that no column in a row with this one has; −1 is no colour yet
     colours = np.full(columns, -1)
-    for column, rows_of_column in enumerate(inside):
-        colours_in_use = {int(colours[column2]) for row in rows_of_column for column2 in rows[row]}
-        colours[column] = next(c for c in range(len(colours_in_use) + 1) if c not in colours_in_use)
+    for column, rows_of_column in enumerate(rows_of):
+        taken_colours = {int(colours[other]) for row in rows_of_column for other in rows[row]}
+        colours[column] = next(c for c in range(len(taken_colours) + 1) if c not in taken_colours)
     return colours
 
 
@@ -123,9 +128,9 @@ class NumericConstraints:
         self.coordinates = [str(x) for x in q]
         self.expressions = constraints
         self.symbols, self.values = q, parameters
-        used: set[sp.Symbol] = set().union(
-            *(g.free_symbols for g in (*constraints, *self._A, *self._a, *self._g_t))) - set(q)
-        self._parameters = values_of(used, parameters)
+        symbols: set[sp.Symbol] = set().union(
+            *(e.free_symbols for e in (*constraints, *self._A, *self._a, *self._g_t)))
+        self._parameters = values_of(symbols - set(q), parameters)
 
     def set_value(self, symbol: sp.Symbol, value: float) -> None:
         """Give a parameter another value."""
@@ -248,14 +253,11 @@ class NumericSystem(NumericConstraints):
     def _coupled(self) -> Pattern:
         """The pattern of H_pp: momenta with a term of H in common."""
         n, terms = self.system.n, self._momenta_of_terms
-        beside: list[set[int]] = [set() for _ in range(n)]
+        columns: list[set[int]] = [set() for _ in range(n)]
         for momenta in np.split(terms.columns, np.flatnonzero(np.diff(terms.rows)) + 1):
             for i in momenta.tolist():
-                beside[i].update(momenta.tolist())
-        inside = [sorted(entries) for entries in beside]
-        return Pattern(np.repeat(np.arange(n), list(map(len, inside))),
-                       np.array([i for entries in inside for i in entries], dtype=int),
-                       find_colours(inside, n))
+                columns[i].update(momenta.tolist())
+        return Pattern.of_rows([sorted(row) for row in columns], n)
 
     def _second(self, q: Array, p: Array) -> csr_array:
         """Return H_pp by central differences of H_p, exact but for rounding where H is quadratic.

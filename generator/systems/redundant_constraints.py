@@ -180,11 +180,12 @@ def refuse_redundant_anywhere(system: System) -> None:
 def refuse_constant(owner: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
     """Refuse constraints in which nothing can move: they hold always or never."""
     for name, g, varies in zip(names, constraints, _vary(constraints), strict=True):
+        # a long sum takes too long to expand: it is accepted, constant or not
         if not g.free_symbols or (len(g.args) < 64 and not varies and sp.expand(g).is_number):
-            value = sp.expand(g)
-            says = "always holds; leave it out" if value == 0 else f"reads {value} = 0"
+            constant = sp.expand(g)
+            fault = "always holds; leave it out" if constant == 0 else f"reads {constant} = 0"
             raise InputError(f"The constraint {name!r} of {owner!r} contains no coordinate and "
-                             f"{says}.")
+                             f"{fault}.")
 
 
 def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
@@ -286,7 +287,11 @@ def _contradict(constraints: NumericConstraints, q: Array, left_out: Sequence[in
 
 
 def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> bool:
-    """Whether fewer constraints depend on others at a point nearby than here."""
+    """Whether fewer constraints depend on others at a point nearby than at q, with ``dependent``.
+
+    At such a q the rank of G drops: a singular configuration, such as a stretched parallelogram.
+    The point is at a tenth of the size of q along a random tangent, projected onto g = 0.
+    """
     rng = np.random.default_rng(21)
     largest = np.abs(q).max() or 1.0  # taken out of the root of squares, which may be beyond 1e308
     mean_size = largest * np.linalg.norm(q / largest) / np.sqrt(len(q))
@@ -305,8 +310,8 @@ def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
     """Return random values for all parameters, positive where they must be."""
     values = {}
     for symbol in (*system.parameters, *filter(None, (system.time,))):
-        value = float(rng.uniform(0.5, 2.0))
-        values[str(symbol)] = value if symbol.is_positive or rng.random() < 0.5 else -value
+        size = float(rng.uniform(0.5, 2.0))
+        values[str(symbol)] = size if symbol.is_positive or rng.random() < 0.5 else -size
     return values
 
 

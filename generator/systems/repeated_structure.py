@@ -201,8 +201,9 @@ class Structure:
         Coordinates and momenta are numbered by their order in the system, constants by their order
         in the expressions.
         """
-        q, p = ([of[s] for s in sorted({s for e in expressions for s in e.free_symbols if s in of},
-                                       key=of.__getitem__)] for of in (self._q, self._p))
+        symbols = {s for e in expressions for s in e.free_symbols}
+        q, p = (sorted(index_of[s] for s in symbols if s in index_of)
+                for index_of in (self._q, self._p))
         names = dict(zip((self.system.q[i] for i in q), local("x", len(q)), strict=True))
         names |= dict(zip((self.system.p[i] for i in p), local("y", len(p)), strict=True))
         expressions = tuple(substitute(expressions, names))

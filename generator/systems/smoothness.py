@@ -78,16 +78,17 @@ def continuity(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Continui
     # terms without this switch are the same on both sides
     terms = [t for t in sp.Add.make_args(e) if not {w, -w}.isdisjoint(switches_of([t]))]
     e = sp.Add(*terms)
-    both = [on_side(e, partial(_weight, w=w, above=above)) for above in (0, 1)]
-    moving = [x for x in symbols if x in w.free_symbols]
-    result = Continuity.SMOOTH
-    for evaluator in _points_on(w, moving, e.free_symbols | w.free_symbols):
-        if not _are_equal(evaluator, *both):
+    # e where w < 0, and e where w > 0
+    sides = [on_side(e, partial(_weight, w=w, above=above)) for above in (0, 1)]
+    variables = [x for x in symbols if x in w.free_symbols]
+    observed = Continuity.SMOOTH
+    for evaluator in _points_on(w, variables, e.free_symbols | w.free_symbols):
+        if not _are_equal(evaluator, *sides):
             return Continuity.JUMP
-        if not all(_are_equal(evaluator, *(derivative(side, x) for side in both))
+        if not all(_are_equal(evaluator, *(derivative(side, x) for side in sides))
                    for x in symbols):
-            result = Continuity.KINK
-    return result
+            observed = Continuity.KINK
+    return observed
 
 
 def _weight(expression: sp.Expr, w: sp.Expr, above: int) -> sp.Expr | None:

@@ -327,24 +327,28 @@ def _inputs(inputs: Sequence[Any]) -> dict[sp.Expr, sp.Symbol]:
 
 
 def _names(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
-    """Return a symbol for each coordinate and each velocity."""
+    """Return a symbol for each coordinate, with its name, and for each velocity.
+
+    ``rates`` are the derivatives of the coordinates, in their order. A velocity has the name of the
+    speed u that equals it, u = q̇, else NAME_t; ``_`` is appended to a name that is in use.
+    """
     for x in mechanics.q:
         if not isinstance(x, AppliedUndef):
             raise InputError(f"Coordinate {shown(x)} is no function of time; make it with "
                              "sympy.physics.mechanics.dynamicsymbols.")
-    called = {rate: u.func.__name__ for u, rate in mechanics.motion.speeds.items()}
+    name_of_speed = {rate: u.func.__name__ for u, rate in mechanics.motion.speeds.items()}
     names = {x: sp.Symbol(x.func.__name__, real=True) for x in mechanics.q}
-    loads = [e for _, load in ((load[0], load[1]) for load in mechanics.loads)
-             for components, _ in load.args for e in components]
+    load_components = [e for load in mechanics.loads for components, _ in load[1].args
+                       for e in components]
     symbols = symbols_of([mechanics.L, *mechanics.constraints,
-                          *loads]) | {*mechanics.inputs.values()}
-    twice = {str(s) for s in symbols} & {str(s) for s in names.values()}
-    if twice:
-        raise InputError(f"{min(twice)!r} is a coordinate and a constant or an input; give one of "
-                         "them another name.")
+                          *load_components]) | {*mechanics.inputs.values()}
+    clashes = {str(s) for s in symbols} & {str(s) for s in names.values()}
+    if clashes:
+        raise InputError(f"{min(clashes)!r} is a coordinate and a constant or an input; give one "
+                         "of them another name.")
     reserved = {str(s) for s in (*names.values(), *symbols)}
     for x, rate in zip(mechanics.q, rates, strict=True):
-        name = called.get(rate, f"{x.func.__name__}_t")
+        name = name_of_speed.get(rate, f"{x.func.__name__}_t")
         while name in reserved:
             name += "_"
         reserved.add(name)

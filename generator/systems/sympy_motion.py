@@ -143,15 +143,15 @@ class FrameMotion:
         path = self._path(axes)
         if not {*numbers_in} <= {*path}:
             return list(vector.to_matrix(axes))
-        components, before = [sp.Integer(0)] * 3, None
-        for turned in path:
+        components, previous = [sp.Integer(0)] * 3, None
+        for frame in path:
             if any(components):
-                R = turned.dcm(before).tolist()
+                R = frame.dcm(previous).tolist()
                 components = [sp.Add(*(a * x for a, x in zip(row, components, strict=True)))
                               for row in R]
-            added = numbers_in.get(turned, [sp.Integer(0)] * 3)
-            components = [share(a + b) for a, b in zip(components, added, strict=True)]
-            before = turned
+            in_frame = numbers_in.get(frame, [sp.Integer(0)] * 3)
+            components = [share(a + b) for a, b in zip(components, in_frame, strict=True)]
+            previous = frame
         return components
 
     def _path(self, axes: Any) -> list[Any]:

@@ -80,7 +80,7 @@ def _name_of_class(value: Any) -> str:
 def _hash(*parts: str | bytes) -> bytes:
     """Return a hash of texts with their lengths, so that "ab", "c" and "a", "bc" differ."""
     blake = hashlib.blake2b(digest_size=16)
-    for word in parts:
-        data = word.encode() if isinstance(word, str) else word
-        blake.update(len(data).to_bytes(8, "little") + data)
+    for part in parts:
+        encoded = part.encode() if isinstance(part, str) else part
+        blake.update(len(encoded).to_bytes(8, "little") + encoded)
     return blake.digest()
