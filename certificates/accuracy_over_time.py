@@ -95,7 +95,10 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
 
 
 def draw(model: str, accuracy: Accuracy, target: Path) -> None:
-    """Draw the error over the step, with a line of the derived order, and over the CPU time."""
+    """Draw the error over the step, with a line of the derived order, and over the CPU time.
+
+    ``model`` is the name in the title, ``target`` the file; errors of 0 are left out.
+    """
     figure = figure_class()(figsize=(9, 3.8), layout="constrained")
     order_axes, work_axes = figure.subplots(1, 2, sharey=True)
     dt, error, seconds = map(np.array, (accuracy.dt, accuracy.error, accuracy.seconds))
@@ -104,6 +107,7 @@ def draw(model: str, accuracy: Accuracy, target: Path) -> None:
     if positive.any():
         first = int(np.argmax(positive))
         guide = error[first] * (dt / dt[first]) ** accuracy.order
+        # a line that goes on far below the errors would stretch the axis
         in_range = guide >= error[positive].min() / 10
         order_axes.loglog(dt[in_range], guide[in_range], "--", color="#7f8c8d",
                           label=f"Δt^{accuracy.order}")

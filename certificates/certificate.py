@@ -82,9 +82,9 @@ class Certificate:
         """Return HTML for notebooks: a row for each property, its measurement and the result."""
         table_rows = [(line.quantity, line.found, line.expected, line.verdict)
                       for line in self.lines]
-        result = "every guarantee holds" if self.holds else "a guarantee is missed"
+        outcome = "every guarantee holds" if self.holds else "a guarantee is missed"
         return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
-                    f"{self.step_text}: {result}",
+                    f"{self.step_text}: {outcome}",
                     table(table_rows, ("kept", "found", "should be", "verdict")))
 
     @property

@@ -6,7 +6,7 @@ force gradient exact algebra. The order is measured beside, on two pendulums.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from fractions import Fraction
 from functools import cache
@@ -50,21 +50,24 @@ def check_composition(composition: Composition) -> list[Condition]:
 def _exact(composition: Composition) -> Iterator[Condition]:
     """Yield the conditions that are checked in rational arithmetic: sums, symmetry, flattening."""
     drifts, kicks, gradients = composition.drifts, composition.kicks, composition.gradients
+    stored = (drifts, kicks, gradients)
     largest_error = max(abs(sum(coefficients, Fraction(-1))) for coefficients in (drifts, kicks))
     yield _line("consistency", "sum a_i = sum b_i = 1", largest_error, f"{len(kicks)} stages")
-    largest_error = max(abs(x - y) for coefficients in (drifts, kicks, gradients)
-                        for x, y in zip(coefficients, reversed(coefficients), strict=True))
-    yield _line("symmetry", "a, b and c are palindromes", largest_error,
+    yield _line("symmetry", "a, b and c are palindromes",
+                _largest_difference(stored, [coefficients[::-1] for coefficients in stored]),
                 "forward" if composition.forward else "with negative times")
     if composition.base:
         flattened = flatten(COMPOSITIONS[composition.base], composition.weights)
-        largest_error = max(abs(x - y)
-                            for coefficients, printed in zip(flattened, (drifts, kicks, gradients),
-                                                             strict=True)
-                            for x, y in zip(coefficients, printed, strict=True))
         yield _line("composition", f"product of {composition.base}(w_i h), drifts joined",
-                    largest_error,
-                    f"{len(composition.weights)} weights")
+                    _largest_difference(flattened, stored), f"{len(composition.weights)} weights")
+
+
+def _largest_difference(
+    left: Sequence[Sequence[Fraction]], right: Sequence[Sequence[Fraction]]
+) -> Fraction:
+    """Return the largest |x − y| of entries of lists of coefficients."""
+    return max(abs(x - y) for xs, ys in zip(left, right, strict=True)
+               for x, y in zip(xs, ys, strict=True))
 
 
 def _line(name: str, equation: str, error: Fraction, result: str) -> Condition:
@@ -73,7 +76,10 @@ def _line(name: str, equation: str, error: Fraction, result: str) -> Condition:
 
 
 def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]:
-    """Yield each order condition at the stored numbers, and the proof of a solution near them."""
+    """Yield each order condition at the stored numbers, and the proof of a solution near them.
+
+    ``name`` begins the names of the lines.
+    """
     conditions = OrderConditions(composition)
     for word, residual in zip(conditions.words, conditions.residuals(), strict=True):
         with intervals() as interval:

@@ -83,8 +83,9 @@ class OrderConditions:
         composition = self.composition
         palindromes = [composition.weights] if composition.base else [
             composition.drifts, composition.kicks, composition.gradients]
-        return [value for (size, summed), palindrome in zip(self._parts, palindromes, strict=False)
-                for value in palindrome[: (size + 1) // 2 - summed]]
+        # the first half of each list; the one in the middle of a list with a given sum follows
+        return [x for (size, summed), palindrome in zip(self._parts, palindromes, strict=False)
+                for x in palindrome[: (size + 1) // 2 - summed]]
 
     @cached_property
     def solved(self) -> list[int]:
@@ -172,7 +173,8 @@ class OrderConditions:
     def refine(self, x: Sequence[Any]) -> list[Any]:
         """Return the solution near x by Newton's method in 90 digits; free unknowns are fixed."""
         with mp.workdps(DIGITS):
-            solution = [as_mpf(value) for value in x]
+            solution = [as_mpf(number) for number in x]
+            # from the 16 digits of a search 90 take three steps
             for _ in range(12):
                 residual, slopes = self.evaluate(solution, as_mpf)
                 if not residual or max(map(abs, residual)) < mp.mpf(10) ** (15 - DIGITS):
@@ -196,7 +198,7 @@ class OrderConditions:
         if len(solved) != len(self.words):
             return None
         with intervals() as interval:
-            centre = [interval(value) for value in x]
+            centre = [interval(number) for number in x]
             box = list(centre)
             for i in solved:
                 box[i] = centre[i] + interval(RADIUS) * mp.iv.mpf([-1, 1])

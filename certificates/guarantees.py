@@ -407,9 +407,10 @@ class MeanGuarantees:
 
     @cached_property
     def _how_energy(self) -> str:
-        """Proof of ΔH = D·Δ and Δg = Ḡ·Δq; empty if they do not hold."""
+        """Return how ΔH = D·Δ and Δg = Ḡ·Δq are proved; "" if they do not hold."""
         scheme, system = self.scheme, self.system
         (q, p), (dq, dp) = scheme.means, scheme.differences
+        # rows of D and Ḡ, in Δq, Δp and, of time-dependent systems, Δt
         slopes = [[*scheme.mean_gradient[0], *scheme.mean_gradient[1]],
                   *([*row, *[sp.Integer(0)] * system.n] for row in scheme.mean_constraint)]
         if system.is_time_dependent:
@@ -423,6 +424,8 @@ class MeanGuarantees:
                         in zip(variables, means, differences, strict=True)})
             for sign in (1, -1))
         works = [[a * d for a, d in zip(slope, differences, strict=True)] for slope in slopes]
+        # identities of the expressions first; then, of discrete gradients, comparison at random
+        # points where algebra does not decide
         how = self._vanish([[b, -a, *(-w for w in work)]
                             for a, b, work in zip(start, end, works, strict=True)])
         if how or not self.scheme.discrete:

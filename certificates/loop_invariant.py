@@ -106,12 +106,12 @@ def loop_integral(
     wave_numbers[-1] = 0  # the highest mode of an even number of points has no derivative
     slopes = [np.fft.irfft(1j * wave_numbers * mode, M, axis=0) for mode in modes]
     # ∮ dq = 0, so p less its mean gives the same number with less round-off.
-    value = ((p - p.mean(axis=0)) * slopes[0]).sum() * 2 * np.pi / M
+    integral = ((p - p.mean(axis=0)) * slopes[0]).sum() * 2 * np.pi / M
     least_r, least_s = rounded or (np.zeros(1), np.zeros(1))
     r, s = np.maximum(np.abs(q), least_r), np.maximum(np.abs(p), least_s)
     scale = (np.abs(slopes[0]) * s + np.abs(slopes[1]) * r).sum() * 2 * np.pi / M
     tail = max(_tail(mode, x, epsilon) for mode, x in zip(modes, (q, p), strict=True))
-    return LoopIntegral(float(value), float(scale), tail)
+    return LoopIntegral(float(integral), float(scale), tail)
 
 
 def _tail(modes: Array, x: Array, epsilon: float) -> float:
@@ -180,6 +180,9 @@ def _integrated_loop(
     parameters: Mapping[str, float],
 ) -> LoopDrift | None:
     """Return the drift of ∮p·dq of a loop of one radius and number of points; None if a run fails.
+
+    The states of the loop (``closed_loop``) are an ensemble, integrated together; the drift is the
+    largest change of the integral at eight times. ``rounded`` are bounds as of ``loop_integral``.
     """
     try:
         q, p = closed_loop(stepper, q0, p0, sizes, radius, points, parameters)
@@ -189,6 +192,7 @@ def _integrated_loop(
         return None
     if ensemble.failures:
         return None
+    # in scaled time the integral is that of the extended system, with t and e among q and p
     states = [full_states(member) for member in ensemble.members] if stepper.binding.clocked else (
         zip(ensemble.q, ensemble.p, strict=True))
     q, p = (np.array(rows, dtype=float) for rows in zip(*states, strict=True))

@@ -168,14 +168,14 @@ def multiply_flows(
     zero, splits = as_number(Fraction(0)), {}
     products: list[Series] = [{"": as_number(Fraction(1))}]
     for flow in series:
-        before = products[-1]
-        flow_words = frozenset(flow)
+        left, flow_words = products[-1], frozenset(flow)
+        # flows of one kind have the same words: their factorisations are found once
         if flow_words not in splits:
             splits[flow_words] = [(word, [(word[:i], word[i:]) for i in range(len(word) + 1)
                                           if word[i:] in flow_words]) for word in words]
-        products.append({word: sum((before[u] * flow[v] for u, v in parts if u in before),
+        products.append({word: sum((left[u] * flow[v] for u, v in factors if u in left),
                                    start=zero)
-                         for word, parts in splits[flow_words]})
+                         for word, factors in splits[flow_words]})
     return products
 
 

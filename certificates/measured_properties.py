@@ -171,11 +171,12 @@ class Examination:
         with np.errstate(all="ignore"):
             differences = np.abs(compiled_values - expected) / (self.round_off.epsilon * sizes)
         differences[compiled_values == expected] = 0.0
-        value = float(differences.max())
-        compared_functions = "compiled H, H_p, H_q − F, g" if solves else "compiled H, g"
-        return compared(f"{compared_functions}{', A H_p + a' * bool(slip)}",
-                        f"{value:.2g} times the estimated round-off", "≤ 16",
-                        guaranteed("compiled from this model's H, g and F"), value, 16.0)
+        largest = float(differences.max())
+        functions = "compiled H, H_p, H_q − F, g" if solves else "compiled H, g"
+        # shared subexpressions and fused operations round otherwise than the estimate, by units
+        return compared(f"{functions}{', A H_p + a' * bool(slip)}",
+                        f"{largest:.2g} times the estimated round-off", "≤ 16",
+                        guaranteed("compiled from this model's H, g and F"), largest, 16.0)
 
     def _compiled_values(self, q: Array, p: Array, t: Any, slip_count: int) -> list[float]:
         """Return compiled H, H_p, H_q − F, g and A H_p + a at a state; of flows H and g alone."""
@@ -227,6 +228,7 @@ class Examination:
         """
         system, n = self.model.system, self.model.system.n
         q, p = (np.abs(x.astype(float)).max(axis=0) for x in (self.run.q, self.run.p))
+        # a coordinate that stays near 0 gets a tenth of the largest one
         widths = np.maximum(q, 0.1 * (q.max() or 1.0))
         kinetic, work, inertia = float(np.ptp(self.run.energy())), 0.0, np.zeros(n)
         rates = [*system.H_p, *system.H_q,
@@ -238,9 +240,9 @@ class Examination:
             kinetic = max(kinetic, float(np.abs((momenta * rate_values[:n]).sum(axis=0)).max()))
             work = max(work, float(np.abs(positions * rate_values[n : 2 * n]).sum(axis=0).max()))
             inertia = np.maximum(inertia, np.abs(rate_values[2 * n :]).max(axis=1))
-        with np.errstate(all="ignore"):
-            reach = np.sqrt((kinetic or work) / inertia)
-        return widths, np.where(np.isfinite(reach) & (reach > 0), reach, p.max() or 1.0)
+        with np.errstate(all="ignore"):  # a momentum without H_pp gets the largest one of the run
+            thermal = np.sqrt((kinetic or work) / inertia)
+        return widths, np.where(np.isfinite(thermal) & (thermal > 0), thermal, p.max() or 1.0)
 
     def _reversal(self) -> CertificateLine:
         """Return the line of reversibility: N steps of Δt, then N of −Δt, compared with the start.
@@ -257,19 +259,19 @@ class Examination:
         # rounding adds up like a random walk, √(2N) units over both ways; 8 of its deviations
         random_walk = max(64, 8 * (2 * self.steps) ** 0.5)
         bound = reversed_run.growth * kicks * self.round_off.epsilon * random_walk
-        value = max(reversed_run.q_error / sizes[0], reversed_run.p_error / sizes[1])
+        error = max(reversed_run.q_error / sizes[0], reversed_run.p_error / sizes[1])
         measured = f"q {reversed_run.q_error:.1e}, p {reversed_run.p_error:.1e}"
         if not self.guarantees.symmetric:
             why = "the reversed step has another θ" if self._scheme.exact_energy else \
                 "the tableau is not symmetric"
-            return reported(quantity, measured, "not guaranteed", why, value)
+            return reported(quantity, measured, "not guaranteed", why, error)
         jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)
         if jumps:
             return reported(quantity, measured, "by the same steps back",
-                            f"forces jump at {jumps}: a step may have several ends, or none", value)
+                            f"forces jump at {jumps}: a step may have several ends, or none", error)
         expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
         guarantee = guaranteed(f"symmetric; neighbours part {reversed_run.growth:.3g} times")
-        return compared(quantity, measured, expected, guarantee, value, bound)
+        return compared(quantity, measured, expected, guarantee, error, bound)
 
     @property
     def _kick(self) -> float:
@@ -337,22 +339,22 @@ class Examination:
             momentum = J.values(q, p)
             errors = errors - rate * (momentum - momentum[0])
             bound += rounded.walk * abs(rate) * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
-        value = float(np.abs(errors).max())
-        yield compared("energy in the frame, H − Σ ω_i J_i", f"largest error {value:.1e}",
-                       f"≤ {bound:.1e}", guarantee, value, bound)
+        error = float(np.abs(errors).max())
+        yield compared("energy in the frame, H − Σ ω_i J_i", f"largest error {error:.1e}",
+                       f"≤ {bound:.1e}", guarantee, error, bound)
 
     def _motion_energy(self) -> Iterator[CertificateLine]:
         """Yield the line of the energy of the motion, where the scheme does not keep f = 0: H then
         contains kinetic energy off the constraints."""
         if not self.step.m or self.guarantees.momentum_constraint().guaranteed:
             return
-        value = float(np.abs(self.run.energy_error(of_motion=True).astype(float)).max())
+        error = float(np.abs(self.run.energy_error(of_motion=True).astype(float)).max())
         # of ½ fᵀW⁻¹f with f = O(Δt^order), where H itself is kept
         order = self.step.order * (1 + self.guarantees.energy().guaranteed)
         yield reported("energy of the motion, H at p on g_q H_p = 0",
-                       f"largest error {value:.1e}", f"O(Δt^{order})",
+                       f"largest error {error:.1e}", f"O(Δt^{order})",
                        "H also contains ½ fᵀW⁻¹f of the momenta with f = g_q H_p ≠ 0, which "
-                       "the motion does not have: (qᵀp)²/8γ of a body", value)
+                       "the motion does not have: (qᵀp)²/8γ of a body", error)
 
     def _energy(self, guarantee: Guarantee) -> CertificateLine:
         """Return the line of the energy: its largest error, and the linear trend of the error."""
@@ -362,21 +364,21 @@ class Examination:
                     "energy H less work" if works else "energy H")
         error = self.run.energy_error().astype(float)
         linear, swing = trend(self.run.t, error)
-        value = float(np.abs(error).max())
-        measured = f"largest error {value:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
+        largest = float(np.abs(error).max())
+        measured = f"largest error {largest:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
         if not guarantee.guaranteed:
             crossed = self.switching.named
             why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
             return reported(quantity, measured, f"O(Δt^{self.step.order})"
-                        f"{' between crossings' if crossed else ''}", guarantee.why + why, value)
+                        f"{' between crossings' if crossed else ''}", guarantee.why + why, largest)
         waits = self.run.report.energy_waits
         if waits:
             return reported(quantity, f"{measured}; {waits} steps without a small θ",
                             f"O(Δt^{self.step.order}) in those steps, else round-off",
                             f"{guarantee.why}; where H(q₁, p₁) hardly depends on θ, a later step "
-                            "compensates the error", value)
+                            "compensates the error", largest)
         bound = self.round_off.walk * self.round_off.energy
-        return compared(quantity, measured, f"≤ {bound:.1e}", guarantee, value, bound)
+        return compared(quantity, measured, f"≤ {bound:.1e}", guarantee, largest, bound)
 
     def _damping(self) -> Iterator[CertificateLine]:
         """Yield the damping of dampers fast relative to Δt, and of oscillations."""
@@ -427,13 +429,13 @@ class Examination:
         for J in maps:
             momentum = J.values(q, p)
             guarantee = self._in_frame(J, self.guarantees.momentum(J))
-            value = float(np.abs(momentum - momentum[0]).max())
+            drift = float(np.abs(momentum - momentum[0]).max())
             bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
-            text = f"{float(momentum[0]):.6g}, drift {value:.1e}"
+            measured = f"{float(momentum[0]):.6g}, drift {drift:.1e}"
             if guarantee.guaranteed:
-                yield compared(J.name, text, f"drift ≤ {bound:.1e}", guarantee, value, bound)
+                yield compared(J.name, measured, f"drift ≤ {bound:.1e}", guarantee, drift, bound)
             else:
-                yield reported(J.name, text, "not guaranteed", guarantee.why, value)
+                yield reported(J.name, measured, "not guaranteed", guarantee.why, drift)
 
     def _in_frame(self, J: MomentumMap, guarantee: Guarantee) -> Guarantee:
         """Return the guarantee for J in the frame, where J rotates unless it commutes."""

@@ -67,7 +67,10 @@ def _increments(
     means: Sequence[sp.Symbol],
     differences: Sequence[sp.Symbol],
 ) -> IdentityCheck:
-    """Compare e(end) − e(start) with slope·difference."""
+    """Compare e(end) − e(start) with slope·difference for each expression e and its ``slopes``.
+
+    End and start are the means ± half the differences of the variables.
+    """
     start, end = (
         substitute(expressions, {x: m + sign * d / 2 for x, m, d
                                  in zip(variables, means, differences, strict=True)})

@@ -226,13 +226,16 @@ class _Spark:
         raise ArithmeticError("The measurement of the order did not converge.")
 
     def _jacobian(self, x: list[Any], y: list[Any], h: Any, r: list[Any]) -> Any:
-        """Return dr/dx in double precision, from differences far below it."""
-        tiny = mp.mpf(10) ** (-mp.mp.dps // 2)
+        """Return dr/dx of a step h from y in doubles; ``r`` is the residual at x.
+
+        The difference is half the working digits: its quotient has the other half.
+        """
+        delta = mp.mpf(10) ** (-mp.mp.dps // 2)
         columns = []
         for i in range(len(x)):
-            neighbour = [*x[:i], x[i] + tiny, *x[i + 1 :]]
-            shifted = self._residual(neighbour, y, h)
-            columns.append([float((a - b) / tiny) for a, b in zip(shifted, r, strict=True)])
+            neighbour = [*x[:i], x[i] + delta, *x[i + 1 :]]
+            residual = self._residual(neighbour, y, h)
+            columns.append([float((a - b) / delta) for a, b in zip(residual, r, strict=True)])
         return np.array(columns).T
 
 

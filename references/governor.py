@@ -41,10 +41,11 @@ def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
     v = turn, swing, slide = sp.symbols("psi_t beta_t s_t", real=True)
     K, C, rest_length, g, m, M, ball, w, a = parameters = sp.symbols([*_VALUES], positive=True)
     sin, cos = sp.sin(beta), sp.cos(beta)
+    # of a rod and its ball, of length 1: about the hinge, and about the shaft, by β
     about_hinge = m * (1 + w**2 / 4) / 3 + ball
-    rod = (m * (a**2 + a * cos + cos**2 / 3 + w**2 * (2 * sin**2 + cos**2) / 12)
-           + ball * (a + cos) ** 2)
-    inertia = m * w**2 / 6 + M * (2 * a) ** 2 / 6 + 2 * rod
+    about_shaft = (m * (a**2 + a * cos + cos**2 / 3 + w**2 * (2 * sin**2 + cos**2) / 12)
+                   + ball * (a + cos) ** 2)
+    inertia = m * w**2 / 6 + M * (2 * a) ** 2 / 6 + 2 * about_shaft
     kinetic = inertia * turn**2 / 2 + about_hinge * swing**2 + M * slide**2 / 2
     length = sp.sqrt(cos**2 / 4 + (1 - sin / 2 - s) ** 2)
     potential = g * (M * s - (m + 2 * ball) * sin) + K * (length - rest_length) ** 2
@@ -55,8 +56,9 @@ def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
     values: dict[str, Any] = {name: Fraction(text) for name, text in (
         _VALUES | {"C": damping}).items()}
     start = {beta: sp.pi / 6, s: sp.Rational(1, 2)}
-    put_in = {x: sp.Rational(values[str(x)]) for x in parameters} | start
-    spin = Fraction(str((2 * sp.pi * inertia.subs(put_in)).evalf(_DIGITS)))
+    substitution = {x: sp.Rational(values[str(x)]) for x in parameters} | start
+    # one turn a second
+    spin = Fraction(str((2 * sp.pi * inertia.subs(substitution)).evalf(_DIGITS)))
     momenta = [spin, 0, values["M"] * Fraction(struck)]
     q0 = [0, Fraction(str((sp.pi / 6).evalf(_DIGITS))), Fraction(1, 2)]
     return Model(replace(system, quantities={"Lz": system.p[0]}), values,

@@ -43,6 +43,7 @@ def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], 
                 legend_lines.setdefault(family, line)
         axes.axhline(LIMIT, color="0.6", lw=0.6)
         axes.set(xscale="log", yscale="log", ylim=(_ROUNDED / 2, 1))
+        # whole decades: without them a panel of little range has no label
         costs = np.log10([run.cpu_seconds * 1e3 for run in runs])
         axes.set_xlim(10.0 ** np.floor(costs.min()), 10.0 ** (np.floor(costs.max()) + 1))
         axes.tick_params(labelsize=6)

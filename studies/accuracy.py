@@ -123,6 +123,10 @@ def _cells(
     engine: Engine, table: int, setting: Setting,
     printed: dict[tuple[Quantity, str, str], tuple[str, ...]],
 ) -> list[Cell]:
+    """Return the cells of a table: our means beside the printed ones, in the columns of methods.
+
+    ``printed`` has a row of numbers for each quantity, representation and rule of the parameter.
+    """
     cells = []
     for (quantity, rep, rule), numbers in printed.items():
         for method, number in zip(COLUMNS, numbers, strict=True):
@@ -145,16 +149,17 @@ def _sensitivity(
 
     Beside a zero of the error in γ the mean is that sensitive: δ = ΔE/(dE/d ln γ).
     """
-    step, value = 1e-6, engine.parameter(case)
-    nearby = engine.mean(replace(case, parameter=value * (1 + step)), quantity)
+    step, gamma = 1e-6, engine.parameter(case)
+    nearby = engine.mean(replace(case, parameter=gamma * (1 + step)), quantity)
     slope = (nearby - ours) / step
+    # a slope of round-off tells nothing
     if abs(nearby - ours) < 10 * engine.floor(case, quantity):
         return ""
     change = (float(printed) - ours) / slope
     if abs(change) > 5e-6:
         return ""
-    there = engine.mean(replace(case, parameter=value * (1 + change)), quantity)
-    if not same_digits(there, printed):
+    changed_mean = engine.mean(replace(case, parameter=gamma * (1 + change)), quantity)
+    if not same_digits(changed_mean, printed):
         return ""
     return (f"the error is close to its zero in γ: γ changed by {change:.1e} of itself, a rounded "
             "sixth digit, gives the printed number")
@@ -192,15 +197,15 @@ def _gamma_is_better(engine: Engine) -> Claim:
 
 def _lobatto_types_agree(engine: Engine) -> Claim:
     """Compare 3-LIIIA-B-α with -γ, whose motions are one (erratum 23)."""
-    apart = max(
+    distance = max(
         abs(engine.mean(TOP.case("3-LIIIA-B", "alpha", rule), quantity)
             - engine.mean(TOP.case("3-LIIIA-B", "gamma", rule), quantity))
         / engine.floor(TOP.case("3-LIIIA-B", "gamma", rule), quantity)
         for quantity, rule in TABLE_5
     )
     return Claim("3-LIIIA-B-α and 3-LIIIA-B-γ are the same method for α = γ (erratum 23): the "
-                 "means of Tables 4 and 5 agree", "equal to round-off" if apart <= 1 else
-                 f"{apart:.1f} round-off floors apart", "equal to round-off", apart <= 1)
+                 "means of Tables 4 and 5 agree", "equal to round-off" if distance <= 1 else
+                 f"{distance:.1f} round-off floors apart", "equal to round-off", distance <= 1)
 
 
 def _corrected_mean_is_better(engine: Engine) -> Claim:
@@ -283,13 +288,16 @@ _EARLY = 33
 
 
 def _gain(engine: Engine, gamma: Case, alpha: Case, quantity: Quantity) -> Claim:
-    """Compare IMS-α with IMS-γ over the first steps and over the whole figure."""
-    first, full_ratio = (
+    """Compare IMS-α with IMS-γ over the first steps and over the whole figure.
+
+    The ratio is that of the mean errors of a coordinate of the mass centre.
+    """
+    early_ratio, full_ratio = (
         float(abs(engine.errors(alpha, quantity)[:states]).mean()
               / abs(engine.errors(gamma, quantity)[:states]).mean())
         for states in (_EARLY, gamma.steps + 1)
     )
     return Claim("IMS-γ with γ_m follows the true motion more closely than IMS-α: ratio of "
                  f"{NORMS[quantity]} of α-type and γ-type",
-                 f"{first:.2f} over the first {_EARLY - 1} steps, {full_ratio:.2f} over all",
-                 "above 1 over the first steps", first > 1)
+                 f"{early_ratio:.2f} over the first {_EARLY - 1} steps, {full_ratio:.2f} over all",
+                 "above 1 over the first steps", early_ratio > 1)

@@ -86,7 +86,13 @@ class _Taylor:
 
 
 def motion(top: BodyFrameTop, order: int) -> tuple[list[Vector], list[Vector]]:
-    """Return the Taylor coefficients x₀..x_order and y₀..y_order, four components each."""
+    """Return the Taylor coefficients x₀..x_order and y₀..y_order, four components each.
+
+        l̇ = l × Ω + mgl (G₂, −G₁, 0),   Ġ = G × Ω,   ẋ = ½ x ∘ Ω,   y = 2 x ∘ l
+
+    with Ω = J⁻¹ l and the vertical G in body axes: coefficient n + 1 of each is coefficient n of
+    its rate over n + 1.
+    """
     zero = 0 * top.l[0]
     l, G = [[c + zero] for c in top.l], [[c + zero] for c in top.vertical]  # noqa: E741
     x = [[1 + zero], [zero], [zero], [zero]]
@@ -98,13 +104,13 @@ def motion(top: BodyFrameTop, order: int) -> tuple[list[Vector], list[Vector]]:
         l_rate[1] -= top.mgl * G[0][n]
         x_rate = multiply(_at(n, x), [_Taylor([zero] * (n + 1), n), *spin])
         for vector, rate, factor in ((l, l_rate, 1), (G, G_rate, 1), (x, x_rate, 2)):
-            for terms, value in zip(vector, rate, strict=True):
-                terms.append(over(value, factor * (n + 1)))
-    nothing = [zero] * (order + 1)
-    y = [multiply(_at(n, x), _at(n, [nothing, *l])) for n in range(order + 1)]
+            for terms, coefficient in zip(vector, rate, strict=True):
+                terms.append(over(coefficient, factor * (n + 1)))
+    zero_series = [zero] * (order + 1)
+    y = [multiply(_at(n, x), _at(n, [zero_series, *l])) for n in range(order + 1)]
     return (
         [[terms[n] for terms in x] for n in range(order + 1)],
-        [[2 * value for value in row] for row in y],
+        [[2 * coefficient for coefficient in row] for row in y],
     )
 
 

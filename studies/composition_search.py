@@ -23,6 +23,7 @@ from decimal import Context, Decimal
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
+from operator import itemgetter
 from typing import NamedTuple
 
 import mpmath as mp
@@ -90,7 +91,11 @@ class FloatConditions:
         return parts, list(kinds.values()), np.array([float(c) for c, _ in numbers]), slopes
 
     def evaluate(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the coefficients at the words less those of the exact flow, and their slopes."""
+        """Return the coefficients at the words less those of the exact flow, and their slopes.
+
+        A flow is a matrix that multiplies rows of coefficients, and the composition the product
+        F₁ F₂ …: its slope by a number of flow i is F₁ … F_(i−1) (dF_i) F_(i+1) ….
+        """
         parts, kinds, constants, affine = self._tables
         size, values = len(parts), constants + affine @ x
         count = sum(len(kind.places) for kind in kinds)
@@ -98,24 +103,27 @@ class FloatConditions:
         for kind in kinds:
             scale = np.prod(values[kind.numbers][:, None, :] ** kind.monomials, axis=2)
             flows[kind.places] = np.tensordot(scale, kind.matrices, 1)
-        products, right = np.zeros((count + 1, size)), np.empty((count + 1, size, len(self.words)))
-        products[0, 0] = 1
+        # products of the flows before each one, on the empty word, and of those after, at the words
+        left, right = np.zeros((count + 1, size)), np.empty((count + 1, size, len(self.words)))
+        left[0, 0] = 1
         right[-1] = np.eye(size)[:, [parts.index(word) for word in self.words]]
         for i in range(count):
-            products[i + 1] = products[i] @ flows[i]
+            left[i + 1] = left[i] @ flows[i]
             right[-2 - i] = flows[-1 - i] @ right[-1 - i]
         by_number = np.empty((len(values), len(self.words)))
         for kind in kinds:
-            lefts = np.tensordot(products[kind.places], kind.matrices, (1, 1))
-            after = right[np.array(kind.places) + 1]
-            for by, indices in enumerate(zip(*kind.numbers, strict=True)):
-                lower = kind.monomials.copy()
-                lower[:, by] = np.maximum(lower[:, by] - 1, 0)
-                scale = kind.monomials[:, by] * np.prod(
-                    values[kind.numbers][:, None, :] ** lower, axis=2)
-                by_number[list(indices)] = (scale[:, None] @ lefts @ after)[:, 0]
+            left_times_matrices = np.tensordot(left[kind.places], kind.matrices, (1, 1))
+            right_of_flows = right[np.array(kind.places) + 1]
+            for variable, indices in enumerate(zip(*kind.numbers, strict=True)):
+                # dxⁿ/dx = n xⁿ⁻¹ of each monomial
+                exponents = kind.monomials.copy()
+                exponents[:, variable] = np.maximum(exponents[:, variable] - 1, 0)
+                scale = kind.monomials[:, variable] * np.prod(
+                    values[kind.numbers][:, None, :] ** exponents, axis=2)
+                by_number[list(indices)] = (
+                    scale[:, None] @ left_times_matrices @ right_of_flows)[:, 0]
         exact = np.array([float(target(word)) for word in self.words])
-        return products[-1] @ right[-1] - exact, by_number.T @ affine
+        return left[-1] @ right[-1] - exact, by_number.T @ affine
 
     def objective(self, x: Floats) -> float:
         """Return the objective of the search at x: see the module's text."""
@@ -137,8 +145,9 @@ def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Float
     matrices = np.zeros((len(monomials), len(parts), len(parts)))
     for word in parts:
         for i in range(len(word) + 1):
-            for e, value in flow.get(word[i:], {}).items():
-                matrices[monomials.index(e), word_index[word[:i]], word_index[word]] += float(value)
+            for e, coefficient in flow.get(word[i:], {}).items():
+                matrices[monomials.index(e), word_index[word[:i]], word_index[word]] += float(
+                    coefficient)
     return np.array(monomials), matrices
 
 
@@ -160,7 +169,7 @@ def search(
         Half the width of the box of the starts.
     middle : float
         Where the box is: 0 around zeros, 1 around equal steps.
-    most : float
+    largest_weight : float
         Largest magnitude of an unknown.
 
     Raises
@@ -181,17 +190,19 @@ def search(
     if not solutions:
         raise ArithmeticError(f"None of {starts} starts led to a composition like {name}; take "
                               "more, or another seed.")
-    solved = len(solutions)
-    solutions.sort(key=lambda one: one[0])
-    value, x = min((_slide(floats, x, value, largest_weight) for value, x in solutions[:10]),
-                   key=lambda one: one[0])
+    solution_count = len(solutions)
+    by_objective = itemgetter(0)
+    solutions.sort(key=by_objective)
+    # the slide along a family of solutions takes long: for the best ten alone
+    objective, x = min((_slide(floats, x, start_objective, largest_weight)
+                        for start_objective, x in solutions[:10]), key=by_objective)
     for _ in range(hops):
         y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), len(x)), largest_weight)
-        if y is not None and floats.objective(y) < _WORTH * value:
-            better, y = _slide(floats, y, floats.objective(y), largest_weight)
-            if better < value:
-                value, x = better, y
-    return x, value, solved
+        if y is not None and floats.objective(y) < _WORTH * objective:
+            y_objective, y = _slide(floats, y, floats.objective(y), largest_weight)
+            if y_objective < objective:
+                objective, x = y_objective, y
+    return x, objective, solution_count
 
 
 def _solve(floats: FloatConditions, x: Floats, largest_weight: float) -> Floats | None:
@@ -225,11 +236,14 @@ def _solve(floats: FloatConditions, x: Floats, largest_weight: float) -> Floats 
 
 
 def _slide(
-    floats: FloatConditions, x: Floats, value: float, largest_weight: float
+    floats: FloatConditions, x: Floats, objective: float, largest_weight: float
 ) -> tuple[float, Floats]:
-    """Return the least objective along the family of a solution, and where it is."""
+    """Return the least objective along the family of a solution x, and its solution.
+
+    ``objective`` is that of x, and returned with x where no better solution is found.
+    """
     if not floats.conditions.composition.free:
-        return value, x
+        return objective, x
     k = len(floats.conditions.words)
     from scipy import optimize  # takes 0.2 s
 
@@ -238,8 +252,8 @@ def _slide(
         constraints={"type": "eq", "fun": lambda y: floats.evaluate(y)[0][:k],
                      "jac": lambda y: floats.evaluate(y)[1][:k]}).x
     y = _solve(floats, optimum, largest_weight)
-    if y is None or floats.objective(y) >= value:
-        return value, x
+    if y is None or floats.objective(y) >= objective:
+        return objective, x
     return floats.objective(y), y
 
 
@@ -250,11 +264,11 @@ def store(name: str, x: Sequence[float], note: str) -> None:
     """
     conditions = OrderConditions(composition_named(name))
     free = conditions.composition.free
-    start = [Fraction(f"{value:.{_FREE}f}" if i in free else repr(float(value)))
-             for i, value in enumerate(x)]
+    start = [Fraction(f"{number:.{_FREE}f}" if i in free else repr(float(number)))
+             for i, number in enumerate(x)]
     with mp.workdps(DIGITS):
-        digits = [mp.nstr(value, DIGITS - 10, min_fixed=-mp.inf, max_fixed=mp.inf)
-                  for value in conditions.refine(start)]
+        digits = [mp.nstr(number, DIGITS - 10, min_fixed=-mp.inf, max_fixed=mp.inf)
+                  for number in conditions.refine(start)]
     last, context = Decimal(1).scaleb(-STORED), Context(prec=DIGITS)
     texts = [f"{Decimal(text).quantize(last, context=context):f}" for text in digits]
     texts = [text.rstrip("0") if i in free else text for i, text in enumerate(texts)]
@@ -279,12 +293,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--middle", type=float, default=1.0)
     parser.add_argument("--write", action="store_true", help="Store the best solution.")
     choice = parser.parse_args(arguments)
-    x, value, solved = search(choice.name, choice.seed, choice.starts, choice.hops, choice.width,
-                              choice.middle)
+    x, objective, solution_count = search(choice.name, choice.seed, choice.starts, choice.hops,
+                                          choice.width, choice.middle)
     floats = FloatConditions(OrderConditions(composition_named(choice.name)))
     stored = floats.objective(np.array([float(v) for v in floats.conditions.unknowns]))
-    print(f"{choice.name}: {solved} of {choice.starts} starts led to a solution; the best has "
-          f"the objective {value:.6f} (stored: {stored:.6f})")
+    print(f"{choice.name}: {solution_count} of {choice.starts} starts led to a solution; the best "
+          f"has the objective {objective:.6f} (stored: {stored:.6f})")
     print(*(f"  {float(v)!r}" for v in x), sep="\n")
     if choice.write:
         store(choice.name, x.tolist(), f"seed {choice.seed}, starts {choice.starts}, "

@@ -64,6 +64,7 @@ def _legend_rows(panel: Panel) -> int:
 
 
 def _draw_panel(axes: Any, panel: Panel) -> None:
+    """Draw the series of a panel with its titles, scales and legend."""
     for number, series in enumerate(panel.series):
         _draw_series(axes, series, _COLOURS[number % len(_COLOURS)])
     axes.set_title(panel.title, fontsize=9.5)
@@ -76,8 +77,8 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
     if panel.yscale == "linear":
         axes.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useOffset=False)
     if panel.zero:
-        values = [0.0, *(value for series in panel.series for value in series.y)]
-        axes.set_ylim(1.15 * min(values), 1.15 * max(values))
+        heights = [0.0, *(y for series in panel.series for y in series.y)]
+        axes.set_ylim(1.15 * min(heights), 1.15 * max(heights))
     axes.grid(color=_INK, alpha=0.15, linewidth=0.6)
     if _legend_below(panel):
         axes.legend(fontsize=8, frameon=False, ncols=2, loc="upper center",

@@ -78,7 +78,7 @@ def node_numbers(s: int) -> NodeNumbers:
     mu = total(b, nodes.multiply(slope) * slope) / s
     spread = total(power(nodes, 1), power(nodes, 1)) - QQ(s, 4)
     quadrature = total(b, power(nodes, 2 * s - 2)) - QQ(1, 2 * s - 1)
-    return NodeNumbers(*(QQ.to_sympy(value) for value in (mu, spread, quadrature)))
+    return NodeNumbers(*map(QQ.to_sympy, (mu, spread, quadrature)))
 
 
 def energy_law(s: int, top: BodyFrameTop) -> Law:

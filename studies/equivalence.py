@@ -114,6 +114,7 @@ def nodes_claim(tableaux: list[Tableau]) -> Claim:
 
 
 def _stages_are_constraint_nodes(t: Tableau) -> bool:
+    """Return whether Ã = Â, Ā = A and the weights are equal, with no Λ_p in T1: all exactly."""
     basis = t.basis
     if t.s != t.p + 1:
         return False
@@ -130,10 +131,10 @@ def _stages_are_constraint_nodes(t: Tableau) -> bool:
 
 def trajectories_claim(steps: int) -> Claim:
     """Return the claim that q and p of compiled steppers agree to round-off."""
-    value = mean_inertia(fast_top().inertia)
+    weight = mean_inertia(fast_top().inertia)
     worst = 0.0
     for s in STAGES:
-        runs = [run("LIIIA-B", s, DT, steps, value, rep=rep) for rep in ("alpha", "gamma")]
+        runs = [run("LIIIA-B", s, DT, steps, weight, rep=rep) for rep in ("alpha", "gamma")]
         worst = max(worst, _difference(runs[0].q, runs[1].q), _difference(runs[0].p, runs[1].p))
     return Claim(
         f"Fast top, s = 2..5, Δt = {DT}, {steps} steps, α = γ = γ_m: largest relative difference "
@@ -144,13 +145,13 @@ def trajectories_claim(steps: int) -> Claim:
 
 def multipliers_claim() -> Claim:
     """Claim Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ) in one step, s = 2..5."""
-    value = mean_inertia(fast_top().inertia)
+    weight = mean_inertia(fast_top().inertia)
     worst = 0.0
     for s in STAGES:
         (P, Lambda_alpha), (_, Lambda_gamma) = (
-            _stages(stepper("LIIIA-B", s, rep), s, rep, value) for rep in ("alpha", "gamma")
+            _stages(stepper("LIIIA-B", s, rep), s, rep, weight) for rep in ("alpha", "gamma")
         )
-        expected = (P[:-1] ** 2).sum(axis=1) / (8 * value)  # Λ_p belongs to T2
+        expected = (P[:-1] ** 2).sum(axis=1) / (8 * weight)  # Λ_p belongs to T2
         worst = max(worst, _difference(Lambda_gamma - Lambda_alpha, expected))
     return Claim(
         f"Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ) in one step of Δt = {DT}, s = 2..5: relative defect.",
@@ -158,21 +159,24 @@ def multipliers_claim() -> Claim:
     )
 
 
-def _stages(step: Stepper, s: int, rep: str, value: float) -> tuple[Array, Array]:
-    """Solve T1 of the first step; return P_1..P_s and Λ_0..Λ_(s−2)."""
+def _stages(step: Stepper, s: int, rep: str, weight: float) -> tuple[Array, Array]:
+    """Solve T1 of the first step; return P_1..P_s and Λ_0..Λ_(s−2).
+
+    P_i = p + Δt Σ_j â_ij (k̂_j − 2 Q_j Λ_(j−1)), with Λ_(s−1) = 0; ``weight`` is γ or α.
+    """
     problem = fast_top()
-    run_options: dict[str, Any] = {"dt": DT, "parameters": problem.parameters | {rep: value}}
+    run_options: dict[str, Any] = {"dt": DT, "parameters": problem.parameters | {rep: weight}}
     q, p = problem.q0, problem.p0
     x = step.guess(q, p, **run_options)
-    for _ in range(12):
+    for _ in range(12):  # Newton's method: four steps reach round-off
         x = x - np.linalg.solve(step.jacobian(x, q, p, **run_options),
                                 step.residual(x, q, p, **run_options))
     table = lobatto_iiiab(s).numeric(20)
     A, A_hat = (np.array(table_rows, dtype=float) for table_rows in (table.A, table.A_hat))
     k, k_hat = x[: 4 * s].reshape(s, 4), x[4 * s : 8 * s].reshape(s, 4)
     Q = q + DT * A @ k
-    push = -2 * Q * np.append(x[8 * s :], 0.0)[:, None]
-    return p + DT * A_hat @ (k_hat + push), x[8 * s :]
+    constraint_force = -2 * Q * np.append(x[8 * s :], 0.0)[:, None]
+    return p + DT * A_hat @ (k_hat + constraint_force), x[8 * s :]
 
 
 def _difference(a: Array, b: Array) -> float:

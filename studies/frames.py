@@ -51,14 +51,14 @@ def _cases(setting: Setting, printed: Printed) -> list[tuple[Case, Quantity]]:
 
 
 def _cone_claim(engine: Engine, table: int, setting: Setting, printed: Printed) -> Claim:
-    """Return the claim that every cell is round-off in the frame of the start."""
+    """Return the claim that every cell of a table is round-off in the frame of the start."""
     cells = _cases(setting, printed)
-    still, moved = (
+    without_frame, in_frame = (
         sum(engine.mean(replace(case, frame=frame), quantity) <= engine.floor(case, quantity)
             for case, quantity in cells) for frame in ("", "start"))
     return Claim(f"Table {table}, E[|ΔH|], E[|Δz|] and E[|Δx|]: cells at round-off, "
-                 "ε · N_t · size, in the frame of the start; without a frame.", f"{moved}; {still}",
-                 f"all {len(cells)}", moved == len(cells))
+                 "ε · N_t · size, in the frame of the start; without a frame.",
+                 f"{in_frame}; {without_frame}", f"all {len(cells)}", in_frame == len(cells))
 
 
 def _gain(engine: Engine, case: Case, quantity: Quantity, frame: Frame) -> float:
@@ -119,7 +119,8 @@ def _panel(engine: Engine) -> Panel:
     for frame, label in labels.items():
         case = replace(TOP.case("2-G-L", "gamma", "m"), frame=frame)
         run = engine.trajectory(case)
-        apart = np.linalg.norm(run.axis() - engine.axis_reference(case), axis=1)
-        series.append(Series(label, run.t[1:].tolist(), apart[1:].tolist(), "-"))
+        distance = np.linalg.norm(run.axis() - engine.axis_reference(case), axis=1)
+        # without the start, whose distance 0 a logarithmic axis lacks
+        series.append(Series(label, run.t[1:].tolist(), distance[1:].tolist(), "-"))
     return Panel("fast top, 2-G-L-γ, γ = γ_m, Δt = 0.001 s", "t [s]",
                  "distance of the unit axis from the true one", series, yscale="log")

@@ -48,7 +48,7 @@ _KNOWN_SHARE = 0.75
 
 
 def table_9(engine: Engine) -> Table:
-    """IMS."""
+    """Return the numbers of iterations of IMS, by the norm with and without λ."""
     counts = _Counts(engine, 9, "IMS", None)
     main, with_multipliers = counts.runs("", _IMS), counts.runs(_WITH_LAMBDA, _IMS_LAMBDA)
     reason = ("with λ excluded from the norm; the printed α rows are only approximated with λ "
@@ -153,6 +153,7 @@ class _Counts:
 
 
 def _lobatto(engine: Engine, table: int) -> Table:
+    """Return the numbers of iterations of LIIIA-B with s = table − 9 stages."""
     counts = _lobatto_counts(engine, table)
     cells = _lobatto_cells(counts)
     return Table(
@@ -171,6 +172,7 @@ def _lobatto_counts(engine: Engine, table: int) -> _Counts:
 
 
 def _lobatto_cells(counts: _Counts) -> list[Cell]:
+    """Return the cells with the exact and the inexact Jacobian, and why they differ."""
     exact = "full Newton needs far fewer; the printed counts indicate linear convergence"
     inexact = ("the inexact Jacobian is inferred; other details of the paper's iteration are not "
                "known")
@@ -205,6 +207,7 @@ def _row_name(row: Row) -> str:
 
 
 def _why(ours: float | str, printed: str, run: March, reason: str) -> str:
+    """Return why a cell differs: ``reason`` unless the numbers or the run themselves say it."""
     if within_one(ours, printed):
         return "within one iteration"
     if isinstance(ours, str):
@@ -244,24 +247,24 @@ def _near_claim(
     ``known_exceptions``: so many are met on every machine, where ``required`` are not.
     """
     printed = [c for c in cells if c.paper is not None]
-    near = sum(map(_is_near, printed))
+    near_count = sum(map(_is_near, printed))
     required_count = -(-len(printed) // 2) if required is None else required
-    as_known = known_exceptions is not None and known_exceptions <= near < required_count
-    return Claim(f"Within ±1 iteration of the paper: {label}", f"{near} of {len(printed)}",
-                 f"at least {required_count}", near >= required_count,
-                 known=_UNSAID if as_known else "")
+    is_known = known_exceptions is not None and known_exceptions <= near_count < required_count
+    return Claim(f"Within ±1 iteration of the paper: {label}", f"{near_count} of {len(printed)}",
+                 f"at least {required_count}", near_count >= required_count,
+                 known=_UNSAID if is_known else "")
 
 
 def _share_claim(cells: list[Cell]) -> Claim:
-    """Tables 12-14 with the inexact Jacobian, Δt ≤ 0.01: four cells of five within ±1."""
+    """Claim of Tables 12-14 with the inexact Jacobian, Δt ≤ 0.01: four cells of five within ±1."""
     smallest = [c for c in cells if c.column.startswith(f"Δt = {STEPS[-1]}")]
-    near, there = sum(map(_is_near, cells)), sum(map(_is_near, smallest))
-    share = near / len(cells)
+    near_count, near_smallest = sum(map(_is_near, cells)), sum(map(_is_near, smallest))
+    share = near_count / len(cells)
     return Claim(
         "The inexact Jacobian gives the printed counts of Tables 12-14 within ±1 for Δt ≤ 0.01",
-        f"{near} of {len(cells)} cells ({share:.0%}): {near - there} of "
-        f"{len(cells) - len(smallest)} at Δt = 0.01 and 0.005, {there} of {len(smallest)} at "
-        "0.001, where the printed means seem to contain stagnating steps",
+        f"{near_count} of {len(cells)} cells ({share:.0%}): {near_count - near_smallest} of "
+        f"{len(cells) - len(smallest)} at Δt = 0.01 and 0.005, {near_smallest} of {len(smallest)} "
+        "at 0.001, where the printed means seem to contain stagnating steps",
         "at least 80%", share >= 0.8, known=_ROUND_OFF if _KNOWN_SHARE <= share < 0.8 else "",
     )
 

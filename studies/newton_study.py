@@ -102,23 +102,24 @@ def march(
     """
     run = _Run(stepper, parameters, dt, rule)
     run.q[:], run.p[:] = state
-    result = March()
+    marched = March()
     for _ in range(steps):
         with np.errstate(over="ignore", invalid="ignore"):  # seen by run.solve
-            iteration_count, error, result.failure = run.solve()
-        result.iterations.append(iteration_count)
-        if not result.failure and not error < rule.tolerance:
-            result.unsolved += 1
+            iteration_count, error, marched.failure = run.solve()
+        marched.iterations.append(iteration_count)
+        if not marched.failure and not error < rule.tolerance:
+            marched.unsolved += 1
             if all_solved or not error < STRAYED:
-                result.failure = "not converged"
-        if not result.failure and run.advance():
-            result.failure = "no momentum on the constraint"
-        if result.failure:
-            return result
-    if result.unsolved == steps:
-        result.failure = "no step converged"
-    result.end = run.q, run.p
-    return result
+                marched.failure = "not converged"
+        if not marched.failure and run.advance():
+            marched.failure = "no momentum on the constraint"
+        if marched.failure:
+            return marched
+    # a tolerance that no step meets is no convergence, even if the run goes on
+    if marched.unsolved == steps:
+        marched.failure = "no step converged"
+    marched.end = run.q, run.p
+    return marched
 
 
 class _Run:

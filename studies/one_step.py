@@ -56,12 +56,13 @@ class _Step:
         return PowerSeries.constant(value + 0 * self.top.l[0], self.order)
 
     def solved(self) -> _Step:
+        """Iterate until no term changes; each sweep makes at least one more power of h right."""
         for order in range(2, self.order):  # few terms while the high ones are still wrong
             self.sweep(order)
         for _ in range(4 * self.order):
-            before = self.terms()
+            previous = self.terms()
             self.sweep(self.order)
-            if self.terms() == before:
+            if self.terms() == previous:
                 return self
         raise ArithmeticError(f"The expansion of the step to h^{self.order} does not settle.")
 
@@ -88,11 +89,11 @@ class _Step:
 
     def stage(self, start: Vector, row: Vector, rates: list[Vector]) -> Vector:
         """Return start + h Σ_j a_j rate_j."""
-        result = list(start)
+        stage = list(start)
         for a, rate in zip(row, rates, strict=True):
             if a != 0:
-                result = [x + (v * a).shifted(h=1) for x, v in zip(result, rate, strict=True)]
-        return result
+                stage = [x + (v * a).shifted(h=1) for x, v in zip(stage, rate, strict=True)]
+        return stage
 
     def relative(self, q: Vector, p: Vector) -> Vector:
         """Return ιw/4."""

@@ -190,13 +190,13 @@ def _panel(
 
 
 def _law_claim(engine: Engine, statement: str, sweeps: tuple[ParameterSweep, ...]) -> Claim:
-    """Judge the worst of several laws."""
-    law_texts = []
+    """Claim that the errors of all sweeps are linear, by the worst line: in 1/γ, or in γ."""
+    lines = []
     for sweep in sweeps:
         x, y = measure(engine, sweep)
-        law_texts.append(fit_line(x if follows_inverse(sweep) else [1 / a for a in x], y))
-    worst = min(law_texts, key=lambda line: line.r_squared)
-    return Claim(f"{statement}: least R² of {len(law_texts)}", worst.quality, "at least 0.999",
+        lines.append(fit_line(x if follows_inverse(sweep) else [1 / a for a in x], y))
+    worst = min(lines, key=lambda line: line.r_squared)
+    return Claim(f"{statement}: least R² of {len(lines)}", worst.quality, "at least 0.999",
                  worst.r_squared >= 0.999)
 
 
@@ -206,6 +206,7 @@ def _line_claim(statement: str, line: FittedLine) -> Claim:
 
 
 def _zero_claim(engine: Engine, sweep: ParameterSweep, x: list[float], y: list[float]) -> Claim:
+    """Claim that the error y over x = 1/γ crosses zero once, where the errata have it."""
     floor = engine.floor(sweep.case(x[0]), sweep.quantity)
     zeros = crossing(x, y, floor)
     zero_text = " and ".join(f"1/γ = {zero:.1f}" for zero in zeros) or "nowhere"

@@ -45,6 +45,7 @@ class PowerSeries:
         return result
 
     def __mul__(self, other: Any) -> PowerSeries:
+        # powers of h beyond the order of a factor are not known
         terms: dict[tuple[int, int], Any] = {}
         order = self._order_with(other)
         factors = self._terms_of(other).items()

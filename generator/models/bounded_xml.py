@@ -53,6 +53,7 @@ def read_xml(text: str) -> Element:
         return InputError(f"line {parser.CurrentLineNumber}: {why}")
 
     def begin(name: str, attributes: dict[str, str]) -> None:
+        """Add an element to the innermost open one, within the limits."""
         nonlocal count
         count += 1
         if count > MAX_ELEMENTS:

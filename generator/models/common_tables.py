@@ -120,21 +120,20 @@ class Formulas:
         that only other numbers of the file need does not belong to the system.
         """
         formulas = list(expressions)
-        used = set().union(*(e.free_symbols for e in formulas))
+        present = set().union(*(e.free_symbols for e in formulas))
         in_denominators = set().union(*(divisors(e) for e in formulas))
-        symbols, renamed, values = [], {}, {}
+        system_symbols, values = {}, {}
         for name, symbol in self.parameters.items():
-            if symbol not in used:
+            if symbol not in present:
                 continue
             values[name] = self.numbers.values[name]
-            new = (sp.Symbol(name, real=True, nonzero=True) if symbol in in_denominators
-                   else symbol)
-            if symbol in in_denominators and values[name] == 0:
-                raise self.content.file_error(f"[parameters] {name} is 0, and a formula divides by "
-                                              "it; write another number.")
-            symbols.append(new)
-            renamed[symbol] = new
-        return symbols, renamed, values
+            system_symbols[symbol] = symbol
+            if symbol in in_denominators:
+                system_symbols[symbol] = sp.Symbol(name, real=True, nonzero=True)
+                if values[name] == 0:
+                    raise self.content.file_error(f"[parameters] {name} is 0, and a formula "
+                                                  "divides by it; write another number.")
+        return list(system_symbols.values()), system_symbols, values
 
 
 def divisors(expression: sp.Expr) -> set[sp.Symbol]:

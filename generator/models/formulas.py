@@ -100,10 +100,15 @@ def _parsed(
     text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol],
     units: Mapping[str, str],
 ) -> sp.Expr:
-    """Return a formula as an expression; refuse numbers that no double can hold."""
+    """Return a formula as an expression; refuse numbers that no double can hold.
+
+    ``names`` has the symbols of the formula, ``exponents`` those that may stand in an exponent,
+    ``units`` the factor of each unit as text.
+    """
     arithmetic = _Formulas({**CONSTANTS, **names}, exponents)
     formula = parse_quantity(text, arithmetic, "a formula such as m*g*z", units).exact
     for number in formula.atoms(sp.Rational):
+        # doubles end at 2¹⁰²⁴ and 2⁻¹⁰²²
         if number != 0 and abs(int(number.p).bit_length() - int(number.q).bit_length()) > 1000:
             raise InputError(f"The formula {shorten(text)!r} contains a number of size "
                              f"{sp.N(number, 3)}, which no double can hold; choose other units.")
@@ -274,10 +279,11 @@ class _Formulas:
             )
         with mp.workdps(100):
             try:
-                value = number(*argument_values)
+                result = number(*argument_values)
             except (ValueError, ZeroDivisionError):
-                value = mp.nan
-            if isinstance(value, mp.mpc) or not mp.isfinite(value) or abs(value) > mp.mpf(10)**50:
+                result = mp.nan
+            if isinstance(result, mp.mpc) or not mp.isfinite(result) or (
+                    abs(result) > mp.mpf(10)**50):
                 raise RefusedError(
                     f"This function of {', '.join(mp.nstr(x, 5) for x in argument_values)} is no "
                     "real number of moderate size; write another argument"
@@ -291,7 +297,7 @@ class _Formulas:
             return rational(exact)
         _refuse_rough(exact)
         # an interval around the 95 digits that are certain
-        return Value(exact, numbers.INTERVAL.mpf(mp.nstr(value, 95)) * numbers.NEARLY_ONE,
+        return Value(exact, numbers.INTERVAL.mpf(mp.nstr(result, 95)) * numbers.NEARLY_ONE,
                      bits, level)
 
 
@@ -311,6 +317,7 @@ def _formula(
     ``levels`` is added to the largest level of the arguments; ``terms`` is the number of terms
     that the result would have if it were multiplied out.
     """
+    # a carry for each operand; constants are folded, and do not lie inside one another
     bits = sum(a.bits + 1 for a in arguments)
     level = max((a.level for a in arguments if not a.is_number), default=0) + levels
     if level > MAX_LEVEL:
@@ -328,19 +335,19 @@ def _formula(
             f"Multiplied out, this has {terms if terms < 10**9 else 'over 10^9'} terms and at most "
             f"{MAX_TERMS} are allowed; lower its powers"
         )
-    result = operation(*(a.exact for a in arguments))
-    _refuse_rough(result)
+    expression = operation(*(a.exact for a in arguments))
+    _refuse_rough(expression)
     # powers of equal bases have been added: their sum is bounded, too
-    for factor in sp.Mul.make_args(result):
+    for factor in sp.Mul.make_args(expression):
         e = factor.exp if factor.is_Pow else sp.Integer(1)
         if e.is_number and abs(e) > MAX_EXPONENT:
             raise RefusedError(
                 f"This is the power {shorten(str(e), 20)} of {shorten(str(factor.base), 30)}, "
                 f"which is not within ±{MAX_EXPONENT}; lower it"
             )
-    if result.is_number:
-        return numbers.named(result)
-    return Value(result, None, bits, level, terms)
+    if expression.is_number:
+        return numbers.named(expression)
+    return Value(expression, None, bits, level, terms)
 
 
 def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
@@ -375,12 +382,12 @@ def _is_smooth(x: sp.Rational) -> bool:
     return cofactor <= 1
 
 
-def _refuse_rough(result: sp.Expr) -> None:
-    """Refuse a complex, infinite or undefined expression."""
-    if result.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
+def _refuse_rough(e: sp.Expr) -> None:
+    """Refuse a complex, infinite or undefined expression, and functions that C here has not."""
+    if e.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
         raise RefusedError("This is not a real number for any value of its symbols; write another "
                            "argument")
-    strange = sorted({type(f).__name__ for f in result.atoms(sp.Function) if f.func not in _KNOWN})
-    if strange:
-        raise RefusedError(f"This is {shorten(str(result), 40)}, and {strange[0]} is not known "
+    unknown = sorted({type(f).__name__ for f in e.atoms(sp.Function) if f.func not in _KNOWN})
+    if unknown:
+        raise RefusedError(f"This is {shorten(str(e), 40)}, and {unknown[0]} is not known "
                            "here; write it another way")

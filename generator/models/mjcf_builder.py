@@ -228,24 +228,24 @@ class MjcfBuilder(RobotBuilder):
         B = [self._number(f"{cable.name}_{name}", value)
              for name, value in zip(names, cable.stiffness, strict=True)]
         for a, b in pairwise(numbers[name] for name in cable.bodies):
-            place, start = self.robot.bodies[b].place, []
-            attitudes = []
+            body_b, attitudes, start_attitudes = self.robot.bodies[b], [], []
             for body in (a, b):
                 limb, turn = self.robot.limb(body), quaternion_of_matrix(self.robot.inner(body).R)
                 frame = self.frames[limb]
                 q0 = (self.builder._components.bodies[frame].q if isinstance(frame, Body)
                       else [1, 0, 0, 0])
-                start.append(product(q0, turn))
+                start_attitudes.append(product(q0, turn))
                 attitudes.append(product(frame.attitude, turn.tolist()) if limb != body
                                  else frame.attitude)
             _, *u = product(conjugate(attitudes[0]), attitudes[1])
             # u and −u are one rotation: the rest strain has the sign of the start
-            sign = 1 if product(conjugate(start[0]), start[1])[0] >= 0 else -1
-            rest = np.zeros(3) if cable.is_flat else sign * clean(
-                np.array(quaternion_of_matrix(place.R)[1:]))
-            h = self._number(f"{self.robot.bodies[b].name}_spacing", float(np.linalg.norm(place.x)))
-            strains = [x - (self._number(f"{self.robot.bodies[b].name}_rest{k}", x0) if x0 else 0)
-                       for k, (x, x0) in enumerate(zip(u, rest.tolist(), strict=True))]
+            start_a, start_b = start_attitudes
+            sign = 1 if product(conjugate(start_a), start_b)[0] >= 0 else -1
+            rest_strain = np.zeros(3) if cable.is_flat else sign * clean(
+                np.array(quaternion_of_matrix(body_b.place.R)[1:]))
+            h = self._number(f"{body_b.name}_spacing", float(np.linalg.norm(body_b.place.x)))
+            strains = [x - (self._number(f"{body_b.name}_rest{k}", x0) if x0 else 0)
+                       for k, (x, x0) in enumerate(zip(u, rest_strain.tolist(), strict=True))]
             self.builder.potential(2 / h * sum(k * x**2 for k, x in zip(B, strains, strict=True)))
 
     def _number(self, name: str, value: float) -> Any:
@@ -265,7 +265,7 @@ class MjcfBuilder(RobotBuilder):
         return IDENTITY if body < 0 else self.at_reference.bodies[body]
 
     def _connect(self, name: str, equality: MjcfEquality) -> None:
-        """Add a ball joint of two bodies or sites."""
+        """Add a ball joint of two bodies or sites: points of bodies are the first six numbers."""
         points = np.zeros((2, 3)) if equality.sites else equality.data[:6].reshape(2, 3)
         ends = []
         for (body, site), point in zip(equality.ends, points, strict=True):

@@ -63,13 +63,15 @@ def expand_cables(top: Element) -> list[MjcfCable]:
     for extension in top.all("extension"):
         for plugin in extension.all("plugin"):
             if plugin.attributes.get("plugin") == PLUGIN:
-                instances |= {one.attributes.get("name", ""): one for one in plugin.all("instance")}
+                instances |= {instance.attributes.get("name", ""): instance
+                              for instance in plugin.all("instance")}
         extension.children = [plugin for plugin in extension.children
                               if plugin.attributes.get("plugin") != PLUGIN]
-    shared = any(child.name in _PARTS for default in top.all("default")
-                 for child in default.children)
+    # defaults of joints, geoms or sites would hold for the segments, too: those are refused
+    has_defaults = any(child.name in _PARTS for default in top.all("default")
+                       for child in default.children)
     return [cable for world in top.all("worldbody")
-            for cable in _expand(world, instances, "the main <default>" if shared else "")]
+            for cable in _expand(world, instances, "the main <default>" if has_defaults else "")]
 
 
 def _expand(
@@ -147,13 +149,15 @@ def _allow(element: Element, names: Iterable[str]) -> None:
                            f"{listed([*names])}, and place it by a <frame>.")
 
 
-def _numbers(element: Element, key: str, text: str, most: float = math.inf) -> list[float]:
-    """Return an attribute's finite numbers, at most ``most`` of them, or refuse it."""
+def _numbers(
+    element: Element, key: str, text: str, largest_count: float = math.inf
+) -> list[float]:
+    """Return an attribute's finite numbers, at most ``largest_count`` of them, or refuse it."""
     words = text.split()
-    if not all(map(NUMBER.fullmatch, words)) or len(words) > most or not np.isfinite(
+    if not all(map(NUMBER.fullmatch, words)) or len(words) > largest_count or not np.isfinite(
             [float(e) for e in words]).all():
-        raise _refusal(element, f"has {key} {shown(text)}; write finite numbers"
-                       f"{f', up to {most} of them' if most < math.inf else ''}.")
+        limit = f", up to {largest_count} of them" if largest_count < math.inf else ""
+        raise _refusal(element, f"has {key} {shown(text)}; write finite numbers{limit}.")
     return [float(word) for word in words]
 
 
@@ -183,10 +187,14 @@ def _material(composite: Element, instances: Mapping[str, Element]) -> tuple[flo
 
 
 def _section(form: str, sizes: list[float]) -> tuple[float, float, float]:
-    """Return J, I_y and I_z of the section of a geom."""
+    """Return J, I_y and I_z of the section of a geom, a circle or a rectangle, in m⁴.
+
+    π r⁴/2 and π r⁴/4; of half sides a ≥ b J = a b³ (16/3 − 3.36 (b/a) (1 − (b/a)⁴/12)), an
+    approximation of Saint-Venant's series (Roark).
+    """
     if form != "box":
-        across = math.pi * sizes[0] ** 4 / 4
-        return 2 * across, across, across
+        I_across = math.pi * sizes[0] ** 4 / 4
+        return 2 * I_across, I_across, I_across
     y, z = sizes[1:3]
     a, b = max(y, z), min(y, z)
     J = a * b**3 * (16 / 3 - 3.36 * b / a * (1 - (b / a) ** 4 / 12))
@@ -204,9 +212,9 @@ def _curve(composite: Element) -> Array:
     x, y and z, with length, radius and half turns from ``size``.
     """
     values = composite.attributes
-    numbers = {key: _numbers(composite, key, values.get(key, default), most)
-               for key, default, most in (("vertex", "", math.inf), ("count", "1", 3),
-                                          ("size", "1 0 0", 3))}
+    numbers = {key: _numbers(composite, key, values.get(key, default), largest_count)
+               for key, default, largest_count in (
+                   ("vertex", "", math.inf), ("count", "1", 3), ("size", "1 0 0", 3))}
     counts = numbers["count"]
     count = round(counts[0]) if counts and not numbers["vertex"] else len(numbers["vertex"]) // 3
     is_whole = counts[1:] == [1.0] * len(counts[1:]) and all(map(float.is_integer, counts))
@@ -267,11 +275,11 @@ def _bodies(
             body.children.append(Element("joint", {
                 "group": "3", **joint, "name": f"{prefix}J_{label}",
                 "type": "free" if is_free else "ball"}, line))
-        where = ({"pos": _text([h / 2, 0, 0]), "size": _text([h / 2, *sizes[1:3]])}
-                 if form == "box" else
-                 {"fromto": _text([0, 0, 0, h, 0, 0]), "size": _text(sizes[:1])})
+        extent = ({"pos": _text([h / 2, 0, 0]), "size": _text([h / 2, *sizes[1:3]])}
+                  if form == "box" else
+                  {"fromto": _text([0, 0, 0, h, 0, 0]), "size": _text(sizes[:1])})
         body.children.append(Element(
-            "geom", {**parts["geom"], "name": f"{prefix}G{k}", **where}, line))
+            "geom", {**parts["geom"], "name": f"{prefix}G{k}", **extent}, line))
         if label in ("first", "last"):
             body.children.append(Element("site", {
                 **parts["site"], "name": f"{prefix}S_{label}",

@@ -114,6 +114,8 @@ class _Guard:
             elif key in _FOLDERS or (element.name, key) == ("config", "value"):
                 self._check_path(element, key, value, [""])
         count = 1 + sum(self._count(child, strip, folders) for child in element.children)
+        # the compiler puts a model in place of <attach>, copies in place of <replicate>, …: a short
+        # file may describe millions of elements
         if element.name == "attach":
             count += self.attached
         if element.name in _COUNTED:
@@ -136,21 +138,21 @@ class _Guard:
         name = element.attributes.get("file", "")
         self._check_path(element, "file", name, [""])
         # one spelling of a path, so that a file that is included twice is noticed
-        plain = (self.folder / name).resolve().relative_to(self.folder.resolve()).as_posix()
+        path = (self.folder / name).resolve().relative_to(self.folder.resolve()).as_posix()
 
         def refuse(why: str) -> InputError:
             return InputError(f"line {element.line}: it includes {shown(name)}, {why}")
 
-        if element.name == "model" and "/" in plain:
+        if element.name == "model" and "/" in path:
             raise refuse("a <model> below the folder of the file; move it into the folder, where "
                          "its meshes are looked for.")
-        if plain in self.names:
+        if path in self.names:
             raise refuse("which is there already; a file is included once.")
         if len(self.names) >= MAX_FILES:
             raise refuse(f"and {MAX_FILES} files are the most; put some into one.")
-        self.names.append(plain)
+        self.names.append(path)
         try:
-            text = read_text(self.folder / plain, MAX_BYTES - self.bytes)
+            text = read_text(self.folder / path, MAX_BYTES - self.bytes)
             self.files[name] = text.encode()
             return read_xml(text), len(text)
         except (UnusableFileError, InputError) as error:

@@ -87,10 +87,12 @@ def _remove(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
     textures = {texture.name: texture for texture in spec.textures}
     for material in spec.materials:
         for name in filter(None, material.textures):
+            # a texture that MuJoCo makes itself has a colour; that of a picture is not known, and
+            # a white material under it becomes grey
             tint = [*textures[name].rgb1, 1.0] if name in textures and int(
                 textures[name].builtin) else None
-            plain = tint is None and list(material.rgba) == [1.0] * 4
-            material.rgba = [0.5, 0.5, 0.5, 1] if plain else np.multiply(
+            is_white = tint is None and list(material.rgba) == [1.0] * 4
+            material.rgba = [0.5, 0.5, 0.5, 1] if is_white else np.multiply(
                 material.rgba, 1.0 if tint is None else tint)
         material.textures = [""] * len(material.textures)
     for site in spec.sites:

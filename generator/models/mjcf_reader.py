@@ -183,20 +183,21 @@ class _Reader:
 
         self.m, self.meshes, self.mujoco = model, meshes, mujoco
         options, title = model.opt, model.names.split(b"\0")[0].decode()
-        off = flags_of(options.disableflags, _members(mujoco.mjtDisableBit))
-        on = flags_of(options.enableflags, _members(mujoco.mjtEnableBit))
-        if "" in off or not on <= ENABLE_FLAGS:
-            flags = ", ".join(sorted(on - ENABLE_FLAGS)) or "unknown"
+        disabled = flags_of(options.disableflags, _members(mujoco.mjtDisableBit))
+        enabled = flags_of(options.enableflags, _members(mujoco.mjtEnableBit))
+        if "" in disabled or not enabled <= ENABLE_FLAGS:
+            flags = ", ".join(sorted(enabled - ENABLE_FLAGS)) or "unknown"
             raise InputError(f"it has a <flag> of <option> that no model here has, {flags}; leave "
                              "it out.")
-        if "constraint" in off:
-            off |= {"equality", "limit", "contact", "frictionloss"}
-        if {"spring", "damper"} <= off or not model.ngravcomp:  # of which those above 0 count
-            off.add("gravcomp")
+        if "constraint" in disabled:
+            disabled |= {"equality", "limit", "contact", "frictionloss"}
+        # MuJoCo compensates gravity with its passive forces, if there are any above 0
+        if {"spring", "damper"} <= disabled or not model.ngravcomp:
+            disabled.add("gravcomp")
         self.robot = MjcfRobot(
             title if title not in ("", "MuJoCo Model") else name, "an MJCF", "body",
-            gravity=np.zeros(3) if "gravity" in off else np.array(options.gravity),
-            dt=float(options.timestep), off=frozenset(off))
+            gravity=np.zeros(3) if "gravity" in disabled else np.array(options.gravity),
+            dt=float(options.timestep), off=frozenset(disabled))
 
     def read(self) -> MjcfRobot:
         """Return the robot; elements that have no counterpart here are counted in ``extras``."""
@@ -402,14 +403,17 @@ class _Reader:
         """Add a keyframe; a moved mocap body is noted, as it is refused if the keyframe is chosen.
         """
         m = self.m
-        moved = next((m.body(b).name for b in range(m.nbody) for mocap in [m.body_mocapid[b]]
-                      if mocap >= 0 and not (
-                          np.array_equal(m.key_mpos[k].reshape(-1, 3)[mocap], m.body_pos[b])
-                          and np.array_equal(m.key_mquat[k].reshape(-1, 4)[mocap],
-                                             m.body_quat[b]))),
-                     "")
-        self.robot.keys.append(MjcfKey(m.key(k).name, np.array(m.key_qpos[k]),
-                                       np.array(m.key_qvel[k]), np.array(m.key_ctrl[k]), moved))
+        positions, attitudes = m.key_mpos[k].reshape(-1, 3), m.key_mquat[k].reshape(-1, 4)
+        moved_mocap = ""
+        for b in range(m.nbody):
+            mocap = m.body_mocapid[b]  # −1 of other bodies
+            if mocap >= 0 and not (np.array_equal(positions[mocap], m.body_pos[b])
+                                   and np.array_equal(attitudes[mocap], m.body_quat[b])):
+                moved_mocap = m.body(b).name
+                break
+        self.robot.keys.append(MjcfKey(
+            m.key(k).name, np.array(m.key_qpos[k]), np.array(m.key_qvel[k]),
+            np.array(m.key_ctrl[k]), moved_mocap))
 
 
 def _name(name: str, kind: str, number: int) -> str:

@@ -254,12 +254,15 @@ def _beam(builder: Multibody, table: TomlTable, rep: str | None) -> Beam:
     """Add a beam or cable."""
     table.allow(*BEAM)
     table.require(*(key for key, parameter in BEAM.items() if parameter.default is parameter.empty))
-    values: dict[str, Any] = {
-        key: table.vector(key, 3, RATES if key == "angular_velocity" else {}) if (
-            "ArrayLike" in str(parameter.annotation)) else table.number(
-                key, WITH_UNITS.get(key, {}))
-        for key, parameter in BEAM.items()
-        if key in table and key not in ("name", "count", "bending", "points", "rep")}
+    # the keys of a beam are the arguments of ``Multibody.beam``: vectors or numbers by their type
+    values: dict[str, Any] = {}
+    for key, parameter in BEAM.items():
+        if key not in table or key in ("name", "count", "bending", "points", "rep"):
+            continue
+        if "ArrayLike" in str(parameter.annotation):
+            values[key] = table.vector(key, 3, RATES if key == "angular_velocity" else {})
+        else:
+            values[key] = table.number(key, WITH_UNITS.get(key, {}))
     values["bending"] = table.vector("bending", 2) if isinstance(
         table.content["bending"], list) else table.number("bending")
     if "points" in table:
@@ -374,7 +377,10 @@ def _contact(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
     position: Mapping[str, sp.Expr], number_key: str,
 ) -> None:
-    """Add a contact of bodies, or of a gap; with ``number_key`` = "close" a latch."""
+    """Add a contact of bodies, or of a gap; with ``number_key`` = "close" a latch.
+
+    ``position`` has the names that a gap may contain: coordinates, time and parameters.
+    """
     table.allow("name", "bodies", "gap", "on_a", "on_b", "normal", "radius", "box", number_key)
     table.require("name", *(() if "bodies" in table else ("gap",)),
                   *(("close",) if number_key == "close" else ()))

@@ -241,6 +241,7 @@ class RobotBuilder:
     """
 
     def __init__(self, robot: Robot, start: Start, rep: Any) -> None:
+        """Place the bodies of a robot at the coordinates of ``start``, and name its joints."""
         self.robot, self.start, self.rep = robot, start, rep
         self.poses = place_bodies(robot, start.coordinates)
         self.builder = Multibody(
@@ -359,18 +360,17 @@ class RobotBuilder:
             return
         if len(joints) == 1:
             name = self.joint_name[first.name]
-            value = float(self.start.coordinates[first.name][0])
-            where: dict[str, Any] = {"at": points[0]}
+            coordinate = float(self.start.coordinates[first.name][0])
             if first.kind == "ball":
-                ball = build.ball(name, *ends, **where)
+                ball = build.ball(name, *ends, at=points[0])
                 if first.armature:
                     build.flywheel(self.joint_names.free(f"{first.name}_rotor"), ball,
                                    inertia=first.armature)
                 return
-            where["axis_in_space"] = axes[0]
-            self._know(first, build.revolute(name, *ends, **where, angle=value)
+            line: dict[str, Any] = {"at": points[0], "axis_in_space": axes[0]}
+            self._know(first, build.revolute(name, *ends, **line, angle=coordinate)
                        if first.kind == "hinge" else
-                       build.prismatic(name, *ends, **where, travel=value))
+                       build.prismatic(name, *ends, **line, travel=coordinate))
         # coordinates with inertias of their own need no bodies between the joints
         elif all(joint.armature for joint in joints) and set(kinds) <= {"hinge", "slide"}:
             self._chain(limb, ends, axes, points)
@@ -418,7 +418,7 @@ class RobotBuilder:
         """
         joints, build = self.robot.bodies[limb].joints, self.builder
         kinds = [joint.kind for joint in joints]
-        value = [float(self.start.coordinates[joint.name][0]) for joint in joints]
+        coordinates = [float(self.start.coordinates[joint.name][0]) for joint in joints]
         # how many slides come before the first hinge
         slides = kinds.index("hinge") if "hinge" in kinds else len(kinds)
         has_armature = any(joint.armature for joint in joints)
@@ -429,7 +429,7 @@ class RobotBuilder:
         if kinds in (["hinge", "slide"], ["slide", "hinge"]) and axes[0] @ axes[1] > 1 - _SAME:
             hinge, slide = kinds.index("hinge"), kinds.index("slide")
             link = build.cylindrical(name, *ends, axis_in_space=axes[hinge], at=points[hinge],
-                                     angle=value[hinge], travel=value[slide])
+                                     angle=coordinates[hinge], travel=coordinates[slide])
             self.coordinates[joints[slide].name] = link
             return not has_armature
         if kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and not has_armature:
@@ -588,10 +588,10 @@ class Names:
 
     def free(self, name: str, kind: str = "") -> str:
         """Return the name with _ for what C lacks; a name in use gets its kind, or a number."""
-        plain = plain_name(name)
-        free, count = plain, 1
+        identifier = plain_name(name)
+        free, count = identifier, 1
         while free in self._taken:
-            free = f"{plain}_{kind}" if kind and count == 1 else f"{plain}_{count}"
+            free = f"{identifier}_{kind}" if kind and count == 1 else f"{identifier}_{count}"
             count += 1
         self._taken.add(free)
         return free

@@ -156,7 +156,10 @@ class LoopJoint:
     damping: float = 0.0
 
     def close(self, builder: Multibody, name: str, mounts: Mapping[str, Mount]) -> None:
-        """Add the joint: points in the axes of the bodies of the model, axes in space."""
+        """Add the joint: points in the axes of the bodies of the model, axes in space.
+
+        ``mounts`` has the place of each body of the file in its body of the model.
+        """
         a, b = (mounts[body] for body in self.bodies)
         inner_a, inner_b = (mount.inner.then(placement)
                             for mount, placement in zip((a, b), self.places, strict=True))
@@ -295,17 +298,18 @@ def place_bodies(robot: Robot, coordinates: Mapping[str, Floats]) -> Poses:
         parent = IDENTITY if body.above < 0 else poses.bodies[body.above]
         placement = parent.then(body.place)
         for joint in body.joints:
-            value, name = coordinates[joint.name], joint.name
+            # a travel or angle; a quaternion of a ball; position and quaternion of a free joint
+            entries, name = coordinates[joint.name], joint.name
             if joint.kind == "free":
-                placement = parent.then(Placement(value[:3], rotation(value[3:])))
+                placement = parent.then(Placement(entries[:3], rotation(entries[3:])))
             axis, point = placement.R @ joint.axis, placement.x + placement.R @ joint.point
             poses.axes[name] = axis
             if joint.kind == "slide":
-                placement = Placement(placement.x + (value[0] - joint.ref) * axis, placement.R)
-                point = point + (value[0] - joint.ref) * axis
+                placement = Placement(placement.x + (entries[0] - joint.ref) * axis, placement.R)
+                point = point + (entries[0] - joint.ref) * axis
             elif joint.kind != "free":
-                R = (turn(axis, value[0] - joint.ref) @ placement.R if joint.kind == "hinge"
-                     else placement.R @ rotation(value))
+                R = (turn(axis, entries[0] - joint.ref) @ placement.R if joint.kind == "hinge"
+                     else placement.R @ rotation(entries))
                 placement = Placement(point - R @ joint.point, R)  # its point stays in place
             poses.points[name] = point
         poses.bodies.append(placement)

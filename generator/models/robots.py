@@ -126,7 +126,10 @@ def robot_model(
 def _read_robot(
     text: str, path: str | Path, rep: str | None, options: Mapping[str, Any]
 ) -> tuple[Multibody, Loops | None]:
-    """Return the bodies and joints of a robot's file, and the joints that another adds to them."""
+    """Return the bodies and joints of a robot's file, and the joints that another adds to them.
+
+    ``options`` are those of ``load_model``; ``loops`` among them names the other file.
+    """
     file_format = robot_format(text, path)
     present = {name: value for name, value in options.items() if value is not None}
     refuse_other_options(file_format.name, file_format.options, present)
@@ -151,14 +154,14 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
         if key not in keys or key in options:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
-            parts = [_number_or_text(number) for number in value.split(",")]
-            options[kind][name] = parts if len(parts) > 1 else parts[0]
+            entries = [_number_or_text(text) for text in value.split(",")]
+            options[kind][name] = entries if len(entries) > 1 else entries[0]
         elif key == "ignore":
             options[key] = [name.strip() for name in value.split(",")]
         elif key in ("base", "keyframe", "loops") or (key, value) == ("limits", "stops"):
             options[key] = value
         else:
-            numbers = [_number_or_text(number) for number in value.split(",")]
+            numbers = [_number_or_text(text) for text in value.split(",")]
             for number in numbers:
                 if isinstance(number, str):
                     raise InputError(f"{key}={shown(number)} is no number; write for example "

@@ -214,10 +214,12 @@ class _Scopes:
             "attached_to") or home
         above = self.seen(attributes.get("relative_to") or attributes.get("frame") or default, name)
         placement = self.place(above, (*below, name)).then(_pose(pose))
-        placed = element.attributes.get("placement_frame") if name == _MODEL else None
-        if placed:  # that frame of the model is there
+        placement_frame = element.attributes.get("placement_frame") if name == _MODEL else None
+        if placement_frame:
+            # the pose is that of a frame in the model: the model itself is at pose · frame⁻¹, and
+            # the places that were computed with the model at the origin are dropped
             self.places[_MODEL] = IDENTITY
-            inner = self.place(placed, (*below, name))
+            inner = self.place(placement_frame, (*below, name))
             placement = placement.then(Placement(-inner.R.T @ inner.x, inner.R.T))
             self.places = {"world": IDENTITY}
         self.places[name] = placement
@@ -302,6 +304,7 @@ def _link(name: str, element: Element) -> tuple[RobotLink, float]:
     xy, xz, yz = (_number(moments, key, 0.0) for key in ("ixy", "ixz", "iyz"))
     placement, mass = _pose(inertial.first("pose")), _number(inertial, "mass", 0.0)
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # a thin body has a moment of 0, which printed digits of J may miss
     if mass < 0 or np.linalg.eigvalsh(J).min() < -1e-9 * np.abs(J).max():
         raise InputError(f"line {inertial.line}: the <inertial> of {shown(name)} has a mass or a "
                          "principal moment below 0; correct it.")
