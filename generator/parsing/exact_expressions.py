@@ -116,9 +116,9 @@ def decimal_digits(text: str, exact_up_to: int = 0) -> int | None:
     counts = []
     for token in tokens(text):
         if token.kind == "number":
-            written, needed = refuse_at(text, token.position, _digits_after_point, token.text)
-            if needed > exact_up_to:
-                counts.append(written)
+            digits, significant = refuse_at(text, token.position, _digits_after_point, token.text)
+            if significant > exact_up_to:
+                counts.append(digits)
     return min(counts, default=None)
 
 
@@ -126,6 +126,6 @@ def _digits_after_point(literal: str) -> tuple[int, int]:
     """Return the number of digits after the point, with and without trailing zeros."""
     integer_part, fraction, exponent = decimal_parts(literal)
     digits = (integer_part + fraction).lstrip("0")
-    written = len(fraction) - exponent
+    count = len(fraction) - exponent
     zeros = len(digits) - len(digits.rstrip("0"))
-    return written, written - zeros if digits else 0
+    return count, count - zeros if digits else 0

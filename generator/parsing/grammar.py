@@ -128,7 +128,10 @@ def parse(text: str, arithmetic: ParserArithmetic[V], example: str) -> V:
 def parse_quantity(
     text: str, arithmetic: ParserArithmetic[V], example: str, units: Mapping[str, str]
 ) -> V:
-    """Return the value of a text with units, in rad and seconds; errors as of ``parse``."""
+    """Return the value of a text with units, in rad and seconds; errors as of ``parse``.
+
+    ``units`` has the factor of each unit as text, such as "pi/180" of "deg".
+    """
     if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):  # no unit, or an error
         return parse(text, arithmetic, example)
     factors = {unit: parse(factor, arithmetic, example) for unit, factor in units.items()}
@@ -359,7 +362,11 @@ class _Parser(Generic[V]):
             raise self.error(reason, "write ) or one of + - * / **")
 
     def nested(self, token: Token, method: Callable[[], V]) -> V:
-        """Return the value of a nested expression, one level deeper."""
+        """Return the value of a nested expression, one level deeper; ``method`` parses it.
+
+        Python's stack ends at some hundred calls of the grammar: deeper text is refused at
+        ``token``.
+        """
         if self.depth == MAX_DEPTH:
             reason = f"This is nested deeper than {MAX_DEPTH} levels"
             raise error_at(self.text, token.position, reason, "simplify the expression")

@@ -386,7 +386,7 @@ def velocity_kernels(system: System) -> list[Kernel]:
     q, v, mu = list(system.q), list(system.velocities), vector("mu", system.velocity_count)
     # T1 also solves g_q v + g_t = 0 at the end of the step, so that the rows of g come first
     defects = [sp.Add(offset, *(a * b for a, b in zip(row, v, strict=True)))
-                  for row, offset in zip([*system.G, *system.A], [*system.g_t, *system.a],
+               for row, offset in zip([*system.G, *system.A], [*system.g_t, *system.a],
                                       strict=True)]
     force = [sp.Add(*(x * row[i] for x, row in zip(mu, system.A, strict=True)))
              for i in range(system.n)]

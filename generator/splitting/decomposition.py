@@ -521,17 +521,19 @@ def _axes(
     neither diagonal nor a I + b e eᵀ.
     """
     a, axes = _eigenaxes(system, body, S)
-    rates = [AxisRotation(e, d, _inner(e, c)) for e, d in axes]
-    across = [sp.expand(x - sum(axis.c * axis.axis[k] for axis in rates)) for k, x in enumerate(c)]
-    if not all(map(_is_zero, across)):  # c has a component perpendicular to the axes
-        length = sp.sqrt(sp.Add(*(x**2 for x in across)))
+    rotations = [AxisRotation(e, d, _inner(e, c)) for e, d in axes]
+    # the component of c perpendicular to the axes has a rotation of its own, ½ 0 (e·m)² + |c| e·m
+    across = [sp.expand(x - sum(rotation.c * rotation.axis[k] for rotation in rotations))
+              for k, x in enumerate(c)]
+    if not all(map(_is_zero, across)):
         nonzero = [k for k, x in enumerate(across) if x != 0]
-        if len(nonzero) == 1:
-            rates.append(AxisRotation(_unit(nonzero[0]), _ZERO, across[nonzero[0]]))
+        if len(nonzero) == 1:  # without a root, and with the sign of c
+            rotations.append(AxisRotation(_unit(nonzero[0]), _ZERO, across[nonzero[0]]))
         else:
-            rates.append(AxisRotation((across[0] / length, across[1] / length, across[2] / length),
-                                      _ZERO, length))
-    return a, tuple(rates[:1]), tuple(rates[1:])
+            length = sp.sqrt(sp.Add(*(x**2 for x in across)))
+            rotations.append(AxisRotation(
+                (across[0] / length, across[1] / length, across[2] / length), _ZERO, length))
+    return a, tuple(rotations[:1]), tuple(rotations[1:])
 
 
 def _eigenaxes(
@@ -540,6 +542,7 @@ def _eigenaxes(
     """Return a and the pairs (e, d) of S = a I + Σ d e eᵀ, the axis of symmetry first."""
     x, y, z = S[0, 0], S[1, 1], S[2, 2]
     if S[0, 1] == S[0, 2] == S[1, 2] == 0:
+        # two equal entries: one axis, else S = x I + (z − x) e₃ e₃ᵀ + (y − x) e₂ e₂ᵀ
         if _is_zero(x - y):
             a, axes = x, [(2, z - x)]
         elif _is_zero(x - z):
@@ -554,7 +557,7 @@ def _eigenaxes(
         squares = [products[0] / S[1, 2], products[1] / S[0, 2], products[2] / S[0, 1]]
         a = x - squares[0]
         if _is_zero(y - squares[1] - a) and _is_zero(z - squares[2] - a):
-            row = sp.Matrix([squares[0], S[0, 1], S[0, 2]])
+            row = sp.Matrix([squares[0], S[0, 1], S[0, 2]])  # of b e eᵀ: a multiple of e
             length = sp.sqrt(sp.Add(*(e**2 for e in row)))
             return a, [((row[0] / length, row[1] / length, row[2] / length),
                         sp.Add(*squares))]

@@ -174,16 +174,16 @@ class _SymmetrySearch:
 
         If several have as few, axis 3 comes first, then 2, then 1.
         """
-        named = {body.q: body.name for body in self.system.bodies}
+        name_of = {body.q: body.name for body in self.system.bodies}
         # rotations of one body about its own axes, by their names
         spins = [f for f in self._candidates() if ", the" not in f.name and "axis" in f.name]
-        blocks: dict[tuple[int, ...], list[LinearField]] = {}
+        spins_of: dict[tuple[int, ...], list[LinearField]] = {}  # by the indices of a quaternion
         for field in spins:
-            blocks.setdefault(tuple(sorted({i for i, _ in field.weights})), []).append(field)
-        for block, fields in blocks.items():
-            body = named.get(tuple(self.system.q[i] for i in block), "")
-            name = "omega_body" if len(blocks) == 1 else f"omega_{body}" if body else ""
-            yield from self._first(name, reversed(fields))
+            spins_of.setdefault(tuple(sorted({i for i, _ in field.weights})), []).append(field)
+        for indices, fields in spins_of.items():
+            body = name_of.get(tuple(self.system.q[i] for i in indices), "")
+            name = "omega_body" if len(spins_of) == 1 else f"omega_{body}" if body else ""
+            yield from self._with_fewest_conditions(name, reversed(fields))
 
     def space(self) -> Iterator[tuple[FrameSymmetry, ...]]:
         """Yield the rotation of the system about e3, or e2 or e1; about all three if it is free."""
@@ -197,28 +197,32 @@ class _SymmetrySearch:
                 self.frame_fields += rotations
                 yield tuple(symmetry for symmetry in symmetries if symmetry is not None)
                 return
-        yield from self._first("omega_space", reversed(rotations))
+        yield from self._with_fewest_conditions("omega_space", reversed(rotations))
 
     def others(self) -> Iterator[tuple[FrameSymmetry]]:
         """Yield the other symmetries for any parameters, as far as they commute."""
         for field in self.unconditional.values():
-            yield from self._first("", [field])
+            yield from self._with_fewest_conditions("", [field])
 
-    def _first(self, name: str, fields: Sequence[LinearField] | Iterator[LinearField]) -> Iterator[
-            tuple[FrameSymmetry]]:
+    def _with_fewest_conditions(
+        self, name: str, fields: Sequence[LinearField] | Iterator[LinearField]
+    ) -> Iterator[tuple[FrameSymmetry]]:
         """Yield the symmetry with the fewest conditions on parameters, the first of several.
 
-        Yields nothing if no field is a symmetry. The field is added to those of the frame.
+        Yields nothing if no field is a symmetry. The field is added to those of the frame, and its
+        rate has the ``name``, or a number if that is in use.
         """
         candidates = [field for field in fields if self._is_new(field)]
         symmetries: list[FrameSymmetry] = []
-        # those that need no condition first; one condition, such as I1 = I2, is as few as any other
-        # needs
+        # False sorts first: fields that need no condition
         for field in sorted(candidates, key=lambda field: field.name not in self.unconditional):
             conditions = self._conditions(field)
             symmetry = None if conditions is None else self._symmetry(name, field, conditions)
-            symmetries += [] if symmetry is None else [symmetry]
-            if symmetry is not None and len(symmetry.conditions) <= 1:
+            if symmetry is None:
+                continue
+            symmetries.append(symmetry)
+            # one condition, such as I1 = I2, is the fewest that any of the others needs
+            if len(symmetry.conditions) <= 1:
                 break
         if symmetries:
             best = min(symmetries, key=lambda symmetry: len(symmetry.conditions))
@@ -265,24 +269,26 @@ class _SymmetrySearch:
         if coefficients is None:
             return None
         conditions: list[sp.Expr] = []
-        solved: dict[sp.Symbol, sp.Expr] = {}
+        solution_of: dict[sp.Symbol, sp.Expr] = {}
         for e in coefficients:
             # conditions so far are substituted: the next coefficient may follow from them
-            numerator = sp.numer(sp.together(e.xreplace(solved)))
-            condition = None if sp.expand(numerator) == 0 else _linear_factor(numerator)
-            if condition is None and sp.expand(numerator) != 0:
+            numerator = sp.numer(sp.together(e.xreplace(solution_of)))
+            if sp.expand(numerator) == 0:
+                continue
+            condition = _linear_factor(numerator)
+            if condition is None:
                 return None
-            if condition is not None:  # solve for a symbol, which later coefficients contain
-                conditions.append(condition)
-                symbol = _solvable(condition)
-                solution = sp.solve(condition, symbol)[0]
-                solved = {s: x.xreplace({symbol: solution})
-                          for s, x in solved.items()} | {symbol: solution}
+            # solve for a symbol, which later coefficients contain
+            conditions.append(condition)
+            symbol = _solvable(condition)
+            solution = sp.solve(condition, symbol)[0]
+            solution_of = {s: x.xreplace({symbol: solution})
+                           for s, x in solution_of.items()} | {symbol: solution}
             if len(conditions) > _MOST_CONDITIONS:  # too special to occur
                 return None
         # the conditions are necessary; that they suffice is proved on the special system
-        special = replace(affected, H=substitute([affected.H], solved)[0],
-                          constraints=tuple(substitute(list(affected.constraints), solved)))
+        special = replace(affected, H=substitute([affected.H], solution_of)[0],
+                          constraints=tuple(substitute(list(affected.constraints), solution_of)))
         if any(e.free_symbols & inputs for e in conditions):
             return None  # inputs change from step to step
         return tuple(conditions) if SymmetrySpace(special, [field], {}).contains(field) else None
@@ -307,13 +313,14 @@ class _SymmetrySearch:
                  for k in range(system.n)]
         entries: dict[tuple[int, int], Fraction] = {}
         for k, row in enumerate(system.G):
+            # the rate of g_k along the field, Σ_j g_k,j (A q)_j
             terms = [exactly(a) * x for a, x in zip(row, image, strict=True) if a != 0 and x != 0]
             if identically_zero([terms]):
                 continue
-            factors = self._combination(sp.Add(*terms))
-            if factors is None:
+            C_row = self._combination(sp.Add(*terms))
+            if C_row is None:
                 return None
-            entries |= {(m, k): -x for m, x in factors.items()}
+            entries |= {(m, k): -x for m, x in C_row.items()}
         return entries
 
     def _combination(self, rate: sp.Expr) -> dict[int, Fraction] | None:
@@ -348,14 +355,15 @@ class _SymmetrySearch:
         if not self.forces:
             return True
         q, p = self.system.q, self.system.p
+        # J = pᵀA q has J_p = A q and J_q = Aᵀ p
         J = field.momentum(q, p)
-        to_q, to_p = ([sp.diff(J, x) for x in side] for side in (p, q))
+        A_q, At_p = ([sp.diff(J, x) for x in symbols] for symbols in (p, q))
         sums: list[list[sp.Expr]] = []
         for k, f in enumerate(self.forces):
-            rotated = [self.forces[i] * sp.Rational(x.numerator, x.denominator)
-                       for (i, j), x in field.weights.items() if j == k]
-            sums.append([*(sp.diff(f, s) * x for s, x in zip(q, to_q, strict=True)),
-                         *(-sp.diff(f, s) * x for s, x in zip(p, to_p, strict=True)), *rotated])
+            At_F = [self.forces[i] * sp.Rational(x.numerator, x.denominator)
+                    for (i, j), x in field.weights.items() if j == k]
+            sums.append([*(sp.diff(f, s) * x for s, x in zip(q, A_q, strict=True)),
+                         *(-sp.diff(f, s) * x for s, x in zip(p, At_p, strict=True)), *At_F])
         return bool(identically_zero([terms for terms in sums if any(e != 0 for e in terms)]))
 
 
@@ -374,15 +382,13 @@ def _bracket_coefficients(system: System, field: LinearField) -> list[sp.Expr] |
     """
     J = field.momentum(system.q, system.p)
     slopes = {s: sp.diff(J, s) for s in (*system.q, *system.p)}
+    pairs = list(zip(system.q, system.p, strict=True))
     coefficients: dict[tuple[sp.Expr, ...], sp.Expr] = {}
     for term in sp.Add.make_args(exactly(system.H)):
         term_symbols = term.free_symbols
-        bracket = sp.Add(*(slopes[q] * derivative(term, p) for q, p in zip(system.q, system.p,
-                                                                            strict=True)
-                           if p in term_symbols),
-                         *(-slopes[p] * derivative(term, q) for q, p in zip(system.q, system.p,
-                                                                             strict=True)
-                           if q in term_symbols))
+        bracket = sp.Add(
+            *(slopes[q] * derivative(term, p) for q, p in pairs if p in term_symbols),
+            *(-slopes[p] * derivative(term, q) for q, p in pairs if q in term_symbols))
         symbols = sorted(bracket.free_symbols & slopes.keys(), key=str)
         if not is_small(bracket) or not bracket.is_polynomial(*symbols):
             return None
@@ -401,7 +407,10 @@ def _linear_factor(e: sp.Expr) -> sp.Expr | None:
 
 
 def _solvable(e: sp.Expr) -> sp.Symbol | None:
-    """Return the last symbol, by name, in which e is linear with a number as coefficient."""
+    """Return the last symbol, by name, in which e is linear with a number as coefficient.
+
+    A division by an expression would need a condition of its own.
+    """
     for symbol in sorted(e.free_symbols, key=str, reverse=True):
         slope = sp.diff(e, symbol)
         if slope.is_number and slope != 0:

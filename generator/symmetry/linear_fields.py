@@ -91,22 +91,23 @@ def known_fields(system: System) -> list[LinearField]:
     """
     n = system.n
     fields = [_shift(n, [[i]], 0, f"momentum {p}") for i, p in enumerate(system.p)]
+    def text_of(block: list[int]) -> str:
+        return ", ".join(str(system.q[i]) for i in block)
+
     for blocks in _block_layouts(system):
         fields += _motions(n, blocks)
-        names = [", ".join(str(system.q[i]) for i in block) for block in blocks.quaternions]
-        for block, name in zip(blocks.quaternions, names, strict=True):
-            axis = "the body's axis" if len(names) == 1 else f"the axis of body ({name}),"
+        for block in blocks.quaternions:
+            axis = ("the body's axis" if len(blocks.quaternions) == 1 else
+                    f"the axis of body ({text_of(block)}),")
             fields += [_spin(n, block, k, f"angular momentum about {axis} {k + 1}")
                        for k in range(3)]
         for block in blocks.points:
-            single_block = _Blocks([], [block], blocks.size)
-            name = ", ".join(str(system.q[i]) for i in block)
-            fields += [LinearField(f"{f.name} of ({name})", n, f.weights)
-                       for f in _motions(n, single_block)]
-        for block, name in zip(blocks.quaternions, names, strict=True):
-            single_block = _Blocks([block], [], blocks.size)
-            fields += [LinearField(f"{f.name} of body ({name})", n, f.weights)
-                       for f in _motions(n, single_block) if f.A.any()]
+            fields += [LinearField(f"{f.name} of ({text_of(block)})", n, f.weights)
+                       for f in _motions(n, _Blocks([], [block], blocks.size))]
+        # a quaternion alone has rotations, and no translations
+        for block in blocks.quaternions:
+            fields += [LinearField(f"{f.name} of body ({text_of(block)})", n, f.weights)
+                       for f in _motions(n, _Blocks([block], [], blocks.size)) if f.A.any()]
     return fields
 
 
@@ -119,12 +120,14 @@ def _block_layouts(system: System) -> list[_Blocks]:
     """Return the divisions of the coordinates into blocks: in space, in the plane, or both."""
     quaternions = list(_unit_quaternions(system))
     quaternion_indices = {i for block in quaternions for i in block}
-    free = [i for i in range(system.n) if i not in quaternion_indices]
+    indices = [i for i in range(system.n) if i not in quaternion_indices]
     # runs of consecutive indices between quaternions
-    breaks = [0, *(k for k in range(1, len(free)) if free[k] != free[k - 1] + 1), len(free)]
-    runs = [free[a:b] for a, b in pairwise(breaks)] if free else []
+    breaks = [0, *(k for k in range(1, len(indices)) if indices[k] != indices[k - 1] + 1),
+              len(indices)]
+    runs = [indices[a:b] for a, b in pairwise(breaks)] if indices else []
     layouts = []
     for size in (3, 2):
+        # quaternions turn in space: their points have three coordinates
         if quaternions and size == 2:
             continue
         if all(len(run) % size == 0 for run in runs):
@@ -153,16 +156,17 @@ def _unit_quaternions(system: System) -> Iterator[list[int]]:
 def _motions(n: int, blocks: _Blocks) -> list[LinearField]:
     """Return the rigid motions that move all blocks together: rotations, and shifts of points."""
     if blocks.size == 2:
-        turns = [_turn(n, blocks, 2, "angular momentum")]
+        rotations = [_turn(n, blocks, 2, "angular momentum")]
     else:
-        turns = [_turn(n, blocks, k, f"angular momentum about {axis}")
-                 for k, axis in enumerate(_AXES)]
+        rotations = [_turn(n, blocks, k, f"angular momentum about {axis}")
+                     for k, axis in enumerate(_AXES)]
     shifts = [_shift(n, blocks.points, k, f"linear momentum along {_AXES[k]}")
               for k in range(blocks.size)] if blocks.points else []
-    return [*turns, *shifts]
+    return [*rotations, *shifts]
 
 
 def _shift(n: int, points: Sequence[Sequence[int]], k: int, name: str) -> LinearField:
+    """Return the translation along e_k: coordinate k of all points moves at the rate 1."""
     return LinearField(name, n, {(block[k], n): Fraction(1) for block in points})
 
 

@@ -260,6 +260,7 @@ def _structure(tableau: Tableau) -> list[Condition]:
     """Check the separation of T1 and T2: Q̃_0 = q_k, Q̃_p = q_{k+1}, and Λ_p occurs only in T2."""
     t, basis = tableau, tableau.basis
     a_bar, a_tilde = basis["A_bar"], basis["A_tilde"]
+    # matrices are functions of the nodes: rows at c̃_0 and c̃_p
     first, last = t.constraints.at(0), t.constraints.at(-1)
     c_tilde = basis["c_tilde"]
     lines = [
@@ -385,7 +386,11 @@ def energy_conditions(tableau: Tableau) -> list[Condition]:
 
 
 def _counted_condition(tableau: Tableau, label: str, largest_k: dict[str, int]) -> Condition:
-    """Check a quadrature or stage condition: the largest k, and the residual at k + 1."""
+    """Check a quadrature or stage condition: the largest k, and the residual at k + 1.
+
+    ``label`` is B, B_hat, … or C, C_hat, …; ``largest_k`` has the k of each. The condition holds if
+    k is at least that which the tableau claims, or that which consistency needs.
+    """
     t, basis = tableau, tableau.basis
     k = largest_k[label]
     claim = tableau.claims.get(label)

@@ -32,8 +32,8 @@ def enclose_part(rows: list[list[Any]], nodes: list[Nodes], bits: int) -> tuple[
     roots = [_fixed_roots(node_set, bits) for node_set in nodes]
     unit = scale << bits
     if len(nodes) == 1:
-        values = [horner([row[0] for row in coefficients], root, bits) for root in roots[0]]
-        return tuple(_enclosure(value, unit) for value in values)
+        polynomial = [row[0] for row in coefficients]
+        return tuple(_enclosure(horner(polynomial, root, bits), unit) for root in roots[0])
     # Columns first: Σ_l C_kl vˡ then vanishes exactly for the zero column (v = 1) of Ã.
     by_column = [[horner(row, root, bits) for row in coefficients] for root in roots[1]]
     return tuple(tuple(_enclosure(horner(column, root, bits), unit) for column in by_column)

@@ -57,21 +57,24 @@ def energy_columns(tableau: Tableau) -> dict[str, tuple[Matrix, Nodes]]:
 def with_energy_parameter(tableau: Tableau, theta: tuple[Any, Any]) -> Tableau:
     """Return the tableau at rational numbers θ₀ and θ₁.
 
-    Fixed numbers lower the stage conditions and the order, so these claims are dropped.
+        A + θ₀ (u vᵀ − v uᵀ) B,   Ā + θ₁ w uᵀ B,   Ã − θ₁ u wᵀ B̃,    B = diag b, B̃ = diag b̃
+
+    which stays symplectic for all θ. Fixed numbers lower the stage conditions and the order, so
+    these claims are dropped.
     """
     basis = tableau.basis
-    u, v, w = (values for values, _ in energy_columns(tableau).values())
-    weigh = tableau.stages.multiply(basis["b"])
-    weigh_nodes = tableau.constraints.multiply(basis["b_tilde"])
+    u, v, w = (column for column, _ in energy_columns(tableau).values())
+    B = tableau.stages.multiply(basis["b"])
+    B_tilde = tableau.constraints.multiply(basis["b_tilde"])
     theta_0, theta_1 = (QQ.convert(x) for x in theta)
-    A = basis["A"] + (u * (weigh * v).transpose() - v * (weigh * u).transpose()) * theta_0
-    changed = {"A": A, "A_hat": A,
-               "A_bar": basis["A_bar"] + w * (weigh * u).transpose() * theta_1,
-               "A_tilde": basis["A_tilde"] - u * (weigh_nodes * w).transpose() * theta_1}
-    claims = {name: value for name, value in tableau.claims.items()
+    A = basis["A"] + (u * (B * v).transpose() - v * (B * u).transpose()) * theta_0
+    coefficients = {"A": A, "A_hat": A,
+                    "A_bar": basis["A_bar"] + w * (B * u).transpose() * theta_1,
+                    "A_tilde": basis["A_tilde"] - u * (B_tilde * w).transpose() * theta_1}
+    claims = {name: claim for name, claim in tableau.claims.items()
               if name in ("B", "B_hat", "B_tilde", "symmetric", "symplectic")}
     return replace(tableau, name=f"{tableau.name}_energy", claims=claims,
-                   basis={**basis, **changed})
+                   basis={**basis, **coefficients})
 
 
 def energy_values(tableau: Tableau, *, constrained: bool) -> dict[str, tuple[Enclosure, ...]]:

@@ -83,13 +83,14 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
     enclosures = []
     for numerator in numerators:
         # in whole numbers: the signs of f on both sides of the rounded root are exact
-        low, middle, high = (_scaled_value(integer, numerator + i, bits) for i in (-1, 0, 1))
+        low, middle, high = (_scaled_polynomial(integer, numerator + i, bits) for i in (-1, 0, 1))
         if middle != 0 and (low < 0) == (high < 0):
             raise TableauError(
                 f"No sign change of {polynomial.as_expr()} near {float(numerator * step)}."
             )
         enclosures.append(Enclosure(numerator * step, step if middle else Fraction(0)))
-    if any(after - before <= 2 for before, after in pairwise(numerators)):
+    # enclosures of radius 1 in these units would overlap
+    if any(right - left <= 2 for left, right in pairwise(numerators)):
         raise TableauError(f"The roots of {polynomial.as_expr()} are not distinct.")
     return tuple(enclosures)
 
@@ -118,13 +119,17 @@ def _upper_bound(integer: list[int]) -> Any:
 
 
 def _next_root(integer: list[int], roots: list[Any], start: Any) -> Any:
-    """Return the largest root that is not in ``roots``: x ← x − 1/(f′/f − Σ 1/(x − root))."""
+    """Return the largest root of f that is not in ``roots``: x ← x − 1/(f′/f − Σ 1/(x − root)).
+
+    ``integer`` are the coefficients of f, ``start`` is beyond its largest root: from there Newton's
+    method for f/Π (x − root) falls to the root without passing it.
+    """
     x = start
     for _ in range(500):
-        value, slope = mp.polyval(integer, x, derivative=True)
-        if value == 0:
+        f, slope = mp.polyval(integer, x, derivative=True)
+        if f == 0:
             return x
-        change = 1 / (slope / value - mp.fsum(1 / (x - root) for root in roots))
+        change = 1 / (slope / f - mp.fsum(1 / (x - root) for root in roots))
         x -= change
         if abs(change) < mp.ldexp(1, -100):
             return x
@@ -139,16 +144,16 @@ def _rounded_roots(integer: list[int], roots: list[Any], bits: int) -> list[int]
     with mp.workprec(bits + 64 + max(map(int.bit_length, integer))):
         for _ in range(max(bits.bit_length() - 5, 0)):
             pairs = [mp.polyval(integer, r, derivative=True) for r in roots]
-            roots = [r - value / slope for r, (value, slope) in zip(roots, pairs, strict=True)]
+            roots = [r - f / slope for r, (f, slope) in zip(roots, pairs, strict=True)]
         return [int(mp.nint(mp.ldexp(root, bits))) for root in roots]
 
 
-def _scaled_value(integer: list[int], numerator: int, bits: int) -> int:
-    """Return the integer 2^(bits · degree) f(numerator/2^bits)."""
-    value = 0
+def _scaled_polynomial(integer: list[int], numerator: int, bits: int) -> int:
+    """Return the integer 2^(bits · degree) f(numerator/2^bits), by Horner's scheme."""
+    scaled = 0
     for k, coefficient in enumerate(integer):
-        value = value * numerator + (coefficient << (bits * k))
-    return value
+        scaled = scaled * numerator + (coefficient << (bits * k))
+    return scaled
 
 
 @lru_cache

@@ -165,13 +165,16 @@ def _value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
 
 
 def _new_value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
-    """Return an interval that contains a number with radicals."""
+    """Return an interval that contains a number with radicals, by those of its operands.
+
+    ``interval`` is mpmath's context of intervals; ``cache`` has intervals by expression.
+    """
     if e.is_Rational:
         return interval.mpf(int(e.p)) / int(e.q)
     if e.is_Pow:
-        value = _value(e.base, interval, cache)
+        root = _value(e.base, interval, cache)
         for _ in range(int(e.exp.q).bit_length() - 1):  # roots are square roots of square roots
-            value = interval.sqrt(value)
-        return value ** int(e.exp.p)
+            root = interval.sqrt(root)
+        return root ** int(e.exp.p)
     operands = [_value(argument, interval, cache) for argument in e.args]
     return sum(operands[1:], operands[0]) if e.is_Add else prod(operands[1:], start=operands[0])

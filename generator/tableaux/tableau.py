@@ -132,7 +132,7 @@ class Tableau:
 
         tables: list[str] = []
         for caption, matrix, weights, nodes in _BUTCHER:
-            rows = [[node, *cells(*both)] for node, *both in zip(
+            rows = [[node, *cells(entries, numeric)] for node, entries, numeric in zip(
                 line(nodes), getattr(exact, matrix), getattr(digits, matrix), strict=True)]
             last_row = [["", *line(weights)]] if weights else []
             tables += [f"<p>{caption}</p>", table(rows + last_row)]
@@ -170,9 +170,9 @@ class Tableau:
     def __getattr__(self, name: str) -> Any:
         if name not in FIELDS:
             raise AttributeError(f"A tableau has no attribute {name!r}.")
-        value = self._evaluate(name)
-        object.__setattr__(self, name, value)  # cached: __getattr__ is not called again
-        return value
+        coefficients = self._evaluate(name)
+        object.__setattr__(self, name, coefficients)  # cached: __getattr__ is not called again
+        return coefficients
 
     def nodes_of(self, name: str) -> list[Nodes]:
         """Return the node sets of the rows and columns of a table."""
@@ -261,24 +261,27 @@ def polynomial_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> s
 
 
 def _quadratic_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
-    """Return Σ_kl C_kl uᵏ vˡ as a sum of 1, √c, √d and √c√d with rational factors."""
+    """Return Σ_kl C_kl uᵏ vˡ of u = a + b√c and v = a' + b'√d as a sum of 1, √c, √d and √c√d.
+
+    The factors are rational: uᵏ = r_k + s_k √c, vˡ = r'_l + s'_l √d (``_powers``).
+    """
     root_u, powers_u = _powers(u, len(coefficients))
     root_v, powers_v = _powers(v, len(coefficients[0]))
-    roots = itertools.product((sp.Integer(1), root_u), (sp.Integer(1), root_v))
-    factors = (
-        sum((entry * x * y for row, x in zip(coefficients, xs, strict=True)
-             for entry, y in zip(row, ys, strict=True)), sp.QQ(0))
-        for xs, ys in itertools.product(powers_u, powers_v)
-    )
-    return sp.Add(*(sp.QQ.to_sympy(factor) * a * b
-                    for factor, (a, b) in zip(factors, roots, strict=True)))
+    terms = []
+    for (a, xs), (b, ys) in itertools.product(
+            zip((sp.Integer(1), root_u), powers_u, strict=True),
+            zip((sp.Integer(1), root_v), powers_v, strict=True)):
+        factor = sum((entry * x * y for row, x in zip(coefficients, xs, strict=True)
+                      for entry, y in zip(row, ys, strict=True)), sp.QQ(0))
+        terms.append(sp.QQ.to_sympy(factor) * a * b)
+    return sp.Add(*terms)
 
 
 def _powers(number: sp.Expr, count: int) -> tuple[sp.Expr, tuple[list[Any], list[Any]]]:
     """Return √c and the lists r_k, s_k with (a + b√c)ᵏ = r_k + s_k √c, k < count."""
     rational, irrational = number.as_coeff_Add()
     factor, root = irrational.as_coeff_Mul()
-    a, b, c = (sp.QQ.from_sympy(value) for value in (rational, factor, root**2))
+    a, b, c = map(sp.QQ.from_sympy, (rational, factor, root**2))
     rationals, factors = [sp.QQ(1)], [sp.QQ(0)]
     for _ in range(count - 1):
         r, s = rationals[-1], factors[-1]

@@ -190,7 +190,8 @@ class _Reader:
             return [self.as_json(key, entry) for entry in entries]
         if isinstance(entries, mp.mpf):
             bits = entries.man.bit_length()
-            if bits > 53:  # as many decimal digits as the binary number has
+            # beyond a double, as many decimal digits as the binary number has
+            if bits > 53:
                 return mp.nstr(entries, math.floor(bits * math.log10(2)))
             entries = float(entries)
         is_number = isinstance(entries, (numbers.Rational, float, Decimal, sp.Expr, str))
@@ -208,13 +209,13 @@ class _Reader:
             if key not in allowed:
                 raise self.error(
                     f"the key {_quote(key)} is unknown; known are {', '.join(allowed)}.")
-        missing = [key for key in REQUIRED if key not in content]
-        if missing:
-            raise self.error(f"the key {missing[0]!r} is missing; add it.")
-        constraints = [key for key in (*CONSTRAINTS, "c_tilde") if key in content]
-        missing = [key for key in CONSTRAINTS if key not in content]
-        if constraints and missing:
-            raise self.error(f"it has {constraints[0]!r} without {missing[0]!r}; give "
+        missing_keys = [key for key in REQUIRED if key not in content]
+        if missing_keys:
+            raise self.error(f"the key {missing_keys[0]!r} is missing; add it.")
+        constraint_keys = [key for key in (*CONSTRAINTS, "c_tilde") if key in content]
+        missing_keys = [key for key in CONSTRAINTS if key not in content]
+        if constraint_keys and missing_keys:
+            raise self.error(f"it has {constraint_keys[0]!r} without {missing_keys[0]!r}; give "
                              f"{', '.join(CONSTRAINTS)}, or none of them, to have them derived.")
 
     def claims(self, content: dict[str, Any]) -> dict[str, int]:
@@ -316,13 +317,13 @@ class _Reader:
                 f"{MAX_EXPRESSION_CHARACTERS} are allowed; write decimals."
             )
         try:
-            value = parse_expression(text, radicals=self.radicals)
+            coefficient = parse_expression(text, radicals=self.radicals)
             digits = decimal_digits(text, EXACT_DIGITS)
         except InputError as error:
             raise self.error(f"{where}: {error}") from None
         if digits is not None:
             self.digits[text] = digits
-        return value
+        return coefficient
 
     def check_last_weight(self, weight: sp.Expr) -> None:
         """Refuse a last b̃ that is 0: T2 divides by it."""
