@@ -242,6 +242,7 @@ def _free_coordinates(structure: Structure, block_of: dict[int, set[int]]) -> fr
         for i in template.instances:
             bound.update(i.q[k] for k in nonlinear)
             bound.update(i.p if coupled else ())
+    # a force binds its own coordinate, those that it depends on, and the blocks of its momenta
     for template in structure.force_templates:
         for i in template.instances if template.q or template.p else ():
             bound.update(i.rows, i.q, *(block_of[a] for a in i.p))

@@ -541,6 +541,6 @@ def _tableau_doc(tableau: Tableau) -> list[str]:
         text = [", ".join(comment(e).replace(" ", "") for e in row) for row in rows]
         for i, row in enumerate(text):
             line = f"{field + (f'[{i}]' if len(rows) > 1 else ''):10s} = {row}"
-            if len(line) <= 140:
+            if len(line) <= 140:  # a longer one tells a reader nothing
                 lines.append(line)
     return lines

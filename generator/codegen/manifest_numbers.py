@@ -79,6 +79,7 @@ def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dic
         start[str(system.time)] = exact(0.0)
     for symbols, numbers in ((model.system.q, model.q0), (model.system.p, model.p0)):
         start |= {str(x): exact(number) for x, number in zip(symbols, numbers, strict=True)}
+    # in exact numbers, so that a velocity of 0 is 0
     if states and states.velocities:
         substitutions = {x: sp.Rational(start[str(x)]) for x in (*system.q, *system.p,
                                                                  *system.parameters)}

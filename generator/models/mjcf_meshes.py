@@ -53,16 +53,19 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
     volumes: dict[str, Volume] = {}
     geoms = []
     for number, geom in enumerate([*spec.geoms]):
+        # in place of a height field, a sphere without mass that is not drawn
         if geom.type == kinds.mjGEOM_HFIELD:
             geom.type, geom.size, geom.mass, geom.rgba = kinds.mjGEOM_SPHERE, [1] * 3, 0.0, [0] * 4
             geom.hfieldname = ""
         if geom.meshname not in meshes:
             continue
         mesh, weighs = meshes[geom.meshname], _weighs(spec, geom)
-        fitted = geom.type not in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF)
-        if weighs and (fitted or int(geom.typeinertia)):
+        # MuJoCo fits a capsule or a box that names a mesh to it, which would need the file
+        is_fitted = geom.type not in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF)
+        if weighs and (is_fitted or int(geom.typeinertia)):
             raise InputError(f"the mesh {shown(mesh.name)} gives mass to a body as a shape that is "
                              "fitted to it, or as a shell; give that body an <inertial>.")
+        # an ellipsoid of the mass, centre and moments of the mesh takes its place
         outer = IDENTITY
         if weighs:
             if mesh.name not in volumes:
@@ -76,7 +79,7 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
             geom.name = next(name for k in count(number) if (name := f"mesh{k}") not in names)
             names.add(geom.name)
         inner, size = _stretch(mesh)
-        geoms.append(MeshGeom(geom.name, outer.then(inner), None if fitted or size is None else
+        geoms.append(MeshGeom(geom.name, outer.then(inner), None if is_fitted or size is None else
                               partial(_shape, size, _file(mesh, spec.strippath).as_posix())))
     _remove(kinds, spec, meshes)
     return geoms
@@ -108,16 +111,23 @@ def _remove(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
 
 
 def _weighs(spec: Any, geom: Any) -> bool:
-    """Return whether a geom gives mass to a body whose mass matters."""
-    body, low_high = geom.parent, geom.compiler.inertiagrouprange
+    """Return whether a geom gives mass to a body whose mass matters.
+
+    A body that no joint moves, itself or above it, has a mass only for ``settotalmass``.
+    """
+    body, (lowest, highest) = geom.parent, geom.compiler.inertiagrouprange
+    # inertiafromgeom: 0 false, 1 true, 2 auto
     mode = int(geom.compiler.inertiafromgeom)
-    moves, above = False, body
-    while above is not None and not moves:
-        moves, above = bool(above.joints), above.parent
-    return (moves or spec.compiler.settotalmass > 0) and (
-        mode == 1 or (mode == 2 and not body.explicitinertial)) and (
-        low_high[0] <= geom.group <= low_high[1]) and bool(
-        geom.density if np.isnan(geom.mass) else geom.mass)
+    moves, ancestor = False, body
+    while ancestor is not None and not moves:
+        moves, ancestor = bool(ancestor.joints), ancestor.parent
+    if not (moves or spec.compiler.settotalmass > 0):
+        return False
+    if not (mode == 1 or (mode == 2 and not body.explicitinertial)):
+        return False
+    if not lowest <= geom.group <= highest:
+        return False
+    return bool(geom.density if np.isnan(geom.mass) else geom.mass)
 
 
 def _reference(mesh: Any) -> Placement:

@@ -312,12 +312,15 @@ class _Reader:
         do not, unless ``filterparent`` is off.
         """
         m = self.m
-        touching = {(int(m.body_weldid[m.geom_bodyid[k]]), int(m.geom_contype[k]),
-                     int(m.geom_conaffinity[k])) for k in range(m.ngeom)}
+        # bodies that are welded together are one; each kind of geom of a body counts once
+        geom_kinds = {(int(m.body_weldid[m.geom_bodyid[k]]), int(m.geom_contype[k]),
+                       int(m.geom_conaffinity[k])) for k in range(m.ngeom)}
         colliding: set[int] = set()
-        for (a, type_a, with_a), (b, type_b, with_b) in combinations(sorted(touching), 2):
-            if a == b or not (type_a & with_b or type_b & with_a):
+        for (a, type_a, affinity_a), (b, type_b, affinity_b) in combinations(
+                sorted(geom_kinds), 2):
+            if a == b or not (type_a & affinity_b or type_b & affinity_a):
                 continue
+            # 0 is the world, with which its children do collide
             are_neighbours = 0 not in (a, b) and "filterparent" not in self.robot.off and (
                 m.body_weldid[m.body_parentid[a]] == b or m.body_weldid[m.body_parentid[b]] == a)
             if not are_neighbours:
@@ -328,18 +331,19 @@ class _Reader:
 
     def _tendon(self, k: int) -> None:
         """Add a tendon: a fixed one is Σ c_i q_i of joints; a spatial one is counted as extra."""
-        m, off, extras = self.m, self.robot.off, self.robot.extras
-        parts = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
-        fixed = all(self._kind("mjtWrap", m.wrap_type[wrap]) == "joint" for wrap in parts)
+        m, disabled, extras = self.m, self.robot.off, self.robot.extras
+        wraps = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
+        is_fixed = all(self._kind("mjtWrap", m.wrap_type[wrap]) == "joint" for wrap in wraps)
         low, high = map(float, m.tendon_lengthspring[k])
-        stiffness = 0.0 if "spring" in off else float(m.tendon_stiffness[k])
-        damping = 0.0 if "damper" in off else float(m.tendon_damping[k])
-        extras["tendon"] += bool((stiffness and (not fixed or low != high))
-                                 or (damping and not fixed))
+        stiffness = 0.0 if "spring" in disabled else float(m.tendon_stiffness[k])
+        damping = 0.0 if "damper" in disabled else float(m.tendon_damping[k])
+        # a spring that is slack between two lengths, and springs and dampers of spatial tendons
+        extras["tendon"] += bool((stiffness and (not is_fixed or low != high))
+                                 or (damping and not is_fixed))
         self.robot.tendons[_name(m.tendon(k).name, "tendon", k + 1)] = MjcfTendon(
             tuple((self._joint_names[m.wrap_objid[wrap]], float(m.wrap_prm[wrap]))
-                  for wrap in parts) if fixed else (),
-            stiffness if low == high else 0.0, low, damping if fixed else 0.0)
+                  for wrap in wraps) if is_fixed else (),
+            stiffness if low == high else 0.0, low, damping if is_fixed else 0.0)
 
     def _actuator(self, k: int) -> None:
         """Add an actuator, force = gear (gain u + b₀ + b₁ l + b₂ l'), or count it as extra."""

@@ -334,10 +334,17 @@ def join(
     ends: Sequence[Frame | str] = (
         _joints(table, kind) if kind in ON_JOINTS else
         _frames(table, bodies, 2 if "b" in JOINTS[kind] else 1))
-    values = {key: table.vector(key, 3) if "ArrayLike" in str(parameter.annotation) else
-              table.vector(key, 2) if "tuple" in str(parameter.annotation) else
-              table.number(key, WITH_UNITS.get(key, {}))
-              for key, parameter in keys[kind].items() if key in table}
+    values: dict[str, Any] = {}
+    for key, parameter in keys[kind].items():
+        if key not in table:
+            continue
+        annotation = str(parameter.annotation)
+        if "ArrayLike" in annotation:
+            values[key] = table.vector(key, 3)
+        elif "tuple" in annotation:
+            values[key] = table.vector(key, 2)
+        else:
+            values[key] = table.number(key, WITH_UNITS.get(key, {}))
     getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **locate(values))
 
 

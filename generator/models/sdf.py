@@ -237,9 +237,8 @@ class _Scopes:
             links = self.all("link")
             return self.model.attributes.get("canonical_link") or next(iter(links), "world")
         element = self.elements.get(name)
-        if element is None or name in below:
-            return name
-        if element.name == "link":
+        # unknown names and circles are refused by ``place``, with a sentence
+        if element is None or name in below or element.name == "link":
             return name
         home = "world" if name in self.outside else _MODEL
         above = _text(element, "child") if element.name == "joint" else element.attributes.get(

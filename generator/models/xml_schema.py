@@ -101,12 +101,14 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
     for name, text, line, child in [*attributes, *inner]:
         label = f"{name[1:]}=" if child is None else f"<{shown(name)[1:-1]}>"
         prefix, colon, _ = name.strip("@").partition(":")
+        # namespaces of XML itself have no effect; elements of any other one are extensions
         if name in without_effect or ((colon or name == "@xmlns") and prefix in _XML):
             continue
         if colon:
             yield EXTENSION
         elif name in parts.refused:
             default, ignored_by, cure = parts.refused[name]
+            # a value that means "nothing" may stand
             if default is not None and _is_same(text, default):
                 continue
             if ignored_by:

@@ -185,6 +185,7 @@ class Assembly:
             poses[point].x, poses[point].v = np.array(self.components.start_of_point(point)).T
         joints = [link for link in self.links if isinstance(link, Joint)]
         rolling = [link for link in self.links if isinstance(link, Rolling)]
+        # a rolling body is put on its plane only where no joint says where it is
         propagate_all(poses, "x", [joint.propagate_point for joint in joints],
                       [partial(link.set_position, self.store) for link in rolling])
         for joint in joints:
@@ -336,6 +337,7 @@ class Assembly:
         These are measured in H, forces or quantities with these ``symbols``, start at an angle, or
         are driven or coupled by their angle.
         """
+        # an arm of a universal joint has no hinge, and its angle no full turns
         counted = {joint.name for symbol, (joint, measure) in self.components.measures.items()
                    if symbol in symbols and measure == "angle" and not isinstance(joint, Arm)}
         for link in self.links:

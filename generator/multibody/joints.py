@@ -306,21 +306,22 @@ class Joint(PointConnection):
 
         x_a + R_a r_a = at = x_b + R_b r_b: each unknown follows from the others.
         """
-        changed = False
+        was_set = False
         sides = ((self.a, "on_a"), (self.b, "on_b"))
         for frame, side in sides:
             pose, r = poses[frame], getattr(self, side)
             if self.at is None and r is not None and pose.x is not None:
-                self.at, changed = pose.space(r), True
+                self.at, was_set = pose.space(r), True
         for frame, side in sides if self.at is not None else ():
             pose, r = poses[frame], getattr(self, side)
             if r is None and pose.x is not None:
+                # components that cancel to round-off are 0, and cost no parameter
                 pivot = np.asarray(self.at)
                 setattr(self, side, clean(pose.R.T @ (pivot - pose.x), pivot, pose.x))
-                changed = True
+                was_set = True
             elif r is not None and pose.x is None:
-                pose.x, changed = self.at - pose.R @ r, True
-        return changed
+                pose.x, was_set = self.at - pose.R @ r, True
+        return was_set
 
     def propagate_velocity(self, poses: Poses) -> bool:
         """Propagate the velocity of the common point; return whether a velocity was set.

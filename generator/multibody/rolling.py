@@ -145,6 +145,7 @@ class Rolling(Connection):
 
         with the axis d of the disc; ρ in space axes.
         """
+        # no branch where n is along d: a disc lies flat there, and its contact is not one point
         n = self._normal(store)
         names = ("radius",) if len(self.sizes) == 1 else ("a", "b", "c")
         sizes = [sp.Symbol(f"{self.name}_{name}", positive=True) for name in names]

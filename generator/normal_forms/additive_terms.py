@@ -149,21 +149,22 @@ class HamiltonianTerms:
         An addend, derived or original, that contains terms of two regions joins them.
         """
         original = list(split(self.forms, self.H, self._is_irreducible))
-        addends = [self._derived_addends(), original]
+        both_addends = [self._derived_addends(), original]
         node_of = self._nodes(moving)
-        touched = [[frozenset(node_of(m) for m in terms if not is_constant(m))
-                    for _, terms in side] for side in addends]
-        regions = connected(nodes for side in touched for nodes in side)
+        # the nodes of each addend, derived and original: regions are what these connect
+        nodes_of = [[frozenset(node_of(m) for m in terms if not is_constant(m))
+                     for _, terms in addends] for addends in both_addends]
+        regions = connected(nodes for node_sets in nodes_of for nodes in node_sets)
         region_of = {node: i for i, region in enumerate(regions) for node in region}
         terms: list[Terms] = [{} for _ in regions]
         for m, a in moving.items():
             terms[region_of[node_of(m)]][m] = a
-        sides: list[tuple[list[Addend], list[Addend]]] = [([], []) for _ in regions]
-        for side, (side_addends, node_sets) in enumerate(zip(addends, touched, strict=True)):
-            for addend, nodes in zip(side_addends, node_sets, strict=True):
-                if nodes:
-                    sides[region_of[min(nodes)]][side].append(addend)
-        for region_terms, (derived, original) in zip(terms, sides, strict=True):
+        addends_of: list[tuple[list[Addend], list[Addend]]] = [([], []) for _ in regions]
+        for kind, (addends, node_sets) in enumerate(zip(both_addends, nodes_of, strict=True)):
+            for addend, nodes in zip(addends, node_sets, strict=True):
+                if nodes:  # constants belong to no region
+                    addends_of[region_of[min(nodes)]][kind].append(addend)
+        for region_terms, (derived, original) in zip(terms, addends_of, strict=True):
             yield region_terms, derived, original
 
     def _nodes(self, moving: Terms) -> Callable[[Monomial], int]:

@@ -162,6 +162,7 @@ def _signs(
              and (n := merged(t, inverse(m))[0]) in roots and roots[n] == roots[m]}
     if len(pairs) > _MOST_ROOT_PAIRS:
         return None
+    # in the order of monomials, not of sets: equal sums have equal forms in every process
     ordered = sorted((tuple(sorted(pair, key=order)) for pair in pairs),
                      key=lambda pair: tuple(map(order, pair)))
     solutions = [signs for signs in product((-1, 0, 1), repeat=len(ordered))
@@ -349,12 +350,14 @@ class _PowerSplitter:
         mixed = defaultdict(lambda: defaultdict(dict))
         for m, a in self.remainder.items():
             variables, constants = self.compact.split(m)
+            # terms c xⁿ⁻ᵏ yᵏ of two variables
             if len(variables) == 2 and all(isinstance(n, int) and n > 0 for _, n in variables):
                 (x, n), (y, k) = sorted(variables, key=lambda pair: base_key(pair[0]))
                 mixed[constants, n + k][x, y][k] = a
         for constants, n in sorted(mixed, key=lambda key: (key[1], order(key[0]))):
             power_of = {pair: self._power_of(constants, n, pair, by_power)
                         for pair, by_power in mixed[constants, n].items()}
+            # pairs with a variable in common share its pure power: all of them, or none
             for group in _connected(power_of):
                 powers = {pair: power for pair in group if (power := power_of[pair])}
                 if len(powers) == len(group):

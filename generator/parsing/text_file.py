@@ -81,19 +81,20 @@ def states_of_files(path: Path, text: str) -> list[str]:
     They are part of cache keys, so that changed meshes and includes are read again.
     """
     folders, states = ["", *_FOLDERS.findall(text)], []
+    # texts of included files name further ones; a file that includes itself is read once
     texts, visited = [text], set[Path]()
     while texts:
         for name in _FILES.findall(texts.pop()):
             for file in (path.parent / folder / name for folder in folders):
                 try:
-                    state = None if file in visited else file.stat()
-                except (OSError, ValueError):
+                    status = None if file in visited else file.stat()
+                except (OSError, ValueError):  # not there, or no path at all
                     continue
                 visited.add(file)
-                if state is None or not stat.S_ISREG(state.st_mode):
+                if status is None or not stat.S_ISREG(status.st_mode):
                     continue
-                states.append(f"{name} {state.st_size} {state.st_mtime_ns}")
-                if file.suffix == ".xml" and state.st_size <= MODEL_FILES[".xml"]:
+                states.append(f"{name} {status.st_size} {status.st_mtime_ns}")
+                if file.suffix == ".xml" and status.st_size <= MODEL_FILES[".xml"]:
                     texts.append(file.read_text("utf-8", "replace"))
     return states
 

@@ -67,7 +67,8 @@ class FastTableau:
 
     @cached_property
     def scaled(self) -> dict[str, list[Row]]:
-        """μ, μ̂, ν and ν̃ before rounding, nodes 0..p in ascending order."""
+        """μ_ij = a_ij/b_j, μ̂, ν and ν̃ before rounding, nodes 0..p in ascending order."""
+        # column p of Ã is 0, as is b̃_p of some methods: 0/1 in place of 0/0
         coefficients, s, p = self.centres, self.tableau.s, self.tableau.p
         b, b_hat, b_tilde = coefficients["b"], coefficients["b_hat"], coefficients["b_tilde"]
         return {

@@ -142,6 +142,7 @@ class SplittingScheme:
 
     def kernels(self) -> list[Kernel]:
         """Return the kernels of the rates and axes of rotations, which are called once a run."""
+        # C has no arrays of length 0: without axes there is one of zeros
         return [
             Kernel("flow_rates", "rates of rotations, and k of drags, of a run", {}, {
                 "sphere": self._hoisted([body.a for body in self.splitting.bodies]),

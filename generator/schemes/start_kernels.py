@@ -119,6 +119,8 @@ class StartKernels:
                             if i == j or D[i, j] != 0])
         inverse = sp.zeros(count)
         for block in map(sorted, blocks):
+            # inverses in symbols grow like the factorial of the size: of the tensor of a body at
+            # most
             D_block = D.extract(block, block)
             if len(block) > _LARGEST_BLOCK or sp.expand(D_block.det()) == 0:
                 return None

@@ -63,6 +63,7 @@ def _size(e: sp.Expr) -> tuple[int, int]:
     if e.is_Pow and e.exp.is_Rational:
         terms, length = sizes[0]
         n = math.ceil(abs(e.exp))
+        # (x_1 + … + x_t)ⁿ has C(t + n − 1, n) terms; beyond n = 200 the number itself takes long
         power = _cut(math.comb(terms + n - 1, n)) if n <= 200 else MAX_SYMBOLS + 1, _cut(length * n)
         return power if e.exp.is_Integer and e.exp > 0 else (1, _cut(power[0] * power[1]))
     return 1, _cut(sum(t * length for t, length in sizes))

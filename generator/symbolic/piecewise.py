@@ -225,6 +225,7 @@ def _order_by_position(e: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.E
         if not isinstance(node, Where):
             continue
         a, b, below, above = node.args
+        # a product of steps that is compared with 0 is an interval: rising steps are its lower ends
         steps = [f for f in sp.Mul.make_args(b) if isinstance(f, Where)] if a == 0 else []
         if steps:
             lower = [limit for f in steps for limit, rises in _step_limit(f, symbol) if rises]

@@ -56,6 +56,7 @@ class SymmetrySpace:
         self.fields, self._n = list(fields), system.n
         expressions = [*system.minus_p_rate, *system.H_p, *system.constraints,
                        *(e for row in system.G for e in row)]
+        # one substitution for all expressions, which share their subexpressions
         exact = iter(substitute([exactly(e) for e in expressions], numbers))
         self._minus_p_rate, self._velocity, self._g, slopes = (
             [next(exact) for _ in range(count)]

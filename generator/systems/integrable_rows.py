@@ -172,13 +172,14 @@ def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
     for column in range(rows.shape[1]):
         if pivot == len(rows):
             break
+        # partial pivoting: the largest entry of the column
         best = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
         if abs(rows[best, column]) <= _SMALL * np.abs(rows).max():
             continue
         rows[[pivot, best]] = rows[[best, pivot]]
         rows[pivot] /= rows[pivot, column]
-        remaining = [i for i in range(len(rows)) if i != pivot]
-        rows[remaining] -= rows[remaining, column, None] * rows[pivot]
+        other_rows = [i for i in range(len(rows)) if i != pivot]
+        rows[other_rows] -= rows[other_rows, column, None] * rows[pivot]
         pivot += 1
     for row in rows[:pivot]:
         fractions = [Fraction(e).limit_denominator(_DENOMINATOR) for e in row]
@@ -191,11 +192,13 @@ def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | No
 
     φ is integrated entry by entry: ∫ (ω_k − ∂φ/∂x_k) dx_k is added for each k, and dφ compared.
     """
+    # an integrating factor 1/ω_i finds the potentials of rows that were multiplied by a function
     for factor in (sp.Integer(1), *(e for e in dict.fromkeys(omega) if e.free_symbols & {*x})):
         ratios = [e / factor if e != factor else sp.Integer(1) for e in omega]
         if not all(map(is_small, ratios)):
             continue
         scaled = [sp.cancel(e) for e in ratios]
+        # other integrands could take SymPy minutes
         if not all(_is_simple(e, x) for e in scaled):
             continue
         phi = sp.Integer(0)

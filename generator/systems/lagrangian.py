@@ -316,6 +316,7 @@ def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
 def _degree(e: sp.Expr, symbols: Sequence[sp.Symbol]) -> float:
     """Return a bound of the degree of e in some symbols: infinite if it is no polynomial."""
     degree: dict[sp.Basic, float] = dict.fromkeys(symbols, 1)
+    # nodes come after those that they contain
     for node in parts_of([e]):
         if node in degree:
             continue

@@ -70,6 +70,7 @@ def energy_of(system: System) -> sp.Expr:
 def in_sums(J: sp.Expr, H: sp.Expr) -> list[sp.Expr]:
     """Return terms whose sum is J: multiples of sums whose squares H contains, as u_k = 2 l_k.
     """
+    # H̃ = H − ω J then has u_k² and u_k with one temporary u_k, not with J multiplied out
     factors = [f for term in sp.Add.make_args(H) for f in sp.Mul.make_args(term)]
     sums = {f.base for f in factors if f.is_Pow and f.exp == 2 and f.base.is_Add}
     coefficients, multiples = sp.expand(J).as_coefficients_dict(), list[sp.Expr]()

@@ -120,6 +120,8 @@ class Structure:
                 block = block_of[min(p)]
                 groups[block].append(term)
                 support[block] |= q
+        # potentials of these coordinates alone, such as gravity, join the kinetic energy: one
+        # kernel in place of two
         for term, q, p in self._terms:
             kinetic_block = block_of.get(min(q)) if q and not p else None
             if kinetic_block is not None and q <= support[kinetic_block]:

@@ -135,6 +135,7 @@ class System:
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        # each check relies on those before it
         self._convert_fields()
         self._refuse_wrong_counts()
         self._refuse_names()
@@ -159,10 +160,11 @@ class System:
         """Convert fields to tuples of expressions, symbols and texts, or raise InputError."""
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs",
                      "velocity_constraints", "velocities"):
-            values = as_sequence(name, getattr(self, name))
-            object.__setattr__(self, name, tuple(map(as_expression, values)))
-        new = tuple(u for u in self.inputs if u not in self.parameters)
-        object.__setattr__(self, "parameters", self.parameters + new)
+            entries = as_sequence(name, getattr(self, name))
+            object.__setattr__(self, name, tuple(map(as_expression, entries)))
+        # inputs are parameters, too, whose values a run may change from step to step
+        undeclared_inputs = tuple(u for u in self.inputs if u not in self.parameters)
+        object.__setattr__(self, "parameters", self.parameters + undeclared_inputs)
         as_text("name of the system", self.name)
         as_flag("rigid_body", self.rigid_body)
         object.__setattr__(self, "H", as_expression(self.H))

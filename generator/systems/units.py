@@ -35,13 +35,13 @@ class _Solver:
             pure = (e.is_Rational and e.q & (e.q - 1) == 0) or not e.is_Rational
             return DIMENSIONLESS if pure else None
         if e.is_Add or isinstance(e, (sp.Abs, Switch)):
+            # terms have the same dimensions: those of any one that is known
             candidates = (self.of(a) for a in _alike(e))
-            return next((factor for factor in candidates if factor is not None), None)
+            return next((term for term in candidates if term is not None), None)
         if e.is_Mul:
-            parts = [self.of(a) for a in e.args]
-            factors = [factor for factor in parts if factor is not None]
-            return combined(*((factor, 1)
-                              for factor in factors)) if len(factors) == len(parts) else None
+            known_factors = [factor for a in e.args if (factor := self.of(a)) is not None]
+            return combined(*((factor, 1) for factor in known_factors)
+                            ) if len(known_factors) == len(e.args) else None
         if e.is_Pow and e.exp.is_Rational:
             base = self.of(e.base)
             return None if base is None else combined((base, Fraction(int(e.exp.p), int(e.exp.q))))
@@ -60,23 +60,27 @@ class _Solver:
             dimensions_of_e = dimensions if dimensions is not None else self.of(e)
             for a in _alike(e):
                 self.assign(a, dimensions_of_e)
+            # the sides of a comparison have dimensions of their own, equal ones, as terms of a sum
             compared = [a for a in e.args if isinstance(e, Switch) and a not in _alike(e)]
             self.assign(sp.Add(*compared, evaluate=False), None)
         elif e.is_Mul:
-            parts = {a: self.of(a) for a in e.args}
-            unknown = [a for a, term in parts.items() if term is None]
-            known_product = combined(*((term, 1) for term in parts.values() if term is not None))
+            dimensions_of = {a: self.of(a) for a in e.args}
+            unknown = [a for a, factor in dimensions_of.items() if factor is None]
+            known_product = combined(*((factor, 1) for factor in dimensions_of.values()
+                                       if factor is not None))
             for a in e.args:
-                single = dimensions is not None and unknown == [a]
+                is_single = dimensions is not None and unknown == [a]
                 self.assign(a, combined((dimensions or {}, 1), (known_product, -1))
-                            if single else parts[a])
+                            if is_single else dimensions_of[a])
         elif e.is_Pow and e.exp.is_Rational:
+            # the inverse of the exponent
             power = Fraction(int(e.exp.q), int(e.exp.p))
             self.assign(e.base, None if dimensions is None else combined((dimensions, power)))
         else:
-            free = isinstance(e, (sp.sign, sp.Heaviside, sp.atan2))
+            # signs and angles of vectors take arguments of any dimensions, exp and sin of none
+            takes_any = isinstance(e, (sp.sign, sp.Heaviside, sp.atan2))
             for a in e.args:
-                self.assign(a, None if free else DIMENSIONLESS)
+                self.assign(a, None if takes_any else DIMENSIONLESS)
 
 
 def _alike(e: sp.Expr) -> list[sp.Expr]:

@@ -240,6 +240,7 @@ def remarks(tableau: Tableau, *, constrained: bool = True) -> list[str]:
             clauses.append(f"violates {clause}")
         elif line.name.startswith(("symplectic", "symmetric")) and line.found != "yes":
             clauses.append(f"not {clause}")
+    # b alone permits the order of its quadrature; other conditions may limit it further
     quadrature = counts(tableau)["B"]
     proved = tableau.order if constrained else tableau.free_order
     if proved < quadrature:
@@ -372,14 +373,14 @@ def energy_conditions(tableau: Tableau) -> list[Condition]:
     tableaux = [tableau, *(with_energy_parameter(tableau, theta) for theta in ((1, 0), (0, 1)))]
     reports = [{line.name: line for line in check_tableau(t)} for t in tableaux]
     names = [name for name in reports[0] if name.startswith(("symplectic", "symmetric", "ā", "ã"))]
-    fixed = min(t.order for t in tableaux)
-    proved = min(tableau.order, fixed + 2)
+    fixed_order = min(t.order for t in tableaux)
+    proved = min(tableau.order, fixed_order + 2)
     return [
         *(replace(reports[0][name], name=f"{name}, every θ", required=True,
                   found="yes" if all(report[name].found == "yes" for report in reports) else "no",
                   holds=all(report[name].found == "yes" for report in reports)) for name in names),
-        Condition("order, fixed θ", f"2s − 2 = {2 * tableau.s - 2}", str(fixed),
-                  fixed >= 2 * tableau.s - 2, "0", required=True),
+        Condition("order, fixed θ", f"2s − 2 = {2 * tableau.s - 2}", str(fixed_order),
+                  fixed_order >= 2 * tableau.s - 2, "0", required=True),
         Condition("order, θ = O(Δt²)", f"2s = {2 * tableau.s}", str(proved),
                   proved == 2 * tableau.s, "0", required=True),
     ]

@@ -137,6 +137,7 @@ def _new_bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
     if e.is_Pow:
         return _power_bound(_bound(e.base, cache), e)
     operands = [_bound(argument, cache) for argument in e.args]
+    # a root that occurs twice counts once in the degree of the field
     roots = frozenset().union(*(operand.roots for operand in operands))
     λ = prod(operand.λ for operand in operands)
     if e.is_Mul:
