@@ -259,6 +259,7 @@ def _guarantees(
     tableau: str | Path | Tableau | None, parameters: Mapping[str, float],
 ) -> Guarantees:
     """Return the guarantees of the scheme at these parameters, as exact fractions."""
+    # the doubles of the run, as fractions: a proof is about these numbers
     exact_parameters = {s: as_rational(parameters[str(s)]) for s in system.parameters}
     if not step.binding.solves:
         return SplittingGuarantees(system, exact_parameters, step.order)

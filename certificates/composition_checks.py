@@ -191,8 +191,8 @@ def force_gradient_residuals() -> tuple[sp.Expr, ...]:
         return sum(f.diff(x) * g.diff(y) - f.diff(y) * g.diff(x)
                    for x, y in zip(q, p, strict=True))
 
-    def commutator(first: Any, second: Any, function: Any) -> Any:
-        return first(second(function)) - second(first(function))
+    def commutator(X: Any, Y: Any, function: Any) -> Any:
+        return X(Y(function)) - Y(X(function))
 
     def A(function: Any) -> Any:
         return bracket(function, T)
@@ -200,11 +200,11 @@ def force_gradient_residuals() -> tuple[sp.Expr, ...]:
     def B(function: Any) -> Any:
         return bracket(function, V)
 
-    double = sp.expand(bracket(bracket(V, T), V))
+    VTV = sp.expand(bracket(bracket(V, T), V))
     G = sum(V.diff(q[i]) * M[i, j] * V.diff(q[j]) for i in range(2) for j in range(2))
-    return (sp.expand(double + G), *(double.diff(y) for y in p),
+    return (sp.expand(VTV + G), *(VTV.diff(y) for y in p),
             *(sp.expand(commutator(B, lambda function: commutator(A, B, function), f)
-                        - bracket(f, double)) for f in (*q, *p)))
+                        - bracket(f, VTV)) for f in (*q, *p)))
 
 
 def _measured(composition: Composition) -> Iterator[Condition]:

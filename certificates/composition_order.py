@@ -57,6 +57,7 @@ def _step(
     """Return (q, p) after one step of alternating drifts and kicks.
 
     q ← q + a h M p,  p ← p − b h V_q + c h³ G_q,  with G = V_qᵀ M V_q and V scaled by ``scale``.
+    V = −Σ w cos(n·q) is a sum of waves, so that V_q = Σ w n sin(n·q).
     """
     kicks = zip(composition.kicks, composition.gradients, strict=True)
     for i, a in enumerate(composition.drifts):

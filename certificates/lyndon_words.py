@@ -142,6 +142,7 @@ def evaluate_flow(
     """
     series: Series = {}
     for word, terms in flow.items():
+        # d/dv of x vᵉ is x e vᵉ⁻¹
         if derivative_index is not None:
             terms = {tuple(n - (i == derivative_index) for i, n in enumerate(e)): x
                      * e[derivative_index]

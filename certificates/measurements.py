@@ -169,7 +169,7 @@ def measure_order(
     """
     measurements: list[MeasuredOrder] = []
     h, doubled = dt, False
-    for _ in range(14):
+    for _ in range(14):  # a factor of 2¹⁴ in the step: no order shows by then
         errors = _halving_errors(stepper, q, p, h, sizes(h), parameters)
         measurement = None if errors is None else _agreeing(errors, h)
         if errors is None or (measurement is None and measurements):
@@ -190,6 +190,7 @@ def _agreeing(errors: list[float], h: float) -> MeasuredOrder | None:
     After two slopes that agree, the first lower slope ends the search: it shows round-off, which
     may grow like 1/h, as in multipliers.
     """
+    # an error that does not fall is round-off, as are all after it
     slopes = list(takewhile(lambda measured_slope: measured_slope > _NO_ORDER,
                             (math.log2(a / b) for a, b in pairwise(errors))))
     best: MeasuredOrder | None = None

@@ -88,6 +88,7 @@ class _Flow:
 
     def proofs(self) -> Iterator[Proof]:
         """Yield the proofs that the field is that of H, and of (i) to (iii)."""
+        # sines and cosines are symbols with relations, ``squares``: everything is a polynomial
         ring = Quotient({**unit_quaternions([q]), **self.squares})
         state = {**dict(zip(q, self.q, strict=True)), **dict(zip(l, self.l, strict=True))}
 

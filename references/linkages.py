@@ -118,7 +118,10 @@ PARALLELOGRAM = Reference(
 
 
 def _bricard(rate: float = 0.0) -> Model:
-    """Five rods along edges of a cube; hinges begin to turn at ``rate``, to and fro by turns."""
+    """Return Bricard's loop: five rods along edges of a cube, and the ground as the sixth.
+
+    Hinges begin to turn at ``rate``, with alternating signs.
+    """
     from ..generator.multibody.multibody import Multibody
 
     points = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]

@@ -55,6 +55,7 @@ def _summary(measured: Sequence[tuple[Reference, Sequence[WorkPrecisionRun]]]) -
     """Return the table of the cheapest run for each problem, and errors of published values."""
     table_rows = []
     for problem, runs in measured:
+        # peers are beside ours in the tables of the problems
         accurate_runs = [run for run in runs if run.error <= LIMIT and not run.peer]
         best = min(accurate_runs, key=lambda run: run.cpu_seconds, default=None)
         cells = ["missed"] * 4 if best is None else [

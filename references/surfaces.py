@@ -27,7 +27,10 @@ def _end(run: Trajectory) -> Mapping[str, Any]:
 
 
 def _neumann() -> Model:
-    """H = |p|²/2 + (x² + 2y² + 4z²)/2 on |q| = 1, with Uhlenbeck's integrals."""
+    """Return H = |p|²/2 + (x² + 2y² + 4z²)/2 on |q| = 1, with Uhlenbeck's integrals
+
+    F_i = q_i² + Σ_(j≠i) (q_i p_j − q_j p_i)²/(a_i − a_j),  a = (1, 2, 4).
+    """
     import sympy as sp
 
     from ..generator.multibody.model import Model
@@ -45,7 +48,9 @@ def _neumann() -> Model:
 
 
 def _ellipsoid() -> Model:
-    """H = |p|²/2 on x² + y²/2 + z²/4 = 1, with Joachimsthal's integral.
+    """Return H = |p|²/2 on x² + y²/2 + z²/4 = 1, with Joachimsthal's integral.
+
+    J = Σ q_i²/b_i² · Σ p_i²/b_i,  b = (1, 2, 4).
 
     It starts at (0.6, 0.64 √2, 0.96) along the x axis: the tangential part of (1, 0, 0), of
     length 1.
@@ -63,10 +68,11 @@ def _ellipsoid() -> Model:
                     quantities={"J": integral})
     position = [Fraction("0.6"), Fraction("0.64") * _root(2), Fraction("0.96")]
     normal = [x / b for x, b in zip(position, squares, strict=True)]
-    square = sum(x * x for x in normal)
-    along = [(i == 0) - normal[0] * x / square for i, x in enumerate(normal)]
-    length = _root(1 - normal[0] ** 2 / square)
-    return Model(system, {}, np.array(position), np.array([x / length for x in along]))
+    normal_squared = sum(x * x for x in normal)
+    # e_x − (e_x·n) n/|n|², of length √(1 − n_x²/|n|²)
+    tangent = [(i == 0) - normal[0] * x / normal_squared for i, x in enumerate(normal)]
+    length = _root(1 - normal[0] ** 2 / normal_squared)
+    return Model(system, {}, np.array(position), np.array([x / length for x in tangent]))
 
 
 def _root(x: Fraction | int) -> Fraction:

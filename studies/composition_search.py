@@ -72,12 +72,17 @@ class FloatConditions:
 
     @cached_property
     def _tables(self) -> tuple[list[str], list[_Kind], Floats, Floats]:
-        """Words of products, kinds of flows, and their numbers as constants and slopes."""
+        """Words of products, kinds of flows, and their numbers as constants and slopes.
+
+        The numbers of all flows in a row are constants + slopes · unknowns, as a palindrome and a
+        given sum determine the others.
+        """
         parts = factors_of(self.words)
         flows = list(self.conditions.flows(self.words))
         kinds: dict[int, _Kind] = {}
         numbers: list[Affine] = []
         for i, (flow, flow_numbers) in enumerate(flows):
+            # drifts and kicks are one object each: their matrices are computed once
             if id(flow) not in kinds:
                 kinds[id(flow)] = _Kind(*_matrices(flow, parts), [], [])
             kinds[id(flow)].places.append(i)
@@ -269,8 +274,9 @@ def store(name: str, x: Sequence[float], note: str) -> None:
     with mp.workdps(DIGITS):
         digits = [mp.nstr(number, DIGITS - 10, min_fixed=-mp.inf, max_fixed=mp.inf)
                   for number in conditions.refine(start)]
-    last, context = Decimal(1).scaleb(-STORED), Context(prec=DIGITS)
-    texts = [f"{Decimal(text).quantize(last, context=context):f}" for text in digits]
+    last_place, context = Decimal(1).scaleb(-STORED), Context(prec=DIGITS)
+    texts = [f"{Decimal(text).quantize(last_place, context=context):f}" for text in digits]
+    # free unknowns are short decimals
     texts = [text.rstrip("0") if i in free else text for i, text in enumerate(texts)]
     stored = json.loads(PATH.read_text(encoding="utf-8"))
     for kind_of_numbers in ("weights", "drifts", "kicks", "gradients"):

@@ -82,16 +82,23 @@ def node_numbers(s: int) -> NodeNumbers:
 
 
 def energy_law(s: int, top: BodyFrameTop) -> Law:
-    """Return the law of s-LIIIA-B at the state of the top."""
+    """Return the law of s-LIIIA-B at the state of the top.
+
+    With the Taylor coefficients x_k of q and y_k of p in body axes, z of y_(s−1) = (Y, z) and the
+    numbers μ, ς, ε of the nodes,
+
+        A = μ/(8s) z·J⁻¹z + μ Σ_k y_(s−1−k)·x_(s+k) − ε Σ_k (k + 1) x_(k+1)·y_(2s−2−k)
+        X = x_(s+1),0 + x_1·J⁻¹z/(4s),   B = −2μς X²,   C = μY²/(8s)
+    """
     x, y = motion(top, 2 * s - 1)
     mu, spread, quadrature = (_as(top, number) for number in vars(node_numbers(s)).values())
-    radial, *inner = y[s - 1]
-    stretched = [j * a for j, a in zip(top.inverse_inertia, inner, strict=True)]
-    A = over(mu * sum(a * b for a, b in zip(stretched, inner, strict=True)), 8 * s)
+    Y, *z = y[s - 1]
+    J_inverse_z = [j * a for j, a in zip(top.inverse_inertia, z, strict=True)]
+    A = over(mu * sum(a * b for a, b in zip(J_inverse_z, z, strict=True)), 8 * s)
     A += mu * sum(dot(y[s - 1 - k], x[s + k]) for k in range(1, s))
     A -= quadrature * sum((k + 1) * dot(x[k + 1], y[2 * s - 2 - k]) for k in range(2 * s - 1))
-    X = x[s + 1][0] + over(sum(a * b for a, b in zip(x[1][1:], stretched, strict=True)), 4 * s)
-    return Law(A, -2 * mu * spread * X * X, over(mu * radial * radial, 8 * s), X, radial)
+    X = x[s + 1][0] + over(sum(a * b for a, b in zip(x[1][1:], J_inverse_z, strict=True)), 4 * s)
+    return Law(A, -2 * mu * spread * X * X, over(mu * Y * Y, 8 * s), X, Y)
 
 
 def _as(top: BodyFrameTop, number: sp.Rational) -> Any:

@@ -39,6 +39,7 @@ def study(engine: Engine) -> Finding:
 
 
 def _about(claims: list[Claim]) -> str:
+    """Return the proof, with the defects that the last two claims measured."""
     trajectories, multipliers = claims[3:]
     return f"""The paper observes and predicts that s-LIIIA-B-α and s-LIIIA-B-γ give the same \
 results for α = γ. This is the proof, for every s.
@@ -83,18 +84,18 @@ def gradients_claim(alpha: sp.Expr | None = None) -> Claim:
 def stages_claim(norm: sp.Expr = 1) -> Claim:
     """Return the claim that k_i and k̂_i + k̃_i of both forms are equal; false unless |Q_i|² = 1.
 
-    The gradients of (1 − |q|²)|p|²/(8γ) at a stage with |Q|² = norm are what is left of
-    k_i and of k̂_i + k̃_i once the multipliers are shifted.
+    With D = H_γ − H_α = (1 − |q|²)|p|²/(8γ), Λ^γ = Λ^α + |P|²/(8γ) and |Q|² = ``norm`` these
+    differ by D_p and by −D_q − 2Q Λ^γ + 2Q Λ^α.
     """
     Q, P = sp.symbols("Q0:4"), sp.symbols("P0:4")
-    gamma, multiplier = sp.symbols("gamma Lambda")
-    square = sum(x**2 for x in P)
-    difference = (1 - sum(x**2 for x in Q)) * square / (8 * gamma)
+    gamma, Lambda_alpha = sp.symbols("gamma Lambda")
+    P_squared = sum(x**2 for x in P)
+    D = (1 - sum(x**2 for x in Q)) * P_squared / (8 * gamma)
     on_node = {Q[0] ** 2: norm - sum(x**2 for x in Q[1:])}
-    shifted = multiplier + square / (8 * gamma)
-    derivatives = [difference.diff(x).subs(on_node) for x in P]
-    derivatives += [-difference.diff(x) - 2 * x * shifted + 2 * x * multiplier for x in Q]
-    holds = all(sp.expand(sp.expand(e).subs(on_node)) == 0 for e in derivatives)
+    Lambda_gamma = Lambda_alpha + P_squared / (8 * gamma)
+    differences = [D.diff(x).subs(on_node) for x in P]
+    differences += [-D.diff(x) - 2 * x * Lambda_gamma + 2 * x * Lambda_alpha for x in Q]
+    holds = all(sp.expand(sp.expand(e).subs(on_node)) == 0 for e in differences)
     return Claim(
         "With Λ^γ = Λ^α + |P_i|²/(8γ) a stage with |Q_i| = 1 has the same k_i and the same force "
         "k̂_i + k̃_i in both forms.",

@@ -88,12 +88,12 @@ def _overall_claim(engine: Engine, setting: Setting) -> Claim:
 
 
 def _conserved_claim(engine: Engine, setting: Setting, method: str) -> Claim:
-    """Return the same claim for both number types and all parameters."""
-    conserved = {
-        rep: [{c for c in _QUANTITIES if _keeps(engine, setting.case(method, rep, rule), c)}
-              for variant, rule in VARIANTS if variant == rep]
-        for rep in ("gamma", "alpha")
-    }
+    """Return the claim that a method conserves what ``CONSERVED`` lists, for all γ and α."""
+    conserved: dict[str, list[set[Quantity]]] = {"gamma": [], "alpha": []}
+    for rep, rule in VARIANTS:
+        conserved[rep].append({quantity for quantity in _QUANTITIES if _keeps(
+            engine, setting.case(method, rep, rule), quantity)})
+    # what is conserved for every parameter of a type
     gamma, alpha = set.intersection(*conserved["gamma"]), set.intersection(*conserved["alpha"])
     measured_text = f"γ-type {_listed(gamma)}; α-type {_listed(alpha)}"
     return Claim(

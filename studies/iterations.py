@@ -186,20 +186,23 @@ def _lobatto_cells(counts: _Counts) -> list[Cell]:
 
 
 def _cell(table: int, row: Row, column: str, i: int, run: March, reason: str) -> Cell:
-    """Return the cell with its verdict."""
-    name, where = _row_name(row), f"Δt = {STEPS[i]}{column}"
+    """Return the cell of a row at step ``STEPS[i]`` with its verdict.
+
+    ``run`` is ours; ``column`` ends the name of the column; ``reason`` says why it may differ.
+    """
+    name, column_name = _row_name(row), f"Δt = {STEPS[i]}{column}"
     printed = ITERATIONS[table][row][i]
     ours: float | str = DIVERGENT if run.divergent else run.mean
     if printed is None:
-        return Cell(name, where, None, ours, "not printed")
+        return Cell(name, column_name, None, ours, "not printed")
     paper = printed if printed == DIVERGENT else float(printed)
     if printed == ours or (paper != DIVERGENT and isinstance(ours, float)
                            and same_digits(ours, printed)):
-        return Cell(name, where, paper, ours, "agrees")
+        return Cell(name, column_name, paper, ours, "agrees")
     if table == 12 and row in COPIED_ROWS:
-        return Cell(name, where, paper, ours, "misprint",
+        return Cell(name, column_name, paper, ours, "misprint",
                     "erratum 19: the row is a copy of Table 11's")
-    return Cell(name, where, paper, ours, "differs", _why(ours, printed, run, reason))
+    return Cell(name, column_name, paper, ours, "differs", _why(ours, printed, run, reason))
 
 
 def _row_name(row: Row) -> str:
@@ -303,12 +306,12 @@ def _inexact_favours_gamma(counts: _Counts) -> Claim:
 
 
 def _lambda_stagnates(counts: _Counts) -> Claim:
-    """Erratum 20: the growing count of IMS-α is an artefact of the stopping test."""
-    last = (len(STEPS) - 1,)
-    pairs = counts.pairs(_IMS_LAMBDA, last)
-    means = [(a.mean, b.mean) for a, b in pairs]
-    typical = max(b.typical for _, b in counts.pairs(_IMS, last))
-    text = ", ".join(f"γ {a:.1f} and α {b:.1f}" for a, b in means)
+    """Claim that the growing count of IMS-α is an artefact of the stopping test (erratum 20)."""
+    smallest_step = (len(STEPS) - 1,)
+    pairs = counts.pairs(_IMS_LAMBDA, smallest_step)
+    means = [(gamma.mean, alpha.mean) for gamma, alpha in pairs]
+    typical = max(alpha.typical for _, alpha in counts.pairs(_IMS, smallest_step))
+    text = ", ".join(f"γ {gamma:.1f} and α {alpha:.1f}" for gamma, alpha in means)
     return Claim(
         "\"IMS-α needs more iterations as Δt shrinks\" is an artefact of the stopping test: with λ "
         "in the norm both types stagnate alike, without it neither does (erratum 20)",

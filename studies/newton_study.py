@@ -128,6 +128,7 @@ class _Run:
     def __init__(
         self, stepper: Stepper, parameters: Mapping[str, float], dt: float, rule: Rule
     ) -> None:
+        """Allocate the arrays that the compiled residual and Jacobian read and write."""
         self.b = b = stepper.binding
         self.dt, self.rule = dt, rule
         self.parameters, self.work = b.parameters(dict(parameters)), b.work()
@@ -156,11 +157,13 @@ class _Run:
         y = self._start(origin)
         error = math.inf
         for iteration in range(1, rule.most + 1):
+            # C takes increments from the state; the paper iterates, and measures, the state itself
             np.subtract(y, origin, out=self.x)
             residual(self.parameters, self.dt, q, p, x, r, self.work)
             jacobian(self.parameters, self.dt, q, p, x, J, self.work)
             if rule.plain:
                 self._plain_constraint(y)
+            # a residual is tested before the step, a change after it
             if rule.stops_on == "r":
                 error = self._size(self.r)
                 if error < rule.tolerance:

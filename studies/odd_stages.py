@@ -115,6 +115,7 @@ def sweep(s: int, steps: int) -> tuple[GammaSweep, GammaSweep]:
     """Return the sweeps at half the time of the turning point and at the turning point."""
     dt = turning_time() / steps
     gammas = tuple(1 / x for x in INVERSE_GAMMA)
+    # for odd s the slope is two orders smaller, and doubles would round it away
     real: RealName = "long-double" if s % 2 else "double"
     runs = [run("LIIIA-B", s, dt, steps, g, real=real) for g in gammas]
     errors = [energy_errors(r) for r in runs]
@@ -135,9 +136,12 @@ def law_growth(s: int) -> tuple[Law, Law]:
 
 
 def study(engine: Engine) -> Finding:
-    """Prove the law and measure it."""
+    """Prove the law of the dependence on γ, and measure it.
+
+    A short study proves the term in γ of s = 3 at numbers in place of symbols.
+    """
     sweeps = {s: [sweep(s, n) for n in steps] for s, steps in STEPS.items()}
-    proved = [
+    proofs = [
         variational_claim(range(2, 9)),
         step_claim_symbolic(2),
         step_claim_rational(3) if engine.short else step_claim_symbolic(3),
@@ -146,11 +150,11 @@ def study(engine: Engine) -> Finding:
         parity_claim((2, 3, 4) if engine.short else (2, 3, 4, 5)),
     ]
     at_peak = {s: [peak for _, peak in pairs] for s, pairs in sweeps.items()}
-    measured = [claim for s in at_peak for claim in slope_claims(s, at_peak[s])]
+    measurements = [claim for s in at_peak for claim in slope_claims(s, at_peak[s])]
     hidden = hidden_claim([middle for middle, _ in sweeps[3]])
     return Finding(
         "odd-stages", "LIIIA-B: why odd s has no 1/γ", _about(at_peak, hidden),
-        [*proved, *measured, hidden], _panels(at_peak),
+        [*proofs, *measurements, hidden], _panels(at_peak),
     )
 
 
@@ -166,7 +170,7 @@ def limit(sweeps: Sequence[GammaSweep], ratios: Sequence[float]) -> float:
 def slope_claims(s: int, sweeps: Sequence[GammaSweep]) -> list[Claim]:
     """Claim straightness, power of h and size of the slope of the error in 1/γ, or in γ for odd s.
 
-    ``sweeps`` have falling steps.
+    The first of ``sweeps`` has the smallest step.
     """
     first = sweeps[0]
     variable, power = ("1/γ", 2 * s - 2) if first.even else ("γ", 2 * s)
@@ -201,6 +205,7 @@ def hidden_claim(middles: Sequence[GammaSweep]) -> Claim:
 
 
 def _about(at_peak: dict[int, list[GammaSweep]], hidden: Claim) -> str:
+    """Return the derivation, with the numbers of ``node_numbers`` and of the sweeps."""
     two, three = node_numbers(2), node_numbers(3)
     first = {s: sweeps[0] for s, sweeps in at_peak.items()}
     law, dt = first[3].law, first[3].dt
@@ -257,18 +262,20 @@ of the fast top, the slopes {slopes}."""
 
 
 def _panels(at_peak: dict[int, list[GammaSweep]]) -> list[Panel]:
+    """Return a panel of errors for each s, and one of the ratios of slopes over the step."""
     panels = []
     for s, sweeps in at_peak.items():
-        x = sweeps[0]
-        base = x.variable[-1]
-        measured = [e - x.errors[-1] for e in x.errors]
-        derived = [x.derived_slope * (v - base) for v in x.variable]
-        name = "1/γ" if x.even else "γ"
+        # differences from the last γ: lines through 0, of which only the slope is compared
+        finest = sweeps[0]
+        origin = finest.variable[-1]
+        measured = [e - finest.errors[-1] for e in finest.errors]
+        derived = [finest.derived_slope * (x - origin) for x in finest.variable]
+        name, unit = ("1/γ", "1/(kg m²)") if finest.even else ("γ", "kg m²")
         panels.append(Panel(
-            f"{s}-LIIIA-B, Δt = {x.dt:.4g} s", f"{name} in {'1/(kg m²)' if x.even else 'kg m²'}",
+            f"{s}-LIIIA-B, Δt = {finest.dt:.4g} s", f"{name} in {unit}",
             f"ΔH − ΔH(γ = 1/{INVERSE_GAMMA[-1]:g}) in J",
-            [Series("measured", x.variable, measured, "o"),
-             Series("derived", x.variable, derived, "-")],
+            [Series("measured", finest.variable, measured, "o"),
+             Series("derived", finest.variable, derived, "-")],
         ))
     panels.append(Panel(
         "measured over derived slope", "Δt in s", "ratio",

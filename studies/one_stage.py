@@ -26,13 +26,13 @@ def study(engine: Engine) -> Finding:
     exact = run("G-L", 4, DURATION / 320, 320, mean)
     runs = {name: [run("G-L", 1, DURATION / n, n, a, rep="alpha") for n in STEPS]
             for name, a in alphas.items()}
-    long = run("G-L", 1, LONG_DT, LONG_STEPS, mean, rep="alpha")
+    long_run = run("G-L", 1, LONG_DT, LONG_STEPS, mean, rep="alpha")
     claims = [*(order_claim(name, runs_of_alpha, exact) for name, runs_of_alpha in runs.items()),
               iterations_claim(
-                  [*(r for runs_of_alpha in runs.values() for r in runs_of_alpha), long]),
-              bounded_claim(long), trend_claim(long)]
-    return Finding("one-stage-alpha", "1-G-L-α does not diverge", _about(claims, long), claims,
-                   [_order_panel(runs, exact), _energy_panel(long)])
+                  [*(r for runs_of_alpha in runs.values() for r in runs_of_alpha), long_run]),
+              bounded_claim(long_run), trend_claim(long_run)]
+    return Finding("one-stage-alpha", "1-G-L-α does not diverge", _about(claims, long_run), claims,
+                   [_order_panel(runs, exact), _energy_panel(long_run)])
 
 
 def axis_error(motion: Trajectory, exact: Trajectory) -> float:
@@ -83,6 +83,7 @@ def trend_claim(motion: Trajectory) -> Claim:
 
 
 def _about(claims: list[Claim], motion: Trajectory) -> str:
+    """Return the summary, with the numbers of the claims and of the long run ``motion``."""
     orders = "; ".join(f"{c.statement.split('α = ')[1].split(':')[0]}: {c.found}"
                        for c in claims if "order of the axis" in c.statement)
     iterations, bounded, trend = claims[-3:]

@@ -41,6 +41,7 @@ class _Step:
     """The stages of one step on their way to convergence in h."""
 
     def __init__(self, tableau: Tableau, top: BodyFrameTop, order: int) -> None:
+        """Begin with constant stages, Q_i = q₀ and P_i = p₀, and Λ = 0."""
         self.top, self.order = top, order + 1  # Λ loses two powers and P gains one
         self.s = tableau.s
         self.A, self.A_hat = _rational(tableau.A), _rational(tableau.A_hat)

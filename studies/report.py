@@ -70,6 +70,7 @@ def json_text(document: Any) -> str:
 
 
 def _finite(value: Any) -> Any:
+    """Return a value with None for infinite numbers and NaN, which JSON does not have."""
     if isinstance(value, dict):
         return {key: _finite(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
@@ -108,6 +109,7 @@ def page(results: Sequence[Result], *, complete: bool = False) -> str:
 
 
 def _overview(results: Sequence[Result]) -> Iterator[str]:
+    """Yield the counts of verdicts, the requirements, and how many claims hold."""
     if tables_of(results):
         yield "## Verdicts"
         yield _verdict_table(tables_of(results))
@@ -126,7 +128,7 @@ def _overview(results: Sequence[Result]) -> Iterator[str]:
 
 
 def section(result: Result, *, complete: bool = False) -> str:
-    """Return a result's part of the page."""
+    """Return a result's section of the page; a complete one has its picture and all numbers."""
     parts = [f"## {heading(result)}", f"`{_command(result)}`", result.about]
     if isinstance(result, Table):
         parts.append(counts_line([result]) + ".")
@@ -158,12 +160,13 @@ def _verdict_table(tables: Sequence[Table]) -> str:
 
 def _numbers(table: Table, *, complete: bool) -> str:
     """Return our numbers of a table; complete ones with the printed ones and the verdicts."""
-    places = {(cell.row, cell.column): cell for cell in table.cells}
+    # a table may lack cells, whose places stay empty
+    cell_at = {(cell.row, cell.column): cell for cell in table.cells}
     columns = list(dict.fromkeys(cell.column for cell in table.cells))
     scientific = is_scientific(table)
     rows = [["ours (paper)" if complete else "ours", *columns]]
     for row in dict.fromkeys(cell.row for cell in table.cells):
-        cells = [places.get((row, column)) for column in columns]
+        cells = [cell_at.get((row, column)) for column in columns]
         rows.append([row, *(_compared(cell, scientific) if complete else _number(cell)
                             for cell in cells)])
     return _grid(rows)

@@ -56,6 +56,7 @@ def table_8(engine: Engine) -> Table:
             stages = _stages(scheme, order)
             if engine.watch is not None:
                 engine.watch(f"table 8, {scheme}, {row}")
+            # IMS and EMS have the exact Jacobian alone
             for inexact in (False, True)[: 1 if stages is None else 2]:
                 step = largest_step(scheme, stages, rep, rule, _unit(text), steps, inexact)
                 cells.append(_cell(row, scheme + _INEXACT * inexact, text, step, inexact))
@@ -114,6 +115,7 @@ def largest_count(
     while high <= last and seems(high):
         low, high = high, 2 * high
     high = min(high, last + 1)
+    # from here on, low is the candidate and high a count that fails
     while not converges(low):
         low, high = low // 2, low
         if low < first:
@@ -128,6 +130,7 @@ def largest_count(
 
 
 def _cell(row: str, column: str, printed: str, step: float, inexact: bool) -> Cell:
+    """Return the cell of our largest ``step``, 0 of none, beside the printed one."""
     ours: float | str = step or DIVERGENT
     if printed == DIVERGENT:
         if ours == DIVERGENT:
@@ -181,18 +184,19 @@ def _types_reach_alike(cells: list[Cell]) -> Claim:
 
 
 def _inexact_explains(cells: list[Cell]) -> Claim:
-    """The inexact Jacobian comes nearer to the printed limits than the exact one."""
-    near = {}
+    """Claim that the inexact Jacobian comes nearer to the printed limits than the exact one."""
+    near_counts = []
     for inexact in (False, True):
         ratios = [_number(c.ratio) for c in cells
                   if isinstance(c.paper, float) and c.column not in ("IMS", "EMS")
                   and c.column.endswith(_INEXACT) == inexact]
-        near[inexact] = sum(abs(ratio - 1) <= 0.2 for ratio in ratios)
+        near_counts.append(sum(abs(ratio - 1) <= 0.2 for ratio in ratios))
+    exact_count, inexact_count = near_counts
     return Claim(
         "The inexact Jacobian explains most printed limits of the SPARK methods within 20%",
-        f"{near[True]} of {len(ratios)} cells; the exact one {near[False]}",
+        f"{inexact_count} of {len(ratios)} cells; the exact one {exact_count}",
         "at least two of three, and more than the exact one",
-        3 * near[True] >= 2 * len(ratios) and near[True] > near[False],
+        3 * inexact_count >= 2 * len(ratios) and inexact_count > exact_count,
     )
 
 
