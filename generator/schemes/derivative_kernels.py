@@ -115,6 +115,7 @@ def quantity_derivatives(system: System) -> Kernel | None:
     quantities, or if their derivatives would cost more than the derivatives of the steps.
     """
     expressions = list(system.quantities.values())
+    # a column for the time in any case, of zeros for a symbol that nothing contains
     time = [sp.Dummy() if system.time is None else system.time]
     columns = [*system.q, *system.p, *system.parameters, *time]
     if isinstance(system, ScaledSystem):

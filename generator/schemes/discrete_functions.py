@@ -91,6 +91,7 @@ class DiscreteDifference:
                 terms.setdefault(i, []).append(d)
         total = DiscreteDifference(sp.Add(self.mean, *(term.mean for term in summands)),
                                    {i: sp.Add(*slopes) for i, slopes in terms.items()}, self.steps)
+        # unless a term has ends of its own, those of the sum are mean ± half the change
         if not any(term.known_ends for term in (self, *summands)):
             return total
         return total.with_ends(*(sp.Add(*ends) for ends in zip(

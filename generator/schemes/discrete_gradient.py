@@ -195,6 +195,7 @@ class _Differences:
         try:
             pieces = piecewise_form_of(e, self.symbols)
         except NotPiecewiseError as reason:
+            # the pieces of a part may be known where those of the whole are not
             joint = self._joint_argument(e) if e.is_Add or e.is_Mul else e
             if joint == e and (selects_side(e, self.symbols) or e.is_Add or e.is_Mul):
                 raise _not_piecewise(e, reason) from None

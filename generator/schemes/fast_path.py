@@ -176,8 +176,8 @@ class FastSystem:
 
         a_j is the constant that u_j is multiplied by wherever it occurs: one product less.
         """
-        H_p, H_q = ([self.folds(e) for e in side]
-                    for side in (self.system.H_p, self.system.minus_p_rate))
+        H_p, H_q = ([self.folds(e) for e in gradient]
+                    for gradient in (self.system.H_p, self.system.minus_p_rate))
         w = []
         for index, u in enumerate(map(self.folds, self.shared)):
             factor = self._common_constant(u, H_p + H_q)

@@ -94,6 +94,8 @@ class FrameRotation:
         cosines, sines = vector("cosine", len(angles)), vector("sine", len(angles))
         axis, y = vector("axis", max(self.components, 1)), list[sp.Expr](x)
         for g, (group_rotations, start) in enumerate(zip(rotations, self.axes, strict=True)):
+            # a group of one symmetry has no axis; the rotations of space have one, which is an
+            # input of the kernel
             unit_axis = ([sp.Integer(1)] if start is None
                          else axis[start : start + len(group_rotations)])
             index_of = {a: k for k, (group, a) in enumerate(angles) if group == g}

@@ -92,6 +92,7 @@ class LagrangianEMS(LagrangianIMS):
                 for v in (self.mean_velocity, delta))
             b_delta = (b * v for b, v in zip(system.rest_momenta, delta, strict=True))
             return sp.Add(L_mean, -L_delta, *b_delta, -system.potential)
+        # ``mass`` has one entry of each pair of equal ones: ½ M_ij (v₀_i v₁_j + v₀_j v₁_i)
         entries = zip(system.mass, system._at_rest([*system.mass.values()]), strict=True)
         bilinear = (e * (v0[i] * v1[j] + v0[j] * v1[i]) / (2 if i != j else 4)
                     for (i, j), e in entries)

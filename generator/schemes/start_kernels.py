@@ -167,6 +167,7 @@ class StartKernels:
                           {"p": self.momenta(u)}),
                    Kernel("velocities_of", "Velocities of momenta", {"q": q, "p": p},
                           {"v": self.velocities})]
+        # g, g_q q̇ and |g_q|² tell how far a start is from the constraints, in their own units
         conditions = self.conditions
         if conditions:
             G = [system.G[i] for i in conditions]

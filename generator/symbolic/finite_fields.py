@@ -137,6 +137,7 @@ class Residues:
     def _value(self, e: sp.Basic, values: Mapping[sp.Basic, Residue]) -> Residue:
         """Return an expression modulo the prime, from the residues of its arguments."""
         p = self.prime
+        # a float is the binary number that it is, not the decimal that it was
         if e.is_Rational or e.is_Float:
             return self._number(sp.Rational(e))
         if isinstance(e, Shared):
@@ -189,6 +190,7 @@ class Residues:
         A root of odd order r is unique, x^(1/r mod p − 1), if r and p − 1 are coprime.
         """
         q = int(exponent.q)
+        # q = 2^twos · odd
         twos = (q & -q).bit_length() - 1
         odd = q >> twos
         if gcd(odd, self.prime - 1) > 1:
@@ -286,6 +288,7 @@ def vanish(expressions: Sequence[sp.Expr]) -> bool:
     symbols = sorted(set().union(*(e.free_symbols for e in expressions)), key=str)
     prime_count = 0
     for prime in primes():
+        # a prime may divide a denominator, or lack a root that the expressions have
         try:
             residues = Residues(prime, symbols, expressions, _POINTS, {}, 0)
         except UnsuitablePrimeError:

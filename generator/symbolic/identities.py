@@ -175,8 +175,9 @@ def _value(e: sp.Basic, arguments: list[Any]) -> Any:
         return e.value(*arguments)
     if e.is_Rational:
         return mp.mpf(int(e.p)) / int(e.q)
-    if e.is_number and not e.args:
+    if e.is_number and not e.args:  # π, e and decimals
         return e._to_mpmath(mp.mp.prec)
+    # other functions have the same names in mpmath
     function = {"Abs": mp.fabs}.get(e.func.__name__) or getattr(mp, e.func.__name__, None)
     if function is None:
         raise ValueError(f"{e.func.__name__!r} has no value here.")

@@ -145,6 +145,7 @@ def reduced(
     rows, pivots = rows.copy(), list[int]()
     for column in range(rows.shape[1] if columns is None else columns):
         rank = len(pivots)
+        # exact arithmetic: any nonzero entry is a pivot, and none is better than another
         candidates = np.flatnonzero(rows[rank:, column])
         if not len(candidates):
             continue

@@ -169,6 +169,7 @@ def _solutions(
         for power in (1, 2):
             unknown = sp.Dummy("unknown", real=True)
             rewritten = square.xreplace({x**power: unknown})
+            # linear in x, or in x²: the rest over the slope is the solution
             slope = sp.diff(rewritten, unknown)
             is_linear = slope.free_symbols.isdisjoint({*symbols, unknown})
             if x not in rewritten.free_symbols and is_linear:

@@ -82,18 +82,19 @@ def share_repeated(expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
 
     Only subexpressions of more than ``_SHARED_SIZE`` nodes are shared.
     """
-    parts = list(parts_of(expressions))
+    subexpressions = list(parts_of(expressions))
     sizes: dict[sp.Basic, int] = {}
     uses: dict[sp.Basic, int] = {}
-    for e in parts:
+    # arguments come first: their sizes and replacements are known when they are needed
+    for e in subexpressions:
         sizes[e] = 1 + sum(sizes[a] for a in e.args)
         for a in e.args:
             uses[a] = uses.get(a, 0) + 1
     replacement: dict[sp.Basic, sp.Basic] = {}
-    for e in parts:
-        new = rebuilt(e, (replacement[a] for a in e.args))
+    for e in subexpressions:
+        node = rebuilt(e, (replacement[a] for a in e.args))
         recurs = uses.get(e, 0) > 1 and sizes[e] > _SHARED_SIZE and isinstance(e, sp.Expr)
-        replacement[e] = share(new) if recurs else new
+        replacement[e] = share(node) if recurs else node
     return [replacement[e] for e in expressions]
 
 

@@ -188,6 +188,7 @@ def on_side(e: sp.Expr, side: Callable[[sp.Expr], sp.Expr | None]) -> sp.Expr:
     for node in parts_of([e]):
         arguments = [replacement[a] for a in node.args]
         rebuilt = node.func(*arguments) if arguments else node
+        # ``side`` is asked about the original w, the sides may contain replaced switches
         old, new = sides(node), sides(rebuilt)
         if old is not None and new is not None and (weight := side(old[0])) is not None:
             rebuilt = weight * new[2] + (1 - weight) * new[1]

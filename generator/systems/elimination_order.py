@@ -60,13 +60,13 @@ def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
         return a
 
     for members in sets:
-        first = None
+        first_root = None
         for a in sorted(members):
             parent.setdefault(a, a)
-            if first is None:
-                first = root(a)
+            if first_root is None:
+                first_root = root(a)
             else:
-                parent[root(a)] = first
+                parent[root(a)] = first_root
     unions: dict[int, set[int]] = defaultdict(set)
     for a in sorted(parent):
         unions[root(a)].add(a)

@@ -61,6 +61,7 @@ def row_integrals(system: System) -> list[RowIntegral]:
     """
     if not system.velocity_count:
         return []
+    # rows of one-forms in (q, t)
     x = [*system.q, system.time or _CLOCK]
     rows = [[*row, rate] for row, rate in zip(system.A, system.a, strict=True)]
     integrals = []

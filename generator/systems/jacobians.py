@@ -22,6 +22,7 @@ def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]
     bases = _bases(expression)
     if not bases:
         return [derivative(expression, symbol) for symbol in symbols]
+    # chain rule through u: ∂e/∂x at fixed u, and ∂e/∂u · ∂u/∂x
     names = {u: sp.Symbol(f"_u{i}", real=True) for i, u in enumerate(bases)}
     node_of = {name: u for u, name in names.items()}
     outer = expression.xreplace(names)

@@ -243,6 +243,7 @@ def from_lagrangian(
         _symbols(field, argument, name) for field, argument in (
             ("q", q), ("velocities", velocities), ("parameters", parameters)))
     L = as_expression(L)
+    # derivatives of a long L that is not shared would visit each occurrence of a subexpression
     if tree_size([L]) > _LARGEST_TREE:
         (L,) = share_repeated([L])
     if len(speeds) != len(coordinates):

@@ -267,6 +267,7 @@ def somewhere(
     time = {*filter(None, (system.time,))}
     symbols = sorted({*system.parameters} | time | ({*symbols_besides} - {*system.q}), key=str)
     for _ in range(_TRIES):
+        # numbers of size 1 that are not special: no sum or product of them is 0 or 1
         values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
         q = rng.standard_normal(system.n)
         if not system.m:

@@ -208,6 +208,7 @@ class Structure:
                 for index_of in (self._q, self._p))
         names = dict(zip((self.system.q[i] for i in q), local("x", len(q)), strict=True))
         names |= dict(zip((self.system.p[i] for i in p), local("y", len(p)), strict=True))
+        # coordinates first: the order of constants refers to these local names
         expressions = tuple(substitute(expressions, names))
         constants = self._in_order(expressions)
         final = dict(zip(constants, local("k", len(constants)), strict=True))

@@ -46,6 +46,7 @@ def refuse_kinks(system: System) -> None:
 
     Raises InputError with the constraint and the place.
     """
+    # a kink of A v + a is allowed: velocities stay continuous across it
     for name, row in zip(system.velocity_constraint_names, system.velocity_constraints,
                          strict=True):
         for w in switches_of([row]):
@@ -225,7 +226,7 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
     names = (name for i in count() if (name := f"side{i}") not in reserved)
 
     def side(w: sp.Expr) -> sp.Expr:
-        """Return the symbol that is 1 where w > 0 and 0 elsewhere; that of −w is 1 less it."""
+        """Return the symbol s that is 1 where w > 0 and 0 elsewhere; 1 − s for −w."""
         if -w in symbols:
             return 1 - symbols[-w]
         if w not in symbols:

@@ -281,6 +281,7 @@ def _potential(
     if not isinstance(where, me.Point):
         return None
     components = load.to_matrix(motion.frame)
+    # a force of the motion, of the time or of an input has no potential
     changing = {me.dynamicsymbols._t, *inputs}
     if me.find_dynamicsymbols(components) or not changing.isdisjoint(components.free_symbols):
         return None
@@ -293,7 +294,11 @@ def _potential(
 def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
     dict[str, dict[str, list[str]]], dict[str, sp.Expr]
 ]:
-    """Return the quantities of each body's place and axes, and their expressions."""
+    """Return the quantities of each body's place and axes, and their expressions.
+
+    A body whose place is not known from a point at rest has none. Two axes of a rigid body are
+    enough: the third is their cross product.
+    """
     placed: dict[str, dict[str, list[str]]] = {}
     quantities: dict[str, sp.Expr] = {}
     for body in bodies:

@@ -50,15 +50,16 @@ class FrameMotion:
         """Return T = ½ m v·v + ½ Ω·J·Ω, with Ω in the axes of the body; 0 for a body at rest."""
         v = self.velocity(body.masscenter)[0]
         rates = self.turning(body.frame) if isinstance(body, me.RigidBody) else []
+        # constant, or a function of t alone: such an energy has no effect on the motion
         if not any(isinstance(subexpression, AppliedUndef)
                    for subexpression in parts_of([*v, *rates])):
             return sp.Integer(0)
-        of_translation = body.mass * sp.Add(*(e**2 for e in v)) / 2 if any(v) else sp.Integer(0)
+        translation = body.mass * sp.Add(*(e**2 for e in v)) / 2 if any(v) else sp.Integer(0)
         if not any(rates):
-            return of_translation
+            return translation
         Omega = sp.Matrix(rates)
         J = body.central_inertia.to_matrix(body.frame)
-        return of_translation + (Omega.T * J * Omega)[0] / 2
+        return translation + (Omega.T * J * Omega)[0] / 2
 
     def turning(self, axes: Any) -> list[sp.Expr]:
         """Return the angular velocity of a frame in its own axes."""
@@ -96,6 +97,7 @@ class FrameMotion:
                          if neighbour is not point and neighbour in points), None)
             if anchor is None:
                 continue
+            # v_anchor − v_point + d/dt (r_point − r_anchor) is 0 if places and velocities agree
             position, gap = point.pos_from(anchor), anchor.vel(self.frame) - point.vel(self.frame)
             residual = self._moved(position, gap, self._last(position, gap))
             if not vanish(substitute(residual, self.speeds)):
@@ -141,6 +143,7 @@ class FrameMotion:
         """
         numbers_in = {frame: list(numbers) for numbers, frame in vector.args}
         path = self._path(axes)
+        # a vector in a frame beside the path: SymPy's own way, which multiplies matrices out
         if not {*numbers_in} <= {*path}:
             return list(vector.to_matrix(axes))
         components, previous = [sp.Integer(0)] * 3, None
