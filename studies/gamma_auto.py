@@ -108,7 +108,7 @@ def energy_claim(body: TrialBody, trials: list[Trial]) -> Claim:
 
 
 def longer_claim(body: TrialBody, trials: list[Trial]) -> Claim:
-    """Claim the same over ten times the steps."""
+    """Return the claim of ``energy_claim`` over ten times the steps."""
     resolved_trials = [trial for trial in trials if not trial.at_round_off(LONGER)]
     return _energy_claim(f"{body.name}: the same γ over {LONGER * body.steps} steps, errors at "
                          "round-off excluded.", resolved_trials, LONGER)

@@ -259,7 +259,7 @@ def _near_claim(
 
 
 def _share_claim(cells: list[Cell]) -> Claim:
-    """Claim of Tables 12-14 with the inexact Jacobian, Δt ≤ 0.01: four cells of five within ±1."""
+    """Return the claim on Tables 12-14, inexact Jacobian, Δt ≤ 0.01: four of five within ±1."""
     smallest = [c for c in cells if c.column.startswith(f"Δt = {STEPS[-1]}")]
     near_count, near_smallest = sum(map(_is_near, cells)), sum(map(_is_near, smallest))
     share = near_count / len(cells)
@@ -306,7 +306,7 @@ def _inexact_favours_gamma(counts: _Counts) -> Claim:
 
 
 def _lambda_stagnates(counts: _Counts) -> Claim:
-    """Claim that the growing count of IMS-α is an artefact of the stopping test (erratum 20)."""
+    """Return the claim that a stopping test makes the count of IMS-α grow (erratum 20)."""
     smallest_step = (len(STEPS) - 1,)
     pairs = counts.pairs(_IMS_LAMBDA, smallest_step)
     means = [(gamma.mean, alpha.mean) for gamma, alpha in pairs]

@@ -105,7 +105,7 @@ def step_claim_symbolic(s: int) -> Claim:
 
 
 def step_claim_rational(s: int) -> Claim:
-    """Claim the same at rational states of two bodies, with γ as a symbol."""
+    """Claim the leading energy error of one step at rational states of two bodies, γ a symbol."""
     holds = True
     for top, error in _rational_errors(s, 2 * s - 1):
         law = energy_law(s, _moving(top))

@@ -190,7 +190,7 @@ def _panel(
 
 
 def _law_claim(engine: Engine, statement: str, sweeps: tuple[ParameterSweep, ...]) -> Claim:
-    """Claim that the errors of all sweeps are linear, by the worst line: in 1/γ, or in γ."""
+    """Return the claim that all sweeps have linear errors, by the worst line: in 1/γ, or in γ."""
     lines = []
     for sweep in sweeps:
         x, y = measure(engine, sweep)
@@ -206,7 +206,7 @@ def _line_claim(statement: str, line: FittedLine) -> Claim:
 
 
 def _zero_claim(engine: Engine, sweep: ParameterSweep, x: list[float], y: list[float]) -> Claim:
-    """Claim that the error y over x = 1/γ crosses zero once, where the errata have it."""
+    """Return the claim that the error y over x = 1/γ has one zero, where the errata have it."""
     floor = engine.floor(sweep.case(x[0]), sweep.quantity)
     zeros = crossing(x, y, floor)
     zero_text = " and ".join(f"1/γ = {zero:.1f}" for zero in zeros) or "nowhere"

@@ -184,7 +184,7 @@ def _types_reach_alike(cells: list[Cell]) -> Claim:
 
 
 def _inexact_explains(cells: list[Cell]) -> Claim:
-    """Claim that the inexact Jacobian comes nearer to the printed limits than the exact one."""
+    """Return the claim that the inexact Jacobian comes nearer to the printed limits."""
     near_counts = []
     for inexact in (False, True):
         ratios = [_number(c.ratio) for c in cells

@@ -324,9 +324,9 @@ def _step_kernels(derived: Derived, flows: Flows | None) -> list[EmittedKernel]:
     scheme, constants, real = derived.scheme, derived.constants, derived.real
     is_control = derived.profile == "control"
     if isinstance(scheme, SplittingScheme):
-        of_states = [k for k in scheme.state_kernels() if not is_control or (
+        state_kernels = [k for k in scheme.state_kernels() if not is_control or (
             derived.derivatives and k.name in LINEARISATION)]
-        return [*(emit_kernel(k, constants, real) for k in of_states),
+        return [*(emit_kernel(k, constants, real) for k in state_kernels),
                 *(flows.kernels if flows else [])]
     if is_control and not derived.derivatives:
         return []

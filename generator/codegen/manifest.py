@@ -202,13 +202,14 @@ def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
     system = derived.system
     if not system.constraints and not system.velocity_count:
         return []
-    deciding = (energy_of(system), *system.constraints) if elements is not None else (
+    # g, and f = g_q H_p: H where f is not written out, L where v = q̇ is known
+    expressions = (energy_of(system), *system.constraints) if elements is not None else (
         *system.constraints, *map(derived.constants.expand_shared, derived.scheme.system.hidden))
     if isinstance(system, LagrangianSystem):
-        deciding = (system.L, *system.constraints)
+        expressions = (system.L, *system.constraints)
     if system.velocity_count:
-        deciding = (*deciding, energy_of(system), *system.velocity_constraints)
-    symbols = {x for e in deciding for x in e.free_symbols}
+        expressions = (*expressions, energy_of(system), *system.velocity_constraints)
+    symbols = {x for e in expressions for x in e.free_symbols}
     return [str(x) for x in system.parameters if x in symbols]
 
 

@@ -356,7 +356,7 @@ def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
     SymPy searches such numbers for powers q, exponent = p/q, in time that grows with their bits and
     with q and the roots inside; numbers with small prime factors are faster.
     """
-    if not exponent.is_Rational or exponent.q <= 2:
+    if not exponent.is_Rational or exponent.q <= 2:  # whole powers and square roots are fast
         return
     for factor in sp.Mul.make_args(base):
         if not factor.is_number:

@@ -100,6 +100,7 @@ def _start(robot: MjcfRobot, options: MjcfOptions) -> MjcfStart:
 
 def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
     """Return a keyframe by its name or number."""
+    # a name goes before a number: a keyframe may be called "1"
     names = [key.name for key in robot.keys]
     if isinstance(keyframe, str) and keyframe in names:
         return robot.keys[names.index(keyframe)]
@@ -122,8 +123,10 @@ def _take_key(robot: MjcfRobot, start: MjcfStart, key: MjcfKey) -> None:
             (key.qpos, start.coordinates, [joint.count for joint in joints]),
             (key.qvel, start.rates, [joint.freedoms for joint in joints])):
         for joint, entries in zip(joints, np.split(numbers, np.cumsum(counts)[:-1]), strict=True):
-            quaternion = values is start.coordinates and joint.kind in ("ball", "free")
-            values[joint.name] = with_unit_quaternion(joint, entries) if quaternion else entries
+            # quaternions of a keyframe need not have length 1
+            has_quaternion = values is start.coordinates and joint.kind in ("ball", "free")
+            values[joint.name] = (with_unit_quaternion(joint, entries) if has_quaternion
+                                  else entries)
     start.controls = {actuator.name: float(key.ctrl[actuator.control])
                       for actuator in robot.actuators}
 

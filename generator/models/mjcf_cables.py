@@ -92,8 +92,8 @@ def _expand(
             raise InputError(f"line {child.line}: the plugin {PLUGIN} acts on a single body; write "
                              '<composite type="cable"> for the whole cable.')
         else:
-            below = "<replicate>" if element.name == "replicate" else defaults
-            yield from _expand(child, instances, below)
+            inner_defaults = "<replicate>" if element.name == "replicate" else defaults
+            yield from _expand(child, instances, inner_defaults)
 
 
 def _refusal(element: Element, why: str) -> InputError:

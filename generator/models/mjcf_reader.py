@@ -265,20 +265,22 @@ class _Reader:
 
     def _joint(self, k: int) -> RobotJoint:
         """Return a joint as compiled: defaults, classes and flags are resolved in the numbers."""
-        m, off, kind = self.m, self.robot.off, self._kind("mjtJoint", self.m.jnt_type[k])
-        q, v, single = m.jnt_qposadr[k], m.jnt_dofadr[k], kind in ("hinge", "slide")
-        if m.jnt_actgravcomp[k] and "actuation" in off and m.body_gravcomp.any():
+        m, disabled, kind = self.m, self.robot.off, self._kind("mjtJoint", self.m.jnt_type[k])
+        # the first coordinate and the first rate of the joint
+        q, v, has_coordinate = m.jnt_qposadr[k], m.jnt_dofadr[k], kind in ("hinge", "slide")
+        if m.jnt_actgravcomp[k] and "actuation" in disabled and m.body_gravcomp.any():
             raise InputError(f"joint {shown(self._joint_names[k])} has actuatorgravcomp and "
                              "actuation is disabled; leave one of them out.")
-        limited = m.jnt_limited[k] and kind != "free" and "limit" not in off
+        is_limited = m.jnt_limited[k] and kind != "free" and "limit" not in disabled
         low, high = map(float, m.jnt_range[k])
+        # body 0 of MuJoCo is the world, −1 here
         return RobotJoint(
             self._joint_names[k], kind, int(m.jnt_bodyid[k]) - 1, np.array(m.jnt_axis[k]),
-            np.array(m.jnt_pos[k]), float(m.qpos0[q]) if single else 0.0,
-            0.0 if "spring" in off else float(m.jnt_stiffness[k]),
-            float(m.qpos_spring[q]) if single else 0.0,
-            0.0 if "damper" in off else float(m.dof_damping[v]), float(m.dof_armature[v]),
-            (low, high) if limited else None)
+            np.array(m.jnt_pos[k]), float(m.qpos0[q]) if has_coordinate else 0.0,
+            0.0 if "spring" in disabled else float(m.jnt_stiffness[k]),
+            float(m.qpos_spring[q]) if has_coordinate else 0.0,
+            0.0 if "damper" in disabled else float(m.dof_damping[v]), float(m.dof_armature[v]),
+            (low, high) if is_limited else None)
 
     def _looks(self, body: int) -> list[tuple[int, Look]]:
         """Return groups and shapes of the geoms of a body, without planes and invisible ones."""

@@ -325,6 +325,7 @@ def join(
     Its keyword arguments are the keys, and their annotations say whether they are vectors, pairs or
     numbers. ``locate`` turns points and axes of the table into the arguments of the builder.
     """
+    # keyword arguments of the methods: the others are the name and the bodies or joints
     keys = {kind: {key: parameter for key, parameter in parameters.items()
                    if parameter.kind is parameter.KEYWORD_ONLY}
             for kind, parameters in JOINTS.items()}
@@ -402,6 +403,7 @@ def _contact(
         values["gap"] = formulas.read_all(table, "gap", position) if isinstance(
             table.content["gap"], list) else formulas.read(
                 table, "gap", table.formula("gap"), position)
+    # one body touches the ground
     if "bodies" in table:
         count = 2 if len(table.strings("bodies")) == 2 else 1
         values |= zip("ab", _frames(table, bodies, count), strict=False)

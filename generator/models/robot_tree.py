@@ -164,6 +164,7 @@ class LoopJoint:
         inner_a, inner_b = (mount.inner.then(placement)
                             for mount, placement in zip((a, b), self.places, strict=True))
         ends: dict[str, Any] = {"a": a.frame, "b": b.frame, "on_a": inner_a.x, "on_b": inner_b.x}
+        # the axis is given in the axes of the joint on a
         axis = a.space.R @ self.places[0].R @ self.axis
         if self.kind == "ball":
             builder.ball(name, **ends)
@@ -326,22 +327,23 @@ def body_velocities(
     """
     velocities: list[tuple[Floats, Floats]] = []
     for body, pose in zip(robot.bodies, poses.bodies, strict=True):
-        v, w = np.zeros(3), np.zeros(3)
+        v, omega = np.zeros(3), np.zeros(3)
         if body.above >= 0:
-            v, w = velocities[body.above]
-            v = v + np.cross(w, pose.x - poses.bodies[body.above].x)
+            v, omega = velocities[body.above]
+            v = v + np.cross(omega, pose.x - poses.bodies[body.above].x)
         for joint in body.joints:
             rate = rates[joint.name]
             if joint.kind == "slide":
                 v = v + rate[0] * poses.axes[joint.name]
                 continue
-            if joint.kind == "free":
-                v, w = rate[:3], pose.R @ rate[3:]
+            if joint.kind == "free":  # its rates are v in space and Ω in body axes
+                v, omega = rate[:3], pose.R @ rate[3:]
                 continue
-            w_joint = pose.R @ rate if joint.kind == "ball" else rate[0] * poses.axes[joint.name]
-            w = w + w_joint
-            v = v + np.cross(w_joint, pose.x - poses.points[joint.name])
-        velocities.append((v, w))
+            omega_joint = (pose.R @ rate if joint.kind == "ball"
+                           else rate[0] * poses.axes[joint.name])
+            omega = omega + omega_joint
+            v = v + np.cross(omega_joint, pose.x - poses.points[joint.name])
+        velocities.append((v, omega))
     return velocities
 
 

@@ -773,7 +773,7 @@ class Screw(Cylindrical):
             self.hinge.axis, angle, poses[self.a].space(self.on_a))
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield those of ``Cylindrical``, and sin(θ − φ) = 0 with φ = 2π s/h of the travel s.
+        """Yield the constraints of ``Cylindrical``, and sin(θ − 2π s/h) = 0 of the travel s.
 
         Values of parameters go into ``store``.
         """
