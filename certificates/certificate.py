@@ -172,20 +172,12 @@ def certify(
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
     with log_stages("certifying", 3, progress) as end_stage:
-        known_model, step = compiled(model, rep, {
+        known_model, step = compile_model(model, rep, {
             "scheme": scheme, "stages": stages, "tableau": tableau, "allow_invalid": allow_invalid,
             "frame": frame, "real": real, "energy": energy, "order": order,
             "composition": composition})
         end_stage()
-        if step.manifest.system.velocity_names:
-            raise InputError(f"System {known_model.system.name!r} is from a Lagrangian, and its H "
-                             "is not written out: guarantees are not proved for it. Certify a "
-                             "model with the system that its legendre() returns.")
-        if dt is None and not step.binding.clocked:
-            dt = known_model.dt
-            if dt is None and dtau is None:
-                raise InputError(f"Model {known_model.name!r} names no time step; give dt.")
-        size = as_step(step_argument(step.binding, dt, dtau))
+        size = _step_size(known_model, step, dt, dtau)
         count = as_positive_count("steps", (known_model.steps or STEPS) if steps is None else steps,
                                   minimum=2)
         changes = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
@@ -225,10 +217,10 @@ class MethodOptions(TypedDict, total=False):
     composition: str | None
 
 
-def compiled(
+def compile_model(
     model: Model | Problem, rep: RepName | None, options: MethodOptions
 ) -> tuple[Model, Stepper]:
-    """Return the model and its compiled stepper.
+    """Return a model, with the H of a named problem written out, and its compiled stepper.
 
     A named problem becomes a model with the H of its system; its stepper is the named one, whose C
     is kept in ``generated/``.
@@ -252,6 +244,23 @@ def compiled(
         model = replace(model, frame=choose("frame", frame, FRAMES))
     options = {**options, "frame": model.frame or None}
     return model, make_stepper(system=model.system, **options)
+
+
+def _step_size(model: Model, step: Stepper, dt: float | None, dtau: float | None) -> float:
+    """Return Δt, by default the model's, or Δτ of a system in scaled time.
+
+    Raises InputError without a step, and for a Lagrangian whose H is not written out.
+    """
+    if step.manifest.system.velocity_names:
+        raise InputError(f"System {model.system.name!r} is from a Lagrangian, and its H is not "
+                         "written out: guarantees are not proved for it. Certify a model with the "
+                         "system that its legendre() returns.")
+    if dt is None and not step.binding.clocked:
+        dt = model.dt
+        if dt is None and dtau is None:
+            raise InputError(f"Model {model.name!r} names no time step; give dt.")
+    size: float = as_step(step_argument(step.binding, dt, dtau))
+    return size
 
 
 def _guarantees(
