@@ -46,7 +46,7 @@ from .round_off import RoundOff
 if TYPE_CHECKING:
     from ..generator.tableaux.tableau import Tableau
 
-__all__ = ["Certificate", "CertificateLine", "certify", "compiled"]
+__all__ = ["Certificate", "CertificateLine", "certify", "compile_model"]
 
 #: Steps where the model names none; of a named problem also the step.
 STEPS, PROBLEM_DT = 1000, 1e-3

@@ -225,9 +225,9 @@ def _draw(
 ) -> dict[str, Any]:
     """Draw error and round-off over time to ``plot``; return its path and the numbers, for JSON."""
     from ..certificates.accuracy_over_time import accuracy, draw
-    from ..certificates.certificate import compiled
+    from ..certificates.certificate import compile_model
 
-    problem, step = compiled(model, rep, {
+    problem, step = compile_model(model, rep, {
         "scheme": choice["scheme"], "stages": spec.stages, "tableau": choice["tableau"],
         # a tableau that fails its conditions is drawn too: the certificate says so
         "allow_invalid": True, "energy": choice["energy"],

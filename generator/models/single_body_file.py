@@ -65,17 +65,19 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     # formulas: a potential has the attitude, torques and quantities the motion too
     letters = () if tensor else moments
     position = _place(letters)
+    # t is the time, unless the file has a parameter of this name
     symbols = position if "t" in formulas.parameters else position | {"t": rigid_body.time}
-    potential = formulas.read(content, "potential", content.formula("potential"), symbols,
-        letters) \
-        if "potential" in content else sp.Integer(0)
+    potential = sp.Integer(0)
+    if "potential" in content:
+        potential = formulas.read(content, "potential", content.formula("potential"), symbols,
+                                  letters)
     motion = position | _motion(INVERSE if tensor else moments)
     forces.allow("torque")
     torque = formulas.read_all(forces, "torque", motion, letters, 3) if "torque" in forces else []
     quantities = formulas.quantities(motion, letters)
     scales = [formulas.read(content, "time_scale", content.formula("time_scale"), motion, letters)
               ] if "time_scale" in content else []
-    parameters, renamed, values = formulas.in_use(
+    parameters, system_symbols, values = formulas.in_use(
         [potential, *torque, *quantities.values(), *scales])
     # of a tensor H has the entries of J⁻¹, whose values are parameters, too
     values |= weight | (
@@ -84,12 +86,12 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     system = body_system(
         name,
         cast("Rep", chosen),
-        potential.xreplace(renamed),
+        potential.xreplace(system_symbols),
         parameters,
-        torque=[e.xreplace(renamed) for e in torque],
-        quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
+        torque=[e.xreplace(system_symbols) for e in torque],
+        quantities={key: e.xreplace(system_symbols) for key, e in quantities.items()},
         tensor=tensor,
-        time_scale=scales[0].xreplace(renamed) if scales else None,
+        time_scale=scales[0].xreplace(system_symbols) if scales else None,
     )
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
         warn("[body] mass is in no formula: a weight needs a potential, such as "
@@ -144,14 +146,14 @@ def _add_tensor(inertia: Inertia, formulas: Formulas) -> None:
 
 
 def _place(letters: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
-    """Symbols of formulas of the attitude."""
+    """Return name → expression for formulas of the attitude: q0…, ``letters`` and R11…R33."""
     R = rigid_body.rotation_matrix(q)
     entries = {f"R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
     return {str(symbol): symbol for symbol in (*q, *letters)} | entries
 
 
 def _motion(inertia: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
-    """Symbols of formulas of the motion besides it."""
+    """Return name → expression for formulas of the motion: p0…, t and omega1…omega3."""
     omega = rigid_body.angular_velocity(inertia=inertia)
     return {str(symbol): symbol for symbol in (*p, rigid_body.time)} | {
         f"omega{i}": e for i, e in enumerate(omega, 1)}

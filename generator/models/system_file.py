@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 import sympy as sp
 
@@ -44,31 +44,31 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
               ] if "time_scale" in table else []
     uses_time = "forces" in table or "quantities" in content or "time" in table or any(
         e.has(*time.values()) for e in (H, *constraints, *velocity_constraints, *scales))
-    if uses_time:
-        for symbol in time:
-            if symbol in state:
-                raise table.error("time", f"is {symbol!r}, which is a coordinate or momentum; "
-                                          "choose another name.")
+    for symbol in time if uses_time else ():
+        if symbol in state:
+            raise table.error("time", f"is {symbol!r}, which is a coordinate or momentum; choose "
+                                      "another name.")
     forces = formulas.read_all(table, "forces", state | time, count=len(q)) if (
         "forces" in table) else []
     quantities = formulas.quantities(state | time)
     # symbols of parameters that a formula divides by are replaced by symbols that are not 0
-    parameters, renamed, values = formulas.in_use(
+    parameters, system_symbols, values = formulas.in_use(
         [H, *constraints, *velocity_constraints, *forces, *quantities.values(), *scales])
     start.allow("q", "p")
     start.require("q", "p")
+
+    def in_system(expressions: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
+        return tuple(e.xreplace(system_symbols) for e in expressions)
+
     system = System(
-        tuple(q.values()), tuple(p.values()), tuple(parameters), H.xreplace(renamed),
-        tuple(g.xreplace(renamed) for g in constraints),
-        name=name,
+        tuple(q.values()), tuple(p.values()), tuple(parameters), *in_system([H]),
+        in_system(constraints), name=name,
         constraint_names=tuple(table.strings("constraint_names")),
-        velocities=tuple(v.values()),
-        velocity_constraints=tuple(row.xreplace(renamed) for row in velocity_constraints),
+        velocities=tuple(v.values()), velocity_constraints=in_system(velocity_constraints),
         velocity_constraint_names=tuple(table.strings("velocity_constraint_names")),
-        forces=tuple(f.xreplace(renamed) for f in forces),
-        time=next(iter(time.values())) if uses_time else None,
-        quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
-        time_scale=scales[0].xreplace(renamed) if scales else None,
+        forces=in_system(forces), time=next(iter(time.values())) if uses_time else None,
+        quantities=dict(zip(quantities, in_system(quantities.values()), strict=True)),
+        time_scale=next(iter(in_system(scales)), None),
     )
     q0, p0 = (whole_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
     return Model(system, values, q0, p0, **run_length(content))
