@@ -53,17 +53,17 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     body, forces = content.table("body"), content.table("forces")
     body.allow("inertia", "mass", "rep", *REPS)
     body.require("inertia")
-    chosen = body.choice("rep", REPS, "gamma") if rep is None else rep
+    representation = body.choice("rep", REPS, "gamma") if rep is None else rep
     inertia = _inertia(body)
-    tensor = is_tensor(inertia)
+    has_tensor = is_tensor(inertia)
     # γ or α by a rule is computed from the moments when a run begins
-    ruled = body.content.get(chosen) in RULES
-    weight = {} if ruled else _weight(body, chosen)
+    has_rule = body.content.get(representation) in RULES
+    weight = {} if has_rule else _weight(body, representation)
     _add_mass(body, formulas)
-    if tensor:
+    if has_tensor:
         _add_tensor(inertia, formulas)
     # formulas: a potential has the attitude, torques and quantities the motion too
-    letters = () if tensor else moments
+    letters = () if has_tensor else moments
     position = _place(letters)
     # t is the time, unless the file has a parameter of this name
     symbols = position if "t" in formulas.parameters else position | {"t": rigid_body.time}
@@ -71,7 +71,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     if "potential" in content:
         potential = formulas.read(content, "potential", content.formula("potential"), symbols,
                                   letters)
-    motion = position | _motion(INVERSE if tensor else moments)
+    motion = position | _motion(INVERSE if has_tensor else moments)
     forces.allow("torque")
     torque = formulas.read_all(forces, "torque", motion, letters, 3) if "torque" in forces else []
     quantities = formulas.quantities(motion, letters)
@@ -81,24 +81,24 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         [potential, *torque, *quantities.values(), *scales])
     # of a tensor H has the entries of J⁻¹, whose values are parameters, too
     values |= weight | (
-        dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True)) if tensor else
+        dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True)) if has_tensor else
         dict(zip(map(str, moments), cast("Moments", inertia), strict=True)))
     system = body_system(
         name,
-        cast("Rep", chosen),
+        cast("Rep", representation),
         potential.xreplace(system_symbols),
         parameters,
         torque=[e.xreplace(system_symbols) for e in torque],
         quantities={key: e.xreplace(system_symbols) for key, e in quantities.items()},
-        tensor=tensor,
+        tensor=has_tensor,
         time_scale=scales[0].xreplace(system_symbols) if scales else None,
     )
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
         warn("[body] mass is in no formula: a weight needs a potential, such as "
              '"mass*9.81*0.04*R33".')
     q0, p0 = _start(content.table("start"), inertia)
-    return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
-                 rules={chosen: body.text(chosen)} if ruled else {},
+    return Model(system, values, whole_array(q0), whole_array(p0), bodies={representation: inertia},
+                 rules={representation: body.text(representation)} if has_rule else {},
                  units={"mass": "kg"} if "mass" in values else {},
                  **run_length(content))
 

@@ -61,7 +61,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         return tuple(e.xreplace(system_symbols) for e in expressions)
 
     system = System(
-        tuple(q.values()), tuple(p.values()), tuple(parameters), *in_system([H]),
+        tuple(q.values()), tuple(p.values()), tuple(parameters), in_system([H])[0],
         in_system(constraints), name=name,
         constraint_names=tuple(table.strings("constraint_names")),
         velocities=tuple(v.values()), velocity_constraints=in_system(velocity_constraints),
