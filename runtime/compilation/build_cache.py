@@ -220,11 +220,16 @@ def publish(file: Path, name: str) -> Path:
     return target
 
 
+def _checksum_of(text: bytes) -> bytes:
+    return hashlib.sha256(text).hexdigest().encode()
+
+
 def write_cache(name: str, content: Any) -> None:
-    """Cache a JSON value under a name, with its checksum."""
+    """Cache a JSON value under a name, behind a line with its checksum."""
+    text = json.dumps(content).encode()
     with build_folder() as folder:
         file = folder / "content.json"
-        file.write_text(json.dumps([digest(content), content]), encoding="utf-8")
+        file.write_bytes(b"%s\n%s" % (_checksum_of(text), text))
         publish(file, name)
 
 
@@ -237,9 +242,9 @@ def read_cache(name: str) -> Any:
     try:
         if not is_trusted(path):
             return None
-        # the digest finds what a damaged disk has changed
-        proof, content = json.loads(path.read_text(encoding="utf-8"))
-        return content if proof == digest(content) else None
+        proof, _, text = path.read_bytes().partition(b"\n")
+        # the checksum finds what a damaged disk has changed
+        return json.loads(text) if proof == _checksum_of(text) else None
     except (OSError, ValueError, TypeError, RecursionError):
         return None
 
