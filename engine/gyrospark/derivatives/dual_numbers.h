@@ -20,6 +20,7 @@ static inline real slope_unit(void)
     return MATH(ldexp)(1, LIMIT(MIN_EXP)/5*2);
 }
 
+/* A dual number from its value and its slope times SLOPE_UNIT */
 static inline dual make_dual(real value, real scaled_slope)
 {
     dual z;
@@ -39,6 +40,7 @@ static inline real scaled_slope_of(dual z)
     return ((const real *)&z)[1];
 }
 
+/* A number, whose slope is 0 */
 static inline dual dual_broadcast(real x)
 {
     return make_dual(x, 0);

@@ -38,6 +38,7 @@ typedef struct {
     constraint_velocity_matrices velocity;
 } hidden_t;
 
+/* Evaluates a state (q, p) on the constraints; returns SINGULAR if W is not finite. */
 static int linearise_hidden(const constants *c, const real q[N], const real p[N], hidden_t *s)
 {
     const real t = 0;
@@ -61,6 +62,7 @@ static void add_hidden_times(const hidden_t *s, const real *dq, const real *dp, 
     constraint_velocity_times(&s->velocity, dq, dc, df);
 }
 
+/* The transpose of add_hidden_times, added to (q, p, c_bar) */
 static void add_hidden_transposed(const hidden_t *s, const real *f, real *q, real *p, real *c_bar)
 {
     const real force[N] = { 0 };

@@ -138,16 +138,16 @@ static int lanes_factorise_matrix(int n, lanes *A, lanes_pivots_t *rows)
     for (int i = 0; i < LANES; ++i) {
         rows[0].pivoted[i] = 0;
         if (mask_get(&grown, i)) {
-            const int found = factorise_lane(n, copy, i, A, rows);
-            status = status == OK ? found : status;
+            const int lane_status = factorise_lane(n, copy, i, A, rows);
+            status = status == OK ? lane_status : status;
         }
     }
     return status;
 }
 
-/* The solutions of lanes that were pivoted, of the right-hand side `given`. */
+/* The solutions of lanes that were pivoted, of the right-hand side `right_side`. */
 NOINLINE void solve_pivoted(int n, const lanes *A, const lanes_pivots_t *rows, int transposed,
-    const lanes *given, lanes *b)
+    const lanes *right_side, lanes *b)
 {
     real dense[U*U], x[U];
     pivots_t pivots[2*U];
@@ -156,7 +156,7 @@ NOINLINE void solve_pivoted(int n, const lanes *A, const lanes_pivots_t *rows, i
             continue;
         copy_lane(n, A, i, rows, dense, pivots);
         for (int e = 0; e < n; ++e)
-            x[e] = lane_get(&given[e], i);
+            x[e] = lane_get(&right_side[e], i);
         if (transposed)
             solve_transposed_with(n, dense, pivots, x);
         else
@@ -166,20 +166,21 @@ NOINLINE void solve_pivoted(int n, const lanes *A, const lanes_pivots_t *rows, i
     }
 }
 
+/* Whether a lane of the factors was pivoted */
 static int any_pivoted(const lanes_pivots_t *rows)
 {
-    int found = 0;
+    int pivoted = 0;
     for (int i = 0; i < LANES; ++i)
-        found |= rows[0].pivoted[i];
-    return found;
+        pivoted |= rows[0].pivoted[i];
+    return pivoted;
 }
 
 /* b <- A^-1 b */
 static void lanes_solve_with(int n, const lanes *A, const lanes_pivots_t *rows, lanes *b)
 {
-    lanes given[U];
+    lanes right_side[U];
     for (int i = 0; i < n; ++i)
-        given[i] = b[i];
+        right_side[i] = b[i];
     for (int i = 1; i < n; ++i)
         for (int j = 0; j < i; ++j)
             b[i] -= A[i*n + j]*b[j];
@@ -189,7 +190,7 @@ static void lanes_solve_with(int n, const lanes *A, const lanes_pivots_t *rows, 
         b[i] *= A[i*n + i];
     }
     if (any_pivoted(rows))
-        solve_pivoted(n, A, rows, 0, given, b);
+        solve_pivoted(n, A, rows, 0, right_side, b);
 }
 
 /* b <- A^-T b of `width` right-hand sides, at most 4, whose sums are in registers */
@@ -223,17 +224,17 @@ static void lanes_solve_transposed_all(int n, const lanes *A, const lanes_pivots
 {
     const int pivoted = any_pivoted(rows);
     for (int r = 0; r < count; r += 4) {
-        lanes given[4][U];
+        lanes right_side[4][U];
         const int width = count - r < 4 ? count - r : 4;
         for (int e = 0; e < width*n && pivoted; ++e)
-            given[e/n][e % n] = b[(r + e/n)*U + e % n];
+            right_side[e/n][e % n] = b[(r + e/n)*U + e % n];
         if (width == 4)
             substitute_transposed(n, A, 4, U, b + r*U);
         else
             for (int e = 0; e < width; ++e)
                 substitute_transposed(n, A, 1, U, b + (r + e)*U);
         for (int e = 0; e < width && pivoted; ++e)
-            solve_pivoted(n, A, rows, 1, given[e], b + (r + e)*U);
+            solve_pivoted(n, A, rows, 1, right_side[e], b + (r + e)*U);
     }
 }
 

@@ -21,6 +21,7 @@ typedef struct {
 #endif
 } linearisation_t;
 
+/* Evaluates the matrices of a step. l->w is set before; q, p and x must live as long as l. */
 static int linearise(const constants *c, real t, real h, const real q[N], const real p[N],
     const real x[U], const real q1[N], const real p1[N], linearisation_t *l)
 {
@@ -45,6 +46,7 @@ static int linearise(const constants *c, real t, real h, const real q[N], const 
     return OK;
 }
 
+/* The products of midpoint_dense.h, as sums over instances, and their transposes */
 static void mean_times(linearisation_t *l, const real dq[N], const real dp[N], const real dc[E],
     real force[N], real velocity[N])
 {

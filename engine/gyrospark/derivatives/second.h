@@ -33,10 +33,10 @@ static void prepare_second(const parameters_t *parameters, const real *dz, secon
 }
 
 /* The dual numbers x + dx */
-static void set_duals(int n, const real *x, const real *dx, dual *made)
+static void set_duals(int n, const real *x, const real *dx, dual *duals)
 {
     for (int e = 0; e < n; ++e)
-        made[e] = make_dual(x[e], slope_unit()*dx[e]);
+        duals[e] = make_dual(x[e], slope_unit()*dx[e]);
 }
 
 /* The adjoint of a step from row 0 of q and p to row 1, of the dual cotangent w, along z. */

@@ -4,6 +4,7 @@
  */
 
 #if GS_ELEMENTS
+/* Factorises J, once for each linearisation; the factors are in the work memory. */
 static int factorise_step(linearisation_t *l)
 {
     work_t *w = l->w;

@@ -235,6 +235,7 @@ static inline void TYPED(hidden_times)(const TYPED(linearisation_t) *l, const NU
     TYPED(add_times)(M, E, &l->f_c[0][0], dc, df);
 }
 
+/* The transpose of hidden_times, added to (q, p, c) */
 static inline void TYPED(hidden_transposed)(const TYPED(linearisation_t) *l, const NUMBER f[M],
     NUMBER q[N], NUMBER p[N], NUMBER c[E])
 {

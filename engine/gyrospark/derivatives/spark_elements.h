@@ -26,6 +26,7 @@ typedef struct {
 #endif
 } linearisation_t;
 
+/* Evaluates the matrices of a step. l->w is set before; q, p and x must live as long as l. */
 static int linearise(const constants *c, real t, real h, const real q[N], const real p[N],
     const real x[U], const real q1[N], const real p1[N], linearisation_t *l)
 {
@@ -87,6 +88,7 @@ static int linearise(const constants *c, real t, real h, const real q[N], const 
     return OK;
 }
 
+/* The products of spark_dense.h, as sums over instances, and their transposes */
 static void stage_times(linearisation_t *l, int i, const real dq[N], const real dp[N],
     const real *dc, real force[N], real velocity[N])
 {

@@ -22,6 +22,7 @@ typedef struct {
     int is_symmetric;
 } TYPED(linearisation_t);
 
+/* r <- the quaternion at these places of q */
 INLINE void TYPED(get_quaternion)(const NUMBER *q, const int at[4], NUMBER r[4])
 {
     for (int e = 0; e < 4; ++e)
@@ -68,11 +69,12 @@ static void TYPED(take_step)(TYPED(linearisation_t) *l, const NUMBER p[N])
         l->p[a] = p[a];
 }
 
-INLINE void TYPED(conjugate_of)(const NUMBER a[4], NUMBER made[4])
+/* The conjugate of a quaternion */
+INLINE void TYPED(conjugate_of)(const NUMBER a[4], NUMBER conjugate[4])
 {
-    made[0] = a[0];
+    conjugate[0] = a[0];
     for (int e = 1; e < 4; ++e)
-        made[e] = -a[e];
+        conjugate[e] = -a[e];
 }
 
 /* From the cotangent of e.m, m = R(q)^T l, to those of q, l and e. */
@@ -366,6 +368,7 @@ INLINE NUMBER TYPED(kick_rate_adjoint)(TYPED(linearisation_t) *l, int i, NUMBER 
     return value[0];
 }
 
+/* Of a share of kick i, from the point at its start */
 INLINE void TYPED(kick_transposed)(TYPED(linearisation_t) *l, int i, real share,
     const TYPED(flow_point) *at, NUMBER *c_bar)
 {
@@ -398,6 +401,7 @@ INLINE void TYPED(kick_transposed)(TYPED(linearisation_t) *l, int i, real share,
         l->bar.now.y[e] += y_bar[e];
 }
 
+/* Of a rotation that does not commute with the drift, from the point at its start */
 INLINE void TYPED(rotate_further_transposed)(TYPED(linearisation_t) *l, const step_map *map,
     const TYPED(flow_point) *at)
 {

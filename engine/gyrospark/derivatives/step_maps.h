@@ -28,11 +28,13 @@ typedef struct {
     real share;
 } step_map;
 
+/* Number of maps of a step with so many stages */
 static inline int maps_of(int stages)
 {
     return stages*STAGE_MAPS + DRIFT_MAPS;
 }
 
+/* Map m of a step, in the order in which maps act */
 static inline step_map map_of(int is_symmetric, int m)
 {
     const int own = m % STAGE_MAPS, place = own - DRIFT_MAPS;

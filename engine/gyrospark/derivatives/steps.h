@@ -170,6 +170,7 @@ static void add_to_parameters(const derivatives_t *d, const real z[Z], real *z_b
     z_bar[2*N + PARAMETERS + 1] += z[DT0];
 }
 
+/* Evaluates the constants of a run and their derivatives by the parameters. */
 static void prepare_derivatives(const parameters_t *parameters, derivatives_t *d)
 {
     prepare(parameters, &d->work.constants);

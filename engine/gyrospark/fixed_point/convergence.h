@@ -29,6 +29,7 @@ typedef struct {
     TYPED(mask) ended, failed;
 } TYPED(convergence_t);
 
+/* Progress before the first iteration: no change is known. */
 static TYPED(progress_t) TYPED(initial_progress)(void)
 {
     const NUMBER zero = TYPED(broadcast)(0), huge = TYPED(broadcast)((real)HUGE_VAL),

@@ -208,6 +208,7 @@ static int advance_fixed_point(work_t *w, const options_t *options, real dt, int
     return isfinite(size) ? OK : NOT_FINITE;
 }
 
+/* Begins a run at (q, p) with the constants of w: no history, no work, fixed point first. */
 static void begin_fixed_point(work_t *w, real dt, const real q[N], const real p[N])
 {
     fixed_point_t *f = fixed_point_of(w);

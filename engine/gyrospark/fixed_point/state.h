@@ -160,6 +160,7 @@ INLINE void SOLVER(sum_rows)(int count, int width, const lanes *x, lanes *total)
     }
 }
 
+/* Copies a table to lanes, row i to lane i % LANES; lanes beyond the rows are 0. */
 static void SOLVER(fill)(lanes *to, int rows, int columns, const real *from)
 {
     const int items = (rows + LANES - 1)/LANES;
@@ -231,6 +232,7 @@ static void SOLVER(set_weights)(SOLVER(t) *w)
 }
 #endif
 
+/* y = base + T x, up to four entries of a row at a time */
 INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base, int stride,
     const COEFFICIENT *table, const lanes *x, lanes *y)
 {
@@ -369,6 +371,7 @@ INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *position)
         position[a] = w->q[a] + w->node_free[j]*w->now.D[j*N + a];
 }
 
+/* Copies the tables of the nodes to lanes, and sets their times in units of the step. */
 static void SOLVER(set_nodes)(SOLVER(t) *w)
 {
     SOLVER(fill)(w->nu, P, S, &table_nu[0][0]);

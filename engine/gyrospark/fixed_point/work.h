@@ -1,6 +1,7 @@
 /* Work of the forces and of rheonomic constraints. */
 
 #if GS_FORCES
+/* work += done, by compensated summation */
 INLINE void SOLVER(add_to_work)(SOLVER(t) *w, lanes done)
 {
     lanes total;

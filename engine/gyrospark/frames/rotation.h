@@ -23,6 +23,7 @@ typedef struct {
     real cosine[ANGLES], sine[ANGLES];
 } angles_t;
 
+/* The frame of these parameters, which must live as long as it. */
 static frame_t frame_of(const parameters_t *parameters)
 {
     frame_t frame = { .parameters = parameters };

@@ -5,6 +5,7 @@
 #include "gyrospark/engine.h"
 
 #if !GS_PROFILE_CONTROL
+/* The larger number; b if a or b is NaN */
 static real larger(real a, real b)
 {
     return a > b ? a : b;

@@ -118,6 +118,7 @@ static inline void add_damping(condensed_t *m, int i, int row, int a, real F_p)
     }
 }
 
+/* Whether the row of k alone gives the rate of coordinate a */
 static inline int is_free(int a)
 {
     return condensed_position[a] < 0;

@@ -77,6 +77,7 @@ static int stride_of(int available, int unknowns)
         ? (available - 1)/(OVERDETERMINATION*unknowns) + 1 : 1;
 }
 
+/* The numbers of a row of lanes */
 INLINE real *scalars_of(lanes *row)
 {
     return (real *)row;
@@ -146,6 +147,7 @@ static real *next_equation(least_squares_t *l)
     return scalars_of(row);
 }
 
+/* Place of the first right-hand side in a row */
 INLINE int right_side_start(const least_squares_t *l)
 {
     return l->rights*LANES;

@@ -54,6 +54,7 @@ INLINE int updates_rates(const predictor_t *s)
     return s->count < INITIAL_RATE_STEPS || s->count % RATE_STRIDE == 0;
 }
 
+/* Forgets history, fits and contraction rates. */
 static void reset_predictor(predictor_t *s)
 {
     s->count = 0;
@@ -141,6 +142,7 @@ INLINE void extrapolation_errors(const predictor_t *s, lanes *history, int lengt
     }
 }
 
+/* The order 1..most with the smallest error in a lane */
 INLINE int best_order(const lanes *error, int most, int lane)
 {
     int best = 1;

@@ -8,6 +8,7 @@ INLINE int SOLVER(trajectories)(const SOLVER(t) *w)
     return SOLVER(PER) == 1 ? w->constants._used : 1;
 }
 
+/* Number of steps that the history holds */
 INLINE int SOLVER(history_length)(const SOLVER(t) *w)
 {
     return w->predictor.count < HISTORY ? (int)w->predictor.count : HISTORY;

@@ -10,6 +10,7 @@
 /* In the memory of a trajectory that was begun, in place of the 0 of memory of zeros. */
 #define GS_BEGUN 0x6E756762U
 
+/* Whether all numbers are finite */
 static bool are_finite(int count, const real *x)
 {
     bool finite = true;
@@ -50,6 +51,7 @@ static bool is_step(real h)
     return are_finite(2, numbers);
 }
 
+/* Whether an iteration can obey these options */
 static bool is_option(const options_t *options)
 {
     return (options->max_iterations > 0) && (options->tolerance >= (real)0);

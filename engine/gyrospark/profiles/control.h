@@ -9,11 +9,11 @@
 #include "gyrospark/profiles/solve.h"
 
 /* The state of the caller; a component that did not change keeps its round-off. */
-static void set_state(real state[N], real low[N], const real given[N])
+static void set_state(real state[N], real low[N], const real caller[N])
 {
     for (int a = 0; a < N; ++a) {
-        if (!(state[a] == given[a])) {
-            state[a] = given[a];
+        if (!(state[a] == caller[a])) {
+            state[a] = caller[a];
             low[a] = (real)0;
         }
     }
@@ -46,6 +46,7 @@ static bool complete_step(state_t *w, real q[N], real p[N])
     return finite;
 }
 
+/* One step from the state (q, p) of the caller, which becomes its end, or stays on failure. */
 static status_t step_state(state_t *w, real q[N], real p[N])
 {
     set_state(w->q, w->q_low, q);

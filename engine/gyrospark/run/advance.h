@@ -13,6 +13,7 @@
 #if GS_VELOCITY_CONSTRAINTS
 #include "gyrospark/velocity_constraints/advance.h"
 #else
+/* Begins a run at (q, p) with the constants of w. */
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {

@@ -212,6 +212,7 @@ static void write_state(const ensemble_t *b, int lane, const lanes *from_q, cons
     }
 }
 
+/* Whether the state of a lane is finite */
 static int is_finite_lane(const BATCH(t) *solver, int lane)
 {
     real size = 0;

@@ -51,11 +51,13 @@ enum { LANES = sizeof(lanes)/sizeof(real) };
 #define INLINE_IF_SMALL INLINE
 #endif
 
+/* x in every lane */
 INLINE lanes splat(real x)
 {
     return x - (lanes){ 0 };
 }
 
+/* Number i of a vector */
 INLINE real lane_get(const lanes *x, int i)
 {
     return ((const real *)x)[i];
@@ -130,10 +132,10 @@ INLINE int mask_get(const lanes_mask *m, int i)
 
 INLINE int lanes_any(lanes_mask m)
 {
-    int found = 0;
+    int is_any = 0;
     for (int i = 0; i < LANES; ++i)
-        found |= mask_get(&m, i);
-    return found;
+        is_any |= mask_get(&m, i);
+    return is_any;
 }
 
 /* to = from in the lanes of m */

@@ -65,6 +65,7 @@ typedef struct {
     lanes q[N], p[N], work;
 } lanes_state;
 
+/* Sets the states of a register; each lane takes them from the flows of its kind. */
 static void end_of_register(const ensemble_t *b, int at, lanes_state *end)
 {
     lanes_state own;
@@ -223,6 +224,7 @@ static void step_batch(ensemble_t *b, int registers, IF_INPUTS(
     }
 }
 
+/* Copies what a step changes, to take steps again. */
 static void save_batch(const ensemble_t *b, moving_part *to)
 {
     for (int kind = 0; kind < KINDS; ++kind)

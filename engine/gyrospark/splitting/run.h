@@ -30,6 +30,7 @@ static void set_state(work_t *w, const real q[N], const real p[N])
     start_flows(s, q, p);
 }
 
+/* Copies what a step changes, to take steps again. */
 static void keep_state(const flows *s, kept_state *kept)
 {
     kept->now = s->now;
