@@ -254,7 +254,7 @@ def test_a_bare_environment_is_small_and_has_none_of_the_extras(bare):
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["demo", "ready"])
 def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
-    """By itself it installs at most 250 MB; what the tests need has all it needs."""
+    """By itself it installs 350 MB, SciPy 110 of them; what the tests need has all it needs."""
     folder = copy(tmp_path / "project")
     for command in (f".venv/{target}", "demo", "demo"):
         done = call(["make", command], cwd=folder, PYTHONWARNINGS=None, PYTHONPATH=None)
@@ -262,7 +262,7 @@ def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
     assert done.stdout.count("pip install") == 0
     assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "demo.html").read_text(encoding="utf-8").startswith("<!doctype html>")
-    assert (megabytes(folder / ".venv") < 250) == (target == "demo")
+    assert (megabytes(folder / ".venv") < 400) == (target == "demo")
 
 
 def extra_told(said: str, section: str) -> str:
