@@ -243,9 +243,11 @@ def _free_bodies() -> Iterator[Code]:
     gauss = partial(gs.stepper, "G-L", rep="gamma")
     yield from own_codes(gauss, settings=(
         (3, 2), (3, 4), (4, 1), (4, 2), (6, 0.5), (6, 1), (6, 1.5), (6, 2), (8, 0.5), (8, 0.75),
-        (8, 1)))
+        (8, 1), (10, 0.5)))
     yield from own_codes(gauss, settings=((8, 0.5), (8, 1)), name="{}-G-L tolerance 1e-12",
                          tolerance=1e-12)
+    yield from own_codes(gauss, settings=((6, 0.5), (8, 0.4)), name="{}-G-L tolerance 1e-7",
+                         tolerance=1e-7)
     yield from own_codes(lambda order: gs.stepper("splitting", order=order, rep="gamma"),
                          settings=((8, 1), (8, 2), (10, 1), (10, 2)), name="splitting of order {}")
     variables = sp.symbols("q0 q1 q2 q3 w1 w2 w3", real=True)
@@ -302,10 +304,14 @@ def _double_pendulums() -> Iterator[Code]:
     H = (u**2 + 2 * v**2 - 2 * u * v * c) / (2 * (2 - c**2)) - sp.Float(9.81) * (
         2 * sp.cos(a) + sp.cos(b))
     system = gs.System((a, b), (u, v), (), H, name="pendulum_in_angles")
-    yield from _own_codes(lambda stages: gs.stepper("G-L", stages, system=system),
-                          gs.Start(_ANGLES, (0.0, 0.0)), _SWINGS, (
+    own_codes = partial(_own_codes, lambda stages: gs.stepper("G-L", stages, system=system),
+                        gs.Start(_ANGLES, (0.0, 0.0)), _SWINGS)
+    yield from own_codes((
         (3, 20), (3, 40), (4, 10), (4, 20), (6, 5), (6, 10), (6, 12), (6, 20), (8, 4), (8, 6),
         (8, 8)))
+    yield from own_codes(((8, 4), (8, 5)), name="{}-G-L tolerance 1e-9", tolerance=1e-9)
+    yield from own_codes(((8, 5), (8, 8), (10, 5)), name="{}-G-L tolerance 1e-12",
+                         tolerance=1e-12)
     yield from _first_order(FirstOrder(
         variables, (*system.H_p, *(-rate for rate in system.H_q)), (*_ANGLES, 0.0, 0.0), _SWINGS),
         lambda x: x[:2])
