@@ -82,7 +82,7 @@ class CallMemory:
                     or not all(map(_are_same, _dicts_of(start), last_call.start))):
                 return None
             q, p, t0 = start.q, start.p, start.t
-        elif last_call.start is not None or has_start(start):
+        elif last_call.start is not None:
             return None
         binding, run, constants = stepper.binding, last_call.plan.run, last_call.plan.constants
         try:
@@ -116,7 +116,6 @@ class CallMemory:
         if (limits is None or plan.events or plan.impacts or arguments[2] is not None
                 or depends_on_time(binding) or binding.clocked
                 or stepper.manifest.system.velocity_names
-                or type(parameters) not in (dict, NoneType)
                 or not {*map(type, (*arguments, as_solver(arguments[-1]).tolerance))} <= _FIXED
                 or not all({*map(type, x.values())} <= _FIXED for x in (parameters or {}, *dicts))
                 or has_searches(state.parameters) or negative_means(run.parameters)):

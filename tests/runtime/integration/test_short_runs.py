@@ -56,7 +56,7 @@ def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
             except gs.errors.GyrosparkError as error:
                 return type(error), str(error)
         return (run.t.tobytes(), run.q.tobytes(), run.p.tobytes(), run.parameters, run.report,
-                [str(x.message) for x in caught])
+                [*run.events], [str(x.message) for x in caught])
 
     numbers = {**TOP.parameters}
     usual = TOP.start
@@ -78,8 +78,10 @@ def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
             {"inputs": {"u": 1.0}}, {"events": [gs.Event("q0")]}, {"dtau": 1.0})]
         calls += [(start, {"parameters": numbers | changes}) for changes in (
             {"gamma": -1.0}, {"gamma": 1}, {"I1": 9.0}, {"mgl": np.array([0.4])}, {"delta": 1.0})]
+        gl3._memory = CallMemory()
+        first = outcome(*start, parameters=parameters)
         for state, arguments in calls:
-            outcome(*start, parameters=parameters)
+            assert outcome(*start, parameters=parameters) == first
             assert gl3._memory._last is not None
             second, third = (outcome(*state, **arguments) for _ in range(2))
             gl3._memory = CallMemory()
@@ -102,7 +104,30 @@ def test_a_solver_with_the_fields_of_the_last_one_recalls_its_call(gl3) -> None:
         assert memory("auto", 1e-12, 20) is not first
 
 
-@pytest.mark.parametrize("name", ["driven_oscillator", "bead", "heavy_top_in_frame", "pendulum"])
+def test_what_a_start_says_of_its_run_is_its_own(gl3) -> None:
+    """Its step and number of steps, and a γ that is searched for at its state."""
+    for steps in (3, 2):
+        begin = TOP.start.replace()
+        begin._span = 1e-3, steps
+        assert len(gl3.integrate(begin)) == steps + 1
+    slow, fast = TOP.start.replace(), TOP.start.replace(p=2 * TOP.p0)
+    slow._rules = fast._rules = {"gamma": "auto"}
+    found = [gl3.integrate(x, dt=1e-3, steps=2).parameters["gamma"] for x in (slow, fast)]
+    gl3._memory = CallMemory()
+    assert found[1] == gl3.integrate(fast, dt=1e-3, steps=2).parameters["gamma"] != found[0]
+
+
+def test_impacts_are_of_the_start_that_has_them() -> None:
+    step = systems.stepper("ball")
+    plain = gs.Start(*systems.start("ball", step), systems.case("ball").parameters)
+    bouncing = plain.replace()
+    bouncing._events = (gs.Impact("floor"),)
+    made = [step.integrate(start, dt=0.1, steps=6) for start in (bouncing, plain)]
+    assert [len(run.impacts) for run in made] == [1, 0]
+
+
+@pytest.mark.parametrize("name", ["driven_oscillator", "bead", "heavy_top_in_frame", "pendulum",
+                                  "eccentric"])
 def test_repeated_calls_of_other_systems_give_what_first_calls_give(name) -> None:
     """With a driven force, velocities, a frame; at other times and states; simulations too."""
     step, entry = systems.stepper(name), systems.case(name)
