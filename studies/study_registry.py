@@ -64,8 +64,8 @@ def compute(
 ) -> list[Result]:
     """Compute results one after the other; ``progress`` gets a name and how many are done."""
     results = []
-    for done, name in enumerate(names):
+    for finished_count, name in enumerate(names):
         if progress is not None:
-            progress(name, done)
+            progress(name, finished_count)
         results.append(RESULTS[name](engine))
     return results

@@ -65,6 +65,7 @@ def compare_value(
 def _verdict(
     ours: float, printed: str, floor: float, misprint: Misprint | None, reason: str
 ) -> tuple[Verdict, str]:
+    """Return the verdict on a printed number and its note, as ``compare_value`` has them."""
     if same_digits(ours, printed):
         return "agrees", ""
     if max(abs(ours), abs(float(printed))) <= floor:
@@ -74,8 +75,9 @@ def _verdict(
                             f"right is {misprint.right}")
     if not math.isfinite(ours):
         return "differs", "ours is no finite number"
+    # a unit or a few in the last digit are told as such; more than one unit needs a reason
     units = units_between(ours, printed)
     if units > 1 and (units > 9 or not reason):
-        return "differs", reason  # more than one unit needs a reason
-    apart = f"{units} unit{'s' if units > 1 else ''} in the last printed digit"
-    return "differs", f"{apart}; {reason}" if reason else apart
+        return "differs", reason
+    distance = f"{units} unit{'s' if units > 1 else ''} in the last printed digit"
+    return "differs", f"{distance}; {reason}" if reason else distance

@@ -166,11 +166,11 @@ def fields_of(model: Any) -> set[str]:
 def check_fields(fields: Collection[str], version: str) -> None:
     """Refuse a version of MuJoCo whose compiled models have other fields than the known ones."""
     unknown = sorted({*fields} - READ - INERT - REFUSED.keys())
-    missing = sorted((READ | REFUSED.keys()) - {*fields})
-    if unknown or missing:
+    absent = sorted((READ | REFUSED.keys()) - {*fields})
+    if unknown or absent:
         raise InputError(
             f"MuJoCo {version} is installed, whose models have {'unknown' if unknown else 'no'} "
-            f"fields, {few(unknown or missing)}; install version 4.0 of mujoco-core, or a later "
+            f"fields, {few(unknown or absent)}; install version 4.0 of mujoco-core, or a later "
             "gyrospark.")
 
 

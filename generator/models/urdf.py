@@ -238,8 +238,8 @@ def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> LoopJo
             raise InputError(f"it joins {shown(ends[-1])}, which is no link"
                              f"{proposal(ends[-1], links)}; correct it.")
         places.append(place_of(element, f"{side}_origin"))
-        needed = (side == "parent" and kind not in ("ball", "fixed")) or kind == "universal"
-        axes.append(_axis(element, kind, f"{side}_axis") if needed else np.zeros(3))
+        has_axis = (side == "parent" and kind not in ("ball", "fixed")) or kind == "universal"
+        axes.append(_axis(element, kind, f"{side}_axis") if has_axis else np.zeros(3))
     return LoopJoint(name, kind, (ends[0], ends[1]), (places[0], places[1]), axes[0], axes[1])
 
 

@@ -299,10 +299,11 @@ class Assembly:
         velocities = self._velocities if velocity_constraints else ()
         restitutions = {components.symbols[impact.restitution] for impact in components.impacts
                         if isinstance(impact.restitution, str)}
-        used: set[sp.Symbol] = restitutions.union(*(e.free_symbols for e in (
+        symbols: set[sp.Symbol] = restitutions.union(*(e.free_symbols for e in (
             H, *constraints, *velocity_constraints, *forces, *quantities.values(), *scales)))
-        parameters = tuple(sorted(used - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
-        self._refuse_unused(parameters, used)
+        # in the order in which the model was described, which names do not change
+        parameters = tuple(sorted(symbols - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
+        self._refuse_unused(parameters, symbols)
         values = dict(store)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]
@@ -311,7 +312,7 @@ class Assembly:
             constraint_names=tuple(equation.name for equation in equations),
             velocity_constraints=velocity_constraints, velocities=velocities,
             velocity_constraint_names=tuple(equation.name for equation in velocity_equations),
-            time=TIME if TIME in used else None, quantities=quantities,
+            time=TIME if TIME in symbols else None, quantities=quantities,
             time_scale=scales[0] if scales else None,
             inputs=tuple(components.inputs),
             bodies=tuple(body_at(body, {*parameters}, values) for body in components.bodies
@@ -351,13 +352,16 @@ class Assembly:
                     if quantity == "angle" and not isinstance(joint, Arm)}
         return counted
 
-    def _refuse_unused(self, parameters: Sequence[sp.Symbol], used: Collection[sp.Symbol]) -> None:
-        """Refuse parameters without a value, and inputs that act nowhere."""
+    def _refuse_unused(
+        self, parameters: Sequence[sp.Symbol], symbols: Collection[sp.Symbol]
+    ) -> None:
+        """Refuse parameters without a value, and inputs that are not among the ``symbols`` of the
+        system: they act nowhere."""
         unknown = [s for s in parameters if str(s) not in self.store]
         if unknown:
             raise InputError(f"{str(unknown[0])!r} in Multibody {self.components.name!r} has no "
                              "value; make it with parameter(name, value) or input(name).")
-        without_force = [u for u in self.components.inputs if u not in used]
+        without_force = [u for u in self.components.inputs if u not in symbols]
         if without_force:
             raise InputError(f"Input {str(without_force[0])!r} of Multibody "
                              f"{self.components.name!r} is in no force; write it where it acts, or "

@@ -229,7 +229,7 @@ class BeamJoint(Joint):
 
     def section(self, store: Store) -> SectionLayout:
         """Return the section: its place along the beam, its strain at rest, and its stiffness."""
-        before, after = self.turns(store)
+        start_turn, end_turn = self.turns(store)
         holder: Literal["a", "b", ""] = "" if self.factor == 2 else (
             "b" if self.a in self.beam.segments else "a")
         return SectionLayout(
@@ -237,7 +237,8 @@ class BeamJoint(Joint):
             named_number(f"{self.beam.name}_spacing", self.beam.spacing, store),
             self.beam.stiffness(store),
             named_vector(f"{self.name}_rest", self.rest.tolist(), store), holder,
-            tuple(after if self.arc else before) if holder else (),
+            # the turn of the holder: it is behind the last segment, or before the first
+            tuple(end_turn if self.arc else start_turn) if holder else (),
             self._stretched(store) if self.gap else (),
             named_number(f"{self.beam.name}_damping", self.beam.damping, store))
 
@@ -437,12 +438,12 @@ def section_of(
     EI1, EI2 = np.broadcast_to(finite(f"bending of {name!r}", bending, shape), 2).tolist()
     EI = positive(f"bending of {name!r}", EI1), positive(f"bending of {name!r}", EI2)
     stiffnesses = {"shearing": shearing, "stretching": stretching}
-    missing = [key for key, value in stiffnesses.items() if value is None]
-    if len(missing) == 1:
-        raise InputError(f"Beam {name!r} has no {missing[0]}; give shearing and stretching, or "
+    absent = [key for key, stiffness in stiffnesses.items() if stiffness is None]
+    if len(absent) == 1:
+        raise InputError(f"Beam {name!r} has no {absent[0]}; give shearing and stretching, or "
                          "neither for a beam that does not extend.")
-    extension = tuple(positive(f"{key} of {name!r}", value)
-                      for key, value in stiffnesses.items() if not missing)
+    extension = tuple(positive(f"{key} of {name!r}", stiffness)
+                      for key, stiffness in stiffnesses.items() if not absent)
     tau = float(finite(f"damping of {name!r}", damping, ()))
     if tau < 0:
         raise InputError(f"The damping of beam {name!r} is {tau:g} s; give 0 or more.")
