@@ -205,6 +205,7 @@ def test_round_off_is_where_a_scheme_keeps_the_quantity(accuracy_tables):
 def test_claims_hold(study, engine):
     result = study(engine)
     assert result.claims
+    assert all(panel.series for panel in getattr(result, "panels", ()))
     assert [claim for claim in result.claims if not claim.holds] == []
 
 

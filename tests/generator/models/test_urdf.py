@@ -345,7 +345,8 @@ def test_bad_files_are_refused(tmp_path, pairs, said):
     ("<robot>" + "<a/>" * 60_000 + "</robot>", "50000"),
     (" " * 10_000_000, "1048576"), ("", "element"),
     ("<robot/>", "<link>"), ('<robot><link name="one"/></robot>', "moves"),
-], ids=["bomb", "deep", "many", "ten megabytes", "empty", "no link", "no joint"])
+    ("<robot><link/></robot>", "line 1.*<link>.*name="),
+], ids=["bomb", "deep", "many", "ten megabytes", "empty", "no link", "no joint", "no name"])
 def test_files_cannot_grow(tmp_path, text, said):
     path = tmp_path / "bad.urdf"
     path.write_text(text, encoding="utf-8")
