@@ -25,7 +25,7 @@ Name = TypeVar("Name", bound=str)
 
 #: Names that are shown of a list.
 _FEW = 6
-#: Bytes of a file's name, at most: of ext4, NTFS and APFS.
+#: Length of a file's name, at most: of ext4, NTFS and APFS.
 _LONGEST_NAME = 255
 
 
@@ -124,12 +124,17 @@ def as_path(name: str, value: Any, example: str) -> Path:
     usable = isinstance(value, (str, os.PathLike))
     try:
         path = Path(value) if usable else Path()
-        usable = usable and bool(path.name) and b"\0" not in os.fsencode(path) and all(
-            len(os.fsencode(part)) <= _LONGEST_NAME for part in path.parts)
+        usable = usable and bool(path.name) and b"\0" not in os.fsencode(path)
     except (TypeError, UnicodeError):  # a PathLike of bytes; half a character
         usable = False
     if not usable:
         raise InputError(f"{name} = {shown(value)} is no file name; give one such as {example!r}.")
+    # Windows counts units of UTF-16, other systems bytes
+    length = max(len(part.encode("utf-16-le")) // 2 if os.name == "nt" else len(os.fsencode(part))
+                 for part in path.parts)
+    if length > _LONGEST_NAME:
+        raise InputError(f"{name} = {shown(value)} has a name of {length} letters in bytes; files "
+                         f"and folders have at most {_LONGEST_NAME}.")
     return path
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeGuard
 
@@ -57,11 +57,14 @@ class HasStart(Protocol):
 
 
 def _copied(name: str, value: Any) -> Any:
+    """Return a copy of numbers. Raises InputError for an iterator, and what has no copies."""
+    if isinstance(value, Iterator):
+        raise InputError(f"{name} = {shown(value)} has numbers that can be read once only; give "
+                         "them in a list or an array.")
     try:
         return copy(value)
-    except TypeError:  # an iterator, which gives its numbers once
-        raise InputError(f"{name} = {shown(value)} has numbers that can be read once only; give "
-                         "them in a list or an array.") from None
+    except TypeError as error:
+        raise InputError(f"{name} = {shown(value)} is no array of numbers.") from error
 
 
 class Start:

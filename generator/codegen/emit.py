@@ -180,7 +180,7 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         _called_by(k for k in step_kernels if not k.name.startswith("lanes_")))
     kernel_calls = state_calls | _called_by([*step_kernels, *lane_derivatives])
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
-        scheme, kernels if plain else step_kernels, element_sums)
+        scheme, kernels if plain else step_kernels, element_sums, real)
     return Program(
         **_identity(derived),
         features=_features(derived, element_sums, lanes or plain, frame, states),

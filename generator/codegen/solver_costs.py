@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from ...core.real_types import Real
 from ...core.records import dataclass
 from ..kernels.kernel import EmittedKernel
 from ..schemes.step_equations import MeanScheme, SparkScheme
@@ -19,11 +20,11 @@ from .program import Elements
 
 __all__ = ["Cost", "solver_costs"]
 
-#: Time of an operation, in additions; other names are calls of <math.h>,
-#: lane by lane.
-_WEIGHTS = {"add": 1.0, "mul": 1.0, "div": 6.0, "sqrt": 8.0, "product": 12.0,
-            "sin": 40.0, "cos": 40.0}
+#: Time of an operation, in additions; other names are calls of <math.h>, lane by lane.
+_WEIGHTS = {"add": 1.0, "mul": 1.0, "div": 6.0, "sqrt": 8.0, "product": 12.0}
 _CALL = 40.0
+#: The same where sines and cosines are computed for all lanes at once: ``lanes.c.jinja``.
+_WEIGHTS_OF_DOUBLE = _WEIGHTS | {"sin": _CALL, "cos": _CALL}
 
 #: Kernels of a stage, and of a constraint node, in an iteration, a residual and a Jacobian.
 _DENSE = {
@@ -68,15 +69,16 @@ class Cost:
         return self.arithmetic + self.calls
 
     @classmethod
-    def of(cls, operations: Mapping[str, int]) -> Cost:
-        """Return the cost of some operations."""
-        return cls(sum(_WEIGHTS[name] * n for name, n in operations.items() if name in _WEIGHTS),
-                   sum(_CALL * n for name, n in operations.items() if name not in _WEIGHTS))
+    def of(cls, operations: Mapping[str, int], real: Real) -> Cost:
+        """Return the cost of some operations on numbers of a type."""
+        weights = _WEIGHTS_OF_DOUBLE if real.name == "double" else _WEIGHTS
+        return cls(sum(weights[name] * n for name, n in operations.items() if name in weights),
+                   sum(_CALL * n for name, n in operations.items() if name not in weights))
 
 
 def solver_costs(
     scheme: SparkScheme | MeanScheme, kernels: Iterable[EmittedKernel],
-    elements: Elements | None,
+    elements: Elements | None, real: Real,
 ) -> dict[str, int]:
     """Return costs of a stage and of a constraint node in an iteration, a residual and a Jacobian.
 
@@ -91,7 +93,8 @@ def solver_costs(
     operations = {k.name.removeprefix("lanes_"): k.operations for k in kernels}
     if isinstance(scheme.system, LagrangianSystem):
         operations |= composed_operations(scheme.system, kernels)
-    of_stage, of_node = _dense_cost(operations) if elements is None else _elements_cost(elements)
+    of_stage, of_node = _dense_cost(operations, real) if elements is None else _elements_cost(
+        elements, real)
     costs: dict[str, int] = {}
     for phase, names in recipe.items():
         stage, node = (sum(map(cost, kernels_of), Cost())
@@ -106,22 +109,23 @@ def solver_costs(
     return costs
 
 
-def _dense_cost(operations: Mapping[str, Mapping[str, int]]) -> tuple[Any, Any]:
+def _dense_cost(operations: Mapping[str, Mapping[str, int]], real: Real) -> tuple[Any, Any]:
     """Return two equal functions name → cost of a kernel, as ``_elements_cost`` does."""
     def cost(name: str) -> Cost:
-        return Cost.of(operations.get(name, {}))
+        return Cost.of(operations.get(name, {}), real)
 
     return cost, cost
 
 
-def _elements_cost(elements: Elements) -> tuple[Any, Any]:
+def _elements_cost(elements: Elements, real: Real) -> tuple[Any, Any]:
     """Return two functions name → cost of a kernel: of energies and forces, and of constraints."""
 
     def sum_over(templates: list[dict[str, Any]]) -> Any:
         """Return a function: kernel name → its cost in all instances of the templates."""
         def cost(name: str) -> Cost:
-            return sum((Cost.of(k["operations"]).times(template["count"]) for template in templates
-                        for k in template["kernels"] if k["name"] == name), Cost())
+            return sum((Cost.of(k["operations"], real).times(template["count"])
+                        for template in templates for k in template["kernels"]
+                        if k["name"] == name), Cost())
 
         return cost
 

@@ -233,7 +233,7 @@ class Benettin:
         self.largest: list[float] = []
         self.product, self.scale, self.volume, self.defect = np.eye(count), 0.0, 0.0, 0.0
         self.spread = 1.0
-        self.units, self.factors = [self.V], list[Array]()
+        self.units, self.factors = [self.V.copy()], list[Array]()
 
     def advance(self) -> Iterator[int]:
         """Integrate the run and its directions; yield the steps so far after each piece of it."""

@@ -148,7 +148,7 @@ def _are_same(values: Any, last_entries: tuple[list[str], list[Any]] | None) -> 
 def _is_same(value: Any, kept: Any) -> bool:
     """Return whether two arguments are one object, or equal numbers of Python of one type.
 
-    Or two solvers whose fields are the same so.
+    Two solvers are the same if their fields are.
     """
     if type(value) is Solver and type(kept) is Solver:
         return (value.kind == kept.kind and value.max_iterations == kept.max_iterations

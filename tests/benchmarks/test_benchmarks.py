@@ -592,6 +592,7 @@ def test_command_does_all(tmp_path, capsys):
     said = capsys.readouterr().out
     of_cases = {"peers", "scale"}  # whose tables have the titles of their cases
     assert all(one.about in said or name in of_cases for name, one in BENCHMARKS.items())
+    assert "where another program is cheaper" in said
     document = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
     assert document.keys() == {"about", *BENCHMARKS}
     for page in ("peers.md", "scale.md", "references.md", "reference_robots.md"):

@@ -249,7 +249,7 @@ def test_nothing_but_what_the_header_declares(programs):
     own = {words[-1].removeprefix(f"{source.name}_") for words in symbols
            if words[-2] == "T" and words[-1].startswith(source.name)}
     assert own == functions
-    assert source.source.count("\n") <= 1820
+    assert source.source.count("\n") <= 1850
     for word in ("vector_size", "__asm__", "batch", "trajectories_", "malloc"):
         assert word not in source.source
 

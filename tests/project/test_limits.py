@@ -26,7 +26,7 @@ def test_generated_files_hold_what_was_derived():
 
 
 @pytest.mark.parametrize(("spec", "profile", "most"), [
-    (Spec("G-L", 2, real="float"), "control", 900), (Spec("G-L", 3), "run", 1800)],
+    (Spec("G-L", 2, real="float"), "control", 900), (Spec("G-L", 3), "run", 1850)],
     ids=["control", "run"])
 def test_profiles_are_short_enough_to_be_read_whole(spec, profile, most):
     source = generate(spec.with_profile(profile)).source
@@ -36,7 +36,7 @@ def test_profiles_are_short_enough_to_be_read_whole(spec, profile, most):
 
 def test_the_engine_has_few_headers_none_of_them_long():
     """That each compiles alone is tested with the engine."""
-    assert 40 <= len(HEADERS) <= 105
+    assert 40 <= len(HEADERS) <= 110
     assert max(map(lines, HEADERS)) <= 600
 
 

@@ -9,9 +9,9 @@
 #else
 /* The conditions on momenta are the hidden constraints alone. */
 enum { HIDDEN = M };
-#define momentum_defect hidden_constraint
-#define observed_defect hidden_constraint
-#define condition_force constraint_force
+#define momentum_defect(c, q, p, f) hidden_constraint(c, q, p, f)
+#define observed_defect(c, q, p, f) hidden_constraint(c, q, p, f)
+#define condition_force(c, q, lambda, force) constraint_force(c, q, lambda, force)
 #endif
 
 #if GS_CONSTRAINED

@@ -29,7 +29,7 @@ enum { HITS_FULL = 16, AT_REST, INSIDE, UNMOVABLE, NOT_QUADRATIC, LATCHED };
 enum { STATES_OF_HIT = 4, HIT = STATES_OF_HIT + 3*N };
 
 /* Impacts at one place, Newton's iterations, and bisections for a turning point, at most. */
-enum { MOST_AT_ONCE = 10000, MOST_ITERATIONS = 200, MOST_TURNS = 60 };
+enum { MOST_AT_ONCE = 10000, MOST_ITERATIONS = 200, MOST_BISECTIONS = 60 };
 
 /* A state, its gaps with their rates along time, and the step that led there. */
 typedef struct {
@@ -116,7 +116,7 @@ static int crosses(impact_run *r, long n, real since, int g, real *h, int *statu
     real rate_low = ahead*r->from.rate[g], rate_high = ahead*r->end.rate[g];
     if (gap_high < -margin)
         return 1;
-    for (int k = 0; k < MOST_TURNS && rate_low < 0 && rate_high > 0; ++k) {
+    for (int k = 0; k < MOST_BISECTIONS && rate_low < 0 && rate_high > 0; ++k) {
         const real length = ahead*(high - low);
         const real meet = (gap_low - gap_high + rate_high*length)/(rate_high - rate_low);
         if (!(gap_low + rate_low*meet < -margin))

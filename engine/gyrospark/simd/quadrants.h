@@ -23,13 +23,13 @@
 
 #if !GS_WIDE_REAL
 /* Of a larger angle, in quarters of a turn, round-off is all that is left. */
-#define MOST_TURNS ((real)1e6)
+enum { MOST_QUARTERS = 1000000 };
 
 /* n is a whole number; n + 3/(2 epsilon) is `shifted`, whose last bits are those of n. */
 INLINE void select_quadrant(real n, real shifted, real s, real c, real *sine, real *cosine)
 {
     (void)shifted;
-    if ((n > -MOST_TURNS) && (n < MOST_TURNS)) {
+    if ((n > (real)-MOST_QUARTERS) && (n < (real)MOST_QUARTERS)) {
         const unsigned turns = (unsigned)(int)n;
         const real first = ((turns & 1U) != 0U) ? c : s;
         const real second = ((turns & 1U) != 0U) ? s : c;
@@ -52,7 +52,7 @@ INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lane
     const lanes_mask first = lanes_select_mask(odd, (lanes_mask)c, (lanes_mask)s);
     const lanes_mask second = lanes_select_mask(odd, (lanes_mask)s, (lanes_mask)c);
     const lanes_mask far = lanes_mask_not(
-        (n > splat(-MOST_TURNS)) & (n < splat(MOST_TURNS)));
+        (n > splat((real)-MOST_QUARTERS)) & (n < splat((real)MOST_QUARTERS)));
     *sine = lanes_select_value(far, splat((real)NAN),
         (lanes)(first ^ (-(turns >> 1 & 1) & sign)));
     *cosine = lanes_select_value(far, splat((real)NAN),

@@ -1,4 +1,4 @@
-/* sin x and cos x, for numbers and for lanes by the same operations: the results have the same bits. */
+/* sin x and cos x of flows, for numbers and lanes by the same operations, thus to the same bits. */
 #if !GS_WIDE_REAL
 /*
  * Sine and cosine of y + n pi/2, n = `turns`, by the Taylor polynomials of degrees 17 and 16 on

@@ -20,16 +20,15 @@ from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from processes import ROOT, call
 
+#: Macros without arguments of the engine, which any stepper may have.
+ENGINE_MACROS = {"GYROSPARK_PLAIN", "GYROSPARK_OBJECT"}.union(*(
+    re.findall(r"^ *# *define ([A-Za-z]\w*)(?=\s)", path.read_text(encoding="utf-8"), re.MULTILINE)
+    for path in (*(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h"))))
 HEADERS = """\
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
-#define GYROSPARK_PLAIN 1
-#define GYROSPARK_OBJECT 2
-#define LANE_BYTES 32
-#define INLINE static inline
-#define NOINLINE static
-"""
+""" + "".join(f"#define {name} 1\n" for name in sorted(ENGINE_MACROS))
 EDITIONS = ["c11", "gnu17", "c2x", "gnu2x"]
 KEYWORDS_OF_C23 = {
     "alignas", "alignof", "bool", "constexpr", "false", "nullptr", "static_assert",
@@ -65,7 +64,7 @@ def suspicious(tmp_path_factory):
     words = {word for path in texts
              for word in re.findall(r"\b[A-Za-z]\w*", path.read_text(encoding="utf-8"))}
     seen = macros(tmp_path_factory.mktemp("macros"))
-    return sorted({*KEYWORDS, *seen, *COMMON_TYPES, *words, *HANDPICKED})
+    return sorted({*KEYWORDS, *seen, *COMMON_TYPES, *words, *HANDPICKED, *ENGINE_MACROS})
 
 
 def odd_system(names):
