@@ -375,8 +375,7 @@ def tableau(
     else:
         result = tableau_of(Spec.checked(scheme, stages))
     if result is None:
-        names = [registered.name for registered in SCHEMES.values()
-                 if registered.tableau is not None]
+        names = [scheme.name for scheme in SCHEMES.values() if scheme.tableau is not None]
         raise InputError(f"{scheme} has no SPARK tableau; choose {listed(names)}.")
     return result
 

@@ -292,14 +292,18 @@ class Examination:
     # ------------------------------------------------------------ constraints and energy
 
     def _constraints(self) -> Iterator[CertificateLine]:
-        """Yield the lines of the constraints, without the initial state, which is the user's."""
+        """Yield the lines of g = 0, of f = g_q H_p = 0 and of A H_p + a = 0.
+
+        Row 0, the start, is the user's and left out. ``unit`` times the size of a constraint's
+        terms bounds what is solved in each step.
+        """
         unit = 16 * self.round_off.epsilon
         g_size, f_size = (float(sizes.max(initial=0)) for sizes in self.round_off.constraints)
         g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
         if self.step.m:
             yield compared("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
-                         guaranteed("g(q) = 0 is solved in every step: 16 ε of what rounding "
-                                    "the run is worth in it"), g, unit * g_size)
+                         guaranteed("g(q) = 0 is solved in every step, to 16 ε of the size of "
+                                    "its terms"), g, unit * g_size)
         quantity = "largest |g_q H_p|"
         if self.step.binding.rows:
             yield compared(f"{quantity}, |A H_p + a|" if self.step.m else "largest |A H_p + a|",

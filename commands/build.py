@@ -148,8 +148,8 @@ def _model(name: str, settings: tuple[str, ...]) -> Any:
 
         changes = settings_of(settings)
         return read_model(model_text(Path(name)), name, None, changes).model if changes else name
-    registered = entry_named(name)
-    return registered.make(**arguments_of(registered, settings)) if settings else registered.name
+    entry = entry_named(name)
+    return entry.make(**arguments_of(entry, settings)) if settings else entry.name
 
 
 def _value(text: str) -> tuple[str, Any]:

@@ -34,9 +34,9 @@ def models(as_json: bool) -> int:
     """
     import json
 
-    rows = [{"name": registered.name, "kind": registered.kind, "about": registered.about,
-             "options": registered.options if registered.kind != "system" else []}
-            for registered in (*PROBLEMS.values(), *MODELS.values(), *SYSTEMS.values())]
+    rows = [{"name": entry.name, "kind": entry.kind, "about": entry.about,
+             "options": entry.options if entry.kind != "system" else []}
+            for entry in (*PROBLEMS.values(), *MODELS.values(), *SYSTEMS.values())]
     if as_json:
         click.echo(json.dumps(rows, ensure_ascii=False, indent=2))
         return 0

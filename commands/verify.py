@@ -242,9 +242,9 @@ def _draw(
 def _model(name: str, rep: str | None) -> Model | Problem:
     """Return the named problem or model, or the model of a file."""
     if not Path(name).suffix and not Path(name).is_file():
-        registered = entry_named(name, "model")
-        options = {"rep": rep} if rep is not None and registered.kind == "model" else {}
-        problem: Model | Problem = registered.make(**options)
+        entry = entry_named(name, "model")
+        options = {"rep": rep} if rep is not None and entry.kind == "model" else {}
+        problem: Model | Problem = entry.make(**options)
         return problem
     from ..generator.models.model_file import parse_model
     from ..generator.parsing.text_file import model_text

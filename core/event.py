@@ -148,11 +148,12 @@ def events_of_model(
     Impacts watch quantities; events may also watch velocities. Raises InputError as ``as_impacts``
     and ``as_events``.
     """
-    declared = [argument] if isinstance(argument, Event | Impact) else argument
-    if not isinstance(declared, Sequence):
-        return as_events(declared, [*quantities, *velocities])  # which says what is wrong with it
-    impacts = [item for item in declared if isinstance(item, Impact)]
-    events = [item for item in declared if item not in impacts] if impacts else declared
+    declarations = [argument] if isinstance(argument, Event | Impact) else argument
+    if not isinstance(declarations, Sequence):
+        # which says what is wrong with it
+        return as_events(declarations, [*quantities, *velocities])
+    impacts = [item for item in declarations if isinstance(item, Impact)]
+    events = [item for item in declarations if item not in impacts] if impacts else declarations
     return *as_impacts(impacts, quantities), *as_events(events, [*quantities, *velocities])
 
 

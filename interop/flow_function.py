@@ -134,16 +134,16 @@ def on_mapped_axis(
     ``repeat(array, axis, size)``.
     """
     mapped_axis = 0 if axes[0] is not None else 1
-    merged = []
+    point_rows = []
     for i, (array, axis) in enumerate(zip(arrays, axes, strict=True)):
         if i == 0 and axis is None:
-            merged.append(array)
+            point_rows.append(array)
             continue
         mapped = (repeat(array, mapped_axis, size) if axis is None
                   else move(array, axis, mapped_axis))
-        merged.append(mapped.reshape(*mapped.shape[:mapped_axis], -1,
+        point_rows.append(mapped.reshape(*mapped.shape[:mapped_axis], -1,
                                      *mapped.shape[mapped_axis + 2 :]))
-    result = function(*merged)
+    result = function(*point_rows)
     return result.reshape(*result.shape[:mapped_axis], size, -1,
                           *result.shape[mapped_axis + 1 :]), mapped_axis
 

@@ -115,7 +115,10 @@ class Recorder:
         return checkpoint, first_row, block_rows
 
     def _check_checkpoint(self, checkpoint: CheckpointState | None) -> None:
-        """Refuse a checkpoint of more steps, rows or events than the store has."""
+        """Refuse a checkpoint of more steps or rows than the run has, or events than are stored.
+
+        Raises ValueError, whose text ends the sentence of the caller.
+        """
         if checkpoint is None:
             return
         progress = checkpoint.event_progress

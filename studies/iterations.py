@@ -273,7 +273,10 @@ def _share_claim(cells: list[Cell]) -> Claim:
 
 
 def _types_alike(counts: _Counts, how: Rule) -> Claim:
-    """Exact Newton, one norm: what is left of "γ converges faster" (section 5.4)."""
+    """With exact Newton and one norm γ and α need as many iterations, but for one (section 5.4).
+
+    Columns 1 to 3 of the table are the smaller time steps, column 0 is Δt = 0.02.
+    """
     small = max(abs(a.typical - b.typical) for a, b in counts.pairs(how, (1, 2, 3)))
     large = [f"{a.typical:g} and {b.typical:g}" for a, b in counts.pairs(how, (0,))]
     at_large = f"; at Δt = 0.02 γ and α need {', '.join(large)}" if large else ""

@@ -102,24 +102,24 @@ def march(
     """
     run = _Run(stepper, parameters, dt, rule)
     run.q[:], run.p[:] = state
-    marched = March()
+    march = March()
     for _ in range(steps):
         with np.errstate(over="ignore", invalid="ignore"):  # seen by run.solve
-            iteration_count, error, marched.failure = run.solve()
-        marched.iterations.append(iteration_count)
-        if not marched.failure and not error < rule.tolerance:
-            marched.unsolved += 1
+            iteration_count, error, march.failure = run.solve()
+        march.iterations.append(iteration_count)
+        if not march.failure and not error < rule.tolerance:
+            march.unsolved += 1
             if all_solved or not error < STRAYED:
-                marched.failure = "not converged"
-        if not marched.failure and run.advance():
-            marched.failure = "no momentum on the constraint"
-        if marched.failure:
-            return marched
+                march.failure = "not converged"
+        if not march.failure and run.advance():
+            march.failure = "no momentum on the constraint"
+        if march.failure:
+            return march
     # a tolerance that no step meets is no convergence, even if the run goes on
-    if marched.unsolved == steps:
-        marched.failure = "no step converged"
-    marched.end = run.q, run.p
-    return marched
+    if march.unsolved == steps:
+        march.failure = "no step converged"
+    march.end = run.q, run.p
+    return march
 
 
 class _Run:

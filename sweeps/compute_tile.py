@@ -69,7 +69,7 @@ def _run(
         # starts of an axis are taken as they are, but wide numbers need digits beyond doubles
         if not study.varied("q") or REALS[stepper.manifest.real].wide:
             _project_starts(study, stepper, equal_constraints, structs, q0, p0)
-            q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)
+            q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)  # e of the projected start
         ends = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
                 _run_without_events(study, stepper, steps, structs, dt, q0, p0))
         q, p, reports, status = ends.q, ends.p, ends.reports, ends.status

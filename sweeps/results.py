@@ -275,10 +275,10 @@ def _labelled(name: str, scheme_numbers: Array, attributes: dict[str, Any]) -> A
 def _named(dataset: xarray.Dataset) -> xarray.Dataset:
     """Return a result with the system's names along its dimensions, such as ``coordinate``."""
     system = Manifest.from_json(next(iter(dataset.attrs["manifests"].values()))).system
-    labelled: xarray.Dataset = dataset.assign_coords({
+    with_labels: xarray.Dataset = dataset.assign_coords({
         dimension: (dimension, names, {"long_name": meaning})
         for dimension, (names, meaning) in labels_of(system).items() if dimension in dataset.dims})
-    return labelled
+    return with_labels
 
 
 def done_tiles(path: Path) -> set[tuple[int, ...]]:

@@ -59,16 +59,16 @@ def _named(
     name: str, settings: Mapping[str, Any], rep: str | None
 ) -> tuple[Any, str | None]:
     """Return the problem or model of a name with its settings, and ``rep`` for a problem."""
-    registered = entry_named(name, "model")
+    entry = entry_named(name, "model")
     for key in settings:
-        if key not in registered.options:
+        if key not in entry.options:
             raise InputError(f"The setting {key!r} does not fit {name}; give "
-                             f"{', '.join(registered.options) or 'none'}"
-                            f"{proposal(key, registered.options)}.")
-    if registered.kind == "problem":
-        return registered.make(**settings), rep
+                             f"{', '.join(entry.options) or 'none'}"
+                            f"{proposal(key, entry.options)}.")
+    if entry.kind == "problem":
+        return entry.make(**settings), rep
     rep_argument = {} if rep is None else {"rep": choose("representation", rep, REPS)}
-    return registered.make(**settings, **rep_argument), None
+    return entry.make(**settings, **rep_argument), None
 
 
 def _stepper(

@@ -214,8 +214,8 @@ def _resolved(system: Any, rep: Any) -> Any:
     if isinstance(system, (str, Path)):
         if is_model_file(str(system)):
             return str(system)
-        registered = entry_named(str(system), "model")
-        return registered.make() if registered.kind == "problem" else registered.name
+        entry = entry_named(str(system), "model")
+        return entry.make() if entry.kind == "problem" else entry.name
     if system is None:
         raise InputError("system = None names nothing; give a problem such as 'fast-top', a model "
                          "or a model file.")
@@ -275,8 +275,8 @@ def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
     if spec.model is not None:
         model = load_model(spec.model)
     elif model is None:
-        registered = {**SYSTEMS, **MODELS}[spec.system]
-        model = registered.make(spec.rep) if registered.kind == "system" else registered.make()
+        entry = {**SYSTEMS, **MODELS}[spec.system]
+        model = entry.make(spec.rep) if entry.kind == "system" else entry.make()
     projection = consistent(getattr(model, "system", model), options.q, options.p,
                             parameters=options.parameters)
     size = max(map(abs, (*options.q, *options.p)))

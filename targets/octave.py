@@ -18,7 +18,7 @@ __all__ = ["check", "compile", "files"]
 def files(
     manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
-    """Return the C of the function, its help, and what compiles it."""
+    """Return files by name: the stepper's C, NAME_mex.c, which calls it, and NAME.m, its help."""
     template_fields = template_values(manifest, sources, options)
     names = [*options.parameters]
     template_fields["places"] = [names.index(name) for name in template_fields["inputs"]]

@@ -165,7 +165,9 @@ def _require_span(
 
 
 def _span(start: RunDefaults, options: Mapping[str, str | None]) -> tuple[float, dict[str, Any]]:
-    """Return the time step, and {"t_end": …} or {"steps": …}; raise InputError unless one is given.
+    """Return the time step in s, and {"t_end": …} or {"steps": …}; options win over the model's.
+
+    Raises InputError if neither the options nor the model have them, or --steps and --t-end do.
     """
     _require_span(start.name, start.dt, start.steps, options)
     dt, steps, t_end = options["dt"], options["steps"], options["t_end"]

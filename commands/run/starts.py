@@ -31,14 +31,14 @@ def started(
     from ...api import model_stepper, stepper_of
 
     settings, t0 = _without_time(settings)
-    registered = None if is_model_file(problem) else entry_named(problem)
-    options = {} if registered is None else arguments_of(registered, settings)
-    if registered is not None and registered.kind == "problem":
-        paper_problem = registered.make(**options)
+    entry = None if is_model_file(problem) else entry_named(problem)
+    options = {} if entry is None else arguments_of(entry, settings)
+    if entry is not None and entry.kind == "problem":
+        paper_problem = entry.make(**options)
         return (paper_problem, stepper_of(spec_from(**choice, system=paper_problem.system)),
                 RunDefaults.of_problem(paper_problem), t0)
-    spec = spec_from(**choice, system=problem if registered is None else registered.name)
-    step, defaults = (model_stepper(spec, settings=settings_of(settings)) if registered is None else
+    spec = spec_from(**choice, system=problem if entry is None else entry.name)
+    step, defaults = (model_stepper(spec, settings=settings_of(settings)) if entry is None else
                       model_stepper(spec, options=options))
     if not scaled:
         step._refuse_scaled(command="this command")
@@ -57,18 +57,18 @@ def _without_time(settings: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
     return tuple(text for text in settings if text not in times), t0
 
 
-def arguments_of(registered: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
+def arguments_of(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
     """Return the settings as arguments of what makes a problem or a model."""
-    allowed = registered.options if settings else []
+    allowed = entry.options if settings else []
     arguments: dict[str, Any] = {}
     for setting in settings:
         key, sign, numbers_text = setting.partition("=")
         if not sign or key not in allowed:
             raise InputError(
-                f"--set {setting!r} does not fit {registered.name}; write KEY=VALUE with KEY among "
+                f"--set {setting!r} does not fit {entry.name}; write KEY=VALUE with KEY among "
                 f"{', '.join(allowed) or 'none: it takes no settings'}{proposal(key, allowed)}. "
                 "(Masses, lengths and the like are keys of a model file, "
-                f"{_file_like(registered.name)}; in Python they are parameters of a run.)"
+                f"{_file_like(entry.name)}; in Python they are parameters of a run.)"
             )
         numbers = [real_number(f"--set {key}", number) for number in numbers_text.split(",")]
         arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)

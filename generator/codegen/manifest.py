@@ -139,7 +139,10 @@ def _clock(system: System) -> ClockManifest | None:
 
 
 def _numbers(derived: Derived, program: Program) -> dict[str, Any]:
-    """Return all numbers with their roles, and the time step of the model."""
+    """Return ``numbers``, all numbers with their roles, and ``dt``, the time step of the model.
+
+    They are for programs that read the manifest of plain C; a stepper of Python has them elsewhere.
+    """
     if derived.profile == "full":
         return {}
     dt = derived.model.dt if derived.model else None

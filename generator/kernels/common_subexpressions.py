@@ -86,11 +86,11 @@ def common_subexpressions(
             return node.symbol
         form = node.form or node
         arguments = graph.in_order(form) if sort else form.arguments
-        rebuilt = [rebuild(a) for a in arguments]
+        new_arguments = [rebuild(a) for a in arguments]
         # an expression without temporaries is kept, in place of building an equal one
         if form.expression is None or any(
-                a is not b.expression for a, b in zip(rebuilt, arguments, strict=True)):
-            expression = applied(form.function, rebuilt)
+                a is not b.expression for a, b in zip(new_arguments, arguments, strict=True)):
+            expression = applied(form.function, new_arguments)
         else:
             expression = form.expression
         if not node.is_shared:

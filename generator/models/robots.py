@@ -154,14 +154,14 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
         if key not in keys or key in options:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
-            entries = [_number_or_text(text) for text in value.split(",")]
+            entries = [_number_or_text(word) for word in value.split(",")]
             options[kind][name] = entries if len(entries) > 1 else entries[0]
         elif key == "ignore":
             options[key] = [name.strip() for name in value.split(",")]
         elif key in ("base", "keyframe", "loops") or (key, value) == ("limits", "stops"):
             options[key] = value
         else:
-            numbers = [_number_or_text(text) for text in value.split(",")]
+            numbers = [_number_or_text(word) for word in value.split(",")]
             for number in numbers:
                 if isinstance(number, str):
                     raise InputError(f"{key}={shown(number)} is no number; write for example "

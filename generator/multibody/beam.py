@@ -135,7 +135,11 @@ class Beam:
         return f"<Beam {self.name}: {len(self.segments)} segments of {self.spacing:g} m>"
 
     def rest_strain(self, a: Array, b: Array, factor: int) -> Array:
-        """Return u without moment of a joint with κ = (factor/h) u, drawn between attitudes."""
+        """Return u (3,) at which a joint has no moment, where κ = (factor/h) u is the curvature.
+
+        u is the vector part of the relative unit quaternion ā b: of ``rest``, or else of the
+        attitudes ``a`` and ``b`` at the start. |u| is the sine of half the angle, below 1.
+        """
         u = strain_between(a, b) if self.rest is None else self.spacing / factor * self.rest
         if not np.linalg.norm(u) < 1:
             raise InputError(f"The rest curvature of beam {self.name!r} is {shown(self.rest)} 1/m, "

@@ -103,7 +103,11 @@ def is_constant(m: Monomial) -> bool:
 def split(
     forms: CanonicalForms, e: sp.Expr, is_irreducible: Callable[[Terms], bool]
 ) -> Iterator[Addend]:
-    """Yield the addends of an expression, expanded no further than necessary."""
+    """Yield the addends of an expression: (a + b) c as it is, or as a c and b c.
+
+    An addend stays whole if ``is_irreducible`` says so of its expanded terms. Else the first sum
+    among its factors is expanded; without one each of its terms is an addend.
+    """
     for addend in sp.Add.make_args(e):
         terms = forms.terms(addend)
         sums = [a for a in addend.args if a.is_Add] if addend.is_Mul else []

@@ -20,6 +20,7 @@ emitted, which is slower and equally correct.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import sympy as sp
@@ -271,8 +272,7 @@ class FastSystem:
                 continue
             # f cancels to round-off on the constraints: double-word sums keep its digits
             if kernel.name == "hidden_constraint":
-                kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, kernel.outputs,
-                                      compensated=True))
+                kernels.append(replace(kernel, compensated=True))
             elif kernel.name == "hidden_matrix":
                 W = [[self.reduced(e) for e in row] for row in self.system.hidden_matrix]
                 kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, {"W": W}))

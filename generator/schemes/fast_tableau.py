@@ -218,10 +218,11 @@ def _half_rows(odd: list[Row], even: list[Row]) -> list[Row]:
 
 
 def _extrapolation_weights(nodes: Row, weights: Row, order: list[int], bits: int) -> list[Row]:
-    """Return w_i ℓ_j(1 + c_i)/w_j, which extrapolates values at the nodes by one step.
+    """Return w_i ℓ_j(1 + c_i)/w_j, which extrapolates values w_j y_j at the nodes by one step.
 
-    ℓ_j are the Lagrange polynomials of the nodes c. If two nodes coincide, the identity is
-    returned: the values are not extrapolated.
+    ℓ_j are the Lagrange polynomials of the nodes c, and the engine keeps values times their
+    weights w. ``order`` has the nodes that take part, entries are rounded to ``bits`` bits. If two
+    nodes coincide, the identity is returned: the values are not extrapolated.
     """
     c, w = [nodes[i] for i in order], [weights[i] for i in order]
     if len(set(c)) < len(c):

@@ -203,9 +203,10 @@ class NumericSystem(NumericConstraints):
             [*system.parameters, *filter(None, (system.time,))], values)
 
     def H_p(self, q: Array, p: Array) -> Array:
-        """Return the velocity, shape (n,), or (n, points) of momenta of many points."""
+        """Return the velocity H_p, shape (n,); p may be (n, points), and so is the velocity."""
         if not self.is_sparse:
             return evaluate(self._velocity, self._state(q, p))
+        # H is a sum of terms of few momenta each, whose derivatives are added where they belong
         slopes = self._momenta_of_terms.jacobian_entries(
             self._terms, p, partial(self._state, q))
         sums = np.zeros(p.shape)

@@ -70,7 +70,7 @@ def minimise(
     ----------
     residuals, linearise : callable
         r at a point, and r with J and units.
-    moved : callable
+    move : callable
         The point after a step y.
     excess : callable
         Length of y as a multiple of the longest step allowed; above 1, y is shortened.

@@ -225,7 +225,7 @@ class _TangentRun:
             except InputError as error:
                 self.point_tangents[i] = error
                 continue
-            if self.own.clocked:  # users see neither t nor its momentum; dt is the slope of t
+            if self.own.clocked:  # t is coordinate n − 1, and users see it as a time alone
                 visible = np.r_[self.space.places, size : size + self.width]
                 tangent, time = tangent[visible], tangent[self.n - 1]
             self.point_tangents[i], self.point_times[i] = tangent, time

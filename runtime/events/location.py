@@ -338,10 +338,10 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
         # parabola whose changes over the step are ``total_change``
         possible_fall = 4 * total_change * wider_part * wider_part
         may_fall_below = possible_fall >= np.where(inside, y1, y0)
-        undecided = ~through & may_fall_below & (wider_part > tolerance)
-        inside, left_of = inside[undecided], left_of[undecided]
+        is_open = ~through & may_fall_below & (wider_part > tolerance)
+        inside, left_of = inside[is_open], left_of[is_open]
         indices, side, reversed_, total_change, tolerance, wider_part, x0, x1, x2, y0, y1, y2 = (
-            column[undecided] for column in (indices, side, reversed_, total_change, tolerance,
+            column[is_open] for column in (indices, side, reversed_, total_change, tolerance,
                                              wider_part, x0, x1, x2, y0, y1, y2))
         if not len(indices):
             break

@@ -146,7 +146,10 @@ def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments)
 def _refuse_off_constraints(
     binding: Binding, manifest: Manifest, parameters: ParameterStruct, run: RunArguments
 ) -> None:
-    """Refuse a start whose defects exceed the bounds of moves of all coordinates."""
+    """Refuse a start whose |g(q)| or |f(q, p)| is above its bound.
+
+    The bound is what a small move of all coordinates changes the defect by.
+    """
     defects = defects_of_starts(binding, manifest.scheme.keeps_momentum_constraint, parameters,
                                 run.q[None], run.p[None], np.array([run.dt]))
     if defects.consistent[0]:

@@ -385,10 +385,10 @@ def _places_in_scaled_time(
         open_ = np.abs(missing) > rounding
         if not open_.any():
             break
-        corrected = remainders + np.where(
+        new_remainders = remainders + np.where(
             open_, missing / binding.time_scales(parameters, *ends), 0)
-        remainders = np.where(ahead * corrected > ahead * dt, dt,
-                              np.where(ahead * corrected > 0, corrected, zeros))
+        remainders = np.where(ahead * new_remainders > ahead * dt, dt,
+                              np.where(ahead * new_remainders > 0, new_remainders, zeros))
         ends = partial_steps(stepper, q, p, zeros, remainders, columns, fill)
     return Places(rows, steps, remainders)
 

@@ -298,12 +298,12 @@ class EnsembleArguments:
     ) -> EnsembleArguments:
         """Return the last parts of a step as runs of one step, from the states after whole steps.
 
-        ``status`` is not 0 for runs that have failed; in their place is a step from the start,
-        whose result is not used.
+        ``q`` and ``p`` have the shape (runs, n), ``status`` (runs,). It is not 0 for runs that have
+        failed; in their place is a step from the start, whose result is not used.
         """
         failed, steps = (status != 0)[:, None], self.first.steps
         parameters = dict(self.parameters)
-        if self.inputs is not None:
+        if self.inputs is not None:  # constant within this step: parameters do
             rows = self.inputs.taken(np.arange(len(self)), np.full(len(self), steps)).values[:, 0]
             columns = np.broadcast_to(rows, (len(self), len(self.inputs.names))).T
             parameters |= dict(zip(self.inputs.names, columns, strict=True))

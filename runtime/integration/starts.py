@@ -258,20 +258,21 @@ def _rows_of_start(stepper: Evaluation, start: Start, parameter_sets: Any) -> St
     ``parameter_sets`` is a list with a dict for each trajectory, or one dict of numbers and
     columns; then the number of trajectories is the length of any column.
     """
-    merged: Any
+    parameter_rows: Any
     if isinstance(parameter_sets, Sequence) and all(
             isinstance(own_parameters, Mapping) for own_parameters in parameter_sets):
-        merged = [start_parameters(stepper.parameter_domains, start, own_parameters)
+        parameter_rows = [start_parameters(stepper.parameter_domains, start, own_parameters)
                   for own_parameters in parameter_sets]
-        size = len(merged)
+        size = len(parameter_rows)
     else:
-        merged = start_parameters(stepper.parameter_domains, start, parameter_sets)
-        size = max((len(x) for x in (*merged.values(), start.t) if np.ndim(x) == 1), default=1)
+        parameter_rows = start_parameters(stepper.parameter_domains, start, parameter_sets)
+        size = max((len(x) for x in (*parameter_rows.values(), start.t) if np.ndim(x) == 1),
+                   default=1)
     q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
             for x in (stepper.binding.numbers("q", start.q), stepper.binding.numbers("p", start.p)))
     if start._nominal:
-        q, p = _rows_on_constraints(stepper, q, p, merged, start.t)
-    return StartNumbers(q, p, merged, start.t, start._excess, _impacts_of(start))
+        q, p = _rows_on_constraints(stepper, q, p, parameter_rows, start.t)
+    return StartNumbers(q, p, parameter_rows, start.t, start._excess, _impacts_of(start))
 
 
 def _rows_on_constraints(

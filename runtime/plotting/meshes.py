@@ -61,8 +61,8 @@ class IndexedMesh:
         t = self.triangles
         t = t[(t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])]
         smallest_corner = np.argmin(t, axis=1)[:, None]
-        rotated = np.take_along_axis(t, (smallest_corner + np.arange(3)) % 3, axis=1)
-        return IndexedMesh(self.points, rotated[np.sort(_unique_rows(rotated)[0])])
+        triangles = np.take_along_axis(t, (smallest_corner + np.arange(3)) % 3, axis=1)
+        return IndexedMesh(self.points, triangles[np.sort(_unique_rows(triangles)[0])])
 
     def clustered(self, cell: float) -> IndexedMesh:
         """Return the mesh with the vertices in each cell of this width replaced by their mean."""
@@ -128,9 +128,9 @@ def encoded(mesh: IndexedMesh) -> Mapping[str, Any]:
     points, vertex_number = points[order], np.empty_like(order)
     vertex_number[order] = np.arange(len(order))
     triangles = vertex_number[mesh.triangles]
-    rotated = np.take_along_axis(
+    triangles = np.take_along_axis(
         triangles, (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3, axis=1)
-    corners = rotated[np.lexsort(rotated.T[::-1])].ravel()
+    corners = triangles[np.lexsort(triangles.T[::-1])].ravel()
     # differences of sorted numbers are small, and small numbers deflate well
     words = (np.diff(points, axis=0, prepend=0).T.astype("<u2").tobytes()
              + np.diff(corners, prepend=0).astype("<u4").tobytes())

@@ -326,11 +326,11 @@ def _blurred(image: Array, radius: int) -> Array:
     """Return means over squares of 2 radius + 1 pixels, 0 outside of the image."""
     for axis in (0, 1):
         padded = np.pad(image, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)])
-        # sums over a window as differences of cumulated sums, one axis after the other
-        cumulated = np.cumsum(padded, axis=axis)
+        # sums over a window as differences of cumulative sums, one axis after the other
+        cumulative_sums = np.cumsum(padded, axis=axis)
         length = image.shape[axis]
-        image = (np.take(cumulated, np.arange(2 * radius + 1, 2 * radius + 1 + length), axis)
-                 - np.take(cumulated, np.arange(length), axis)) / (2 * radius + 1)
+        image = (np.take(cumulative_sums, np.arange(2 * radius + 1, 2 * radius + 1 + length), axis)
+                 - np.take(cumulative_sums, np.arange(length), axis)) / (2 * radius + 1)
     return image
 
 

@@ -98,10 +98,13 @@ class TangentRows:
         return np.concatenate(blocks, axis=1)
 
     def of_others(self, columns: Array, t: Array) -> TangentRows:
-        """Return the same directions at other states and times; ``columns`` as from ``together``.
+        """Return the same directions at other states and times.
+
+        ``columns``, shape (rows, 2 n + multipliers, k), are as from ``together``.
         """
         n, k = self.q.shape[1], columns.shape[2]
-        forces = None
-        if columns.shape[1] > 2 * n:
-            forces = columns[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
-        return replace(self, q=columns[:, :n], p=columns[:, n : 2 * n], t=t, multipliers=forces)
+        multipliers = None
+        if columns.shape[1] > 2 * n:  # before row 0 there is no step, which would have some
+            multipliers = columns[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
+        return replace(self, q=columns[:, :n], p=columns[:, n : 2 * n], t=t,
+                       multipliers=multipliers)

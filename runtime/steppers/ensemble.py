@@ -231,7 +231,7 @@ class EnsembleEnd(NamedTuple):
     last_part: tuple[Any, Sequence[Fraction]] | None = None
 
 
-NO_END = EnsembleEnd()
+_NO_END = EnsembleEnd()
 
 
 def integrate_members(
@@ -244,7 +244,7 @@ def integrate_members(
     tangents: Tangents | None = None,
     device: DeviceName | None = None,
     progress: Progress = None,
-    end: EnsembleEnd = NO_END,
+    end: EnsembleEnd = _NO_END,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of starts; see ``Stepper.integrate_ensemble``.

@@ -65,7 +65,7 @@ def test_a_stepper_of_another_system_is_found(wrong, monkeypatch):
         "constraints": (system.constraints[0] + 1e-9,)}}.get(wrong, {})
     # The start is on the compiled constraint, which is off by less than is seen.
     other = replace(known, system=replace(system, **changes))
-    monkeypatch.setattr(certificate, "compiled", lambda *_, **__: (other, compiled))
+    monkeypatch.setattr(certificate, "compile_model", lambda *_, **__: (other, compiled))
     lines = verdicts(gs.certify(other, "G-L", 2))
     assert lines.pop("compiled H, H_p, H_q − F, g") is (wrong is None)
     assert False not in lines.values()

@@ -40,11 +40,11 @@ def seen(rows: np.ndarray, cuts: list[int], terminal: bool, peeks: set[int]) -> 
         if detector.ends_in is not None:
             break
         if end in peeks and end < len(rows) - 1:
-            detector.close((rows[end + 1 : end + 2],) * 2)
+            detector.bracket_last_step((rows[end + 1 : end + 2],) * 2)
         elif -end in peeks:
-            detector.close()
-    detector.close()
-    detector.close()  # sees nothing twice
+            detector.bracket_last_step()
+    detector.bracket_last_step()
+    detector.bracket_last_step()  # sees nothing twice
     found = detector.brackets
     return [] if found is None else sorted(zip(
         found.step.tolist(), found.event.tolist(), found.turning.tolist(), found.before.tolist(),
