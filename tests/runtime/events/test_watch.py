@@ -85,7 +85,7 @@ def sparse_of(make):
     """Return a maker of watches that look only where something is near."""
     def sparse(terminal):
         detector = make(terminal)
-        detector._levels.near, detector._last = come_near, np.full((2, 2), np.nan)
+        detector._levels.near, detector._last_values = come_near, np.full((2, 2), np.nan)
         return detector
     return sparse
 
