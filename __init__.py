@@ -48,13 +48,13 @@ def __getattr__(name: str) -> Any:
     try:
         home = import_module(module, __name__)
         explain_names(home, [inner])
-        thing = vars(home).get(inner)
-        if thing is None or isinstance(thing, type(os)):
-            thing = explain_module(import_module(f"{home.__name__}.{inner}"))
+        member = vars(home).get(inner)
+        if member is None or isinstance(member, type(os)):
+            member = explain_module(import_module(f"{home.__name__}.{inner}"))
     except MissingDependencyError as error:
         return _missing(name, str(error))
-    globals()[name] = thing  # the next access does not come here
-    return thing
+    globals()[name] = member  # the next access does not come here
+    return member
 
 
 def _missing(name: str, message: str) -> Any:

@@ -22,7 +22,7 @@ from gyrospark.generator.multibody.rigid_body import (
     rotation_matrix,
 )
 from gyrospark.generator.normal_forms.canonical_system import canonical
-from gyrospark.generator.splitting.decomposition import split
+from gyrospark.generator.splitting.decomposition import _new_symbols, split
 from gyrospark.generator.symmetry.frame_symmetries import frame_of
 from gyrospark.generator.systems.system import System
 from splitting_systems import SYSTEMS, UNIT, molecules
@@ -209,3 +209,7 @@ def test_attitude_dependent_inertia_is_refused():
     H = kinetic_energy("gamma") + p[0]**2 * q[1] / 8
     with pytest.raises(gs.GyrosparkError, match="exact flow"):
         split(System(q, p, (*moments, gamma), H, UNIT, name="odd"))
+
+
+def test_new_symbols_are_none_of_the_system():
+    assert [x.name for x in _new_symbols("x", {"x3", "x_1", "y1"})] == ["x__1", "x__2", "x__3"]

@@ -8,7 +8,11 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.core.errors import InputWarning
-from gyrospark.generator.systems.integrable_rows import row_integrals, warn_of_row_integrals
+from gyrospark.generator.systems.integrable_rows import (
+    _rational,
+    row_integrals,
+    warn_of_row_integrals,
+)
 from gyrospark.generator.systems.numeric_system import numeric
 
 x, y, th, f1, f2 = q = sp.symbols("x y th f1 f2", real=True)
@@ -68,3 +72,9 @@ def test_a_system_without_integrals_stays_as_it_is():
     assert system.with_row_integrals() is system
     with pytest.warns(InputWarning, match=r"with_row_integrals"):
         warn_of_row_integrals(car(vx - r * w1))
+
+
+def test_echelon_rows_of_any_order():
+    """With the largest entry of a column in a later row, and a column without a pivot."""
+    rows = np.array([[0.0, 0.0, 2.0], [0.5, 0.25, 3.0]])
+    assert [*_rational(rows)] == [[1, sp.Rational(1, 2), 0], [0, 0, 1]]
