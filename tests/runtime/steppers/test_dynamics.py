@@ -266,6 +266,8 @@ def test_robots_move_as_pinocchio_has_them(tmp_path, seed):
     assert np.abs([*forces.values()] - torques).max() <= CLOSE * np.abs(torques).max()
 
 
+# MuJoCo gets the start that loops have moved
+@pytest.mark.filterwarnings("ignore:The loops move the start")
 @pytest.mark.slow  # each robot is derived and compiled
 @pytest.mark.parametrize(("seed", "loops"), [(17, False), (57, False), (3, False), (5, True),
                                              (8, True)])
