@@ -192,7 +192,7 @@ def _integrated_loop(
         return None
     if ensemble.failures:
         return None
-    # in scaled time the integral is that of the extended system, with t and e among q and p
+    # in scaled time the extended system is integrated, with t and e among q and p
     states = [full_states(member) for member in ensemble.members] if stepper.binding.clocked else (
         zip(ensemble.q, ensemble.p, strict=True))
     q, p = (np.array(rows, dtype=float) for rows in zip(*states, strict=True))

@@ -57,7 +57,7 @@ class Event:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check all fields; the name is by default that of the quantity."""
+        """Check all fields; by default an event is named after its quantity."""
         _set_name(self, "event")
         if type(self.direction) is not int or self.direction not in (-1, 0, 1):
             raise InputError(f"direction = {shown(self.direction)} is none; give -1 (falling), 1 "

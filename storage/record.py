@@ -190,7 +190,7 @@ def _existing_group(
 ) -> zarr.Group:
     """Return the group of an existing store of this run, or of its first steps.
 
-    ``identity`` is that of the run; a longer run extends the store's arrays.
+    ``identity`` determines the bits of the run; a longer run extends the store's arrays.
     """
     recording = Recording.read(path)
     stored_run = recording.attributes["run"]

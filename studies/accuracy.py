@@ -290,7 +290,7 @@ _EARLY = 33
 def _gain(engine: Engine, gamma: Case, alpha: Case, quantity: Quantity) -> Claim:
     """Compare IMS-α with IMS-γ over the first steps and over the whole figure.
 
-    The ratio is that of the mean errors of a coordinate of the mass centre.
+    The claim has the ratio of the mean errors of a coordinate of the mass centre.
     """
     early_ratio, full_ratio = (
         float(abs(engine.errors(alpha, quantity)[:states]).mean()

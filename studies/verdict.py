@@ -75,7 +75,7 @@ def _verdict(
                             f"right is {misprint.right}")
     if not math.isfinite(ours):
         return "differs", "ours is no finite number"
-    # a unit or a few in the last digit are told as such; more than one unit needs a reason
+    # up to nine units in the last digit are reported in units; more than one needs a reason
     units = units_between(ours, printed)
     if units > 1 and (units > 9 or not reason):
         return "differs", reason

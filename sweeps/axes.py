@@ -138,7 +138,7 @@ def _numbers(name: str, values: Any) -> Array:
 def as_rows(name: str, values: Any, width: int | None = None) -> Array:
     """Return a table of numbers, (starts, ``width`` or any), or raise InputError.
 
-    ``name`` is that of the argument, for the error.
+    The error names the argument by ``name``.
     """
     try:
         table = np.array(values, dtype=float)

@@ -36,7 +36,7 @@ def heyoka_run(equations: FirstOrder, **options: Any) -> Run:
     heyoka = need("heyoka")
     start = np.array(equations.start)
     motion = heyoka.taylor_adaptive(
-        [(heyoka.expression(str(x)), heyoka.from_sympy(sp.sympify(rate, strict=True)))
+        [(heyoka.expression(str(x)), heyoka.from_sympy(sp.Integer(0) + rate))
          for x, rate in zip(equations.variables, equations.rates, strict=True)], start, **options)
 
     def run() -> Array:

@@ -227,8 +227,8 @@ def _minimise_on_constraints(
 def nearest_step(G: Array, g: Array, R: Array, r: Array) -> Array:
     """Return the x with the least |R x + r| of those with G x = −g; of several, the shortest.
 
-    G is (m, n), R (k, n). Dependent rows of G are allowed, so that the null space is that of the
-    singular value decomposition.
+    G is (m, n), R (k, n). Dependent rows of G are allowed: its null space comes from a singular
+    value decomposition.
     """
     if not len(G):
         return -np.asarray(np.linalg.lstsq(R, r, rcond=_RANK)[0])

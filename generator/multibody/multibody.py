@@ -1567,8 +1567,8 @@ def _segment_state(
 ) -> InitialState:
     """Return the state of a segment of a beam that moves as one rigid body.
 
-    Its middle x has the velocity v + ω × (x − x₀), with v that of the start x₀ of the beam; the
-    angular velocity is in axes of the segment, whose attitude is q.
+    Its middle x has the velocity v + ω × (x − x₀), where v is the velocity of the beam's
+    start x₀; the angular velocity is in axes of the segment, whose attitude is q.
     """
     v_turning = np.zeros(3) if omega is None else np.cross(omega, x - start)
     return initial_state(name, q, None, x, None if v is None else v + v_turning,

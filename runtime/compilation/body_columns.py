@@ -285,8 +285,8 @@ def _pull(
 ) -> Pull | None:
     """Return how a constraint acts on its bodies; None if its force is not known.
 
-    ``name`` is that of the constraint, ``pull`` its entry in the manifest; UnfitError, with the
-    ``path`` of the entry, for an unknown constraint and vectors of another length.
+    ``name`` names the constraint, ``pull`` is its entry in the manifest. Raises UnfitError, with
+    the ``path`` of the entry, for an unknown constraint and vectors of another length.
     """
     if name not in system.constraint_names:
         raise UnfitError("has other constraints", path)

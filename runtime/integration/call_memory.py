@@ -113,7 +113,7 @@ class CallMemory:
         limits = stepper.rotations.limits(run.parameters, run.dt)
         # refused: checks that depend on the state or on its time, and arguments or parameters that
         # may change though they stay the same object
-        if (limits is None or plan.events or plan.impacts or arguments[2] is not None
+        if (limits is None or plan.events or arguments[2] is not None  # events has impacts, too
                 or depends_on_time(binding) or binding.clocked
                 or stepper.manifest.system.velocity_names
                 or not {*map(type, (*arguments, as_solver(arguments[-1]).tolerance))} <= _FIXED

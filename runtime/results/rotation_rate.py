@@ -170,7 +170,7 @@ class Rotations:
         """Return (body, |Ω dt|, dt) of the largest rotation in a step from one state.
 
         In Python's floats, which take a quarter of the time of arrays; −1 rad where the frame
-        moves, as Ω is not that of the frame.
+        moves, as Ω counts from fixed axes.
         """
         bodies, largest, fastest = self.bodies, -1.0, ""
         if any(_only(parameters[name]) for name in self._rates if name in parameters):

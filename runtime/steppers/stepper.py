@@ -397,8 +397,10 @@ class Stepper(Dynamics):
         return with_tangents(self, tangents, trajectory)
 
     def _steps_of(self, plan: Integration, run: RunArguments, progress: Progress) -> Trajectory:
-        """Return the whole steps of a plan, with its events; ``run`` is that of the plan, whose
-        stored rows ``t_eval`` may have chosen."""
+        """Return the whole steps of a plan, with its events.
+
+        ``run`` has the plan's arguments; its stored rows may be chosen by ``t_eval``.
+        """
         # a run that ends before the first look at the clock shows no share that is done
         quiet = progress is None and run.steps <= FIRST_STEPS and not run.open_end
         with nullcontext() if quiet else log_progress(

@@ -96,10 +96,10 @@ def test_a_start_off_a_moving_constraint_is_refused():
         with pytest.raises(InputError, match="project"):
             step.integrate(gs.Start(q, momenta, t=t0), **what)
     for now in (entry.t0, 0.1):
-        moved = gs.consistent(entry.system, q, p, parameters=entry.parameters, t=now)
+        consistent = gs.consistent(entry.system, q, p, parameters=entry.parameters, t=now)
         same = step.consistent(q, p, parameters=entry.parameters, t=now)
-        assert np.allclose(moved.q, same.q, atol=8 * EPS)
-        assert np.allclose(moved.p, same.p, atol=8 * EPS)
+        assert np.allclose(consistent.q, same.q, atol=8 * EPS)
+        assert np.allclose(consistent.p, same.p, atol=8 * EPS)
 
 
 def test_control_says_that_it_takes_time_in_forces_only():

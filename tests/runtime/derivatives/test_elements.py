@@ -35,10 +35,10 @@ def test_accelerations_are_second_differences():
     """To h², of rods on a pivot that moves."""
     step, h = stepper("G-L"), 2.0**-8
     start = start_of(step)
-    found = step.accelerations(start.q, start.p, parameters=BEADS, t=start.t)
+    accelerations = step.accelerations(start.q, start.p, parameters=BEADS, t=start.t)
     ahead, back = (step.integrate(start, dt=dt, steps=1).q[1] for dt in (h, -h))
     wanted = (ahead + back - 2 * start.q) / h**2
-    assert np.abs(found.q - wanted).max() < 1e-3 * np.abs(wanted).max()
+    assert np.abs(accelerations.q - wanted).max() < 1e-3 * np.abs(wanted).max()
 
 
 # The iteration contracts by 0.003 to 0.02 a time at 0.02, and by 0.05 to 0.1 at 0.1; at 0.3, with

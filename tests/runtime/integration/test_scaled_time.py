@@ -240,12 +240,12 @@ def test_a_fit_has_the_parameter_and_the_start_of_its_data(stages, dtau, times):
     entry, step = case("eccentric"), differentiable("eccentric", stages=stages)
     data = np.array([entry.exact(time) for time in times])
     begin = timed_start("eccentric", step).replace(parameters={"k": 1.02})
-    found = gs.fit(step, begin, times, data, dtau=dtau, observe=["x", "y"])
-    assert found.converged
-    assert found.rms < 1e-8
-    assert abs(found.parameters["k"] - 1) < 1e-8
-    assert np.abs(found.q - entry.q).max() < 1e-8
-    assert np.abs(found.p - entry.p).max() < 1e-8
+    fit = gs.fit(step, begin, times, data, dtau=dtau, observe=["x", "y"])
+    assert fit.converged
+    assert fit.rms < 1e-8
+    assert abs(fit.parameters["k"] - 1) < 1e-8
+    assert np.abs(fit.q - entry.q).max() < 1e-8
+    assert np.abs(fit.p - entry.p).max() < 1e-8
     for given, words in (({}, ["dtau"]), ({"dt": 0.1}, ["dt = 0.1", "dtau"])):
         with pytest.raises(gs.InputError) as caught:
             gs.fit(step, begin, times, data, observe=["x", "y"], **given)

@@ -112,9 +112,9 @@ def test_what_a_start_says_of_its_run_is_its_own(gl3) -> None:
         assert len(gl3.integrate(begin)) == steps + 1
     slow, fast = TOP.start.replace(), TOP.start.replace(p=2 * TOP.p0)
     slow._rules = fast._rules = {"gamma": "auto"}
-    found = [gl3.integrate(x, dt=1e-3, steps=2).parameters["gamma"] for x in (slow, fast)]
+    weights = [gl3.integrate(x, dt=1e-3, steps=2).parameters["gamma"] for x in (slow, fast)]
     gl3._memory = CallMemory()
-    assert found[1] == gl3.integrate(fast, dt=1e-3, steps=2).parameters["gamma"] != found[0]
+    assert weights[1] == gl3.integrate(fast, dt=1e-3, steps=2).parameters["gamma"] != weights[0]
 
 
 def test_impacts_are_of_the_start_that_has_them() -> None:
@@ -122,8 +122,8 @@ def test_impacts_are_of_the_start_that_has_them() -> None:
     plain = gs.Start(*systems.start("ball", step), systems.case("ball").parameters)
     bouncing = plain.replace()
     bouncing._events = (gs.Impact("floor"),)
-    made = [step.integrate(start, dt=0.1, steps=6) for start in (bouncing, plain)]
-    assert [len(run.impacts) for run in made] == [1, 0]
+    runs = [step.integrate(start, dt=0.1, steps=6) for start in (bouncing, plain)]
+    assert [len(run.impacts) for run in runs] == [1, 0]
 
 
 @pytest.mark.parametrize("name", ["driven_oscillator", "bead", "heavy_top_in_frame", "pendulum",
