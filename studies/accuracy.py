@@ -62,7 +62,7 @@ TABLE_5: tuple[tuple[Quantity, str], ...] = tuple(
 
 
 def table_4(engine: Engine) -> Table:
-    """Fast top, γ-type."""
+    """Return Table 4: mean errors of H and of the axis of the fast top, γ-type."""
     return Table(
         4, "Fast spinning top: accuracy of the γ-type",
         f"{TOP}. {_TOP_ABOUT}",
@@ -71,7 +71,10 @@ def table_4(engine: Engine) -> Table:
 
 
 def table_5(engine: Engine) -> Table:
-    """Fast top, α-type; the numbers are lost in our copy, the conclusions in the text are not."""
+    """Return Table 5: mean errors of H and of the axis of the fast top, α-type.
+
+    Our copy of the paper lost the printed numbers, so that the conclusions of its text are checked.
+    """
     cells = [
         _unprinted(engine, TOP.case(method, "alpha", rule), quantity, rule)
         for quantity, rule in TABLE_5 for method in COLUMNS
@@ -86,7 +89,7 @@ def table_5(engine: Engine) -> Table:
 
 
 def table_6(engine: Engine) -> Table:
-    """Regular precession of the slim cone."""
+    """Return Table 6: mean errors of H and of the axis, regular precession of a cone, r = h/2."""
     return Table(
         6, "Regular precession: accuracy, r = h/2",
         _cone_about(engine, SLIM_CONE),
@@ -96,7 +99,7 @@ def table_6(engine: Engine) -> Table:
 
 
 def table_7(engine: Engine) -> Table:
-    """Regular precession of the wide cone."""
+    """Return Table 7: mean errors of H and of the axis, regular precession of a cone, r = 3h/2."""
     return Table(
         7, "Regular precession: accuracy, r = 3h/2",
         _cone_about(engine, WIDE_CONE),
@@ -106,14 +109,23 @@ def table_7(engine: Engine) -> Table:
 
 
 def _cone_about(engine: Engine, setting: Setting) -> str:
-    rate = engine.problem(setting.case("IMS", "gamma", "m")).exact
-    assert isinstance(rate, RegularPrecession)
-    return (f"{setting}, φ̇ = {rate.rate:g} rad/s and m = ρπ²h/3 as actually used in the paper "
-            f"(erratum 18). {_CONE_ABOUT}")
+    """Return the text above a table of the cone: Δt, N_t, precession rate, mass and norms.
+
+    Erratum 18: the paper prints φ̇ = 10 rad/s and computed with 30, and with the printed mass
+    m = ρπ²h/3 instead of the cone's ρπr²h/3.
+    """
+    # scheme and γ do not matter: the exact motion belongs to the problem
+    precession = engine.problem(setting.case("IMS", "gamma", "m")).exact
+    assert isinstance(precession, RegularPrecession)
+    return (f"{setting}, φ̇ = {precession.rate:g} rad/s and m = ρπ²h/3 as actually used in the "
+            f"paper (erratum 18). {_CONE_ABOUT}")
 
 
 def _unprinted(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
-    """Return a cell whose number our copy lost."""
+    """Return our mean error of a case as a cell without a printed number, which our copy lost.
+
+    ``rule`` names the value of γ or α in the row; the note says "round-off" below the floor.
+    """
     ours = engine.mean(case, quantity)
     note = ROUND_OFF if ours <= engine.floor(case, quantity) else ""
     return compare_value(row_name(quantity, case.rep, rule), case.method, ours, None, reason=note)
@@ -125,7 +137,8 @@ def _cells(
 ) -> list[Cell]:
     """Return the cells of a table: our means beside the printed ones, in the columns of methods.
 
-    ``printed`` has a row of numbers for each quantity, representation and rule of the parameter.
+    ``printed``: (quantity, representation, rule of γ or α) → the printed numbers of the four
+    methods ``COLUMNS``, as text.
     """
     cells = []
     for (quantity, rep, rule), numbers in printed.items():
@@ -135,6 +148,7 @@ def _cells(
             misprint = MISPRINTS.get((table, quantity, rule, method))
             cell = compare_value(row_name(quantity, rep, rule), method, ours, number, floor,
                                  misprint)
+            # the reason costs two more runs, and only a difference needs one
             if cell.verdict == "differs":
                 cell = compare_value(cell.row, method, ours, number, floor, misprint,
                                      _sensitivity(engine, case, quantity, ours, number))
@@ -145,15 +159,17 @@ def _cells(
 def _sensitivity(
     engine: Engine, case: Case, quantity: Quantity, ours: float, printed: str
 ) -> str:
-    """Return the reason if a rounding of γ's sixth digit or beyond gives the printed number.
+    """Return why our mean E and the printed one differ, if a rounding of γ explains it; else "".
 
-    Beside a zero of the error in γ the mean is that sensitive: δ = ΔE/(dE/d ln γ).
+    Near a zero of the error in γ, E depends strongly on γ. The relative change of γ that gives the
+    printed mean is δ = (E_printed − E)/(dE/d ln γ), with a one-sided difference for the slope.
+    A δ of at most 5e-6, half a unit of γ's sixth digit, is a rounding; one more run confirms it.
     """
     step, gamma = 1e-6, engine.parameter(case)
-    nearby = engine.mean(replace(case, parameter=gamma * (1 + step)), quantity)
-    slope = (nearby - ours) / step
-    # a slope of round-off tells nothing
-    if abs(nearby - ours) < 10 * engine.floor(case, quantity):
+    nearby_mean = engine.mean(replace(case, parameter=gamma * (1 + step)), quantity)
+    slope = (nearby_mean - ours) / step
+    # below ten floors the difference, and with it the slope, is round-off
+    if abs(nearby_mean - ours) < 10 * engine.floor(case, quantity):
         return ""
     change = (float(printed) - ours) / slope
     if abs(change) > 5e-6:
@@ -169,47 +185,61 @@ def _sensitivity(
 
 
 def _alpha_is_idle(engine: Engine) -> Claim:
-    """Measure how much the means change with α for the schemes that are not LIIIA-B."""
+    """Return the claim that α does not change the means of IMS, EMS and 2-G-L.
+
+    The measure is the largest max/min − 1 over the α of the table, of E[|ΔH|], E[|Δz|], E[|Δx|].
+    """
     spreads = []
     for method in ("IMS", "EMS", "2-G-L"):
         for quantity in ("H", "z", "x"):
-            if (method, quantity) != ("EMS", "H"):  # round-off
-                values = [engine.mean(TOP.case(method, "alpha", rule), quantity)
-                          for rule in ("m", "h", "100m")]
-                spreads.append(max(values) / min(values) - 1)
+            # EMS conserves H: its energy error is round-off, whose ratios mean nothing
+            if (method, quantity) != ("EMS", "H"):
+                means = [engine.mean(TOP.case(method, "alpha", rule), quantity)
+                         for rule in ("m", "h", "100m")]
+                spreads.append(max(means) / min(means) - 1)
     return Claim("The accuracy of IMS-α, EMS-α and 2-G-L-α does not depend on α: largest "
                  "relative change of a mean over the three α", f"{max(spreads):.1e}",
                  "at most 1e-02", max(spreads) <= 1e-2)
 
 
 def _gamma_is_better(engine: Engine) -> Claim:
-    """Compare α = γ_m with γ = γ_m."""
-    gains = [
-        engine.mean(TOP.case(method, "alpha", "m"), quantity)
-        / engine.mean(TOP.case(method, "gamma", "m"), quantity)
-        for method in ("IMS", "EMS", "2-G-L") for quantity in ("H", "z", "x")
-        if (method, quantity) != ("EMS", "H")
-    ]
+    """Return the claim that γ = γ_m gives smaller means than α = γ_m, in every cell.
+
+    The energy error of EMS is left out: it is round-off for both.
+    """
+    gains = []
+    for method in ("IMS", "EMS", "2-G-L"):
+        for quantity in ("H", "z", "x"):
+            if (method, quantity) != ("EMS", "H"):
+                alpha_mean = engine.mean(TOP.case(method, "alpha", "m"), quantity)
+                gains.append(alpha_mean / engine.mean(TOP.case(method, "gamma", "m"), quantity))
     return Claim("IMS, EMS and 2-G-L are more accurate with γ = γ_m than with α = γ_m: ratio of "
                  "the errors of α-type and γ-type", f"{min(gains):.2f} to {max(gains):.1f}",
                  "all above 1", min(gains) > 1)
 
 
 def _lobatto_types_agree(engine: Engine) -> Claim:
-    """Compare 3-LIIIA-B-α with -γ, whose motions are one (erratum 23)."""
-    distance = max(
-        abs(engine.mean(TOP.case("3-LIIIA-B", "alpha", rule), quantity)
-            - engine.mean(TOP.case("3-LIIIA-B", "gamma", rule), quantity))
-        / engine.floor(TOP.case("3-LIIIA-B", "gamma", rule), quantity)
-        for quantity, rule in TABLE_5
-    )
+    """Return the claim that 3-LIIIA-B-α and 3-LIIIA-B-γ have equal means for α = γ.
+
+    Erratum 23: |Q_i| = 1 at every stage, so that the types differ by a force along Q_i, which the
+    multipliers absorb. The distance of two means is measured in round-off floors.
+    """
+    distances = []
+    for quantity, rule in TABLE_5:
+        alpha, gamma = (TOP.case("3-LIIIA-B", rep, rule) for rep in ("alpha", "gamma"))
+        difference = abs(engine.mean(alpha, quantity) - engine.mean(gamma, quantity))
+        distances.append(difference / engine.floor(gamma, quantity))
+    distance = max(distances)
     return Claim("3-LIIIA-B-α and 3-LIIIA-B-γ are the same method for α = γ (erratum 23): the "
                  "means of Tables 4 and 5 agree", "equal to round-off" if distance <= 1 else
                  f"{distance:.1f} round-off floors apart", "equal to round-off", distance <= 1)
 
 
 def _corrected_mean_is_better(engine: Engine) -> Claim:
-    """Compare γ̃_h with γ_h for the slim cone, where I₁ = 8.5 I₃."""
+    """Return the claim that γ̃_h gives smaller errors of the axis than γ_h for the slim cone.
+
+    The cone has I₁ = 8.5 I₃: the corrected mean γ̃_h is made for moments that differ much.
+    """
     gains = [
         engine.mean(SLIM_CONE.case(method, "gamma", "h"), "x")
         / engine.mean(SLIM_CONE.case(method, "gamma", "ht"), "x")
@@ -221,7 +251,10 @@ def _corrected_mean_is_better(engine: Engine) -> Claim:
 
 
 def _nutation_is_exact(engine: Engine) -> Claim:
-    """IMS and EMS with γ = γ̃_h = I₁ reproduce θ = const (erratum 25)."""
+    """Return the claim that IMS and EMS with γ = γ̃_h = I₁ conserve the tilt of the cone.
+
+    Erratum 25: at this γ a regular precession, cos θ = z_c/l = const, is reproduced exactly.
+    """
     cases = [SLIM_CONE.case(method, "gamma", "ht") for method in ("IMS", "EMS")]
     exact = all(engine.mean(case, "z") <= engine.floor(case, "z") for case in cases)
     return Claim("With γ = γ̃_h = I₁ IMS and EMS conserve the tilt of the cone: E[|Δz|]",
@@ -230,7 +263,10 @@ def _nutation_is_exact(engine: Engine) -> Claim:
 
 
 def _wide_cone_suits_harmonic_mean(engine: Engine) -> Claim:
-    """Compare γ_h's E[|Δz|] with the slim cone's, each relative to γ_m's."""
+    """Return the claim that γ_h loses less against γ_m for the wide cone than for the slim one.
+
+    The measure of a cone is E[|Δz|] with γ_h over E[|Δz|] with γ_m, for IMS and for EMS.
+    """
     def penalty(setting: Setting, method: str) -> float:
         return (engine.mean(setting.case(method, "gamma", "h"), "z")
                 / engine.mean(setting.case(method, "gamma", "m"), "z"))
@@ -249,19 +285,22 @@ def _wide_cone_suits_harmonic_mean(engine: Engine) -> Claim:
 
 
 def figure_8(engine: Engine) -> Figure:
-    """Axis of the fast top."""
+    """Return Fig. 8: x and z of the fast top's mass centre, IMS beside 8-stage Gauss-Lobatto."""
     return _axis_figure(engine, 8, Setting("fast-top", 0.01, 160), "8-stage Gauss-Lobatto",
                         "Trajectory of the mass centre, fast spinning top")
 
 
 def figure_9(engine: Engine) -> Figure:
-    """Axis of the cone."""
+    """Return Fig. 9: x and z of the cone's mass centre, IMS beside the exact precession."""
     return _axis_figure(engine, 9, Setting("regular-precession", 0.007, 60), "exact",
                         "Trajectory of the mass centre, regular precession")
 
 
 def _axis_figure(engine: Engine, number: int, setting: Setting, truth: str, title: str) -> Figure:
-    """Draw x_c/l and z_c/l of IMS with γ = γ_m and α = γ_m beside the true motion."""
+    """Return the panels of x_c/l and z_c/l of IMS with γ = γ_m and α = γ_m, and of the true motion.
+
+    ``truth`` is the legend of the true motion, ``setting`` the problem with Δt and N_t.
+    """
     gamma, alpha = (setting.case("IMS", rep, "m") for rep in ("gamma", "alpha"))
     t = engine.trajectory(gamma).t.tolist()
 
@@ -283,14 +322,15 @@ def _axis_figure(engine: Engine, number: int, setting: Setting, truth: str, titl
     )
 
 
-#: What both figures show for sure: the span of Table 4, 0.32 s, which is 32 steps of Fig. 8.
+#: States of the interval on which the claim is decided: 0.32 s, as in Table 4, 32 steps of Fig. 8.
 _EARLY = 33
 
 
 def _gain(engine: Engine, gamma: Case, alpha: Case, quantity: Quantity) -> Claim:
-    """Compare IMS-α with IMS-γ over the first steps and over the whole figure.
+    """Return the claim that IMS-γ follows the true motion more closely than IMS-α.
 
-    The claim has the ratio of the mean errors of a coordinate of the mass centre.
+    The measure is the ratio of mean errors of a coordinate, α-type over γ-type, over the first
+    ``_EARLY`` states, which decide, and over the whole figure.
     """
     early_ratio, full_ratio = (
         float(abs(engine.errors(alpha, quantity)[:states]).mean()

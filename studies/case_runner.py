@@ -130,13 +130,20 @@ class Engine:
     # ------------------------------------------------------------ runs
 
     def trajectory(self, case: Case) -> Trajectory:
-        """Return the case's trajectory; raises ``StepFailed`` when a step does not converge."""
+        """Return the case's trajectory, which is computed once.
+
+        Raises
+        ------
+        StepFailed
+            When a step does not converge.
+        """
         if case not in self._trajectories:
             if self.watch is not None:
                 self.watch(str(case))
             step, parameters = self.stepper(case), self.parameters(case)
             q0, p0 = self.problem(case).q0, self.problem(case).p0
-            if case.real != "double":  # a start that is consistent in that type
+            # the problem's start meets the constraints to double precision only
+            if case.real != "double":
                 q0, p0 = step.project(q0, p0, parameters=parameters)
             if case.frame:
                 parameters |= tune(step, q0, p0, dt=case.dt, steps=case.steps,
@@ -155,7 +162,11 @@ class Engine:
     # ------------------------------------------------------------ errors
 
     def errors(self, case: Case, quantity: Quantity) -> Array:
-        """Return the signed errors at k = 0..N_t; of g and qᵀp the values themselves."""
+        """Return the signed errors at k = 0..N_t, shape (N_t + 1,).
+
+        "H", "E", "l3": c_k − c_0 of the energy, of the energy with p projected onto qᵀp = 0, and
+        of l₃ = I₃Ω₃; "x", "z": R13, R33 less the true ones; "g": qᵀq − 1; "qp": qᵀp.
+        """
         run = self.trajectory(case)
         if quantity == "H":
             return np.asarray(run.energy() - run.energy()[0])
@@ -171,7 +182,7 @@ class Engine:
         return np.asarray((run.q * factor).sum(axis=1) - target)
 
     def mean(self, case: Case, quantity: Quantity) -> float:
-        """Return E[|·|] of (87)-(91)."""
+        """Return the mean error (87)-(91): 1/(N_t + 1) Σ_k |c_k|, c the errors of ``errors``."""
         return float(np.abs(self.errors(case, quantity)).mean())
 
     def peak(self, case: Case, quantity: Quantity) -> float:
@@ -191,8 +202,8 @@ class Engine:
     def floor(self, case: Case, quantity: Quantity) -> float:
         """Return the round-off floor ε · N_t · size, ε the machine epsilon of the case's type.
 
-        N_t roundings of the quantity, each of relative size ε and all of one sign: what lies
-        below cannot be told from zero after N_t steps.
+        It is the sum of N_t roundings, each of relative size ε and all of one sign: an error below
+        it cannot be told from zero after N_t steps.
         """
         epsilon = float(np.finfo(self.stepper(case).binding.dtype).eps)
         return epsilon * case.steps * self.size(case, quantity)
@@ -200,12 +211,17 @@ class Engine:
 
 @cache
 def _problem(name: str, settings: tuple[tuple[str, float], ...]) -> Problem:
+    """Return a problem of the registry; ``settings`` are the arguments of its function."""
     make: Callable[..., Problem] = PROBLEMS[name].make
     return make(**dict(settings))
 
 
 def parameter_value(parameter: float | str, inertia: Sequence[float]) -> float:
-    """Return γ or α in kg m² from a number or a rule, e.g. "m", "ht", "100m"."""
+    """Return γ or α in kg m².
+
+    ``parameter`` is a number in kg m², or a mean of the moments of inertia, "m", "h", "mt", "ht",
+    with an optional factor before it, e.g. "100m".
+    """
     if not isinstance(parameter, str):
         return float(parameter)
     match = re.fullmatch(rf"([0-9.]*)({'|'.join(MEANS)})", parameter)

@@ -37,11 +37,13 @@ from ..generator.tableaux.compositions import COMPOSITIONS, PATH, composition_na
 
 __all__ = ["FloatConditions", "main", "search", "store"]
 
-#: Where an iteration has arrived: its step, which rounding of the conditions keeps from zero, and
-#: the conditions. Where it is given up: least damping, iterations; and relative singular values
-#: that count as zero.
+#: A solution: length of the Gauss-Newton step (rounding of the conditions keeps it from zero) and
+#: largest condition.
 _NEAR, _SOLVED = 1e-6, 1e-14
-_SHORTEST, _ITERATIONS, _RANK = 1e-4, 200, 1e-13
+#: A start is given up at this damping factor, or after so many iterations.
+_SHORTEST, _ITERATIONS = 1e-4, 200
+#: Singular values below this part of the largest count as zero.
+_RANK = 1e-13
 #: Decimals of free unknowns that are stored: the objective is flat at its least.
 _FREE = 10
 #: A random step is optimised if its solution is not much worse than the best.
@@ -49,12 +51,15 @@ _WORTH = 1.2
 
 
 class _Kind(NamedTuple):
-    """Flows of one kind: exponents and matrices of their monomials, places, indices of numbers."""
+    """All flows of one kind, e.g. the drifts, of a composition.
 
-    monomials: NDArray[np.int_]
-    matrices: Floats
-    places: list[int]
-    numbers: list[list[int]]
+    The matrix of a flow is Σ_k (Π_v x_v^(monomials[k, v])) matrices[k], x the numbers of the flow.
+    """
+
+    monomials: NDArray[np.int_]  # exponents, shape (monomials, numbers of a flow)
+    matrices: Floats  # shape (monomials, words, words)
+    places: list[int]  # positions of the flows in the composition
+    numbers: list[list[int]]  # for each flow the indices of its numbers among those of all flows
 
 
 @dataclass(frozen=True)
@@ -65,17 +70,20 @@ class FloatConditions:
 
     @cached_property
     def words(self) -> list[str]:
-        """Words of the conditions, then those of the leading error where letters are A and B."""
+        """Words of the conditions, then words of the leading error where letters are A and B.
+
+        The latter are all words of p + 1 letters, p the order of the composition.
+        """
         method = self.conditions.composition
         error = [] if method.base else product("AB", repeat=method.order + 1)
         return [*self.conditions.words, *map("".join, error)]
 
     @cached_property
     def _tables(self) -> tuple[list[str], list[_Kind], Floats, Floats]:
-        """Words of products, kinds of flows, and their numbers as constants and slopes.
+        """Words of products, kinds of flows, and the numbers of all flows as constants and slopes.
 
-        The numbers of all flows in a row are constants + slopes · unknowns, as a palindrome and a
-        given sum determine the others.
+        The numbers are constants + slopes · x, shapes (numbers,) and (numbers, unknowns): a
+        palindrome and a prescribed sum determine those that are no unknowns.
         """
         parts = factors_of(self.words)
         flows = list(self.conditions.flows(self.words))
@@ -96,10 +104,11 @@ class FloatConditions:
         return parts, list(kinds.values()), np.array([float(c) for c, _ in numbers]), slopes
 
     def evaluate(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the coefficients at the words less those of the exact flow, and their slopes.
+        """Return F(x), shape (words,), and F′(x), shape (words, unknowns).
 
-        A flow is a matrix that multiplies rows of coefficients, and the composition the product
-        F₁ F₂ …: its slope by a number of flow i is F₁ … F_(i−1) (dF_i) F_(i+1) ….
+        F is the coefficient of the composition at each word less the coefficient of the exact
+        flow. A flow is a matrix that multiplies rows of coefficients, and the composition is the
+        product F₁ F₂ …: its slope by a number of flow i is F₁ … F_(i−1) (dF_i) F_(i+1) ….
         """
         parts, kinds, constants, affine = self._tables
         size, values = len(parts), constants + affine @ x
@@ -108,7 +117,7 @@ class FloatConditions:
         for kind in kinds:
             scale = np.prod(values[kind.numbers][:, None, :] ** kind.monomials, axis=2)
             flows[kind.places] = np.tensordot(scale, kind.matrices, 1)
-        # products of the flows before each one, on the empty word, and of those after, at the words
+        # left[i]: the row F₁ … F_i, of the empty word; right[i]: F_(i+1) F_(i+2) … at the words
         left, right = np.zeros((count + 1, size)), np.empty((count + 1, size, len(self.words)))
         left[0, 0] = 1
         right[-1] = np.eye(size)[:, [parts.index(word) for word in self.words]]
@@ -120,7 +129,7 @@ class FloatConditions:
             left_times_matrices = np.tensordot(left[kind.places], kind.matrices, (1, 1))
             right_of_flows = right[np.array(kind.places) + 1]
             for variable, indices in enumerate(zip(*kind.numbers, strict=True)):
-                # dxⁿ/dx = n xⁿ⁻¹ of each monomial
+                # dxⁿ/dx = n xⁿ⁻¹ of each monomial; for n = 0 the factor n removes the term
                 exponents = kind.monomials.copy()
                 exponents[:, variable] = np.maximum(exponents[:, variable] - 1, 0)
                 scale = kind.monomials[:, variable] * np.prod(
@@ -131,7 +140,12 @@ class FloatConditions:
         return left[-1] @ right[-1] - exact, by_number.T @ affine
 
     def objective(self, x: Floats) -> float:
-        """Return the objective of the search at x: see the module's text."""
+        """Return the objective of the search at x.
+
+        s (Σ|w_i|^{p+1})^{1/(p+1)} for weights w; Σ|a_i| + Σ|b_i| + ‖c‖₂ for drifts a, kicks b and
+        gradients c where kicks are small; s ‖e‖^{1/p} for other drifts and kicks, with the
+        coefficients e of the error at p + 1 letters.
+        """
         method, parts = self.conditions.composition, self.conditions.values(x.tolist(), float)
         p = method.order
         if method.base:
@@ -144,7 +158,11 @@ class FloatConditions:
 
 
 def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Floats]:
-    """Return the exponents of a flow's monomials, and the matrix of each: it multiplies rows."""
+    """Return exponents of a flow's monomials and their matrices, (monomials, words, words).
+
+    A row of coefficients times the flow has at the word w = uv the sum over all cuts of
+    row[u] · flow[v]: entry (u, uv) of a monomial's matrix is its coefficient at v.
+    """
     monomials = sorted({e for terms in flow.values() for e in terms})
     word_index = {word: i for i, word in enumerate(parts)}
     matrices = np.zeros((len(monomials), len(parts), len(parts)))
@@ -211,10 +229,11 @@ def search(
 
 
 def _solve(floats: FloatConditions, x: Floats, largest_weight: float) -> Floats | None:
-    """Return a solution of the conditions near a start; None if none is found.
+    """Return a solution of F(x) = 0 near a start; None if the iteration reaches none.
 
-    Gauss-Newton steps Δ of least length, shortened until ‖F′(x)⁺F(x + λΔ)‖ falls: this test does
-    not depend on how conditions are scaled, some of which are nearly combinations of others.
+    Gauss-Newton steps Δ = −F′(x)⁺F(x) of least length, with a damping λ (``size``) that is halved
+    until ‖F′(x)⁺F(x + λΔ)‖ ≤ (1 − λ/2)‖Δ‖. This test does not depend on the scaling of the
+    conditions, which are nearly combinations of others in part.
     """
     k = len(floats.conditions.words)
     F, J = (block[:k] for block in floats.evaluate(x))
@@ -227,6 +246,7 @@ def _solve(floats: FloatConditions, x: Floats, largest_weight: float) -> Floats 
         length = float(np.linalg.norm(step))
         if length < _NEAR and np.abs(F).max() < _SOLVED:
             return x + step
+        # λ may grow by 4 from step to step; a step has at most the length 1
         size = min(1.0, 4 * size, 1 / max(length, _NEAR))
         while True:
             y = x + size * step
@@ -243,9 +263,10 @@ def _solve(floats: FloatConditions, x: Floats, largest_weight: float) -> Floats 
 def _slide(
     floats: FloatConditions, x: Floats, objective: float, largest_weight: float
 ) -> tuple[float, Floats]:
-    """Return the least objective along the family of a solution x, and its solution.
+    """Return the least objective along the family of solutions through x, and the solution there.
 
-    ``objective`` is that of x, and returned with x where no better solution is found.
+    ``objective`` belongs to x. Both are returned unchanged if x is isolated, or if sequential
+    quadratic programming reaches nothing better.
     """
     if not floats.conditions.composition.free:
         return objective, x
@@ -256,6 +277,7 @@ def _slide(
         floats.objective, x, method="SLSQP", options={"maxiter": 100, "ftol": 1e-12},
         constraints={"type": "eq", "fun": lambda y: floats.evaluate(y)[0][:k],
                      "jac": lambda y: floats.evaluate(y)[1][:k]}).x
+    # the optimum meets the conditions to 1e-12 only
     y = _solve(floats, optimum, largest_weight)
     if y is None or floats.objective(y) >= objective:
         return objective, x
@@ -274,6 +296,7 @@ def store(name: str, x: Sequence[float], note: str) -> None:
     with mp.workdps(DIGITS):
         digits = [mp.nstr(number, DIGITS - 10, min_fixed=-mp.inf, max_fixed=mp.inf)
                   for number in conditions.refine(start)]
+    # rounded to ``STORED`` decimals: the digits behind them are the reserve of the refinement
     last_place, context = Decimal(1).scaleb(-STORED), Context(prec=DIGITS)
     texts = [f"{Decimal(text).quantize(last_place, context=context):f}" for text in digits]
     # free unknowns are short decimals

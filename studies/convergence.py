@@ -72,7 +72,10 @@ FIGURE_16 = {
 def measure(
     engine: Engine, study: ConvergenceStudy
 ) -> tuple[list[float], list[float], list[float]]:
-    """Return Δt, relative periodic errors and their round-off floors."""
+    """Return Δt, relative periodic errors and their round-off floors: one entry for each of STEPS.
+
+    The periodic error is the error of largest size over 0.32 s, relative to |H₀| or |l₃,₀|.
+    """
     errors, floors = [], []
     for dt in STEPS:
         case = study.case(dt)
@@ -83,7 +86,7 @@ def measure(
 
 
 def figure_10(engine: Engine) -> Figure:
-    """Schemes of order 2 and 4, both types."""
+    """Return Fig. 10: periodic error against Δt, schemes of order 2 and 4, γ- and α-type."""
     panel = _panel(engine, "IMS, EMS, 3-LIIIA-B, 2-G-L", FIGURE_10)
     claims = [_orders_claim(engine, FIGURE_10),
               *(_slope_claim(engine, study) for study in FIGURE_10)]
@@ -93,7 +96,7 @@ def figure_10(engine: Engine) -> Figure:
 
 
 def figure_16(engine: Engine) -> Figure:
-    """LIIIA-B, s = 2..5, three values of γ."""
+    """Return Fig. 16: periodic error against Δt, s-LIIIA-B with s = 2..5, three values of γ."""
     panels, claims = [], [_orders_claim(engine, [study[0] for study in FIGURE_16.values()])]
     for mark, (stages, studies) in zip("abcd", FIGURE_16.items(), strict=True):
         panels.append(_panel(engine, f"({mark}) {stages}-LIIIA-B-γ", studies))
@@ -113,8 +116,8 @@ def _panel(engine: Engine, title: str, studies: tuple[ConvergenceStudy, ...]) ->
 
 
 def _orders_claim(engine: Engine, studies: Sequence[ConvergenceStudy]) -> Claim:
-    """Judge all slopes of a figure, gathered by order."""
-    slopes: dict[int, list[float]] = {}
+    """Return the claim that every slope of a figure is the scheme's order, within ± 0.15."""
+    slopes: dict[int, list[float]] = {}  # order → slopes
     for study in studies:
         slopes.setdefault(study.order, []).append(fit_slope(*measure(engine, study))[0])
     slope_ranges = ", ".join(_range(values) for values in slopes.values())
@@ -125,27 +128,31 @@ def _orders_claim(engine: Engine, studies: Sequence[ConvergenceStudy]) -> Claim:
 
 
 def _range(values: Sequence[float]) -> str:
+    """Return e.g. "1.99 to 2.01", or one number if both ends have the same two decimals."""
     low, high = f"{min(values):.2f}", f"{max(values):.2f}"
     return low if low == high else f"{low} to {high}"
 
 
 def _slope_claim(engine: Engine, study: ConvergenceStudy) -> Claim:
+    """Return the claim that one curve has the slope of its order, within ± 0.15."""
     slope, used = fit_slope(*measure(engine, study))
     return Claim(f"{study.name}: slope in the log-log plot ({used} points)", f"{slope:.2f}",
                  f"{study.order} ± {_TOLERANCE}", abs(slope - study.order) <= _TOLERANCE)
 
 
 def _influence_claim(engine: Engine, stages: int) -> Claim:
-    """Compare 100γ_m with γ_m at the largest and smallest Δt above round-off.
+    """Return the claim that γ matters for Δt → 0 if s is even, and not if s is odd.
 
-    The influence |e(100γ_m)/e(γ_m) − 1| stays for even s and dies out for odd s.
+    The influence of γ is |e(100γ_m)/e(γ_m) − 1| with the periodic errors e; it is compared at the
+    smallest and the largest Δt whose errors are ten times their round-off floor.
     """
-    dt, errors, floors = measure(engine, FIGURE_16[stages][0])
-    errors_of_rule = measure(engine, FIGURE_16[stages][2])[1]
-    deviations = [(h, abs(b / a - 1))
-                  for h, a, b, floor in zip(dt, errors, errors_of_rule, floors, strict=True)
+    with_mean, _, with_100_means = FIGURE_16[stages]
+    dt, errors, floors = measure(engine, with_mean)
+    errors_of_100 = measure(engine, with_100_means)[1]
+    influences = [(h, abs(b / a - 1))
+                  for h, a, b, floor in zip(dt, errors, errors_of_100, floors, strict=True)
                   if min(a, b) > 10 * floor]
-    (small, fine), (large, coarse) = deviations[0], deviations[-1]
+    (small, fine), (large, coarse) = influences[0], influences[-1]
     even = stages % 2 == 0
     return Claim(
         f"s = {stages}: the influence of γ {'stays' if even else 'dies out'} as Δt shrinks; "

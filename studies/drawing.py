@@ -41,12 +41,14 @@ def draw(panels: Sequence[Panel], columns: int) -> str:
     with rc_context({"svg.hashsalt": "gyrospark", "svg.fonttype": "path", "font.size": 9,
                      **dict.fromkeys(inks, _INK)}):
         figure = figure_type(figsize=(_WIDTH * columns, sum(heights)), layout="constrained")
-        places = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+        grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
         for number, panel in enumerate(panels):
-            _draw_panel(figure.add_subplot(places[divmod(number, columns)]), panel)
+            _draw_panel(figure.add_subplot(grid[divmod(number, columns)]), panel)
         text = io.StringIO()
+        # a date or the version of matplotlib would change the bytes
         figure.savefig(text, format="svg", transparent=True,
                        metadata={"Date": None, "Creator": None})
+    # the colour of the page is no colour that matplotlib could write
     return text.getvalue().replace(_INK, "currentColor").replace("<defs>", _THEME + "<defs>", 1)
 
 
@@ -56,10 +58,12 @@ def _height(panel: Panel) -> float:
 
 
 def _legend_below(panel: Panel) -> bool:
+    """Return whether the legend is too long for a place between the curves."""
     return len(panel.series) > 2
 
 
 def _legend_rows(panel: Panel) -> int:
+    """Return the rows of a legend of two columns: ⌈number of series / 2⌉."""
     return -(-len(panel.series) // 2)
 
 
@@ -91,6 +95,7 @@ def _mark_points(axes: Any, panel: Panel) -> None:
     """Put ticks with plain numbers at the points of a log axis, as far as they have room."""
     ticks: list[float] = []
     for x in sorted({x for series in panel.series for x in series.x}):
+        # labels of closer points would overlap
         if not ticks or x > 1.5 * ticks[-1]:
             ticks.append(x)
     axes.set_xticks(ticks, [f"{x:g}" for x in ticks])
@@ -98,5 +103,6 @@ def _mark_points(axes: Any, panel: Panel) -> None:
 
 
 def _draw_series(axes: Any, series: Series, colour: str) -> None:
+    """Draw a curve; circles are empty, so that curves below them stay visible."""
     axes.plot(series.x, series.y, series.style, color=colour, label=series.label, linewidth=1.3,
               markersize=4, markerfacecolor="none" if "o" in series.style else colour)

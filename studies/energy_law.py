@@ -57,7 +57,10 @@ class Law:
 
 
 def node_slope(nodes: Nodes) -> Matrix:
-    """Return the function c → M′(c) on the nodes."""
+    """Return the function c → M′(c) = Σ_k k a_k c^(k−1) on the nodes, a_k the coefficients of M.
+
+    The function is a column of rational numbers, its coordinates in the basis of ``nodes``.
+    """
     coefficients = nodes.polynomial.all_coeffs()[::-1]  # type: ignore[attr-defined]
     return sum(
         (power(nodes, k - 1) * QQ.from_sympy(k * a) for k, a in enumerate(coefficients) if k > 1),
@@ -67,22 +70,28 @@ def node_slope(nodes: Nodes) -> Matrix:
 
 @lru_cache
 def node_numbers(s: int) -> NodeNumbers:
-    """Return μ, ς and ε; all sums over the nodes are traces, so no root is ever written down."""
+    """Return μ = b_i M′(c_i)², ς = Σ (c_i − ½)² and ε = Σ b_i c_i^(2s−2) − 1/(2s − 1) of s nodes.
+
+    Sums over the nodes are traces of rational matrices, so that no root of M is computed.
+    """
     tableau = lobatto_iiiab(s)
     nodes, b = tableau.stages, tableau.basis["b"]
 
     def total(f: Matrix, g: Matrix) -> Any:
+        """Return Σ_i f(c_i) g(c_i)."""
         return (f.transpose() * nodes.trace * g).to_list()[0][0]
 
     slope = node_slope(nodes)
+    # b_i M′(c_i)² is the same for every i: the sum over the s nodes, divided by s
     mu = total(b, nodes.multiply(slope) * slope) / s
+    # Σ (c_i − ½)² = Σ c_i² − s/4, for symmetric nodes have Σ c_i = s/2
     spread = total(power(nodes, 1), power(nodes, 1)) - QQ(s, 4)
     quadrature = total(b, power(nodes, 2 * s - 2)) - QQ(1, 2 * s - 1)
     return NodeNumbers(*map(QQ.to_sympy, (mu, spread, quadrature)))
 
 
 def energy_law(s: int, top: BodyFrameTop) -> Law:
-    """Return the law of s-LIIIA-B at the state of the top.
+    """Return A_s, B_s and C_s of H̃ = H + h^(2s−2) (A + C/γ) + h^(2s) B γ + … of s-LIIIA-B.
 
     With the Taylor coefficients x_k of q and y_k of p in body axes, z of y_(s−1) = (Y, z) and the
     numbers μ, ς, ε of the nodes,
@@ -90,6 +99,7 @@ def energy_law(s: int, top: BodyFrameTop) -> Law:
         A = μ/(8s) z·J⁻¹z + μ Σ_k y_(s−1−k)·x_(s+k) − ε Σ_k (k + 1) x_(k+1)·y_(2s−2−k)
         X = x_(s+1),0 + x_1·J⁻¹z/(4s),   B = −2μς X²,   C = μY²/(8s)
     """
+    # the sums reach x_(2s−1) and y_(2s−2)
     x, y = motion(top, 2 * s - 1)
     mu, spread, quadrature = (_as(top, number) for number in vars(node_numbers(s)).values())
     Y, *z = y[s - 1]
@@ -102,7 +112,7 @@ def energy_law(s: int, top: BodyFrameTop) -> Law:
 
 
 def _as(top: BodyFrameTop, number: sp.Rational) -> Any:
-    """Return a rational number in the arithmetic of the state."""
+    """Return a rational number in the arithmetic of the state: exact, or a float for arrays."""
     domain = getattr(getattr(top.l[0], "ring", None), "domain", None)
     if domain is not None or isinstance(top.l[0], type(QQ(1, 2))):
         return QQ.from_sympy(number)

@@ -39,7 +39,7 @@ def study(engine: Engine) -> Finding:
 
 
 def _about(claims: list[Claim]) -> str:
-    """Return the proof, with the defects that the last two claims measured."""
+    """Return the proof in words, with the defects that claims 4 and 5 of the study measured."""
     trajectories, multipliers = claims[3:]
     return f"""The paper observes and predicts that s-LIIIA-B-α and s-LIIIA-B-γ give the same \
 results for α = γ. This is the proof, for every s.
@@ -66,7 +66,10 @@ at most {trajectories.found}, and the multipliers satisfy the relation to {multi
 
 
 def gradients_claim(alpha: sp.Expr | None = None) -> Claim:
-    """Claim H_γ − H_α = (1 − |q|²)|p|²/(8γ); false for any α but γ."""
+    """Return the claim H_γ − H_α = (1 − |q|²)|p|²/(8γ), an identity in q and p.
+
+    ``alpha`` replaces α = γ; the claim is false for any other α.
+    """
     gamma_system, alpha_system = heavy_top("gamma"), heavy_top("alpha")
     gamma = gamma_system.parameters[-1]
     at_alpha = {alpha_system.parameters[-1]: gamma if alpha is None else alpha}
@@ -84,13 +87,14 @@ def gradients_claim(alpha: sp.Expr | None = None) -> Claim:
 def stages_claim(norm: sp.Expr = 1) -> Claim:
     """Return the claim that k_i and k̂_i + k̃_i of both forms are equal; false unless |Q_i|² = 1.
 
-    With D = H_γ − H_α = (1 − |q|²)|p|²/(8γ), Λ^γ = Λ^α + |P|²/(8γ) and |Q|² = ``norm`` these
-    differ by D_p and by −D_q − 2Q Λ^γ + 2Q Λ^α.
+    With D = H_γ − H_α = (1 − |q|²)|p|²/(8γ), Λ^γ = Λ^α + |P|²/(8γ) and |Q|² = ``norm`` the rates
+    k = H_p differ by D_p, and the forces k̂ + k̃ = −H_q − 2QΛ by −D_q − 2Q Λ^γ + 2Q Λ^α.
     """
     Q, P = sp.symbols("Q0:4"), sp.symbols("P0:4")
     gamma, Lambda_alpha = sp.symbols("gamma Lambda")
     P_squared = sum(x**2 for x in P)
     D = (1 - sum(x**2 for x in Q)) * P_squared / (8 * gamma)
+    # |Q|² = norm, solved for the square of the first component
     on_node = {Q[0] ** 2: norm - sum(x**2 for x in Q[1:])}
     Lambda_gamma = Lambda_alpha + P_squared / (8 * gamma)
     differences = [D.diff(x).subs(on_node) for x in P]
@@ -104,7 +108,10 @@ def stages_claim(norm: sp.Expr = 1) -> Claim:
 
 
 def nodes_claim(tableaux: list[Tableau]) -> Claim:
-    """Return the claim that stages are constraint nodes with the same weights; false for G-L."""
+    """Return the claim that stages are constraint nodes with the same weights; false for G-L.
+
+    The statement of ``_stages_are_constraint_nodes`` for each tableau, in exact arithmetic.
+    """
     good = [t for t in tableaux if _stages_are_constraint_nodes(t)]
     return Claim(
         "Ã = Â, Ā = A, b̃ = b̂ = b; the first node is 0, the last node 1, and the last column of Ã "
@@ -115,8 +122,12 @@ def nodes_claim(tableaux: list[Tableau]) -> Claim:
 
 
 def _stages_are_constraint_nodes(t: Tableau) -> bool:
-    """Return whether Ã = Â, Ā = A and the weights are equal, with no Λ_p in T1: all exactly."""
+    """Return whether Ã = Â, Ā = A, b̃ = b̂ = b, c̃ = c with c_1 = 0 and c_s = 1, all exactly.
+
+    The last column of Ã must vanish too: the multiplier Λ_p then has no effect on the stages.
+    """
     basis = t.basis
+    # p + 1 constraint nodes c̃_0 … c̃_p, and s stages
     if t.s != t.p + 1:
         return False
     equal_pairs = [("A_tilde", "A_hat"), ("A_bar", "A"), ("b_tilde", "b_hat"), ("b_hat", "b"),
@@ -131,7 +142,10 @@ def _stages_are_constraint_nodes(t: Tableau) -> bool:
 
 
 def trajectories_claim(steps: int) -> Claim:
-    """Return the claim that q and p of compiled steppers agree to round-off."""
+    """Return the claim that q and p of compiled α- and γ-steppers agree to round-off.
+
+    The measure is the largest relative difference over s = 2..5 and ``steps`` of the fast top.
+    """
     weight = mean_inertia(fast_top().inertia)
     worst = 0.0
     for s in STAGES:
@@ -145,14 +159,15 @@ def trajectories_claim(steps: int) -> Claim:
 
 
 def multipliers_claim() -> Claim:
-    """Claim Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ) in one step, s = 2..5."""
+    """Return the claim Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ), measured in one step for s = 2..5."""
     weight = mean_inertia(fast_top().inertia)
     worst = 0.0
     for s in STAGES:
         (P, Lambda_alpha), (_, Lambda_gamma) = (
             _stages(stepper("LIIIA-B", s, rep), s, rep, weight) for rep in ("alpha", "gamma")
         )
-        expected = (P[:-1] ** 2).sum(axis=1) / (8 * weight)  # Λ_p belongs to T2
+        # without the last stage: its multiplier belongs to the projection of the momentum
+        expected = (P[:-1] ** 2).sum(axis=1) / (8 * weight)
         worst = max(worst, _difference(Lambda_gamma - Lambda_alpha, expected))
     return Claim(
         f"Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ) in one step of Δt = {DT}, s = 2..5: relative defect.",
@@ -161,9 +176,10 @@ def multipliers_claim() -> Claim:
 
 
 def _stages(step: Stepper, s: int, rep: str, weight: float) -> tuple[Array, Array]:
-    """Solve T1 of the first step; return P_1..P_s and Λ_0..Λ_(s−2).
+    """Solve the stage equations of the first step; return P_1..P_s, (s, 4), and Λ_0..Λ_(s−2).
 
-    P_i = p + Δt Σ_j â_ij (k̂_j − 2 Q_j Λ_(j−1)), with Λ_(s−1) = 0; ``weight`` is γ or α.
+    Q_i = q + Δt Σ_j a_ij k_j and P_i = p + Δt Σ_j â_ij (k̂_j − 2 Q_j Λ_(j−1)), with Λ_(s−1) = 0;
+    the unknowns are x = (k, k̂, Λ). ``weight`` is γ or α, as ``rep`` says.
     """
     problem = fast_top()
     run_options: dict[str, Any] = {"dt": DT, "parameters": problem.parameters | {rep: weight}}
@@ -181,4 +197,5 @@ def _stages(step: Stepper, s: int, rep: str, weight: float) -> tuple[Array, Arra
 
 
 def _difference(a: Array, b: Array) -> float:
+    """Return max|a − b| / max|b|."""
     return float(np.abs(a - b).max() / np.abs(b).max())

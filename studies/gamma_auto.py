@@ -24,7 +24,7 @@ ALLOWED = 1.05
 
 
 def study(engine: Engine) -> Finding:
-    """Choose γ for eleven motions and eight methods and hold it against the paper's values."""
+    """Return the finding: γ chosen for eleven motions and eight methods, beside the paper's γ."""
     # a short study has every fourth method, six bodies and two times
     methods = METHODS[::4] if engine.short else METHODS
     bodies, times = (BODIES[:6], TIMES[:2]) if engine.short else (BODIES, TIMES)
@@ -49,16 +49,25 @@ def study(engine: Engine) -> Finding:
 
 
 def motion_claim(body: TrialBody, trials: list[Trial], times: tuple[float, ...]) -> Claim:
-    """Return the claim that no path's error exceeds its error with γ_m by more than 5 %."""
+    """Return the claim that no axis has an error more than 5 % above its error with γ_m.
+
+    ``trials`` are the methods for the body; each has the largest ratio of its three axes at
+    ``times`` (s), 0 where the motion is lost with γ_m at all of them.
+    """
     worst = [float(np.nanmax(trial.ratios(times=times), initial=0)) for trial in trials]
-    text = ", ".join(f"{trial.method} {_ratio(w)}" for trial, w in zip(trials, worst, strict=True))
+    text = ", ".join(f"{trial.method} {_ratio(ratio)}"
+                     for trial, ratio in zip(trials, worst, strict=True))
     return Claim(f"{body.name}, γ chosen for the motion: distance of each of the body's three axes "
                  f"over that with γ_m, up to {_spoken(times)}; the largest.", text,
                  f"all at most {ALLOWED}", max(worst) <= ALLOWED)
 
 
 def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
-    """Return the claim that the median largest error is below that of each recommended γ."""
+    """Return the claim that the choice has a median gain of at least 1 over every recommendation.
+
+    The gain is the largest distance of an axis with a recommended γ over the one with the chosen
+    γ, up to the second of ``times``; trials that lost the motion count for nothing.
+    """
     texts, medians = [], []
     for rule in MEANS.values():
         gains = np.array([trial.gain(rule, times[:2]) for trial in trials])
@@ -76,7 +85,10 @@ def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
 
 
 def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
-    """Return the claim that the γ of least energy error can increase the error of an axis."""
+    """Return the claim that the γ of least energy error can increase the error of an axis.
+
+    A trial counts if some axis is more than 5 % worse than with γ_m, at one of ``times``.
+    """
     worst = {trial: float(np.nanmax(trial.price(times), initial=0)) for trial in trials}
     worst_trial = max(worst, key=lambda trial: worst[trial])
     count, gain = sum(w > ALLOWED for w in worst.values()), worst_trial.energy_gain("γ_m")
@@ -100,7 +112,10 @@ def ims_claim(trials: list[Trial]) -> Claim:
 
 
 def energy_claim(body: TrialBody, trials: list[Trial]) -> Claim:
-    """Return the claim that on the pilots' length no recommendation is better by more than 5 %."""
+    """Return the claim that no recommended γ has an energy error 5 % below the chosen γ's.
+
+    The runs have the length of the pilot runs; errors at round-off are left out.
+    """
     resolved_trials = [trial for trial in trials if not trial.at_round_off()]
     return _energy_claim(f"{body.name}: energy error with the best of γ_m, γ_h, γ̃_m, γ̃_h, "
                          f"divided by the error with the chosen γ, {body.steps} steps of "
@@ -108,16 +123,21 @@ def energy_claim(body: TrialBody, trials: list[Trial]) -> Claim:
 
 
 def longer_claim(body: TrialBody, trials: list[Trial]) -> Claim:
-    """Return the claim of ``energy_claim`` over ten times the steps."""
+    """Return the claim of ``energy_claim`` for runs of ten times the steps of the pilot runs."""
     resolved_trials = [trial for trial in trials if not trial.at_round_off(LONGER)]
     return _energy_claim(f"{body.name}: the same γ over {LONGER * body.steps} steps, errors at "
                          "round-off excluded.", resolved_trials, LONGER)
 
 
 def _energy_claim(statement: str, resolved_trials: list[Trial], times: int) -> Claim:
+    """Return the claim that every gain, recommended over chosen γ, is at least 1/1.05.
+
+    ``times`` is the length of the runs in lengths of the pilot runs.
+    """
     gains = [trial.energy_gain(times=times) for trial in resolved_trials]
-    text = ", ".join(f"{trial.method} {_short(g)}"
-                     for trial, g in zip(resolved_trials, gains, strict=True))
+    text = ", ".join(f"{trial.method} {_short(gain)}"
+                     for trial, gain in zip(resolved_trials, gains, strict=True))
+    # 1e-4: the rounding of a gain of exactly 1/1.05
     return Claim(statement, text, f"all at least 1/{ALLOWED}",
                  min(gains, default=1) >= 1 / (ALLOWED + 1e-4))
 
@@ -133,7 +153,11 @@ def kinetic_claim(trials: list[Trial]) -> Claim:
 
 
 def kinetic_line(trial: Trial) -> FittedLine:
-    """Fit ∂(H_k − H_0)/∂(1/γ) over h²(T_k² − T_0²), at a quarter of Δt."""
+    """Return the line of ∂(H_k − H_0)/∂(1/γ) over h²(T_k² − T_0²), at a quarter of Δt.
+
+    The derivative is the difference quotient between γ = γ_m and γ_m/1.2, whose 1/γ differ by
+    0.2/γ_m; T = H − V is the kinetic energy.
+    """
     finer = Trial(TrialBody(trial.body.name, trial.body.make, trial.body.dt / 4,
                             4 * trial.body.steps),
                   trial.scheme, trial.stages)
@@ -146,7 +170,10 @@ def kinetic_line(trial: Trial) -> FittedLine:
 
 
 def idle_claim(trial: Trial) -> Claim:
-    """Return the claim that γ does nothing to the energy of a free body under IMS."""
+    """Return the claim that the energy error of IMS for a free body does not depend on γ.
+
+    The measure is max/min − 1 of the mean energy error over the four recommended γ.
+    """
     errors = [trial.energy_error(trial.rule(name)) for name in MEANS.values()]
     spread = max(errors) / min(errors) - 1
     return Claim("IMS-γ, free body: γ has no part in the energy error; change of its mean over "
@@ -158,19 +185,23 @@ def idle_claim(trial: Trial) -> Claim:
 
 
 def _ratio(worst: float) -> str:
+    """Return a ratio of distances, or "lost" for 0: the motion was lost at every time."""
     return f"{worst:.2f}" if worst else "lost"
 
 
 def _short(gain: float) -> str:
+    """Return a gain with two decimals, from 100 on with an exponent."""
     return f"{gain:.2f}" if gain < 100 else f"{gain:.1e}"
 
 
 def _spoken(times: tuple[float, ...]) -> str:
+    """Return e.g. "1, 10 and 100 s"."""
     *first, last = (f"{t:g}" for t in times)
     return f"{', '.join(first)} and {last} s"
 
 
 def _about(ims: dict[TrialBody, Trial]) -> str:
+    """Return the text of the finding, with the gains of IMS over γ_m for asymmetric bodies."""
     asymmetric = ", ".join(f"{body.name} {trial.energy_gain('γ_m'):.2f}"
                            for body, trial in ims.items() if not body.symmetric)
     return f"""The law (34), error = d + K/γ, is linear to leading order at every step of a run \
@@ -208,7 +239,10 @@ every γ, and most of its error of the motion is a phase drift that hardly depen
 
 
 def _panel(trial: Trial) -> Panel:
-    """Draw the mean energy error over 1/γ with the recommendations and both choices."""
+    """Return the panel of the mean energy error over γ_m/γ, with marks at six values of γ.
+
+    The marks, vertical dashes, are the four recommendations and both choices.
+    """
     mean = trial.rule("γ_m")
     x = np.linspace(0.4, 2.2, 19)
     marks = {**{name: trial.rule(name) for name in MEANS.values()},

@@ -42,7 +42,11 @@ _KEPT = 10
 def asymmetric_top(
     inertia: tuple[float, float, float], mgl: float, theta: float, omega: list[float]
 ) -> Problem:
-    """Return a heavy top with any moments; there is no closed form of its motion."""
+    """Return a heavy top with any moments in kg m²; there is no closed form of its motion.
+
+    ``mgl`` in J; ``theta`` the tilt in rad, with φ = 0.3 and ψ = 0.2 rad so that nothing is
+    special; ``omega`` the angular velocity in body axes, rad/s.
+    """
     q0 = euler_quaternion(0.3, theta, 0.2)
     parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {"mgl": mgl}
     return Problem("asymmetric-top", parameters, q0, momentum(q0, omega, inertia), inertia)
@@ -70,6 +74,7 @@ class TrialBody:
 
 def _top(inertia: tuple[float, float, float], mgl: float, theta: float, *omega: float
          ) -> Callable[[], Problem]:
+    """Return the function that makes an asymmetric top, for a ``TrialBody``."""
     return lambda: asymmetric_top(inertia, mgl, theta, list(omega))
 
 
@@ -113,6 +118,7 @@ class Trial:
         return self._tuned("energy", {"pilot_steps": self.body.steps})
 
     def _tuned(self, aim: Aim, options: dict[str, Any]) -> Tuned:
+        """Return the γ that ``gs.tune`` chooses for the body with this method."""
         return tune(stepper(self.scheme, self.stages), self.body.problem, dt=self.body.dt,
                     gamma="auto", aim=aim, **options)
 
@@ -127,7 +133,7 @@ class Trial:
         return mean_inertia(self.body.problem.inertia, rule)
 
     def run(self, gamma: float, steps: int, every: int = 1) -> Trajectory:
-        """Return the run with this γ."""
+        """Return the run with this γ in kg m²; every ``every``-th state is stored."""
         problem = self.body.problem
         return stepper(self.scheme, self.stages).integrate(
             problem.q0, problem.p0, dt=self.body.dt, steps=steps, every=every,
@@ -147,13 +153,16 @@ class Trial:
         return self._over(self.gamma(), rule, times)
 
     def price(self, times: tuple[float, ...] = TIMES) -> Array:
-        """Return the same for the γ chosen for the energy, over γ_m."""
+        """Return the distances with the γ chosen for the energy over those with γ_m.
+
+        Shape (times, 3); NaN where γ_m has lost the motion.
+        """
         return self._over(self.gamma("energy"), "γ_m", times)
 
     def gain(self, rule: str = "γ_m", times: tuple[float, ...] = TIMES) -> float:
-        """Return the largest distance of an axis with a rule over that with the choice.
+        """Return the largest distance of an axis with a rule over the one with the chosen γ.
 
-        Up to the last time; NaN where the rule has lost the motion.
+        Distances up to the last of ``times``; NaN where the rule has lost the motion.
         """
         with_rule = self.distances(self.rule(rule), times)[-1].max()
         if with_rule > _LOST:
@@ -161,27 +170,38 @@ class Trial:
         return float(with_rule / self.distances(self.gamma(), times)[-1].max())
 
     def _over(self, gamma: float, rule: str, times: tuple[float, ...]) -> Array:
-        rule_trial = self.rule(rule)
-        if gamma == rule_trial:
+        """Return the distances with ``gamma`` over those with a rule, shape (times, 3).
+
+        NaN at times where any axis is off by more than 0.3 rad with the rule.
+        """
+        gamma_of_rule = self.rule(rule)
+        # exactly 1, and no runs of up to 100 s
+        if gamma == gamma_of_rule:
             return np.ones((len(times), 3))
-        with_rule = self.distances(rule_trial, times)
+        with_rule = self.distances(gamma_of_rule, times)
         lost = with_rule.max(axis=1, keepdims=True) > _LOST
         return np.where(lost, np.nan, self.distances(gamma, times) / with_rule)
 
     # ------------------------------------------------------------ the energy
 
     def energy_error(self, gamma: float, times: int = 1) -> float:
-        """Return mean |H_k − H_0| over so many times the pilots' steps."""
+        """Return the mean of |H_k − H_0| in J; the run is ``times`` as long as the pilot runs."""
         return _energy_error(self, gamma, times)
 
     def energy_gain(self, rule: str | None = None, times: int = 1) -> float:
-        """Return the error with a rule, or with the best of them, over that with the choice."""
+        """Return the energy error with a rule over the one with the γ chosen for the energy.
+
+        Without ``rule``, the best of the four recommendations is taken.
+        """
         names = list(MEANS.values()) if rule is None else [rule]
         best = min(self.energy_error(self.rule(name), times) for name in names)
         return best / self.energy_error(self.gamma("energy"), times)
 
     def at_round_off(self, times: int = 1) -> bool:
-        """Whether a rule's energy error is round-off, where no ratio means anything."""
+        """Whether the energy error with some rule is round-off, so that ratios mean nothing.
+
+        The bound is 4 ε √N |H₀|: N random roundings of relative size ε = 2⁻⁵² grow like √N.
+        """
         size = abs(float(self.run(self.rule("γ_m"), 1).energies[0]))
         epsilon = 2.0**-52 * float(np.sqrt(times * self.body.steps))
         errors = [self.energy_error(self.rule(name), times) for name in MEANS.values()]
@@ -189,13 +209,16 @@ class Trial:
 
 
 def _steps(body: TrialBody, times: tuple[float, ...]) -> list[int]:
+    """Return the numbers of steps that lead to ``times`` in s."""
     return [round(t / body.dt) for t in times]
 
 
 @cache  # several claims ask for the same run
 def _distances(trial: Trial, gamma: float, times: tuple[float, ...]) -> Array:
+    """Return the root mean square distance of each axis up to each time, shape (times, 3), rad."""
     steps = _steps(trial.body, times)
     exact, every = _exact(trial.body, steps[-1])
+    # without the start, where all runs are equal
     errors = exact(trial.run(gamma, steps[-1], every).q)[1:]
     return np.array([root_mean_squares(errors[: count // every], exact.paths)
                      for count in steps])
@@ -203,13 +226,18 @@ def _distances(trial: Trial, gamma: float, times: tuple[float, ...]) -> Array:
 
 @cache
 def _energy_error(trial: Trial, gamma: float, times: int) -> float:
+    """Return mean |H_k − H_0| in J over ``times`` the steps of the pilot runs."""
     return trial.run(gamma, times * trial.body.steps).report.energy_error_mean
 
 
 @cache
 def _exact(body: TrialBody, steps: int) -> tuple[MotionError, int]:
-    """Return the error of a motion from the exact one, and the number of steps between its rows."""
+    """Return the distance function from the reference motion, and the steps between its rows.
+
+    The reference is 6-stage Gauss-Lobatto, order 12, with half the step of the body.
+    """
     problem = body.problem
+    # of long runs every tenth state is compared: enough for a mean, with a tenth of the memory
     every = _KEPT if steps > 2000 else 1
     run = stepper("G-L", 6).integrate(
         problem.q0, problem.p0, dt=body.dt / 2, steps=2 * steps, every=2 * every,

@@ -33,6 +33,7 @@ _NAME = "heavy_top_inexact"
 def dropped_term(system: System) -> sp.Matrix:
     """Return d(L(q)ᵀ)·u = Σ_i u_i ∂²w_i/∂p∂q with u = ∂H/∂w, w = L(q)p; 4 × 4."""
     w = double_momentum(system.q, system.p)
+    # H is differentiated by w as a symbol: each w_i stands in H as one expression
     symbols = sp.symbols(f"_w0:{len(w)}", real=True)
     H = system.H.xreplace(dict(zip(w, symbols, strict=True)))
     back = dict(zip(symbols, w, strict=True))
@@ -59,11 +60,16 @@ class InexactTop(System):
 
 @cache
 def inexact_stepper(scheme: str, stages: int, rep: str) -> Stepper:
-    """Return the compiled SPARK stepper of the top with the inexact Jacobian."""
+    """Return the compiled SPARK stepper of the top with the inexact Jacobian.
+
+    Its residual is the product's, so that a converged step is the same step. ``rep`` is "gamma"
+    or "alpha".
+    """
     spec = Spec.checked(scheme, stages, rep)
     tableau = tableau_of(spec)
     assert tableau is not None, "the option is for SPARK methods"
     model = heavy_top("gamma" if rep == "gamma" else "alpha")
+    # as the product does: subexpressions of parameters alone become constants before the loop
     reduced, constants = hoisted(model)
     top = InexactTop(reduced.q, reduced.p, reduced.parameters, reduced.H,
                      reduced.constraints, name=_NAME, rigid_body=True)

@@ -40,16 +40,17 @@ _NAMES: dict[Quantity, str] = {"H": "H", "E": "H(q, Pp)", "l3": "l₃", "g": "g"
 
 
 def table_2(engine: Engine) -> Table:
-    """Fast top."""
+    """Return Table 2: mean errors of the invariants of the fast top."""
     return _table(engine, 2, "Fast spinning top: conservation of invariants", TOP)
 
 
 def table_3(engine: Engine) -> Table:
-    """Regular precession."""
+    """Return Table 3: mean errors of the invariants, regular precession of the cone r = h/2."""
     return _table(engine, 3, "Regular precession: conservation of invariants", CONE)
 
 
 def _table(engine: Engine, number: int, title: str, setting: Setting) -> Table:
+    """Return the table of H, H(q, Pp), l₃, g and qᵀp for every method, γ and α, with its claims."""
     about = (
         f"{setting} (our choice: our copy of the paper lacks the numbers and Δt). Means of the "
         "absolute errors of energy and l₃ = I₃Ω₃, and of the defects of |q| = 1 and qᵀp = 0. "
@@ -67,6 +68,7 @@ def _table(engine: Engine, number: int, title: str, setting: Setting) -> Table:
 
 
 def _cell(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
+    """Return our mean error; our copy of the paper lost the printed one. ``rule`` names γ or α."""
     note = CONSERVED_EXACTLY if _keeps(engine, case, quantity) else ""
     return compare_value(row_name(quantity, case.rep, rule), case.method,
                          engine.mean(case, quantity), None,
@@ -74,11 +76,15 @@ def _cell(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
 
 
 def _keeps(engine: Engine, case: Case, quantity: Quantity) -> bool:
+    """Return whether a case conserves a quantity: mean error at most ε · N_t · size."""
     return engine.mean(case, quantity) <= engine.floor(case, quantity)
 
 
 def _overall_claim(engine: Engine, setting: Setting) -> Claim:
-    """Return the claim that each scheme conserves the quantities that theory says it conserves."""
+    """Return the claim that each scheme conserves the quantities of ``CONSERVED``.
+
+    Pairs of a case and a quantity are counted, over all methods and all values of γ and α.
+    """
     expected_pairs = [(setting.case(method, rep, rule), quantity) for method in COLUMNS
                       for rep, rule in VARIANTS for quantity in CONSERVED[method]]
     conserved_pairs = [pair for pair in expected_pairs if _keeps(engine, *pair)]
@@ -91,9 +97,10 @@ def _conserved_claim(engine: Engine, setting: Setting, method: str) -> Claim:
     """Return the claim that a method conserves what ``CONSERVED`` lists, for all γ and α."""
     conserved: dict[str, list[set[Quantity]]] = {"gamma": [], "alpha": []}
     for rep, rule in VARIANTS:
-        conserved[rep].append({quantity for quantity in _QUANTITIES if _keeps(
-            engine, setting.case(method, rep, rule), quantity)})
-    # what is conserved for every parameter of a type
+        case = setting.case(method, rep, rule)
+        conserved[rep].append({quantity for quantity in _QUANTITIES
+                               if _keeps(engine, case, quantity)})
+    # conserved by a type: for both values of γ, or of α
     gamma, alpha = set.intersection(*conserved["gamma"]), set.intersection(*conserved["alpha"])
     measured_text = f"γ-type {_listed(gamma)}; α-type {_listed(alpha)}"
     return Claim(
@@ -104,11 +111,15 @@ def _conserved_claim(engine: Engine, setting: Setting, method: str) -> Claim:
 
 
 def _listed(quantities: set[Quantity]) -> str:
+    """Return e.g. "l₃, g", in the order of the table's rows, or "nothing"."""
     return ", ".join(_NAMES[c] for c in _QUANTITIES if c in quantities) or "nothing"
 
 
 def _periodic_claim(engine: Engine, setting: Setting) -> Claim:
-    """Compare the second half of the run with the first, wherever an error is not round-off."""
+    """Return the claim that errors of the quantities that are not conserved stay bounded.
+
+    The growth is the largest |error| of the second half of the run over the first half's.
+    """
     growth = []
     for method in COLUMNS:
         for rep, rule in VARIANTS:
@@ -129,27 +140,30 @@ _DRAWN = 201
 
 
 def figure_5(engine: Engine) -> Figure:
-    """IMS and EMS: energy and l₃."""
+    """Return Fig. 5: errors of energy and l₃ over time, IMS and EMS."""
     panels: tuple[tuple[str, Quantity], ...] = (("IMS", "H"), ("EMS", "H"), ("IMS", "l3"),
                                                 ("EMS", "l3"))
     return _figure(engine, 5, "Conservation of invariants, fast top: IMS-γ and EMS-γ", panels)
 
 
 def figure_6(engine: Engine) -> Figure:
-    """3-LIIIA-B: energy and l₃."""
+    """Return Fig. 6: errors of energy and l₃ over time, 3-LIIIA-B."""
     return _figure(engine, 6, "Conservation of invariants, fast top: 3-LIIIA-B-γ",
                    (("3-LIIIA-B", "H"), ("3-LIIIA-B", "l3")))
 
 
 def figure_7(engine: Engine) -> Figure:
-    """IMS and EMS: qᵀp."""
+    """Return Fig. 7: qᵀp over time, IMS and EMS."""
     return _figure(engine, 7, "The orthogonal condition, fast top", (("IMS", "qp"), ("EMS", "qp")))
 
 
 def _figure(
     engine: Engine, number: int, title: str, panel_cases: tuple[tuple[str, Quantity], ...]
 ) -> Figure:
-    """Draw errors against time for γ = γ_m."""
+    """Return a figure of errors against time, γ = γ_m, with a claim for each panel.
+
+    ``panel_cases`` has a method and a quantity for each panel.
+    """
     panels, claims = [], []
     for letter, (method, quantity) in zip("abcd", panel_cases, strict=False):
         case = TOP.case(method, "gamma", "m")
@@ -165,6 +179,7 @@ def _figure(
 
 
 def _exactness_claim(engine: Engine, case: Case, quantity: Quantity) -> Claim:
+    """Return the claim that a quantity is conserved exactly if, and only if, theory says so."""
     is_conserved, is_expected = _keeps(engine, case, quantity), quantity in CONSERVED[case.method]
     size = "round-off" if is_conserved else f"{engine.mean(case, quantity):.3e}"
     return Claim(f"{case.method}-γ {'conserves' if is_expected else 'does not conserve'} "

@@ -31,7 +31,10 @@ class FittedLine:
 
 
 def fit_line(x: Sequence[float], y: Sequence[float]) -> FittedLine:
-    """Return the least-squares line."""
+    """Return the line that minimises Σ(y − slope · x − offset)².
+
+    slope = Σ(x − x̄)(y − ȳ) / Σ(x − x̄)². For constant y, which the line meets exactly, R² is 1.
+    """
     xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     slope = float((xs - xs.mean()) @ (ys - ys.mean()) / ((xs - xs.mean()) @ (xs - xs.mean())))
     offset = float(ys.mean() - slope * xs.mean())
@@ -43,9 +46,10 @@ def fit_line(x: Sequence[float], y: Sequence[float]) -> FittedLine:
 def fit_slope(
     dt: Sequence[float], errors: Sequence[float], floors: Sequence[float]
 ) -> tuple[float, int]:
-    """Return the slope of log error over log Δt and the number of points used.
+    """Return the slope of log error over log Δt, the observed order, and the number of its points.
 
-    Points less than ten times above their round-off floor are dropped.
+    Points less than ten times above their round-off floor are dropped. The slope is NaN where
+    fewer than three remain, since any two points lie on a line.
     """
     resolved = [(h, e) for h, e, floor in zip(dt, errors, floors, strict=True) if e > 10 * floor]
     if len(resolved) < 3:
@@ -55,7 +59,10 @@ def fit_slope(
 
 
 def crossing(x: Sequence[float], y: Sequence[float], floor: float = 0.0) -> list[float]:
-    """Return where the polygon through the points with |y| > floor changes sign."""
+    """Return the zeros of the polygon through the points with |y| > ``floor``.
+
+    On a segment with y₀y₁ < 0 the zero is x₀ − y₀ (x₁ − x₀)/(y₁ − y₀).
+    """
     points = [(a, b) for a, b in zip(x, y, strict=True) if abs(b) > floor]
     return [x0 - y0 * (x1 - x0) / (y1 - y0)
             for (x0, y0), (x1, y1) in pairwise(points) if y0 * y1 < 0]

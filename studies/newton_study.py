@@ -44,10 +44,10 @@ class Rule:
     start
         "state": (q_{k−1}, p_{k−1}, 0), for IMS and EMS. "previous": the unknowns of the step
         before (increments for IMS and EMS), for the first step the stepper's guess. "rates":
-        that guess every time.
+        the stepper's guess every time.
     stops_on
         "dx": the whole increment. "d(q,p)": its part without the multipliers. "r": the residual,
-        looked at before each solution; the last look counts as an iteration.
+        tested before each linear solution; the last test counts as an iteration.
     size
         "euclidean" or "largest" entry.
     tolerance, most
@@ -96,15 +96,17 @@ def march(
     stepper: Stepper, parameters: Mapping[str, float], state: tuple[Array, Array], dt: float,
     steps: int, rule: Rule, *, all_solved: bool = False,
 ) -> March:
-    """Return the march of ``steps`` steps from ``state``; it ends early where it diverges.
+    """Integrate ``steps`` steps from ``state`` = (q, p), and return the iterations of each.
 
-    ``all_solved`` lets it end at the first step that uses up iter_max, whatever its error.
+    The march ends early where it diverges; with ``all_solved`` at the first step that uses up
+    iter_max, whatever its last error.
     """
     run = _Run(stepper, parameters, dt, rule)
     run.q[:], run.p[:] = state
     march = March()
     for _ in range(steps):
-        with np.errstate(over="ignore", invalid="ignore"):  # seen by run.solve
+        # an overflow is no warning: run.solve reports "not finite"
+        with np.errstate(over="ignore", invalid="ignore"):
             iteration_count, error, march.failure = run.solve()
         march.iterations.append(iteration_count)
         if not march.failure and not error < rule.tolerance:
@@ -136,7 +138,9 @@ class _Run:
         self.q, self.p = b.new(b.n), b.new(b.n)
         self.x, self.J = b.new(b.unknowns), b.new(b.unknowns, b.unknowns)
         self.r = b.new(b.unknowns)
+        # a system without constraints has no such row
         self.constraints = b.unknowns if not b.m else self._first_constraint()
+        # Ā of the constraint nodes Q̃_i, from the stepper; IMS and EMS have none
         self.A_bar = None if self.is_state else np.frombuffer(
             b.ffi.buffer(b.function("coefficients")().A_bar), dtype=b.dtype).reshape(
                 -1, stepper.manifest.scheme.stages or 1)
@@ -149,20 +153,17 @@ class _Run:
         return b.unknowns - (b.multipliers if self.is_state else b.multipliers - b.m)
 
     def solve(self) -> tuple[int, float, str]:
-        """Return iterations, last error and why the step failed, if it did; y is left in x."""
-        rule, rows = self.rule, self.constraints
-        jacobian, residual = (self.b.function(name) for name in ("jacobian", "residual"))
-        q, p, x, r, J = self.pointers
+        """Solve r(x) = 0 of one step by Newton's method: J(x) dx = r(x), x ← x − dx.
+
+        Return the number of iterations, the last size of the tested quantity (dx, d(q,p) or r),
+        and why the step failed, "" if it did not. The solution stays in ``self.x``.
+        """
+        rule = self.rule
         origin = self._origin()
         y = self._start(origin)
         error = math.inf
         for iteration in range(1, rule.most + 1):
-            # C takes increments from the state; the paper iterates, and measures, the state itself
-            np.subtract(y, origin, out=self.x)
-            residual(self.parameters, self.dt, q, p, x, r, self.work)
-            jacobian(self.parameters, self.dt, q, p, x, J, self.work)
-            if rule.plain:
-                self._plain_constraint(y)
+            self._linearise(y, origin)
             # a residual is tested before the step, a change after it
             if rule.stops_on == "r":
                 error = self._size(self.r)
@@ -174,7 +175,8 @@ class _Run:
                 return iteration, error, "singular matrix"
             y -= dx
             if rule.stops_on != "r":
-                error = self._size(dx if rule.stops_on == "dx" else dx[:rows])
+                # the unknowns before the first constraint's row are q and p
+                error = self._size(dx if rule.stops_on == "dx" else dx[: self.constraints])
             if not math.isfinite(float(dx @ dx)):
                 return iteration, error, "not finite"
             if rule.stops_on != "r" and error < rule.tolerance:
@@ -182,8 +184,24 @@ class _Run:
         np.subtract(y, origin, out=self.x)
         return iteration, error, ""
 
+    def _linearise(self, y: Array, origin: Array) -> None:
+        """Evaluate residual r and Jacobian J at the iterate y, with g as the rule asks.
+
+        C takes x = y − origin, the increment from the state for IMS and EMS; the paper iterates,
+        and measures, the state itself.
+        """
+        q, p, x, r, J = self.pointers
+        np.subtract(y, origin, out=self.x)
+        self.b.function("residual")(self.parameters, self.dt, q, p, x, r, self.work)
+        self.b.function("jacobian")(self.parameters, self.dt, q, p, x, J, self.work)
+        if self.rule.plain:
+            self._plain_constraint(y)
+
     def advance(self) -> int:
-        """Take the step; return the status of T2."""
+        """Set q and p to the end of the step; return the status of its projection, 0 for success.
+
+        The projection, T2 of the paper, puts p on qᵀp = 0 by the last multiplier.
+        """
         status, self.q[:], self.p[:], _ = self.b.finish(
             self.parameters, self.dt, self.q, self.p, self.x, self.work)
         self.before = self.x.copy()
@@ -197,6 +215,7 @@ class _Run:
         return origin
 
     def _start(self, origin: Array) -> Array:
+        """Return the first iterate y, by the rule: state, previous unknowns or stepper's guess."""
         if self.rule.start == "state":
             return origin.copy()
         if self.rule.start == "previous" and self.before is not None:
@@ -204,13 +223,21 @@ class _Run:
         return origin + self.b.guess(self.parameters, self.dt, self.q, self.p, self.work)
 
     def _plain_constraint(self, y: Array) -> None:
-        """Put g = Q̃ᵀQ̃ − 1 into its rows of r."""
+        """Put g_i = Q̃_iᵀQ̃_i − 1 into the constraint rows of r.
+
+        The constraint nodes are Q̃ = q + Δt Ā k with the rates k = y[: s n], shape (s, n), of SPARK
+        methods, without the node c̃ = 0, at which g holds; for IMS and EMS Q̃ is the new q itself.
+        """
         n = self.b.n
-        Q = y[None, :n] if self.A_bar is None else self.q + self.dt * self.A_bar[1:] @ (
-            y[: self.A_bar.shape[1] * n].reshape(-1, n))
+        if self.A_bar is None:
+            Q = y[None, :n]
+        else:
+            k = y[: self.A_bar.shape[1] * n].reshape(-1, n)
+            Q = self.q + self.dt * self.A_bar[1:] @ k
         self.r[self.constraints :] = np.einsum("ij,ij->i", Q, Q) - 1
 
     def _size(self, v: Array) -> float:
+        """Return the norm of a vector by the rule: Euclidean, or its largest entry."""
         if self.rule.size == "largest":
             return float(np.abs(v).max())
         return math.sqrt(float(v @ v))

@@ -51,7 +51,8 @@ def variational(tableau: Tableau) -> bool:
     """Whether b_i â_ij + b_j a_ji = b_i b_j and Σ_i b_i M′(c_i) â_ij = 0, b_i M′(c_i)² constant.
 
     The first makes the step stationary for its discrete Lagrangian; the second says that the
-    stage momenta P_i lie on a polynomial of degree s − 2.
+    stage momenta P_i lie on a polynomial of degree s − 2. All are matrix equations in the rational
+    basis of ``tableau.stages``, in which ``nodes.multiply(f)`` is the product with f(c_i).
     """
     nodes, basis = tableau.stages, tableau.basis
     b, A, A_hat = (basis[name] for name in ("b", "A", "A_hat"))
@@ -66,7 +67,7 @@ def variational(tableau: Tableau) -> bool:
 
 
 def variational_claim(stages: Sequence[int]) -> Claim:
-    """Claim the tableau facts of LIIIA-B."""
+    """Return the claim that the tableaux of s-LIIIA-B have the properties of ``variational``."""
     good = [s for s in stages if variational(lobatto_iiiab(s))]
     return Claim(
         "LIIIA-B is the variational method of h Σ b_i L(Q_i, Q̇_i): b_i â_ij + b_j a_ji = b_i b_j; "
@@ -89,6 +90,7 @@ def symbolic_top() -> tuple[BodyFrameTop, Callable[[Expression], Expression]]:
     rates = [rate for vector in top.rates() for rate in vector]
 
     def derivative(f: Expression) -> Expression:
+        """Return df/dt = Σ ∂f/∂x ẋ over l and Γ; the moments are constant."""
         return sum((f.diff(x) * rate for x, rate in zip(symbols[:6], rates, strict=True)),
                    polynomials.zero)
 
@@ -96,7 +98,11 @@ def symbolic_top() -> tuple[BodyFrameTop, Callable[[Expression], Expression]]:
 
 
 def step_claim_symbolic(s: int) -> Claim:
-    """Claim the leading energy error of one step for every top and state."""
+    """Return the claim that one step of s-LIIIA-B changes H by −h^(2s−1) d/dt(A_s + C_s/γ).
+
+    The coefficients are compared as polynomials in the state and the moments: for every top. A
+    key (n, g) of the series is the power hⁿ γᵍ.
+    """
     top, derivative = symbolic_top()
     law = energy_law(s, top)
     error = energy_error(lobatto_iiiab(s), top, 2 * s - 1)
@@ -105,7 +111,7 @@ def step_claim_symbolic(s: int) -> Claim:
 
 
 def step_claim_rational(s: int) -> Claim:
-    """Claim the leading energy error of one step at rational states of two bodies, γ a symbol."""
+    """Return the claim of ``step_claim_symbolic`` at rational states of two bodies, γ symbolic."""
     holds = True
     for top, error in _rational_errors(s, 2 * s - 1):
         law = energy_law(s, _moving(top))
@@ -115,6 +121,7 @@ def step_claim_rational(s: int) -> Claim:
 
 
 def _step_claim(s: int, holds: bool, where: str) -> Claim:
+    """Return the claim on the energy error of one step; ``where`` names the states it covers."""
     return Claim(
         f"One step of {s}-LIIIA-B changes the energy by −h^{2 * s - 1} d/dt(A_{s} + C_{s}/γ), with "
         f"no other power of γ and nothing below h^{2 * s - 1}.",
@@ -123,16 +130,20 @@ def _step_claim(s: int, holds: bool, where: str) -> Claim:
 
 
 def gamma_claim(stages: Sequence[int]) -> Claim:
-    """Claim where γ itself first appears in the energy error of one step."""
-    terms = []
+    """Return the claim that γ first appears in one step's energy error as −h^(2s+1) γ dB_s/dt.
+
+    The expansions are exact, at rational states of two bodies; a key (n, g) is the power hⁿ γᵍ.
+    """
+    outcomes = []
     for s in stages:
         for top, error in _rational_errors(s, 2 * s + 1):
-            with_gamma = {key: a for key, a in error.terms.items() if key[1] > 0}
-            terms.append(with_gamma == {(2 * s + 1, 1): -_rate(energy_law(s, _moving(top)).B)})
+            positive_powers = {key: a for key, a in error.terms.items() if key[1] > 0}
+            B_rate = _rate(energy_law(s, _moving(top)).B)
+            outcomes.append(positive_powers == {(2 * s + 1, 1): -B_rate})
     return Claim(
         "γ itself first appears two orders later, as −h^{2s+1} γ dB_s/dt.",
-        f"{sum(terms)} of {len(terms)} expansions of s = {_list(stages)} at rational states",
-        f"all {len(terms)}, in rational arithmetic", all(terms), "proved",
+        f"{sum(outcomes)} of {len(outcomes)} expansions of s = {_list(stages)} at rational states",
+        f"all {len(outcomes)}, in rational arithmetic", all(outcomes), "proved",
     )
 
 
@@ -143,6 +154,7 @@ def _rational_errors(s: int, order: int) -> list[tuple[BodyFrameTop, PowerSeries
 
 
 def _rational_tops() -> list[BodyFrameTop]:
+    """Return the tops of ``RATIONAL_STATES``, in exact rational numbers."""
     def numbers(texts: Sequence[str]) -> list[Any]:
         return [QQ.from_sympy(sp.Rational(text)) for text in texts]
 
@@ -151,7 +163,10 @@ def _rational_tops() -> list[BodyFrameTop]:
 
 
 def _moving(top: BodyFrameTop) -> BodyFrameTop:
-    """Return the state with its rates as the coefficients of a symbol e (e² is never read)."""
+    """Return the top at l + e l̇ and Γ + e Γ̇, with a symbol e.
+
+    The coefficient of e in a polynomial f of this state is df/dt; e² is not used.
+    """
     _, e = ring("e", QQ)
     l_rate, vertical_rate = top.rates()
     return BodyFrameTop([e * rate + x for x, rate in zip(top.l, l_rate, strict=True)],
@@ -160,6 +175,7 @@ def _moving(top: BodyFrameTop) -> BodyFrameTop:
 
 
 def _rate(moving: Any) -> Any:
+    """Return df/dt: the coefficient of e in f at a state of ``_moving``."""
     return moving.coeff(moving.ring.gens[0])
 
 
@@ -167,7 +183,10 @@ def _rate(moving: Any) -> Any:
 
 
 def identities_claim() -> Claim:
-    """Return the claim with closed forms of C₂, C₃ and B₂, for every top."""
+    """Return the claim with closed forms of C₂, C₃ and B₂, as polynomials, for every top.
+
+    C₂ = T²/8; C₃ = V̇²/256 with V̇ = −Ṫ, as T + V is constant; B₂ = −[l₁l₂l₃ Π(1/Iᵢ − 1/Iⱼ)]²/512.
+    """
     top, derivative = symbolic_top()
     l, j = top.l, top.inverse_inertia  # noqa: E741
     T = sum(x * x * i for x, i in zip(l, j, strict=True)) * QQ(1, 2)
@@ -185,7 +204,7 @@ def identities_claim() -> Claim:
 
 
 def parity_claim(stages: Sequence[int]) -> Claim:
-    """Claim how X and Y behave under the reversal l₂ → −l₂, Γ₂ → −Γ₂, t → −t of every top."""
+    """Return the claim Y_s → (−1)^s Y_s and X_s → (−1)^(s+1) X_s under l₂, Γ₂, t → −l₂, −Γ₂, −t."""
     top, _ = symbolic_top()
     good = [s for s in stages if _parity_holds(s, top)]
     return Claim(
@@ -198,16 +217,18 @@ def parity_claim(stages: Sequence[int]) -> Claim:
 
 
 def _parity_holds(s: int, top: BodyFrameTop) -> bool:
+    """Return whether X_s and Y_s of a symbolic top have the parity of ``parity_claim``."""
     law = energy_law(s, top)
     sign = (-1) ** s
     return bool(_reversed(law.Y) == sign * law.Y and _reversed(law.X) == -sign * law.X)
 
 
 def _reversed(f: Any) -> Any:
-    """Return f with l₂ and Γ₂ (generators 1 and 4) of the other sign."""
+    """Return f(−l₂, −Γ₂): terms odd in l₂ and Γ₂ (generators 1 and 4) change their sign."""
     return f.ring.from_dict({powers: -a if (powers[1] + powers[4]) % 2 else a
                              for powers, a in f.items()})
 
 
 def _list(numbers: Sequence[int]) -> str:
+    """Return e.g. "2, 3, 4", or "none"."""
     return ", ".join(map(str, numbers)) or "none"

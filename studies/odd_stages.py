@@ -49,7 +49,7 @@ class GammaSweep:
     dt: float
     gammas: tuple[float, ...]
     errors: tuple[float, ...]
-    law: Law  # what A, B and C grew by since the start
+    law: Law  # growth of A, B, C, X and Y from the start to that time
 
     @property
     def even(self) -> bool:
@@ -85,9 +85,13 @@ class GammaSweep:
 
     @cached_property
     def hidden_ratio(self) -> float:
-        """For odd s: the coefficient of 1/γ beside 1, γ and γ², over the derived −h^{2s−2} ΔC."""
+        """For odd s: the measured coefficient of 1/γ over the derived −h^{2s−2} ΔC.
+
+        The errors are fitted by a + bγ + cγ² + d/γ; d is the coefficient.
+        """
         g = np.array(self.gammas)
         columns = np.stack([np.ones_like(g), g, g**2, 1 / g], axis=1)
+        # γ is about 1e-3 and 1/γ about 1e3: columns of size 1 keep the least squares well posed
         scale = np.abs(columns).max(axis=0)
         fit = np.linalg.lstsq(columns / scale, np.array(self.errors), rcond=None)[0] / scale
         return float(fit[3]) / (-(self.dt ** (2 * self.stages - 2)) * float(self.law.C))
@@ -106,28 +110,36 @@ def turning_time() -> float:
 
 
 def _potential_rate(t: float) -> float:
-    """Return V̇ = mgl Γ̇₃ of the fast top at time t."""
+    """Return V̇ = mgl Γ̇₃ of the fast top at time t in s, by 4-stage Gauss-Lobatto in 72 steps."""
     top = top_along(run("G-L", 4, t / 72, 72, mean_inertia(fast_top().inertia)))
     return float(top.mgl * top.rates()[1][2][-1])
 
 
 def sweep(s: int, steps: int) -> tuple[GammaSweep, GammaSweep]:
-    """Return the sweeps at half the time of the turning point and at the turning point."""
+    """Return the energy errors over all γ, half way to the turning point and at it.
+
+    ``steps`` of s-LIIIA-B lead to the turning point of the nutation; the number is even.
+    """
     dt = turning_time() / steps
     gammas = tuple(1 / x for x in INVERSE_GAMMA)
     # for odd s the slope is two orders smaller, and doubles would round it away
     real: RealName = "long-double" if s % 2 else "double"
     runs = [run("LIIIA-B", s, dt, steps, g, real=real) for g in gammas]
     errors = [energy_errors(r) for r in runs]
-    at_rows = [tuple(float(e[row]) for e in errors) for row in (steps // 2, steps)]
-    middle, peak = (GammaSweep(s, dt, gammas, indices, law)
-                    for indices, law in zip(at_rows, law_growth(s), strict=True))
-    return middle, peak
+    errors_half_way, errors_at_peak = (tuple(float(e[row]) for e in errors)
+                                       for row in (steps // 2, steps))
+    law_half_way, law_at_peak = law_growth(s)
+    return (GammaSweep(s, dt, gammas, errors_half_way, law_half_way),
+            GammaSweep(s, dt, gammas, errors_at_peak, law_at_peak))
 
 
 @cache
 def law_growth(s: int) -> tuple[Law, Law]:
-    """Return the growth of the law along the exact motion, to the half and the turning point."""
+    """Return the growth of A, B, C, X and Y along the exact motion since the start.
+
+    First at half the time of the turning point, then at the turning point. The exact motion is
+    4-stage Gauss-Lobatto in 72 steps, whose error is round-off.
+    """
     motion = run("G-L", 4, turning_time() / 72, 72, mean_inertia(fast_top().inertia))
     law = energy_law(s, top_along(motion, [0, 36, 72]))
     terms = (law.A, law.B, law.C, law.X, law.Y)
@@ -162,20 +174,22 @@ def study(engine: Engine) -> Finding:
 
 
 def limit(sweeps: Sequence[GammaSweep], ratios: Sequence[float]) -> float:
-    """Return the ratio for h → 0, from the polynomial in h² through all of them."""
+    """Return the ratio for h → 0, from the polynomial in h² through all ratios."""
     squares = [sweep.dt**2 for sweep in sweeps]
     return float(np.polyfit(squares, ratios, len(squares) - 1)[-1])
 
 
 def slope_claims(s: int, sweeps: Sequence[GammaSweep]) -> list[Claim]:
-    """Claim straightness, power of h and size of the slope of the error in 1/γ, or in γ for odd s.
+    """Return three claims on the energy error as a function of 1/γ, or of γ for odd s.
 
-    The first of ``sweeps`` has the smallest step.
+    It is a straight line; the slope is O(h^(2s−2)) in 1/γ and O(h^(2s)) in γ; the slope tends to
+    the derived one for h → 0. The first of ``sweeps`` has the smallest step.
     """
     first = sweeps[0]
     variable, power = ("1/γ", 2 * s - 2) if first.even else ("γ", 2 * s)
-    order = fit_line(np.log([x.dt for x in sweeps]).tolist(),
-                     np.log([abs(x.line.slope) for x in sweeps]).tolist()).slope
+    log_steps = np.log([x.dt for x in sweeps]).tolist()
+    log_slopes = np.log([abs(x.line.slope) for x in sweeps]).tolist()
+    order = fit_line(log_steps, log_slopes).slope
     ratio_limit = limit(sweeps, [x.ratio for x in sweeps])
     r_squared, wrong_r_squared = first.line.r_squared, first.wrong_line.r_squared
     ratios = ", ".join(f"{x.ratio:.4f}" for x in sweeps)
@@ -192,7 +206,10 @@ def slope_claims(s: int, sweeps: Sequence[GammaSweep]) -> list[Claim]:
 
 
 def hidden_claim(middles: Sequence[GammaSweep]) -> Claim:
-    """Claim the 1/γ term of s = 3 between the turning points, where V̇ is not zero."""
+    """Return the claim that the coefficient of 1/γ for s = 3 is −h⁴ΔV̇²/256, half way.
+
+    Between the turning points V̇ is not zero; the ratio of measured and derived tends to 1.
+    """
     ratios = [x.hidden_ratio for x in middles]
     steps = ", ".join(f"{x.dt:.4g}" for x in middles)
     ratio_limit = limit(middles, ratios)
@@ -205,20 +222,20 @@ def hidden_claim(middles: Sequence[GammaSweep]) -> Claim:
 
 
 def _about(at_peak: dict[int, list[GammaSweep]], hidden: Claim) -> str:
-    """Return the derivation, with the numbers of ``node_numbers`` and of the sweeps."""
-    two, three = node_numbers(2), node_numbers(3)
-    first = {s: sweeps[0] for s, sweeps in at_peak.items()}
-    law, dt = first[3].law, first[3].dt
-    a2, c2 = -float(first[2].law.A), -float(first[2].law.C)
-    a3, b3 = -float(law.A), -float(law.B)
-    cancelling = -float(law.A) / (dt**2 * float(law.B))
-    slopes = "; ".join(
-        f"s = {s}: {x.line.slope:.4g} measured, {x.derived_slope:.4g} derived (Δt = {x.dt:.4g} s)"
-        for s, x in first.items()
-    )
-    return f"""The paper finds errors linear in 1/γ for 2- and 4-LIIIA-B, other curves for 3- and \
-5-LIIIA-B, and leaves the reason open. The reason is a parity.
+    """Return the text of the finding, a paragraph for each step of the derivation.
 
+    ``at_peak`` has the sweeps of each s, the smallest step first; ``hidden`` is the claim on the
+    1/γ term of s = 3.
+    """
+    finest = {s: sweeps[0] for s, sweeps in at_peak.items()}
+    return "\n\n".join([_QUESTION, _RADIAL_VELOCITY, _modified_energy(finest), _PARITY,
+                        _effect_of_gamma(finest[3], hidden), _verification(finest)])
+
+
+_QUESTION = """The paper finds errors linear in 1/γ for 2- and 4-LIIIA-B, other curves for 3- and \
+5-LIIIA-B, and leaves the reason open. The reason is a parity."""
+
+_RADIAL_VELOCITY = """\
 Dependence on γ. LIIIA-B is the variational method of L_d = ext h Σ b_i L(Q_i, Q̇_i) with |Q_i| = \
 1, Q of degree s and L = T + 2γρ² − V, where ρ_i = Q_i·Q̇_i is the radial velocity. The exact \
 motion has ρ = 0. Q(t) lies on the sphere at the nodes only, so ρ_i is not 0, and by the envelope \
@@ -228,8 +245,25 @@ Radial velocity. Let M(t) = Π(t − c_i h). Since Q lies on the sphere at the s
 h)·(d − X(c_i h − h/2) + …) with one free number d. The momenta determine d: the P_i lie on a \
 polynomial of degree s − 2, Σ_i b_i M′(c_i) P_i = 0, and Q_i·P_i = 4γρ_i, which gives d = −Y/(4γs) \
 + O(h²). Here Y_s = q·p^(s−1)/(s−1)! and X_s = q·q^(s+1)/(s+1)! + q̇ᵀH_pp p^(s−1)/s! along the \
-exact motion.
+exact motion."""
 
+_PARITY = """\
+Parity. Under time reversal Y has the sign (−1)^s and X the sign (−1)^(s+1). For even s, Y is an \
+even function such as the kinetic energy, and 1/γ enters at the leading order h^(2s−2). For odd s, \
+Y is odd, as V̇ is: it vanishes at the turning points of the nutation, where the periodic error \
+has its maximum, and in every steady precession of a symmetric top. The terms with 1/γ of order \
+h^(2s) come from d² and contain Y as a factor too. At these points the remainder is A + Bγ with B \
+= O(h^(2s)), two orders above the order of the method: the curves of the paper are straight lines \
+in γ. For even s X vanishes there."""
+
+
+def _modified_energy(finest: dict[int, GammaSweep]) -> str:
+    """Return the formulas of H̃, with μ, ς and ε of s = 2 and 3, and with the fast top's numbers."""
+    two, three = node_numbers(2), node_numbers(3)
+    # the growth of H along a run is the opposite of the growth of H̃ − H, as H̃ is conserved
+    a2, c2 = -float(finest[2].law.A), -float(finest[2].law.C)
+    a3, b3 = -float(finest[3].law.A), -float(finest[3].law.B)
+    return f"""\
 Modified energy. Because b_i M′(c_i)² = μ is the same for all i, the two parts of ρ do not mix. \
 Integration over γ gives the energy that the method conserves: H̃ = H + h^(2s−2)(A_s + C_s/γ) + \
 h^(2s)(B_s γ + terms without γ and in 1/γ), C_s = μY²/(8s), B_s = −2μςX², ς = Σ(c_i − ½)². For s = \
@@ -238,22 +272,30 @@ h^(2s)(B_s γ + terms without γ and in 1/γ), C_s = μY²/(8s), B_s = −2μςX
 p^(s−1−k)·q^(s+k)/((s−1−k)!(s+k)!) − ε [t^(2s−2)] q̇·p, with y_i the body components of \
 p^(s−1)/(s−1)!, k = 1..s−1 and ε = Σ b_i c_i^(2s−2) − 1/(2s−1), {two.quadrature} and \
 {three.quadrature}. From the initial state of the fast top to its turning point the energy error \
-is then ΔH = h²({a2:.5g} {c2:+.5g}/γ) for s = 2 and ΔH = {a3:.5g}h⁴ {b3:+.4g}γh⁶ for s = 3 (SI).
+is then ΔH = h²({a2:.5g} {c2:+.5g}/γ) for s = 2 and ΔH = {a3:.5g}h⁴ {b3:+.4g}γh⁶ for s = 3 (SI)."""
 
-Parity. Under time reversal Y has the sign (−1)^s and X the sign (−1)^(s+1). For even s, Y is an \
-even function such as the kinetic energy, and 1/γ enters at the leading order h^(2s−2). For odd s, \
-Y is odd, as V̇ is: it vanishes at the turning points of the nutation, where the periodic error \
-has its maximum, and in every steady precession of a symmetric top. The terms with 1/γ of order \
-h^(2s) come from d² and contain Y as a factor too. At these points the remainder is A + Bγ with B \
-= O(h^(2s)), two orders above the order of the method: the curves of the paper are straight lines \
-in γ. For even s X vanishes there.
 
+def _effect_of_gamma(three: GammaSweep, hidden: Claim) -> str:
+    """Return whether a γ can cancel the error; ``three`` is the sweep of s = 3 at its peak.
+
+    h⁴ ΔA + h⁶ γ ΔB = 0 at γ = −ΔA/(h² ΔB).
+    """
+    cancelling = -float(three.law.A) / (three.dt**2 * float(three.law.B))
+    return f"""\
 For odd s the choice of γ therefore has little effect: A would be cancelled at γ = −ΔA_3/(h²ΔB_3) \
-= {cancelling:.3g} kg m² for Δt = {first[3].dt:.3g} s, far from any moment of inertia. For even s \
+= {cancelling:.3g} kg m² for Δt = {three.dt:.3g} s, far from any moment of inertia. For even s \
 it is cancelled at 1/γ = −ΔA_s/ΔC_s, to leading order for any Δt. For s = 3 the 1/γ term exists \
 between the turning points, where its coefficient is −h⁴ΔV̇²/256 (ratio of measured and derived \
-coefficient: {hidden.found}).
+coefficient: {hidden.found})."""
 
+
+def _verification(finest: dict[int, GammaSweep]) -> str:
+    """Return how the law was verified, with the measured and the derived slope of each s."""
+    slopes = "; ".join(
+        f"s = {s}: {x.line.slope:.4g} measured, {x.derived_slope:.4g} derived (Δt = {x.dt:.4g} s)"
+        for s, x in finest.items()
+    )
+    return f"""\
 Verification. The energy error of one step was expanded in h by SymPy's polynomial rings, \
 independently of the argument above, and compared with −d/dt of the modified energy: as \
 polynomials in the state for the leading coefficients, in rational arithmetic with symbolic γ for \

@@ -20,7 +20,7 @@ LONG_DT, LONG_STEPS = 0.001, 40_000
 
 
 def study(engine: Engine) -> Finding:
-    """Measure order, iterations and long-time energy of 1-G-L-α for the α of Table 8."""
+    """Return the finding: order, iterations and long-time energy of 1-G-L-α, four α of Table 8."""
     mean, harmonic = (mean_inertia(fast_top().inertia, rule) for rule in ("m", "h"))
     alphas = {"γ_m": mean, "γ_h": harmonic, "100γ_m": 100 * mean, "0.01γ_m": 0.01 * mean}
     exact = run("G-L", 4, DURATION / 320, 320, mean)
@@ -36,15 +36,20 @@ def study(engine: Engine) -> Finding:
 
 
 def axis_error(motion: Trajectory, exact: Trajectory) -> float:
-    """Return the largest error of the unit axis at the end."""
+    """Return the largest error of a component of the unit axis at the end of the run."""
     return float(np.abs(motion.axis()[-1] - exact.axis()[-1]).max())
 
 
 def order_claim(name: str, runs: list[Trajectory], exact: Trajectory) -> Claim:
-    """Claim order 2 of the axis and of the energy error."""
-    steps = np.log([r.dt for r in runs]).tolist()
-    slopes = [fit_line(steps, np.log(errors).tolist()).slope for errors in (
-        [axis_error(r, exact) for r in runs], [r.report.energy_error_max for r in runs])]
+    """Return the claim that axis and energy errors have order 2: slopes of log error over log Δt.
+
+    ``runs`` differ in Δt and end at the same time as ``exact``.
+    """
+    log_steps = np.log([r.dt for r in runs]).tolist()
+    axis_errors = [axis_error(r, exact) for r in runs]
+    energy_errors_of_runs = [r.report.energy_error_max for r in runs]
+    slopes = [fit_line(log_steps, np.log(errors).tolist()).slope
+              for errors in (axis_errors, energy_errors_of_runs)]
     return Claim(
         f"1-G-L-α, α = {name}: order of the axis and of the energy error.",
         f"{slopes[0]:.3f} and {slopes[1]:.3f}", "2 ± 0.1",
@@ -53,7 +58,7 @@ def order_claim(name: str, runs: list[Trajectory], exact: Trajectory) -> Claim:
 
 
 def iterations_claim(runs: list[Trajectory]) -> Claim:
-    """Return the claim that Newton's method with the exact Jacobian has no trouble."""
+    """Return the claim that Newton's method with the exact Jacobian takes at most 6 iterations."""
     largest_count = max(r.report.iterations_max for r in runs)
     steps = sum(r.report.steps for r in runs)
     return Claim(f"Most Newton iterations in any of {steps} steps, all α of Table 8.",
@@ -61,7 +66,7 @@ def iterations_claim(runs: list[Trajectory]) -> Claim:
 
 
 def bounded_claim(motion: Trajectory) -> Claim:
-    """Return the claim that the energy errors of the first and last quarter are equal."""
+    """Return the claim that the largest energy error of the last quarter is the first's, ± 1 %."""
     errors = np.abs(energy_errors(motion))
     quarter = len(errors) // 4
     first, last = (float(errors_of_quarter.max())
@@ -73,7 +78,10 @@ def bounded_claim(motion: Trajectory) -> Claim:
 
 
 def trend_claim(motion: Trajectory) -> Claim:
-    """Return the claim that the energy error has no linear trend, contrary to the paper."""
+    """Return the claim that the energy error has no linear trend, contrary to the paper.
+
+    The measure is |slope| · duration of the fitted line over the largest energy error.
+    """
     line = fit_line(motion.t.tolist(), energy_errors(motion).tolist())
     growth = abs(line.slope) * float(motion.t[-1]) / motion.report.energy_error_max
     return Claim(
@@ -84,6 +92,7 @@ def trend_claim(motion: Trajectory) -> Claim:
 
 def _about(claims: list[Claim], motion: Trajectory) -> str:
     """Return the summary, with the numbers of the claims and of the long run ``motion``."""
+    # "1-G-L-α, α = γ_m: order of the axis …" gives "γ_m: 2.000 and 2.000"
     orders = "; ".join(f"{c.statement.split('α = ')[1].split(':')[0]}: {c.found}"
                        for c in claims if "order of the axis" in c.statement)
     iterations, bounded, trend = claims[-3:]
@@ -100,6 +109,7 @@ ratio of the last quarter to the first is {bounded.found}. A fitted straight lin
 
 
 def _order_panel(runs: dict[str, list[Trajectory]], exact: Trajectory) -> Panel:
+    """Return the panel of the axis error over Δt, a curve for each α."""
     series = [Series(f"α = {name}", [r.dt for r in runs_of_alpha],
                      [axis_error(r, exact) for r in runs_of_alpha],
                      "o-") for name, runs_of_alpha in runs.items()]
@@ -107,11 +117,11 @@ def _order_panel(runs: dict[str, list[Trajectory]], exact: Trajectory) -> Panel:
 
 
 def _energy_panel(motion: Trajectory) -> Panel:
-    """Show the extremes of the energy error in 200 equal parts of the run."""
+    """Return the panel of the extremes of the energy error in 200 equal parts of the run."""
     parts = np.array_split(energy_errors(motion), 200)
     middles = [float(times.mean()) for times in np.array_split(motion.t, 200)]
     return Panel(
         f"1-G-L-α: energy error, {motion.report.steps} steps", "t in s", "energy error in J",
-        [Series("largest", middles, [float(times.max()) for times in parts]),
-         Series("smallest", middles, [float(times.min()) for times in parts])],
+        [Series("largest", middles, [float(errors.max()) for errors in parts]),
+         Series("smallest", middles, [float(errors.min()) for errors in parts])],
     )

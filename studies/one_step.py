@@ -38,7 +38,10 @@ def energy_error(tableau: Tableau, top: BodyFrameTop, order: int) -> PowerSeries
 
 
 class _Step:
-    """The stages of one step on their way to convergence in h."""
+    """The stages Q_i, P_i and multipliers Λ_i of one step, as series in h that iterations improve.
+
+    Vectors have four components, each a ``PowerSeries``.
+    """
 
     def __init__(self, tableau: Tableau, top: BodyFrameTop, order: int) -> None:
         """Begin with constant stages, Q_i = q₀ and P_i = p₀, and Λ = 0."""
@@ -46,19 +49,28 @@ class _Step:
         self.s = tableau.s
         self.A, self.A_hat = _rational(tableau.A), _rational(tableau.A_hat)
         self.b = _rational([tableau.b])[0]
-        reach = sp.Matrix(tableau.A)[1:, :] * sp.Matrix(tableau.A_hat)[:, :-1]
-        self.reach = _rational(reach.inv().tolist())
+        # A Â without the first stage, at which g holds, and the last multiplier, without effect
+        product = sp.Matrix(tableau.A)[1:, :] * sp.Matrix(tableau.A_hat)[:, :-1]
+        self.inverse_product = _rational(product.inv().tolist())
         self.q0 = [self.constant(v) for v in (1, 0, 0, 0)]
         self.p0 = [self.constant(v) for v in (0, *(2 * x for x in top.l))]
         self.Q, self.P = [self.q0] * self.s, [self.p0] * self.s
         self.Lambda = [self.constant(0)] * (self.s - 1)
 
     def constant(self, value: Any) -> PowerSeries:
+        """Return a number as a series whose coefficients have the type of the state."""
         return PowerSeries.constant(value + 0 * self.top.l[0], self.order)
 
     def solved(self) -> _Step:
-        """Iterate until no term changes; each sweep makes at least one more power of h right."""
-        for order in range(2, self.order):  # few terms while the high ones are still wrong
+        """Iterate until no term changes; each sweep makes at least one more power of h right.
+
+        Raises
+        ------
+        ArithmeticError
+            If the terms still change after four sweeps for each power.
+        """
+        # few terms while the high ones are still wrong
+        for order in range(2, self.order):
             self.sweep(order)
         for _ in range(4 * self.order):
             previous = self.terms()
@@ -83,13 +95,14 @@ class _Step:
         return [x.terms for x in self.Lambda] + [x.terms for v in self.P + self.Q for x in v]
 
     def correct(self) -> None:
+        """Add (γ/h²) (A Â)⁻¹ g(Q) to Λ, with g_i = |Q_i|² − 1 at the stages after the first."""
         g = [dot(q, q) - self.constant(1) for q in self.Q[1:]]
-        for i, row in enumerate(self.reach):
+        for i, row in enumerate(self.inverse_product):
             change = sum((defect * a for defect, a in zip(g, row, strict=True)), self.constant(0))
             self.Lambda[i] += change.shifted(h=-2, gamma=1)
 
     def stage(self, start: Vector, row: Vector, rates: list[Vector]) -> Vector:
-        """Return start + h Σ_j a_j rate_j."""
+        """Return start + h Σ_j a_j rate_j, where ``row`` has the coefficients a_j."""
         stage = list(start)
         for a, rate in zip(row, rates, strict=True):
             if a != 0:
@@ -97,23 +110,27 @@ class _Step:
         return stage
 
     def relative(self, q: Vector, p: Vector) -> Vector:
-        """Return ιw/4."""
+        """Return ιw/4 with w = q̄∘p and ι = (1/γ, 1/I₁, 1/I₂, 1/I₃)."""
         radial, *vector = multiply(conjugate(q), p)
         inner = [x * over(j, 4) for x, j in zip(vector, self.top.inverse_inertia, strict=True)]
         return [(radial * QQ(1, 4)).shifted(gamma=-1), *inner]
 
     def velocity(self, q: Vector, p: Vector) -> Vector:
+        """Return H_p = ¼ q∘(ιw)."""
         return multiply(q, self.relative(q, p))
 
     def forces(self) -> list[Vector]:
-        """Return F_j; the last multiplier has no influence on the stages (â_is = 0)."""
+        """Return the forces F_j = −¼ p∘conj(ιw) − V_q − 2QΛ of all stages.
+
+        The last multiplier is set to 0: it has no influence on the stages, since â_is = 0.
+        """
         multipliers = [*self.Lambda, self.constant(0)]
         forces = []
         for q, p, multiplier in zip(self.Q, self.P, multipliers, strict=True):
-            push = multiply(p, conjugate(self.relative(q, p)))
-            fall = self.gravity(q)
+            T_q = multiply(p, conjugate(self.relative(q, p)))
+            V_q = self.gravity(q)
             forces.append([-a - b - 2 * c * multiplier
-                           for a, b, c in zip(push, fall, q, strict=True)])
+                           for a, b, c in zip(T_q, V_q, q, strict=True)])
         return forces
 
     def gravity(self, q: Vector) -> Vector:
@@ -123,20 +140,27 @@ class _Step:
         return [x * (-2 * self.top.mgl) for x in (-d, c, -b, a)]
 
     def energy_change(self) -> PowerSeries:
-        """Return H₁ − H₀; T2 takes the radial part of p₁ away, which |q₁| = 1 keeps out of w."""
+        """Return H(q₁, p₁) − H(q₀, p₀), to the order asked.
+
+        The last multiplier, which the forces lack, makes q₁ᵀp₁ = 0: it changes the radial part of
+        p₁ alone, and ``energy`` does not read that part.
+        """
         rates = [self.velocity(q, p) for q, p in zip(self.Q, self.P, strict=True)]
         q1 = self.stage(self.q0, self.b, rates)
         p1 = self.stage(self.p0, self.b, self.forces())
         change = self.energy(q1, p1) - self.energy(self.q0, self.p0)
+        # the power that __init__ added is not complete
         return PowerSeries(change.terms, self.order - 1)
 
     def energy(self, q: Vector, p: Vector) -> PowerSeries:
+        """Return ⅛ Σᵢ wᵢ²/Iᵢ + V with w = q̄∘p, i = 1..3; V = ½ qᵀV_q, as V is quadratic in q."""
         w = multiply(conjugate(q), p)[1:]
-        potential: PowerSeries = dot(q, self.gravity(q)) * QQ(1, 2)
+        energy: PowerSeries = dot(q, self.gravity(q)) * QQ(1, 2)
         for x, j in zip(w, self.top.inverse_inertia, strict=True):
-            potential = potential + x * x * over(j, 8)
-        return potential
+            energy = energy + x * x * over(j, 8)
+        return energy
 
 
 def _rational(rows: Any) -> list[Vector]:
+    """Return rows of SymPy's rational numbers as rows of elements of ``QQ``."""
     return [[QQ.from_sympy(entry) for entry in row] for row in rows]

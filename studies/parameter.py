@@ -35,7 +35,7 @@ ZEROS = {"IMS": 500.5, "EMS": 501.4, "1-G-L": 440.0, "2-G-L": 903.0, "3-G-L": 93
 
 @dataclass(frozen=True)
 class ParameterSweep:
-    """One curve: a scheme, a step and the error looked at."""
+    """One curve: a scheme, Δt and the quantity whose error is measured."""
 
     method: str
     dt: float
@@ -74,7 +74,7 @@ FIGURE_15 = (ParameterSweep("2-LIIIA-B", 0.001), ParameterSweep("3-LIIIA-B", 0.0
 
 
 def measure(engine: Engine, sweep: ParameterSweep) -> tuple[list[float], list[float]]:
-    """Return 1/γ and the signed periodic errors."""
+    """Return 1/γ, or 1/α, in 1/(kg m²) and the signed periodic errors over 0.32 s."""
     inverses = engine.thinned(INVERSES)
     return inverses, [engine.peak(sweep.case(inverse), sweep.quantity) for inverse in inverses]
 
@@ -83,17 +83,17 @@ def measure(engine: Engine, sweep: ParameterSweep) -> tuple[list[float], list[fl
 
 
 def figure_11(engine: Engine) -> Figure:
-    """IMS-γ: energy."""
+    """Return Fig. 11: energy error of IMS-γ over time, and its peak over 1/γ."""
     return _curves_and_line(engine, 11, "Energy error of IMS-γ", FIGURE_11)
 
 
 def figure_12(engine: Engine) -> Figure:
-    """EMS-γ: l₃."""
+    """Return Fig. 12: error of l₃ of EMS-γ over time, and its peak over 1/γ."""
     return _curves_and_line(engine, 12, "Error of l₃ for EMS-γ", FIGURE_12)
 
 
 def figure_13(engine: Engine) -> Figure:
-    """G-L-γ, s = 1..4."""
+    """Return Fig. 13: periodic energy error of s-G-L-γ over 1/γ, s = 1..4."""
     panels, claims = [], []
     for mark, sweep in zip("abcd", FIGURE_13, strict=True):
         panel, zero = _inverse_line(engine, sweep, mark)
@@ -107,7 +107,7 @@ def figure_13(engine: Engine) -> Figure:
 
 
 def figure_14(engine: Engine) -> Figure:
-    """IMS-α, EMS-α and G-L-α."""
+    """Return Fig. 14: periodic error of IMS-α, EMS-α and G-L-α over 1/α."""
     panels, claims = [], []
     for mark, sweep in zip("abcde", FIGURE_14, strict=True):
         x, y = measure(engine, sweep)
@@ -121,7 +121,10 @@ def figure_14(engine: Engine) -> Figure:
 
 
 def figure_15(engine: Engine) -> Figure:
-    """LIIIA-B-γ, s = 2..5."""
+    """Return Fig. 15: periodic energy error of s-LIIIA-B-γ over 1/γ, s = 2..5.
+
+    Erratum 24: the law is A + B/γ for even s and A + B·γ for odd s.
+    """
     panels, claims = [], []
     for mark, sweep in zip("abcd", FIGURE_15, strict=True):
         draw = _inverse_line if follows_inverse(sweep) else _direct_line
@@ -138,6 +141,7 @@ def figure_15(engine: Engine) -> Figure:
 
 
 def _curves_and_line(engine: Engine, number: int, title: str, sweep: ParameterSweep) -> Figure:
+    """Return the figure of the error over time for four γ, and of its peak over 1/γ."""
     curves = []
     for inverse in CURVES:
         case = sweep.case(inverse)
@@ -151,7 +155,10 @@ def _curves_and_line(engine: Engine, number: int, title: str, sweep: ParameterSw
 
 
 def _inverse_line(engine: Engine, sweep: ParameterSweep, mark: str) -> tuple[Panel, list[Claim]]:
-    """Draw and judge the law A + B/γ."""
+    """Return the panel of the periodic error with the line A + B/γ, and the claims on that law.
+
+    The claims: the law is linear in 1/γ, and it has one zero. ``mark`` is the panel's letter.
+    """
     x, y = measure(engine, sweep)
     line = fit_line(x, y)
     series = [Series(sweep.name, x, y, "o"),
@@ -167,14 +174,17 @@ def follows_inverse(sweep: ParameterSweep) -> bool:
 
 
 def _direct_line(engine: Engine, sweep: ParameterSweep, mark: str) -> tuple[Panel, list[Claim]]:
-    """Draw and judge the law A + B·γ."""
+    """Return the panel of the periodic error with the curve A + B·γ, and the claim on that law.
+
+    The axis is 1/γ, so that the law, a line in γ, is a hyperbola. ``mark`` is the panel's letter.
+    """
     x, y = measure(engine, sweep)
     line = fit_line([1 / inverse for inverse in x], y)
-    direct_line = fit_line(x, y)
+    line_in_inverse = fit_line(x, y)
     series = [Series(sweep.name, x, y, "o"),
               Series("A + B·γ", x, [line.at(1 / inverse) for inverse in x], "-")]
     claim = Claim(f"{sweep.name}: {sweep.symbol} is linear in γ, not in 1/γ",
-                  f"R² = {line.quality} in γ, {direct_line.r_squared:.2f} in 1/γ",
+                  f"R² = {line.quality} in γ, {line_in_inverse.r_squared:.2f} in 1/γ",
                   "R² at least 0.999 in γ", line.r_squared >= 0.999)
     return _panel(sweep, mark, series), [claim]
 
@@ -182,6 +192,7 @@ def _direct_line(engine: Engine, sweep: ParameterSweep, mark: str) -> tuple[Pane
 def _panel(
     sweep: ParameterSweep, mark: str, series: list[Series], *, zero: bool = False
 ) -> Panel:
+    """Return a panel over 1/γ or 1/α; with ``zero`` its vertical axis reaches down to 0."""
     return Panel(f"({mark}) {sweep.name}, Δt = {sweep.dt:g}", f"1/{letter(sweep.rep)} [1/(kg m²)]",
                  f"periodic {sweep.symbol}", series, zero=zero)
 
@@ -190,23 +201,31 @@ def _panel(
 
 
 def _law_claim(engine: Engine, statement: str, sweeps: tuple[ParameterSweep, ...]) -> Claim:
-    """Return the claim that all sweeps have linear errors, by the worst line: in 1/γ, or in γ."""
+    """Return the claim that all sweeps have linear errors, by the least R² of the fitted lines.
+
+    The variable is 1/γ, or γ for LIIIA-B with odd s.
+    """
     lines = []
     for sweep in sweeps:
-        x, y = measure(engine, sweep)
-        lines.append(fit_line(x if follows_inverse(sweep) else [1 / a for a in x], y))
+        inverses, errors = measure(engine, sweep)
+        variable = inverses if follows_inverse(sweep) else [1 / inverse for inverse in inverses]
+        lines.append(fit_line(variable, errors))
     worst = min(lines, key=lambda line: line.r_squared)
     return Claim(f"{statement}: least R² of {len(lines)}", worst.quality, "at least 0.999",
                  worst.r_squared >= 0.999)
 
 
 def _line_claim(statement: str, line: FittedLine) -> Claim:
+    """Return the claim that a fitted line has R² of at least 0.999."""
     return Claim(statement, f"R² = {line.quality}", "R² at least 0.999",
                  line.r_squared >= 0.999)
 
 
 def _zero_claim(engine: Engine, sweep: ParameterSweep, x: list[float], y: list[float]) -> Claim:
-    """Return the claim that the error y over x = 1/γ has one zero, where the errata have it."""
+    """Return the claim that the error y over x = 1/γ has one zero, within 1 % of ``ZEROS``.
+
+    Only the number of zeros is claimed for schemes that are not in ``ZEROS``.
+    """
     floor = engine.floor(sweep.case(x[0]), sweep.quantity)
     zeros = crossing(x, y, floor)
     zero_text = " and ".join(f"1/γ = {zero:.1f}" for zero in zeros) or "nowhere"
@@ -220,7 +239,7 @@ def _zero_claim(engine: Engine, sweep: ParameterSweep, x: list[float], y: list[f
 
 
 def _idle_claim(engine: Engine, sweep: ParameterSweep, y: list[float]) -> Claim:
-    """Judge how much the periodic error changes with α."""
+    """Return the claim that α hardly changes the periodic error y: (max − min)/|mean| ≤ 0.02."""
     change = (max(y) - min(y)) / abs(sum(y) / len(y))
     noise = engine.floor(sweep.case(INVERSES[0]), sweep.quantity) / abs(y[0])
     size = "round-off" if change <= noise else f"{change:.1e}"

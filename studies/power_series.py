@@ -14,8 +14,8 @@ __all__ = ["PowerSeries"]
 class PowerSeries:
     """A polynomial in h, γ and 1/γ without the powers of h above ``order``.
 
-    Sums, differences and products with series and with coefficients; of two orders the lower one
-    is kept.
+    ``terms``: (n, g) → a_ng of a_ng hⁿ γᵍ. Sums, differences and products with series and with
+    coefficients have the lower of the two orders.
     """
 
     __slots__ = ("order", "terms")
@@ -59,7 +59,13 @@ class PowerSeries:
     __rmul__ = __mul__
 
     def shifted(self, h: int = 0, gamma: int = 0) -> PowerSeries:
-        """Return the series times hʰ γᵍ; h < 0 is meant for series that hold that factor."""
+        """Return the series times h^h γ^gamma, with powers ``h`` and ``gamma`` of either sign.
+
+        Raises
+        ------
+        ValueError
+            If a negative power of h would remain: the series lacks the factor h^(−h).
+        """
         terms = {(n + h, g + gamma): a for (n, g), a in self.terms.items()}
         if any(n < 0 for n, _ in terms):
             raise ValueError(f"The series has terms below h^{-h}.")
@@ -74,9 +80,11 @@ class PowerSeries:
         return PowerSeries(self.terms, order)
 
     def _order_with(self, other: Any) -> int:
+        """Return the order of a result: the lower one of two series; a coefficient has none."""
         return min(self.order, other.order) if isinstance(other, PowerSeries) else self.order
 
     def _terms_of(self, other: Any) -> dict[tuple[int, int], Any]:
+        """Return the terms of a series, or a coefficient as the term h⁰ γ⁰."""
         if isinstance(other, PowerSeries):
             return other.terms
         return {(0, 0): other}

@@ -23,17 +23,30 @@ _MOST_STEPS = 10**8
 
 
 def reference_axis(problem: Problem, trajectory: Trajectory) -> tuple[NDArray[Any], str]:
-    """Return the body's third axis at the trajectory's times, shape (N+1, 3), and its source."""
+    """Return the body's third axis at the trajectory's times, shape (N+1, 3), and its source.
+
+    The source is "closed form", or the 8-stage reference where the problem has no exact solution.
+    """
     if problem.exact is not None:
-        since = (trajectory.t - trajectory.t[0]).astype(float)
-        return problem.exact.axis(since), "closed form"
+        # the closed form starts at t = 0 with the problem's initial state
+        elapsed = (trajectory.t - trajectory.t[0]).astype(float)
+        return problem.exact.axis(elapsed), "closed form"
     return _integrated(problem, trajectory).axis(), "8-stage Gauss-Lobatto reference"
 
 
 def _integrated(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Integrate with 8-stage G-L in steps that divide those of the trajectory."""
+    """Return the motion by 8-stage G-L, with the trajectory's times and a divisor of its Δt.
+
+    The body rotates by at most ``_ANGLE`` in a step of the reference.
+
+    Raises
+    ------
+    InputError
+        If the reference needs more than ``_MOST_STEPS`` steps.
+    """
     rate = float(np.linalg.norm(trajectory.angular_velocity(), axis=1).max())
     steps, turns = trajectory.report.steps, abs(trajectory.dt) * rate / _ANGLE
+    # "not <" refuses NaN as well
     if steps and not steps * turns < _MOST_STEPS:
         raise InputError(f"A reference for {steps:,} steps of {trajectory.dt:g} s takes more than "
                          f"{_MOST_STEPS:,} steps of its own; choose a smaller dt, or do without a "

@@ -70,7 +70,10 @@ def json_text(document: Any) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """Return a value with None for infinite numbers and NaN, which JSON does not have."""
+    """Return a document with None for infinite numbers and NaN, which JSON does not have.
+
+    Subclasses of float, NumPy's among them, become plain floats.
+    """
     if isinstance(value, dict):
         return {key: _finite(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
@@ -91,7 +94,7 @@ def table_csv(table: Table) -> str:
 
 
 def _command(result: Result) -> str:
-    """Return the command that makes a result again."""
+    """Return the command that computes a result."""
     return f"gyrospark reproduce {result.name}"
 
 
@@ -151,15 +154,17 @@ def heading(result: Result) -> str:
 
 
 def _verdict_table(tables: Sequence[Table]) -> str:
+    """Return how many cells have each verdict: a row for each table, and one for all."""
     rows = [["table", *ALL_VERDICTS]]
-    for name, group in (*((str(table.number), [table]) for table in tables), ("all", tables)):
-        number = counts(group)
-        rows.append([name, *(str(number[verdict]) for verdict in ALL_VERDICTS)])
+    groups: list[tuple[str, Sequence[Table]]] = [(str(table.number), [table]) for table in tables]
+    for name, group in [*groups, ("all", tables)]:
+        verdict_counts = counts(group)
+        rows.append([name, *(str(verdict_counts[verdict]) for verdict in ALL_VERDICTS)])
     return _grid(rows)
 
 
 def _numbers(table: Table, *, complete: bool) -> str:
-    """Return our numbers of a table; complete ones with the printed ones and the verdicts."""
+    """Return a table of our numbers; if complete, each with the printed number and its verdict."""
     # a table may lack cells, whose places stay empty
     cell_at = {(cell.row, cell.column): cell for cell in table.cells}
     columns = list(dict.fromkeys(cell.column for cell in table.cells))
@@ -173,13 +178,14 @@ def _numbers(table: Table, *, complete: bool) -> str:
 
 
 def _number(cell: Cell | None) -> str:
+    """Return our number, or the note of a number whose digits mean nothing; "" for no cell."""
     if cell is None:
         return ""
     return cell.note if cell.note in (ROUND_OFF, CONSERVED_EXACTLY) else shown(cell.ours)
 
 
 def _compared(cell: Cell | None, scientific: bool) -> str:
-    """Return e.g. "2.355e-06 (2.35e-06) ✓"."""
+    """Return ours, the printed number and the verdict's mark, e.g. "2.355e-06 (2.35e-06) ✓"."""
     if cell is None:
         return ""
     ours = number_text(cell.ours, scientific, 3)
@@ -189,7 +195,7 @@ def _compared(cell: Cell | None, scientific: bool) -> str:
 
 
 def is_scientific(table: Table) -> bool:
-    """Return whether the numbers span more than four powers of ten."""
+    """Return whether a table's numbers, without zeros, span more than four powers of ten."""
     sizes = [abs(value) for cell in table.cells for value in (cell.ours, cell.paper)
              if isinstance(value, float) and value and math.isfinite(value)]
     return bool(sizes) and max(sizes) > 1e4 * min(sizes)
@@ -206,6 +212,7 @@ def shown(value: float | str | None) -> str:
 
 
 def _group(group: Group) -> str:
+    """Return a list item: verdict, cells and reason; both numbers too if the group is one cell."""
     places = group.places
     if len(group.cells) == 1:
         places += f" (ours {shown(group.cells[0].ours)}, paper {shown(group.cells[0].paper)})"
@@ -213,18 +220,21 @@ def _group(group: Group) -> str:
 
 
 def _claims(claims: Sequence[Claim]) -> str:
+    """Return the Markdown table of claims: statement, measured and required number, outcome."""
     rows = [["claim", "found", "wanted", ""]]
     rows += [[claim.statement, claim.found, claim.wanted, _outcome(claim)] for claim in claims]
     return _grid(rows)
 
 
 def _outcome(claim: Claim) -> str:
+    """Return the outcome of a claim; a failure is bold, with its reason if that is known."""
     if claim.holds:
         return claim.outcome
     return f"**{claim.outcome}**" + (f": {claim.known}" if claim.known else "")
 
 
 def _grid(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows as a Markdown table, the first one as its head; "|" in cells is escaped."""
     head, *body = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
                    for row in rows]
     return "\n".join([head, "|" + "---|" * len(rows[0]), *body])

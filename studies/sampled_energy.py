@@ -23,7 +23,7 @@ def run(
     scheme: SchemeName, stages: int | None, dt: float, steps: int, parameter: float, *,
     rep: RepName = "gamma", real: RealName = "double",
 ) -> Trajectory:
-    """Integrate the fast top; ``parameter`` is γ or α, as ``rep`` says."""
+    """Integrate the fast top, and return all states; ``parameter`` is γ or α in kg m²."""
     problem = fast_top()
     step = stepper(scheme, stages, rep, real=real)
     parameters = problem.parameters | {rep: parameter}
@@ -34,7 +34,7 @@ def run(
 
 
 def energy_errors(run: Trajectory) -> Array:
-    """Return H_k − H_0 of every step."""
+    """Return H_k − H_0 in J of all stored states, shape (N + 1,), with the scheme's own H."""
     return np.asarray(run.energies - run.energies[0])
 
 
@@ -44,7 +44,10 @@ def peak(errors: Array) -> float:
 
 
 def top_along(run: Trajectory, rows: Sequence[int] = ()) -> BodyFrameTop:
-    """Return the states of a run as one top, each entry an array over the steps."""
+    """Return the states of a run as one top, each entry an array over the steps.
+
+    ``rows`` selects states, all of them by default.
+    """
     problem = fast_top()
     selected_rows = list(rows) or slice(None)
     l = run.angular_velocity()[selected_rows] * np.asarray(problem.inertia)  # noqa: E741

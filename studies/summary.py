@@ -12,7 +12,7 @@ __all__ = ["ALL_VERDICTS", "Group", "counts", "counts_line", "failing", "iterati
            "requirements", "tables_of", "unexpected", "unexplained"]
 
 ALL_VERDICTS: tuple[Verdict, ...] = ("agrees", "round-off", "misprint", "differs", "not printed")
-#: The tables whose cells issue 3 counts, and how many of them.
+#: Tables of accuracy, and how many of their cells must agree, and be round-off, at least.
 ACCURACY_TABLES = (4, 6, 7)
 FIRST_ITERATION_TABLE = 8
 WANTED_AGREE, WANTED_ROUND_OFF = 96, 18
@@ -52,7 +52,11 @@ def tables_of(results: Iterable[Result]) -> list[Table]:
 
 
 def requirements(results: Iterable[Result]) -> list[Claim]:
-    """Return the requirements of issue 3 on Tables 4, 6 and 7, if all three are there."""
+    """Return three requirements on Tables 4, 6 and 7; [] unless all three are among the results.
+
+    96 of 120 cells agree with the printed digits, 18 more are round-off in both numbers, and each
+    of the others has a reason (erratum 19).
+    """
     tables = [table for table in tables_of(results) if table.number in ACCURACY_TABLES]
     if len(tables) < len(ACCURACY_TABLES):
         return []
@@ -75,7 +79,7 @@ def requirements(results: Iterable[Result]) -> list[Claim]:
 
 
 def iterations_note(results: Iterable[Result]) -> str:
-    """Return why Tables 8-14 differ so often, if some of them are there."""
+    """Return why cells of Tables 8-14 differ so often; "" without any of these tables."""
     if not any(table.number >= FIRST_ITERATION_TABLE for table in tables_of(results)):
         return ""
     return ("Table 8 and the later tables measure an iteration, not a scheme, and the paper "
@@ -85,7 +89,7 @@ def iterations_note(results: Iterable[Result]) -> str:
 
 
 def unexplained(table: Table) -> list[Cell]:
-    """Return the cells that differ without a word."""
+    """Return the cells that differ and have no note."""
     return [cell for cell in table.cells if cell.verdict == "differs" and not cell.note]
 
 

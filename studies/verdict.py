@@ -28,7 +28,10 @@ def same_digits(ours: float, printed: str) -> bool:
 
 
 def units_between(ours: float, printed: str) -> int:
-    """Return how many units of the last printed digit lie between the rounded numbers."""
+    """Return how many units of the last printed digit lie between ours, rounded, and the printed.
+
+    Both are exact decimals: ``Decimal(ours)`` has all digits of the double.
+    """
     number = Decimal(printed)
     unit = Decimal((0, (1,), int(number.as_tuple().exponent)))
     return int(abs((Decimal(ours) / unit).quantize(Decimal(1), ROUND_HALF_EVEN) - number / unit))

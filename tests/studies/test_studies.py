@@ -381,7 +381,7 @@ def test_what_is_known_of_table_10_is_bounded(what, met):
     """Fewer cells than it has always met are news."""
     cells = [Cell("r", f"c{i}", 1.0, 1.0, "agrees" if i < met else "differs", "n")
              for i in range(19)]
-    found = _near_claim("cells", cells, 17, known_exceptions=13)
+    found = _near_claim("cells", cells, 17, certain=13)
     assert (found.holds, bool(found.known)) == (what == "holds", what == "known")
 
 
