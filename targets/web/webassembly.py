@@ -49,8 +49,6 @@ def files(
 
 def c_files(options: Options) -> dict[str, str | bytes]:
     """Return the C of all steppers, and glue.c, which is compiled with each."""
-    if not options.steppers:
-        raise InputError("An artefact without a stepper: name a scheme.")
     c_sources: dict[str, str | bytes] = {f"{SOURCES}/glue.c": read("glue.c")}
     for stepper in options.steppers:
         refuse_different_inputs(options.steppers[0], stepper)

@@ -10,6 +10,8 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import refused
+from gyrospark.api import stepper_of
+from gyrospark.generator.spec import Spec
 from processes import ROOT
 
 
@@ -28,6 +30,10 @@ def test_unusable_stepper_choice_is_refused(arguments, words):
 def test_whole_numbers_of_any_type_count_stages():
     for two in (np.int64(2), 2.0, np.float32(2)):
         assert gs.stepper("G-L", two).name == "heavy_top_gl2_gamma"
+
+
+def test_problems_of_a_sweep_have_the_stepper_of_the_process():
+    assert stepper_of(Spec.checked("G-L", 2)) is stepper_of(Spec.checked("G-L", 2))
 
 
 def test_unusable_system_and_tableau_are_refused():

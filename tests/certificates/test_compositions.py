@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from gyrospark.certificates.composition_checks import (
+    _interval_text,
     check_composition,
     error_constant,
     force_gradient_residuals,
@@ -44,6 +45,10 @@ CLOSED = {
     "Suzuki4": lambda: [1 / (4 - mp.cbrt(4))] * 2,
     "G6": lambda: [1 / (4 - mp.root(4, 5))] * 2,
 }
+
+
+def test_an_interval_is_rounded_outwards_to_three_digits():
+    assert _interval_text(mp.iv.mpf([1.2345, 1.2345])) == "[1.23e+0, 1.24e+0]"
 
 
 def moved(made, part, i, by):

@@ -14,6 +14,7 @@ import pytest
 import gyrospark as gs
 from benchmarks import loops, make_digits
 from benchmarks.references import measure_peers
+from gyrospark.commands.reference import _print
 from gyrospark.generator.systems.numeric_system import NumericSystem
 from gyrospark.references.problem import Attempt, largest_error
 from gyrospark.references.problem_registry import REFERENCES
@@ -242,6 +243,12 @@ def test_the_command(gyrospark, tmp_path):
     rows = gyrospark("reference", "list", "--json").document
     assert [row["name"] for row in rows] == list(gs.references.names())
     assert rows[1]["published"]["off_by"]["gamma'"] > 1e-8
+
+
+def test_the_command_prints_the_largest_deviation_of_published_digits(capsys):
+    problem = REFERENCES["andrews"]
+    _print(problem, [])
+    assert f"{max(problem.deviations.values()):.0e}" in capsys.readouterr().out
 
 
 def test_peers_reach_the_digits_by_themselves():

@@ -31,6 +31,7 @@ from gyrospark.studies.report import as_json, page, report_files, section
 from gyrospark.studies.study_result import Cell, Claim, Panel, Series, Table
 from gyrospark.studies.summary import (
     failing,
+    iterations_note,
     requirements,
     unexplained,
 )
@@ -343,6 +344,13 @@ def test_command_names_what_it_knows():
     with pytest.raises(InputError, match=r"table-2.*table-14.*figure-5.*figure-16") as caught:
         CliRunner().invoke(reproduce, ["table-15"], standalone_mode=False, catch_exceptions=False)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("number", "noted"), [(7, False), (8, True)])
+def test_tables_of_an_iteration_have_a_note(number, noted):
+    results = [Table(number, "t", "a", [])]
+    assert ("iteration" in iterations_note(results)) is noted
+    assert all(text in page(results) for text in [iterations_note(results)])
 
 
 CLAIMS = {

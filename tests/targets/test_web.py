@@ -101,6 +101,19 @@ def test_what_a_page_cannot_show_is_refused(text_alone, tmp_path):
         build("web", **SATELLITE | {"scheme": ["99-G-L", "IMS"]}, out=tmp_path / "p.html")
 
 
+def test_a_page_holds_the_module_that_was_compiled(monkeypatch, tmp_path):
+    module, page = bytes(range(256)), tmp_path / "page.html"
+    page.write_text('<script id="content">{"wasm": "@MODULE@"}</script>', encoding="utf-8")
+
+    def compiled(sources, target, *flags):
+        assert sources == tmp_path / "c"
+        target.write_bytes(module)
+
+    monkeypatch.setattr(page_module, "compile_module", compiled)
+    page_module.compile(tmp_path, ())
+    assert page_module.module_of(page.read_text(encoding="utf-8")) == module
+
+
 def test_without_ziglang_the_cure_is_said(monkeypatch):
     monkeypatch.setattr(type(TOOLS["zig"]), "find", lambda self: None)
     with pytest.raises(gs.InputError, match="install ziglang"):

@@ -234,6 +234,18 @@ def test_angular_velocities_are_observed():
         fit(omega, observe="angular_velocty")
 
 
+def test_residuals_of_two_attitudes_are_those_of_each():
+    draw = np.random.default_rng(2)
+    q, p = draw.normal(size=(2, 5, 8))
+    data, bodies = draw.normal(size=(5, 8)), ([0, 1, 2, 3], [4, 5, 6, 7])
+    both, by_q, *_ = Observation(8, [*bodies], [], [], None, [""] * 8).residuals(data, q, p, {})
+    for k, body in enumerate(bodies):
+        r, slopes, *_ = Observation(8, [body], [], [], None, [""] * 4).residuals(
+            data[:, body], q, p, {})
+        assert np.array_equal(both[:, 3 * k : 3 * k + 3], r)
+        assert np.array_equal(by_q[:, 3 * k : 3 * k + 3], slopes)
+
+
 @pytest.mark.parametrize("entries", [3, 6])
 def test_residuals_of_angular_velocities_have_the_slopes_of_differences(entries):
     names = [f"J{k}" for k in range(entries)]
@@ -266,6 +278,11 @@ def test_coordinates_and_momenta_are_observed_together():
                          free=["m", "l", "g", "start"], guess={"m": 1.5})
     assert not found.undetermined
     assert found.parameters["m"] == pytest.approx(1.0, rel=1e-9)
+
+
+def test_horizons_may_begin_with_one_sample():
+    found = fit_pendulum(horizons=[1, 8], free=["start"], guess={"l": 0.5})
+    assert found.q == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
 def test_noise_that_is_known_scales_the_covariance():
@@ -330,6 +347,7 @@ WRONG = [
     ({"sigma": [1.0, 1.0, 1.0]}, "2 columns"),
     ({"horizons": [20, 10]}, "increase"),
     ({"horizons": [100]}, "up to 31"),
+    ({"horizons": [0]}, "horizon.*0"),
     ({"start": gs.Start([0.6, 0.01], [0.02, 0.1], t=0.1)}, "start"),
     ({"start": gs.Start([0.6, 0.01], [0.02, 0.1], t="now")}, "'now'"),
     ({"dt": "small"}, "dt"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -41,6 +42,13 @@ def one_step(**wanted):
 def gradient(cotangents=None, **more):
     return lambda s, r: s.gradient(r, {"q": TOP.q0} if cotangents is None and "loss" not in more
                                    else cotangents, **more)
+
+
+def test_a_step_backwards_that_has_no_derivative_is_named(top, run, monkeypatch):
+    binding = top._derivative_binding()
+    monkeypatch.setattr(binding, "begin", lambda _: SimpleNamespace(keep=lambda _: (None, 2)))
+    with pytest.raises(gs.GyrosparkError, match="singular"):
+        top.gradient(run, {"q": TOP.q0}, memory="none")
 
 
 @pytest.mark.parametrize(("call", "words"), [

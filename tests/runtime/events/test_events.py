@@ -40,6 +40,22 @@ def test_a_pendulum_through_the_bottom(steps: int, ahead: int) -> None:
     assert np.abs((found.q**2).sum(axis=1) - 1).max() <= 4 * EPS["double"]
 
 
+@pytest.mark.parametrize("names", [("q", "p"), ("p", "q")])
+def test_each_of_two_events_has_the_times_it_has_alone(names):
+    """Of both, some crossings lie between those of the other in one block of states."""
+    step, numbers = systems.stepper("oscillator"), systems.case("oscillator").parameters
+
+    def found(*events):
+        run = step.integrate([1.0], [0.2], dt=0.06, steps=600, parameters=numbers, events=[
+            gs.Event(str(getattr(step.manifest.system, {
+                "q": "coordinates", "p": "momenta"}[name])[0]), name=name) for name in events])
+        return {name: one.t.tolist() for name, one in run.events.items()}
+
+    both = found(*names)
+    assert both == found("q") | found("p")
+    assert min(map(len, both.values())) > 20
+
+
 @pytest.mark.parametrize(("real", "dt"), [
     ("float", 0.02), pytest.param("float128", 0.01, marks=pytest.mark.slow)])  # two seconds
 def test_in_every_type_and_backwards(real: str, dt: float) -> None:

@@ -182,6 +182,18 @@ def test_many_impacts_within_a_step():
     assert np.abs(np.abs(run.p[-1]) - 3001).max() < 1e-9
 
 
+def test_an_impact_changes_the_energy_by_its_loss_to_the_rounding_of_momenta():
+    """Of 1/m: without a second look at H, the loss is off by up to four eps."""
+    run, mass = stepper("ball").integrate(
+        [0.25], [3.3], dt=0.5, steps=200, parameters={"m": 1.3, "g": 0.7}, events=[
+            gs.Impact(name, restitution=0.9999) for name in ("floor", "roof")]), 1.3
+    for hits in run.impacts.values():
+        after, before = (p[:, 0].astype(np.longdouble) for p in (hits.p, hits.p_before))
+        off = (after**2 - before**2) / (2 * mass) + hits.energy_lost
+        assert len(hits) > 100
+        assert np.abs(off / (before**2 / (2 * mass))).max() < 3 * EPS
+
+
 def lowest_gap(run, amplitude: float, rate: float) -> float:
     """Return the least gap of a free ball to the wall A sin(Ωt), between the impacts of a run.
 

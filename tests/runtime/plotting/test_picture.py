@@ -16,7 +16,7 @@ from gyrospark.core.shapes import Shape
 from gyrospark.runtime.plotting.body_shapes import rim_of
 from gyrospark.runtime.plotting.picture import SceneDrawing, draw_picture, draw_scene
 from gyrospark.runtime.plotting.rasterizer import rasterize
-from gyrospark.runtime.plotting.scene import scene_of
+from gyrospark.runtime.plotting.scene import drawn_joints, scene_of
 from gyrospark.runtime.plotting.solids import colour_of, mesh_of
 
 SMALL = {"size": (120, 90)}
@@ -41,6 +41,13 @@ def satellite():
     model = build.model()
     return gs.stepper("IMS", system=model).integrate(
         model.q0, model.p0, dt=1e-3, steps=3, parameters=dict(model.parameters))
+
+
+def test_motors_of_hinges_are_not_drawn():
+    """A force along the angle of a joint has no place of its own."""
+    drawn = drawn_joints(systems.stepper("arm", "IMS").manifest)
+    assert {name: kind for name, (kind, _) in drawn.items()} == {
+        "hinge0": "hinge", "hinge1": "hinge"}
 
 
 def decoded(data):
