@@ -28,11 +28,12 @@ def _break_line(line: str) -> list[str]:
     """Return the lines of one long line; continuation lines are indented by four more columns."""
     indent = line[: len(line) - len(line.lstrip())]
     if line.startswith("/* ") and line.endswith(" */"):
-        inner = textwrap.wrap(line[3:-3], WIDTH - 3, break_long_words=False)
+        inner = textwrap.wrap(line[3:-3], WIDTH - 3, break_long_words=False)  # room for " * "
         return ["/*", *(f" * {text}" for text in inner), " */"]
     lines = []
     while len(line) > WIDTH:
-        end = line.rfind(", ", 0, WIDTH) + 1
+        end = line.rfind(", ", 0, WIDTH) + 1  # behind the last comma that fits
+        # no comma, or only the indentation in front of it: a break would not shorten the line
         if end <= len(indent) + 4:
             break
         lines.append(line[:end])

@@ -15,6 +15,7 @@ The engine's ``newton/condensed.h`` has the algorithm; here are the places of th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import accumulate, product
 from typing import Any, NamedTuple
 
@@ -100,51 +101,39 @@ class _Couplings(NamedTuple):
 def condensation_of(
     structure: Structure, scheme: SparkScheme | MeanScheme, constraints: list[dict[str, Any]]
 ) -> Condensation | None:
-    """Return the pattern of the condensed system.
+    """Return the pattern of the condensed system, or None if H_pp is singular.
 
-    ``constraints`` has the templates of constraints with their kernels.
-    None if some block of H_pp has a zero row, or a momentum belongs to no block: H_pp is singular.
+    ``constraints`` has one table for each template of constraints, with its kernels.
     """
-    block_of = {a: {*i.q, *i.p} for template in structure.templates for i in template.instances
-                for a in i.p}
-    if len(block_of) < structure.system.n or any(
-            not any(row) for template in structure.templates if template.p
-            for row in template.system.H_pp):
+    block_of = _kinetic_blocks(structure)
+    if block_of is None:
         return None
     free = _free_coordinates(structure, block_of)
     columns, by_momenta, elements = _couplings(structure, block_of, free)
-    # those of H_pp, H_pq and X first in each row (``momentum_ends``)
+    # each row begins with the entries of H_pp, H_pq and X, which end at ``momentum_ends``
     entries = [(a, b) for a in range(structure.system.n)
                for b in (*sorted(by_momenta[a]), *sorted(columns[a] - by_momenta[a]))]
-    all_entries = [entry for template in structure.constraint_templates
-                   for i in template.instances for entry in product(i.rows, i.q)]
-    nonzero = {(i.rows[k // len(i.q)], i.q[k % len(i.q)])
-               for template, tables in zip(structure.constraint_templates, constraints, strict=True)
-               for k in _nonzero(tables, "jacobian") for i in template.instances}
-    constraint_entries = [entry for entry in all_entries if entry in nonzero]
+    stored, nonzero = _jacobian_entries(structure, constraints)
     # Free coordinates are eliminated if that narrows the band: it couples the multipliers of all
     # joints of a body to each other, which widens the band of a body with many joints.
     positions, band, eliminated = min(
-        (_positions(structure, scheme, elements, constraint_entries, candidates)
+        (_positions(structure, scheme, elements, nonzero, candidates)
          for candidates in (free, frozenset())), key=lambda choice: choice[1])
-    constraint_entries.sort(key=lambda entry: entry[1] not in eliminated)
-    entries_of_column: dict[int, list[int]] = {a: [] for a in sorted(eliminated)}
-    for e, (_, a) in enumerate(constraint_entries):
-        if a in eliminated:
-            entries_of_column[a].append(e)
-    place_of = {entry: k for k, entry in enumerate(all_entries)}
+    nonzero.sort(key=lambda entry: entry[1] not in eliminated)  # stable: eliminated columns first
+    place_of = {entry: place for place, entry in enumerate(stored)}
     first = [0, *accumulate(map(len, columns))]
     return Condensation(
         first=first,
+        # ``first`` has one entry more, the end of the last row
         momentum_ends=[start + len(row) for start, row in zip(first, by_momenta, strict=False)],
         rows=[a for a, _ in entries],
         columns=[b for _, b in entries],
-        constraint_rows=[mu for mu, _ in constraint_entries],
-        constraint_columns=[b for _, b in constraint_entries],
-        constraint_places=[place_of[entry] for entry in constraint_entries],
-        constraint_size=len(all_entries),
-        eliminated_entries=sum(map(len, entries_of_column.values())),
-        pairs=[pair for column in entries_of_column.values() for pair in product(column, column)],
+        constraint_rows=[mu for mu, _ in nonzero],
+        constraint_columns=[b for _, b in nonzero],
+        constraint_places=[place_of[entry] for entry in nonzero],
+        constraint_size=len(stored),
+        eliminated_entries=sum(a in eliminated for _, a in nonzero),
+        pairs=_pairs_in_columns(nonzero, eliminated),
         largest=max(len(template.p) * max(len(template.p), len(template.q))
                     for template in structure.templates),
         positions=positions,
@@ -154,15 +143,63 @@ def condensation_of(
     )
 
 
+def _kinetic_blocks(structure: Structure) -> dict[int, set[int]] | None:
+    """Return, for each momentum, the coordinates of the element of H that it belongs to.
+
+    None if H_pp is singular: a block of H_pp has a zero row, or a momentum is in no element.
+    """
+    block_of: dict[int, set[int]] = {}
+    for template in structure.templates:
+        if template.p and not all(map(any, template.system.H_pp)):
+            return None
+        for i in template.instances:
+            block_of |= {a: {*i.q, *i.p} for a in i.p}
+    return block_of if len(block_of) == structure.system.n else None
+
+
+def _jacobian_entries(
+    structure: Structure, constraints: list[dict[str, Any]]
+) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Return the entries (constraint, coordinate) of G that are stored, and the nonzero ones.
+
+    Stored are the whole matrices of all instances, row by row; nonzero are the entries of these
+    that are not 0 for every state.
+    """
+    stored: list[tuple[int, int]] = []
+    nonzero: list[tuple[int, int]] = []
+    for template, tables in zip(structure.constraint_templates, constraints, strict=True):
+        places = _nonzero(tables, "jacobian")
+        for i in template.instances:
+            matrix = list(product(i.rows, i.q))
+            stored += matrix
+            nonzero += [matrix[place] for place in places]
+    return stored, nonzero
+
+
+def _pairs_in_columns(
+    entries: list[tuple[int, int]], eliminated: frozenset[int]
+) -> list[tuple[int, int]]:
+    """Return the pairs of entries of G in the column of one eliminated coordinate.
+
+    The entries (μ, a) and (ν, a) of a pair contribute G_μa G_νa / m_a to G m⁻¹ Gᵀ.
+    """
+    column_of: dict[int, list[int]] = {a: [] for a in sorted(eliminated)}
+    for e, (_, a) in enumerate(entries):
+        if a in eliminated:
+            column_of[a].append(e)
+    return [pair for column in column_of.values() for pair in product(column, column)]
+
+
 def _couplings(
     structure: Structure, block_of: dict[int, set[int]], free: frozenset[int]
 ) -> _Couplings:
     """Return the couplings of all coordinates by energies, constraints and forces.
 
-    ``block_of`` has, of each momentum, the coordinates of the element of H that it belongs to.
+    ``block_of`` has, of each momentum, the coordinates of the element of H that it belongs to;
+    ``free`` are the free coordinates, whose only coupling is their own 1/m.
     """
     n = structure.system.n
-    columns = [{a} for a in range(n)]
+    columns = [{a} for a in range(n)]  # the diagonal is stored in any case
     by_momenta: list[set[int]] = [set() for _ in range(n)]
     elements: list[set[int]] = []
     for template in structure.templates:
@@ -188,10 +225,10 @@ def _tables(
     structure: Structure, entries: list[tuple[int, int]], free: frozenset[int],
     constraints: list[dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Return, for each template, the indices of the entries of its instances.
+    """Return ``Condensation.tables``: for each template, the indices of its instances' entries.
 
-    ``entries`` are those of the condensed matrices; ``constraints`` the templates of constraints
-    with their kernels. The result is ``Condensation.tables``.
+    ``entries`` are the (row, column) of the condensed matrices, in order; ``constraints`` has one
+    table for each template of constraints, with its kernels.
     """
     index_of = {entry: k for k, entry in enumerate(entries)}
     # Derivatives by free coordinates are 0 but for H_pp: their zeros go to the diagonal entry.
@@ -200,42 +237,52 @@ def _tables(
             for a in free.intersection((*i.q, *i.p)):
                 for b in (*i.q, *i.p):
                     index_of[a, b] = index_of[b, a] = index_of[a, a]
-    # of H_pp, H_pq, H_qp and H_qq
-    tables: list[dict[str, Any]] = [
-        {"condensed": [[index_of[pair]
-                        for rows, columns in ((i.p, i.p), (i.p, i.q), (i.q, i.p), (i.q, i.q))
-                        for pair in product(rows, columns)] for i in template.instances]}
-        for template in structure.templates]
-    start = 0
+
+    def indices(rows: Sequence[int], columns: Sequence[int]) -> list[int]:
+        """Return the indices of the entries of a block, row by row."""
+        return [index_of[entry] for entry in product(rows, columns)]
+
+    tables: list[dict[str, Any]] = []
+    for template in structure.templates:
+        # H_pp, H_pq, H_qp and H_qq of each instance
+        tables.append({"condensed": [
+            [*indices(i.p, i.p), *indices(i.p, i.q), *indices(i.q, i.p), *indices(i.q, i.q)]
+            for i in template.instances]})
+    start = 0  # the first entry of G of a template
     for template, constraint in zip(structure.constraint_templates, constraints, strict=True):
-        curved, n = _nonzero(constraint, "curvature"), len(template.q)  # entries of K, row by row
-        tables.append({"condensed": [[index_of[i.q[k // n], i.q[k % n]] for k in curved]
-                                     for i in template.instances],
+        curved = _nonzero(constraint, "curvature")
+        blocks = [indices(i.q, i.q) for i in template.instances]  # K of each instance
+        tables.append({"condensed": [[block[place] for place in curved] for block in blocks],
                        "curved": curved, "condensed_start": start})
         start += sum(len(i.rows) * len(i.q) for i in template.instances)
-    # of F_q
-    tables += [{"condensed": [[index_of[pair] for pair in product(i.rows, i.q)]
-                              for i in template.instances]}
-               for template in structure.force_templates]
+    for template in structure.force_templates:
+        tables.append({"condensed": [indices(i.rows, i.q) for i in template.instances]})  # F_q
     return tables
 
 
 def _nonzero(constraint: dict[str, Any], name: str) -> list[int]:
-    """Return the entries of G or K, row by row, that are not 0 for every state."""
-    return sorted({k for kernel in constraint["kernels"] if kernel["name"] in (name, f"mean_{name}")
-                   for k in kernel["nonzero"]})
+    """Return the places, row by row, of the entries of G or K that are not 0 for every state.
+
+    ``name`` is "jacobian" for G and "curvature" for K; of IMS and EMS, G and K of the step count
+    too, whose kernels have the prefix ``mean_``.
+    """
+    return sorted({place for kernel in constraint["kernels"]
+                   if kernel["name"] in (name, f"mean_{name}") for place in kernel["nonzero"]})
 
 
 def _free_coordinates(structure: Structure, block_of: dict[int, set[int]]) -> frozenset[int]:
     """Return the free coordinates: each is a block of its own with H_pp = 1/m, F = 0 and g_qq = 0.
 
-    H and g depend on them linearly, with coefficients that are constants.
+    H and g depend on them linearly, with coefficients that are constants. ``block_of`` is the
+    result of ``_kinetic_blocks``.
     """
     bound: set[int] = set()
     for template in (*structure.templates, *structure.constraint_templates):
         state = {*template.q, *template.p}
+        # an expression is linear in x if its derivative by x does not depend on the state
         nonlinear = [k for k, x in enumerate(template.q)
                      if any(e.diff(x).free_symbols & state for e in template.expressions)]
+        # momenta are coupled by H_pp, or to coordinates by H_pq
         coupled = len(template.p) > 1 or any(
             e.diff(y).free_symbols & {*template.q}
             for y in template.p for e in template.expressions)
@@ -255,36 +302,54 @@ def _positions(
 ) -> tuple[list[int], int, frozenset[int]]:
     """Return the places of the unknowns δk, δΛ in a narrow band, half its width, and ``free``.
 
-    All stages of a coordinate, and all nodes of a constraint, are neighbours in the band. The place
-    of the rates of free coordinates is −1.
+    All stages of a coordinate, and all nodes of a constraint, are neighbours in the band. The
+    coordinates ``free`` are eliminated: the place of their rates is −1.
     """
     n, m = structure.system.n, structure.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
-    neighbours: dict[Node, set[Node]] = {**{("q", a): set() for a in range(n) if a not in free},
-                                         **{("g", row): set() for row in range(m)}}
+    neighbours = _coupling_graph(structure, elements, constraint_entries, free)
+    # the unknowns of a node: rates of a coordinate at all stages, multipliers at all p nodes
+    count = {"q": s, "g": p}
+    first: dict[Node, int] = {}
+    positions = [-1] * (s * n + p * m)
+    place = 0
+    for node in reverse_cuthill_mckee(neighbours):
+        kind, index = node
+        first[node] = place
+        for k in range(count[kind]):
+            # δk is stored stage by stage, δΛ behind it constraint node by constraint node
+            unknown = k * n + index if kind == "q" else s * n + k * m + index
+            positions[unknown] = place
+            place += 1
+    # from the first unknown of a node to the last of its neighbour
+    band = max((first[b] + count[b[0]] - 1 - first[a]
+                for a, adjacent in neighbours.items() for b in (a, *adjacent)), default=0)
+    return positions, band, free
+
+
+def _coupling_graph(
+    structure: Structure, elements: list[set[int]],
+    constraint_entries: list[tuple[int, int]], free: frozenset[int],
+) -> dict[Node, set[Node]]:
+    """Return the graph of the condensed matrix: the neighbours of each coordinate and constraint.
+
+    Nodes are ("q", coordinate), without the ``free`` ones, and ("g", constraint). ``elements`` are
+    sets of coordinates that are coupled with each other; ``constraint_entries`` the (constraint,
+    coordinate) of the entries of G.
+    """
+    neighbours: dict[Node, set[Node]] = {
+        ("q", a): set() for a in range(structure.system.n) if a not in free}
+    neighbours |= {("g", row): set() for row in range(structure.system.m)}
+    cliques = [{("q", a) for a in coordinates} for coordinates in elements]
     # a constraint is coupled to its coordinates; through a free one, to all constraints on this
-    groups = [{("q", a) for a in coordinates} for coordinates in elements]
     constraints_on: dict[int, set[Node]] = {a: set() for a in free}
     for row, a in constraint_entries:
         if a in free:
             constraints_on[a].add(("g", row))
         else:
-            groups.append({("g", row), ("q", a)})
-    for nodes in (*groups, *constraints_on.values()):
-        present = nodes & neighbours.keys()
-        for node in present:
-            neighbours[node] |= present - {node}
-    first: dict[Node, int] = {}
-    positions = [-1] * (s * n + p * m)
-    count = 0
-    for node in reverse_cuthill_mckee(neighbours):
-        kind, index = node
-        first[node] = count
-        for k in range(s if kind == "q" else p):
-            positions[k * n + index if kind == "q" else s * n + k * m + index] = count
-            count += 1
-    # from the first unknown of a node to the last of its neighbour
-    size = {"q": s, "g": p}
-    band = max((first[b] + size[b[0]] - 1 - first[a]
-                for a, adjacent in neighbours.items() for b in (a, *adjacent)), default=0)
-    return positions, band, free
+            cliques.append({("g", row), ("q", a)})
+    for clique in (*cliques, *constraints_on.values()):
+        nodes = clique & neighbours.keys()
+        for node in nodes:
+            neighbours[node] |= nodes - {node}
+    return neighbours

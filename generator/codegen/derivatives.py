@@ -41,6 +41,25 @@ LINEARISATION = {
 _MOST_UNKNOWNS, _MOST_COORDINATES = 48, 8
 
 
+class _StateKernels(NamedTuple):
+    """The kernels of functions of one state that derivatives need; None where a system has none.
+
+    Attributes
+    ----------
+    quantities, rates : Kernel or None
+        Derivatives of the user's quantities, and of their rates along a motion.
+    switches : Kernel or None
+        The switching functions of H and the forces.
+    impacts : Kernel or None
+        Derivatives of an impact.
+    """
+
+    quantities: Kernel | None
+    rates: Kernel | None
+    switches: Kernel | None
+    impacts: Kernel | None
+
+
 class _Kernels(NamedTuple):
     """The kernels of the derivatives of a step.
 
@@ -75,57 +94,78 @@ def derivatives_of(
         The iteration on lanes, whose kernels are not emitted again.
     """
     scheme, system, real = derived.scheme, derived.system, derived.real
-    symbols = {str(s): (s, e) for e, s in derived.constants.definitions.items()}
-    constants = [symbols[name] for name in constants_c]
+    definition_of = {str(s): (s, e) for e, s in derived.constants.definitions.items()}
+    constants = [definition_of[name] for name in constants_c]
     times = time_columns(scheme)
     # C has no arrays of length 0: without constants there is one column of zeros
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
     templates = [] if elements is None else element_derivatives(derived, elements)
     step = _step_kernels(derived, columns, has_templates=bool(templates))
-    kernels = [emit_kernel(k, derived.constants, real) for k in step.derivatives]
-    lanes: list[EmittedKernel] = []
-    if iteration is not None and not templates and _fits_lanes(derived):
-        names = {k.name for k in iteration.kernels}
-        lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
-                 for k in step.linearisation if f"lanes_{k.name}" not in names]
-        # all others are evaluated on lanes; these also once, at the end of a step
-        end_kernels = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative",
-                       *({"rates_by_constants"} if system.is_time_dependent else ())}
-        kernels = [k for k in kernels if k.name in end_kernels]
+    kernels, lanes = _emitted(derived, step, None if templates else iteration)
+    states = _state_kernels(derived)
     # functions of one state are in the user's parameters, not in constants of a run
-    quantities = quantity_derivatives(system)
-    rates = quantity_rates(system) if derived.profile == "full" else None
-    switches = switch_kernel(system)
-    impacts = impact_derivatives(system) if derived.second else None
     kernels += [emit_kernel(kernel, Constants(system.parameters), real,
                             Target(real.c_type, "parameters_t", ""))
-                for kernel in (quantities, rates, switches, impacts) if kernel is not None]
-    scalar_kernels = [*kernels, *(k["scalar"] for template in templates for k in template["own"])]
+                for kernel in states if kernel is not None]
     # dc_i/dθ_j, the chain rule from constants to parameters
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
                        | {START: f"par->{system.time}"})
     slopes = _slopes([e for _, e in constants], system.parameters)
+    chain = [(i, j, printer.number(d)) for i, j, d in slopes]
     # second derivatives, and derivatives of flows that are not on lanes, are by dual numbers
-    duals = dual_kernels(derived, step.duals, [d for *_, d in slopes]) if derived.second or (
-        isinstance(scheme, SplittingScheme) and not lanes) else None
+    needs_duals = derived.second or (isinstance(scheme, SplittingScheme) and not lanes)
+    duals = dual_kernels(derived, step.duals, [d for *_, d in slopes]) if needs_duals else None
+    called = frozenset(printer.functions).union(*(k.functions for k in kernels))
+    called = called.union(*(k["scalar"].functions for template in templates
+                            for k in template["own"]))
     index_of = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,
         columns=len(columns),
         times=len(times),
-        chain=[(i, j, printer.number(d)) for i, j, d in slopes],
+        chain=chain,
         inputs=[index_of.get(str(u), -1) for u in system.inputs],
-        functions=frozenset(printer.functions).union(
-            duals.functions if duals else (), *(k.functions for k in scalar_kernels)),
+        functions=called | duals.functions if duals else called,
         parts=templates,
         lanes=lanes,
-        quantities=quantities is not None,
-        quantity_rates=rates is not None,
+        quantities=states.quantities is not None,
+        quantity_rates=states.rates is not None,
         duals=duals,
         second=derived.second,
-        impacts=impacts is not None,
-        switches=0 if switches is None else len(switches.outputs["w"]),
+        impacts=states.impacts is not None,
+        switches=0 if states.switches is None else len(states.switches.outputs["w"]),
     )
+
+
+def _emitted(
+    derived: Derived, step: _Kernels, iteration: LaneIteration | None
+) -> tuple[list[EmittedKernel], list[EmittedKernel]]:
+    """Return the C of the kernels of a step's derivatives: on numbers, and on lanes.
+
+    There are none on lanes if ``iteration`` is None or the system is not small; with them, numbers
+    keep only the kernels that are called once a step, at its end.
+    """
+    scalar = [emit_kernel(k, derived.constants, derived.real) for k in step.derivatives]
+    if iteration is None or not _fits_lanes(derived):
+        return scalar, []
+    # the iteration has emitted some of them already
+    names = {k.name for k in iteration.kernels}
+    lanes = [emit_kernel(k, derived.constants, derived.real, Target.lanes({}))
+             for k in step.linearisation if f"lanes_{k.name}" not in names]
+    end_kernels = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative"}
+    if derived.system.is_time_dependent:
+        end_kernels.add("rates_by_constants")
+    return [k for k in scalar if k.name in end_kernels], lanes
+
+
+def _state_kernels(derived: Derived) -> _StateKernels:
+    """Return the kernels of functions of one state; rates of quantities only in profile full."""
+    system = derived.system
+    return _StateKernels(
+        quantities=quantity_derivatives(system),
+        rates=quantity_rates(system) if derived.profile == "full" else None,
+        switches=switch_kernel(system),
+        impacts=impact_derivatives(system) if derived.second else None)
 
 
 def _step_kernels(
@@ -133,7 +173,8 @@ def _step_kernels(
 ) -> _Kernels:
     """Return the kernels of the derivatives of a step, by state and by ``columns``.
 
-    Element templates have kernels of their own (``element_derivatives``).
+    ``columns`` are the symbols of the constants, then of the times. Element templates have kernels
+    of their own (``element_derivatives``): no kernels are returned for them.
     """
     if has_templates:
         return _Kernels([], [], [])
@@ -164,8 +205,12 @@ def _fits_lanes(derived: Derived) -> bool:
 def _slopes(
     constants: Sequence[sp.Expr], parameters: Sequence[sp.Symbol]
 ) -> list[tuple[int, int, sp.Expr]]:
-    """Return the nonzero (i, j, dc_i/dθ_j) of the constants c and the parameters θ."""
+    """Return the nonzero (i, j, dc_i/dθ_j) of the constants c(θ) and the parameters θ."""
     order = {p: j for j, p in enumerate(parameters)}
-    return [(i, order[p], d) for i, e in enumerate(constants)
-            for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__)
-            if (d := derivative(e, p)) != 0]
+    slopes: list[tuple[int, int, sp.Expr]] = []
+    for i, e in enumerate(constants):
+        for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__):
+            slope = derivative(e, p)
+            if slope != 0:
+                slopes.append((i, order[p], slope))
+    return slopes

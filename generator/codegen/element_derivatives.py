@@ -63,14 +63,16 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
     for kind, (templates, tables, kernels_of) in enumerate(kinds):
         for template, table in zip(templates, tables, strict=True):
             derivative_kernels = emit.all(table["name"], kernels_of(template, scheme, times))
-            by_name = {k["name"]: k for k in (*table["kernels"], *derivative_kernels)}
             extended = table | {"kind": kind, "columns": table["nk"] + len(times),
                                 "own": derivative_kernels}
-            groups = {name: [by_name[k] for k in kernels[kind] if k in by_name]
-                      for name, kernels in _GROUPS.items()}
-            derivative_tables.append(extended | {
-                "groups": {name: _group(extended, name, kernels)
-                           for name, kernels in groups.items() if kernels}})
+            # a group may have kernels of the step itself, such as the Hessian of H
+            by_name = {k["name"]: k for k in (*table["kernels"], *derivative_kernels)}
+            groups: dict[str, dict[str, Any]] = {}
+            for name, kernel_names in _GROUPS.items():
+                kernels = [by_name[k] for k in kernel_names[kind] if k in by_name]
+                if kernels:
+                    groups[name] = _group(extended, name, kernels)
+            derivative_tables.append(extended | {"groups": groups})
     return derivative_tables
 
 
@@ -80,58 +82,75 @@ def _group(
     """Return the matrix-vector products of a template in a group, as the template of C reads them.
 
     ``calls`` are the kernels; ``matrices`` their outputs, each of which is multiplied by its
-    ``direction`` (q, p or constants c) and added to its ``sum``; ``places`` are (row, column) of
-    the entries that are not always 0. ``outputs`` and ``inputs`` are these sums and directions with
-    their lengths ``n``, the index tables of the instances, and the ``entries`` that a product has.
+    ``direction`` (q, p or constants c) and added to its ``sum``. ``outputs`` and ``inputs`` are
+    these sums and directions with their lengths ``n``, the index tables of the instances, and the
+    ``entries`` that a product has.
     """
-    # the array of indices by which the instances add each sum
+    # the index table by which the instances add each sum
     index_of = {"force": "q" if template["kind"] == 0 else "row", "velocity": "p",
                 "out": "q" if name.endswith("force") else "row"}
-    size = {"q": template["nq"], "p": template["np"], "row": template["rows"],
-            "c": template["columns"]}
-    matrices: list[dict[str, Any]] = []
-    for kernel in kernels:
-        # ``nonzero`` counts through the entries of all outputs of a kernel
-        first, nonzero = 0, set(kernel["nonzero"])
-        for output in kernel["outputs"]:
-            for total, direction, transposed in _PRODUCTS[output]:
-                sides = index_of[total], direction
-                rows, columns = (size[side] for side in (sides[::-1] if transposed else sides))
-                places = [divmod(e, columns) for e in range(rows * columns) if first + e in nonzero]
-                matrices.append({"name": output, "sum": total, "direction": direction,
-                                 "transposed": transposed, "rows": rows, "columns": columns,
-                                 "places": places})
-            first += rows * columns
-    # the array ``force`` is that of H_q − F
+    length_of = {"q": template["nq"], "p": template["np"], "row": template["rows"],
+                 "c": template["columns"]}
+    length_of |= {total: length_of[index] for total, index in index_of.items()}
+    matrices = [matrix for kernel in kernels for matrix in _matrices(kernel, length_of)]
+    # the array ``force`` is H_q − F: products with derivatives of F are subtracted
     sign = "-" if template["kind"] == 2 else "+"
     return {
         "calls": kernels,
         "matrices": matrices,
-        "outputs": [{"name": total, "index": index_of[total], "n": size[index_of[total]],
+        "outputs": [{"name": total, "index": index_of[total], "n": length_of[total],
                      "sign": sign, "entries": entries}
                     for total, entries in _nonzero_entries(matrices, "sum").items()],
-        "inputs": [{"name": direction, "index": direction, "n": size[direction], "sign": "+",
+        "inputs": [{"name": direction, "index": direction, "n": length_of[direction], "sign": "+",
                     "entries": entries}
                    for direction, entries in _nonzero_entries(matrices, "direction").items()
                    if direction != "c"],
     }
 
 
+def _matrices(kernel: dict[str, Any], length_of: dict[str, int]) -> list[dict[str, Any]]:
+    """Return the matrices of a kernel's outputs, one for each product of ``_PRODUCTS``.
+
+    ``length_of`` has the length of each sum and of each direction. ``places`` are the (row, column)
+    of the entries that are not always 0.
+    """
+    matrices: list[dict[str, Any]] = []
+    # ``nonzero`` counts through the entries of all outputs of a kernel
+    first, nonzero = 0, set(kernel["nonzero"])
+    for output in kernel["outputs"]:
+        for total, direction, transposed in _PRODUCTS[output]:
+            rows, columns = length_of[total], length_of[direction]
+            if transposed:  # the product with the transpose: the matrix itself has the other shape
+                rows, columns = columns, rows
+            places = [divmod(e, columns) for e in range(rows * columns) if first + e in nonzero]
+            matrices.append({"name": output, "sum": total, "direction": direction,
+                             "transposed": transposed, "rows": rows, "columns": columns,
+                             "places": places})
+        first += rows * columns
+    return matrices
+
+
 def _nonzero_entries(matrices: Sequence[dict[str, Any]], side: str) -> dict[str, list[int]]:
-    """Return the entries of each "sum", or "direction", by ``side``, that a nonzero product has."""
+    """Return name → indices of the entries that a nonzero product has.
+
+    Names are the sums for ``side`` "sum", and the directions for ``side`` "direction".
+    """
     entries_of: dict[str, set[int]] = {}
-    for m in matrices:
-        # a direction is multiplied by columns, or by rows of the transpose
-        for place in m["places"]:
-            entries_of.setdefault(m[side], set()).add(
-                place[m["transposed"] != (side == "direction")])
+    for matrix in matrices:
+        # M v: rows belong to the sum, columns to the direction; Mᵀ v: the other way round
+        by_column = matrix["transposed"] != (side == "direction")
+        for row, column in matrix["places"]:
+            entries_of.setdefault(matrix[side], set()).add(column if by_column else row)
     return {name: sorted(entries) for name, entries in entries_of.items()}
 
 
 def _by(
     template: ElementTemplate, expressions: Sequence[sp.Expr], times: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    """Return the derivatives of expressions by the constants of an instance and by the times."""
+    """Return the derivatives of expressions by the constants of an instance and by the times.
+
+    One row for each expression, with the columns of the constants first.
+    """
     return by_each(expressions, [*template.constants, *times])
 
 
@@ -159,6 +178,7 @@ def _energy(
                     "H_pc": _by(template, element.H_p if template.p else [], times)})
     if isinstance(scheme, SparkScheme):
         return _nonempty([state])
+    # IMS and EMS
     nq, np = len(template.q), len(template.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
     D_q, D_p = mean_gradient_of(element, (qm, pm), (dq, dp), scheme.discrete)
@@ -176,20 +196,22 @@ def _energy(
 def _constraint(
     template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
-    """Return the kernels of a constraint g: g, G v + g_t and G^T lambda by q and by constants."""
+    """Return the kernels of a constraint g: derivatives of g, of its rate and of its force.
+
+    The rate is G v + g_t and the force Gᵀ λ; IMS and EMS have the force with the mean G of a step.
+    Derivatives are by q, and by constants and ``times``.
+    """
     nq, m = len(template.q), len(template.expressions)
     lam, v = vector("lambda", m), vector("d", nq)
     G = jacobian(template.expressions, template.q)
-    rates = [sp.Add(*(a * x for a, x in zip(row, v, strict=True))) for row in G]
-    if template.time is not None:
-        g_t = jacobian(template.expressions, [template.time])
-        rates = [sp.Add(rate, row[0]) for rate, row in zip(rates, g_t, strict=True)]
+    rates = _rates(template, G, v)
+    at_velocity = local_inputs(template, d=v)
     kernels = [
         Kernel("by_constants", "dg/dc", local_inputs(template),
                {"g_c": _by(template, template.expressions, times)}),
-        Kernel("velocity_by_coordinates", "d(G v + g_t)/dq at fixed v", local_inputs(template, d=v),
+        Kernel("velocity_by_coordinates", "d(G v + g_t)/dq at fixed v", at_velocity,
                {"f_q": jacobian(rates, template.q)}),
-        Kernel("velocity_by_constants", "d(G v + g_t)/dc at fixed v", local_inputs(template, d=v),
+        Kernel("velocity_by_constants", "d(G v + g_t)/dc at fixed v", at_velocity,
                {"f_c": _by(template, rates, times)}),
     ]
     if isinstance(scheme, SparkScheme):
@@ -197,6 +219,7 @@ def _constraint(
                               local_inputs(template, **{"lambda": lam}),
                               {"force_c": _by(template, transposed_product(G, lam), times)}))
         return _nonempty(kernels)
+    # of q₁ and q₀, the kernels take the mean qm and the difference dq
     qm, dq = vector("qm", nq), vector("dq", nq)
     mean_G, _ = mean_jacobian(template, qm, dq, scheme.discrete)
     force = transposed_product(mean_G, lam)
@@ -208,6 +231,17 @@ def _constraint(
         Kernel("mean_force_by_constants", "d(G^T lambda)/dc between two states", arguments,
                {"force_c": _by(template, force, times)}),
     ])
+
+
+def _rates(
+    template: ElementTemplate, G: list[list[sp.Expr]], v: Sequence[sp.Symbol]
+) -> list[sp.Expr]:
+    """Return the rates G v + g_t of the constraints of a template along the velocity v."""
+    rates = [sp.Add(*(a * x for a, x in zip(row, v, strict=True))) for row in G]
+    if template.time is None:
+        return rates
+    g_t = jacobian(template.expressions, [template.time])
+    return [sp.Add(rate, row[0]) for rate, row in zip(rates, g_t, strict=True)]
 
 
 def _force(

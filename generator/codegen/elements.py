@@ -7,7 +7,8 @@ instance. The functions of the whole system, which gather and scatter, are in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import accumulate
 from typing import Any
 
 import sympy as sp
@@ -49,33 +50,33 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         entries of the condensed system, if H_pp is invertible block by block (``Condensation``).
     """
     scheme, emit = derived.implicit, Emitter(derived.constants, derived.real)
-    templates = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
     # constants in the order of the system, so that equal systems have equal C
-    constants = sorted({c for template in templates for i in template.instances
-                        for c in i.constants})
+    constants = sorted({c for template in (*structure.templates, *structure.constraint_templates,
+                                           *structure.force_templates)
+                        for i in template.instances for c in i.constants})
     index = {c: position for position, c in enumerate(constants)}
-    # IMS and EMS evaluate gradients between two states, and have kernels for these as well
-    between, constrained = isinstance(scheme, MeanScheme), bool(structure.system.m)
+
+    def tables(
+        kind: str, templates: Sequence[ElementTemplate],
+        kernels_of: Callable[[ElementTemplate], list[Placed]],
+    ) -> list[dict[str, Any]]:
+        """Return the tables of the templates of one kind, named ``kind0``, ``kind1`` and so on."""
+        return [_table_of(f"{kind}{f}", template, index)
+                | {"kernels": emit.all(f"{kind}{f}", kernels_of(template))}
+                for f, template in enumerate(templates)]
+
+    constrained, time = bool(structure.system.m), time_input(structure.system)
+    energies = tables("term", structure.templates,
+                      lambda template: _energy_kernels(template, scheme, constrained))
+    constraints = tables("constraint", structure.constraint_templates,
+                         lambda template: _constraint_kernels(template, scheme))
+    forces = tables("force", structure.force_templates,
+                    lambda template: force_kernels(template, time))
     blocks = _Blocks(structure)
-    energies, constraints, forces = (list[dict[str, Any]]() for _ in range(3))
-    for f, template in enumerate(structure.templates):
-        kernels = term_kernels(template, between=between, constrained=constrained)
-        if isinstance(scheme, MeanScheme):
-            kernels += mean_term_kernels(template, scheme.discrete)
-        energies.append(_table_of(f"term{f}", template, index)
-                        | {"kernels": emit.all(f"term{f}", kernels),
-                           "blocks": blocks.of_elements[f]})
-    for f, template in enumerate(structure.constraint_templates):
-        kernels = constraint_kernels(template, between=between)
-        if isinstance(scheme, MeanScheme):
-            kernels += mean_constraint_kernels(template, scheme.discrete)
-        constraints.append(_table_of(f"constraint{f}", template, index)
-                           | {"kernels": emit.all(f"constraint{f}", kernels),
-                              "places": blocks.places[f]})
-    for f, template in enumerate(structure.force_templates):
-        kernels = force_kernels(template, time_input(structure.system))
-        forces.append(_table_of(f"force{f}", template, index)
-                      | {"kernels": emit.all(f"force{f}", kernels)})
+    for table, blocks_of_table in zip(energies, blocks.of_elements, strict=True):
+        table["blocks"] = blocks_of_table
+    for table, places in zip(constraints, blocks.places, strict=True):
+        table["places"] = places
     condensed = condensation_of(structure, scheme, constraints)
     if condensed:
         for table, condensed_table in zip((*energies, *constraints, *forces), condensed.tables,
@@ -83,11 +84,11 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
             table |= condensed_table
     # order of the unknowns and half the bandwidth of Newton's matrix, where it is not condensed
     positions, band = _band(structure, scheme)
-    symbols = list(scheme.system.parameters)
+    parameters = scheme.system.parameters
     momenta = [a for template in structure.templates for i in template.instances for a in i.p]
     return Elements(
         energies, constraints, forces,
-        used_constants=[str(symbols[c]) for c in constants],
+        used_constants=[str(parameters[c]) for c in constants],
         blocks=blocks,
         # each momentum in one instance: H_p is written by the instances, and no zeros before them
         covers_momenta=sorted(momenta) == list(range(structure.system.n)),
@@ -99,8 +100,34 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
     )
 
 
+def _energy_kernels(
+    template: ElementTemplate, scheme: SparkScheme | MeanScheme, constrained: bool
+) -> list[Placed]:
+    """Return the kernels of a term of H; for IMS and EMS also those between two states."""
+    kernels = term_kernels(template, between=isinstance(scheme, MeanScheme),
+                           constrained=constrained)
+    if isinstance(scheme, MeanScheme):
+        kernels += mean_term_kernels(template, scheme.discrete)
+    return kernels
+
+
+def _constraint_kernels(
+    template: ElementTemplate, scheme: SparkScheme | MeanScheme
+) -> list[Placed]:
+    """Return the kernels of a constraint; for IMS and EMS also those between two states."""
+    kernels = constraint_kernels(template, between=isinstance(scheme, MeanScheme))
+    if isinstance(scheme, MeanScheme):
+        kernels += mean_constraint_kernels(template, scheme.discrete)
+    return kernels
+
+
 def _elimination_tables(elimination: Elimination) -> dict[str, Any]:
-    """Return the tables of the factors of W, pivot by pivot, as the template of C reads them."""
+    """Return the tables of the factors of W = G H_pp Gᵀ, as the template of C reads them.
+
+    For pivot k in ``order``: ``counts[k]`` rows below it in ``flat_rows``, the entries that they
+    change in ``flat_targets``, and ``before_counts[k]`` earlier pivots in ``before_rows``, with the
+    entries of row k in their columns in ``before_slots``.
+    """
     return {
         "entries": elimination.entries,
         "order": elimination.order,
@@ -141,21 +168,24 @@ class Emitter:
     def all(self, prefix: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
         """Return the kernels of an element template, one dict each, as the C template reads them.
 
-        ``scalar`` and ``lanes`` are the C, None where the kernel is not needed.
+        ``prefix``, the name of the template, begins their names in C. ``scalar`` and ``lanes`` are
+        the C, None where the kernel is not needed; ``nonzero`` the places, through all outputs, of
+        the entries that are not always 0.
         """
         emitted = []
-        for kernel, where in kernels:
-            named = Kernel(f"{prefix}_{kernel.name}", kernel.doc,
-                           {a: s for a, s in kernel.inputs.items() if s}, kernel.outputs,
+        for kernel, use in kernels:
+            # C has no arrays of length 0
+            inputs = {array: symbols for array, symbols in kernel.inputs.items() if symbols}
+            named = Kernel(f"{prefix}_{kernel.name}", kernel.doc, inputs, kernel.outputs,
                            kernel.compensated)
             scalar = emit_kernel(named, self.constants, self.real)
             lanes = emit_kernel(named, self.constants, self.real, Target.lanes({}))
+            entries = _entries([*named.outputs.values()])
             emitted.append({"name": kernel.name, "inputs": list(named.inputs),
                             "outputs": list(named.outputs),
-                            "nonzero": [place for place, entry in enumerate(
-                                _entries([*named.outputs.values()])) if entry != 0],
-                            "scalar": scalar if where != LANES else None,
-                            "lanes": lanes if where != NUMBERS else None,
+                            "nonzero": [place for place, e in enumerate(entries) if e != 0],
+                            "scalar": scalar if use != LANES else None,
+                            "lanes": lanes if use != NUMBERS else None,
                             "operations": scalar.operations})
         return emitted
 
@@ -177,37 +207,44 @@ def local_inputs(
 def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool) -> list[Placed]:
     """Return the kernels of a term of H: H, (H_p, H_q), H_p, H_pp, H_t and second derivatives.
 
-    With ``between``, a step of IMS or EMS, whose second derivatives ``mean_term_kernels`` has. H_p
-    for numbers and H_pp serve the constraint on the momenta, G H_p + g_t = 0, of ``constrained``
-    systems.
+    ``between``: the scheme is IMS or EMS, whose second derivatives are in ``mean_term_kernels``.
+    H_p for numbers and H_pp serve the constraint on the momenta, G H_p + g_t = 0, of
+    ``constrained`` systems. Derivatives by q or p are left out where the term has no q or no p.
     """
     system = template.system
     arguments = local_inputs(template)
-    gradients: dict[str, Any] = {"H_q": system.H_q} if template.q else {}
+    gradients: dict[str, Any] = {}
+    second: dict[str, Any] = {}
+    # the order of the outputs is the order of the arguments in C
     if template.p:
-        gradients = {"H_p": system.H_p} | gradients
+        gradients["H_p"] = system.H_p
+    if template.q:
+        gradients["H_q"] = system.H_q
+        second["H_qq"] = system.H_qq
+    if template.p and template.q:
+        second["H_pq"] = system.H_pq
+    if template.p:
+        second["H_pp"] = system.H_pp
     kernels = [
         (Kernel("energy", f"H of {_short(system.H)}", arguments, {"H": template.expressions[-1]}),
          BOTH),
         (Kernel("gradient", "derivatives of H", arguments, gradients),
          NUMBERS if between else BOTH),
     ]
-    second: dict[str, Any] = {"H_qq": system.H_qq} if template.q else {}
     if template.p:
         kernels.append((Kernel("velocity", "H_p", arguments, {"H_p": system.H_p}),
                         BOTH if constrained else LANES))
         kernels.append((Kernel("mass", "H_pp, the inverse of a mass", arguments,
                                {"H_pp": system.H_pp}),
                         BOTH))
-        second |= ({"H_pq": system.H_pq} if template.q else {}) | {"H_pp": system.H_pp}
     if template.time is not None and not between:
         kernels.append((Kernel("energy_rate", "H_t", arguments, {"H_t": system.H_t}), BOTH))
     kernels.append((Kernel("hessian", "second derivatives of H", arguments, second), NUMBERS))
     # IMS and EMS have kernels of their own between two states: ``mean_term_kernels``
     dropped = {"gradient", "hessian"} if between else set()
     if not constrained:
-        dropped |= {"mass"} | ({"velocity"} if between else set())
-    return [(kernel, where) for kernel, where in kernels
+        dropped |= {"mass", "velocity"} if between else {"mass"}
+    return [(kernel, use) for kernel, use in kernels
             if kernel.outputs and kernel.name not in dropped]
 
 
@@ -236,7 +273,10 @@ def constraint_kernels(template: ElementTemplate, *, between: bool) -> list[Plac
 
 
 def force_kernels(template: ElementTemplate, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
-    """Return the kernels of a template of forces: F, and F_q and F_p if it depends on the state."""
+    """Return the kernels of a template of forces: F, and F_q and F_p if it depends on the state.
+
+    ``time`` is the input of the time by its name, {} for a system without one.
+    """
     arguments = {"q": template.q, "p": template.p, **time, "k": template.constants}
     F = list(template.expressions)
     kernels = [(Kernel("value", "F, which no potential has", arguments, {"F": F}), BOTH)]
@@ -258,25 +298,33 @@ def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
     D_q, D_p = mean_gradient_of(template.system, (qm, pm), (dq, dp), discrete)
     arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": template.constants}
-    # C has no arrays of length 0: outputs without entries are left out below
-    outputs = {"D_q": D_q, "D_p": D_p}
-    second = {"D_qq": by_increment(D_q, qm, dq) if nq else [],
-              "D_qp": by_increment(D_q, pm, dp) if nq and np else [],
-              "D_pq": by_increment(D_p, qm, dq) if nq and np else [],
-              "D_pp": by_increment(D_p, pm, dp) if np else []}
-    drive = [] if template.time is None else [
-        (Kernel("mean_energy_rate", "mean of dH/dt between two states", arguments,
-                {"D_t": mean_slopes_of(template.system, (qm, pm), (dq, dp), discrete)[-1]
-                 if template.system.is_time_dependent else sp.Integer(0)}), BOTH)]
+    # C has no arrays of length 0: outputs without entries are left out
+    gradient: dict[str, Any] = {}
+    second: dict[str, Any] = {}
+    if nq:
+        gradient["D_q"] = D_q
+        second["D_qq"] = by_increment(D_q, qm, dq)
+    if nq and np:
+        second["D_qp"] = by_increment(D_q, pm, dp)
+        second["D_pq"] = by_increment(D_p, qm, dq)
+    if np:
+        gradient["D_p"] = D_p
+        second["D_pp"] = by_increment(D_p, pm, dp)
     kernels = [
-        (Kernel("mean_gradient", "mean gradient of H between two states", arguments,
-                {a: e for a, e in outputs.items() if e}), BOTH if nq else NUMBERS),
-        (Kernel("mean_jacobian", "its derivatives by dq and dp", arguments,
-                {a: e for a, e in second.items() if e}), NUMBERS),
+        (Kernel("mean_gradient", "mean gradient of H between two states", arguments, gradient),
+         BOTH if nq else NUMBERS),
+        (Kernel("mean_jacobian", "its derivatives by dq and dp", arguments, second), NUMBERS),
     ]
     if np:
         kernels.append((Kernel("mean_velocity", "D_p", arguments, {"D_p": D_p}), LANES))
-    return [(kernel, where) for kernel, where in [*kernels, *drive] if kernel.outputs]
+    if template.time is not None:
+        rate = sp.Integer(0)
+        if template.system.is_time_dependent:
+            # the slope by t follows the slopes by q and p
+            *_, rate = mean_slopes_of(template.system, (qm, pm), (dq, dp), discrete)
+        kernels.append((Kernel("mean_energy_rate", "mean of dH/dt between two states", arguments,
+                               {"D_t": rate}), BOTH))
+    return [(kernel, use) for kernel, use in kernels if kernel.outputs]
 
 
 def mean_constraint_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]:
@@ -308,9 +356,11 @@ def mean_jacobian(
 ) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:
     """Return the mean G between two states, and g_t, of a template of constraints.
 
-    Row r is the mean gradient of g_r, as of a Hamiltonian without momenta.
+    Row r is the mean gradient of g_r, as of a Hamiltonian without momenta. ``qm`` and ``dq`` are
+    the mean and the difference of the coordinates of the two states.
     """
     n = len(template.q)
+    # a system has as many momenta as coordinates: these occur in no g
     p, pm, dp = (vector(name, n) for name in ("unused", "pm", "dp"))
     systems = [ElementSystem(template.q, tuple(p), template.constants, g, time=template.time)
                for g in template.expressions]
@@ -320,6 +370,7 @@ def mean_jacobian(
 
 
 def _short(e: sp.Expr) -> str:
+    """Return the first 100 characters of e for a comment in C."""
     text = str(e).replace("**", "^")
     return text if len(text) <= 100 else text[:97] + "..."
 
@@ -345,9 +396,9 @@ class _Blocks:
     """
 
     def __init__(self, structure: Structure) -> None:
-        """Number the blocks G_i of rows and momenta, instance by instance, and their slots in W."""
+        """Number the blocks G_c of rows and momenta, instance by instance, and their slots in W."""
         slot_of = structure.elimination.slot_of
-        entry_index: dict[tuple[int, int], int] = {}  # (row, coordinate) → place in G
+        place_of: dict[tuple[int, int], int] = {}  # (row, coordinate) → place in G
         self.of_elements: list[dict[str, list[Any]]] = []
         self.slots: list[int] = []
         self.entries = 0
@@ -359,23 +410,31 @@ class _Blocks:
                 blocks["place"].append(self.entries)
                 blocks["slot"].append(len(self.slots))
                 for i, row in enumerate(rows):
-                    entry_index |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
+                    place_of |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
                     self.entries += len(instance.p)
-                    # W is stored as the elimination stores its factors
+                    # W is stored as the elimination stores its factors: the lower triangle
                     self.slots += [slot_of[row, column] for column in rows[: i + 1]]
             self.of_elements.append(blocks)
-        self.places = []
-        for template in structure.constraint_templates:
-            G = jacobian(template.expressions, template.q)
-            # −1: an entry that is 0 for every state, or of a coordinate without momenta, is not
-            # stored
-            self.places.append([
-                [entry_index.get((row, a), -1) if G[r][b] != 0 else -1
-                 for r, row in enumerate(instance.rows) for b, a in enumerate(instance.q)]
-                for instance in template.instances])
+        self.places = [_places_in_G(template, place_of)
+                       for template in structure.constraint_templates]
         nonzero = {entry for places_of_template in self.places
                    for places in places_of_template for entry in places}
         self.is_full = nonzero.issuperset(range(self.entries))  # none of the entries is always 0
+
+
+def _places_in_G(
+    template: ElementTemplate, place_of: dict[tuple[int, int], int]
+) -> list[list[int]]:
+    """Return, for each instance of a constraint, the places of its derivatives in G, row by row.
+
+    ``place_of`` maps (row, coordinate) to a place. An entry that is 0 for every state, or whose
+    coordinate has no momentum in H, is not stored: its place is −1.
+    """
+    G = jacobian(template.expressions, template.q)
+    return [[place_of.get((row, a), -1) if derivative != 0 else -1
+             for row, derivatives in zip(instance.rows, G, strict=True)
+             for a, derivative in zip(instance.q, derivatives, strict=True)]
+            for instance in template.instances]
 
 
 def _second_derivatives(
@@ -391,35 +450,43 @@ def _second_derivatives(
     n = structure.system.n
     block_first, block_count = [0] * n, [0] * n
     block_row: list[int] = []
-    mixed: list[dict[int, int]] = [{} for _ in range(n)]  # momentum → row → place in its column
-    pp = 0  # entries of H_pp so far
     for template, energy in zip(structure.templates, energies, strict=True):
-        energy |= {"pp_start": pp, "mixed": []}
-        for instance in template.instances if template.p else ():
+        energy["pp_start"] = len(block_row)
+        for instance in template.instances:
             for a in instance.p:
                 block_first[a], block_count[a] = len(block_row), len(instance.p)
                 block_row += instance.p
-                pp += len(instance.p)
-                for b in instance.q:
-                    mixed[a].setdefault(b, len(mixed[a]))
+    mixed = _mixed_columns(structure)
+    # columns of different length in one array: column e begins at first[e]
+    first = [0, *accumulate(map(len, mixed))]
+    for template, energy in zip(structure.templates, energies, strict=True):
+        energy["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
+                           for i in template.instances]
+    for template, force in zip(structure.force_templates, forces, strict=True):
+        force["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
+                          for i in template.instances]
+    return {"block_first": block_first, "block_count": block_count, "block_row": block_row,
+            "mixed_first": first, "mixed_row": [row for column in mixed for row in column],
+            "pp_entries": len(block_row), "mixed_entries": first[-1]}
+
+
+def _mixed_columns(structure: Structure) -> list[dict[int, int]]:
+    """Return the columns of H_qp − F_p, one for each momentum: row → place in the column.
+
+    Only rows are listed that some element of H or some force has; H comes before the forces.
+    """
+    columns: list[dict[int, int]] = [{} for _ in range(structure.system.n)]
+    for template in structure.templates:
+        for instance in template.instances:
+            for a in instance.p:
+                for row in instance.q:
+                    columns[a].setdefault(row, len(columns[a]))
     for template in structure.force_templates:
         for instance in template.instances:
             for a in instance.p:
                 for row in instance.rows:
-                    mixed[a].setdefault(row, len(mixed[a]))
-    first = [0]
-    # columns of different length in one array: column e begins at first[e]
-    for entries in mixed:
-        first.append(first[-1] + len(entries))
-    for template, energy in zip(structure.templates, energies, strict=True):
-        energy["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
-                         for i in template.instances]
-    for template, force in zip(structure.force_templates, forces, strict=True):
-        force["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
-                         for i in template.instances]
-    return {"block_first": block_first, "block_count": block_count, "block_row": block_row,
-            "mixed_first": first, "mixed_row": [b for entries in mixed for b in entries],
-            "pp_entries": pp, "mixed_entries": first[-1]}
+                    columns[a].setdefault(row, len(columns[a]))
+    return columns
 
 
 def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[int], int]:
@@ -432,9 +499,10 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     # the unknowns of one coordinate, s stages of k and of k̂, are neighbours in the band, as every
     # stage is coupled to all others
-    unknowns = {("q", a): [half * s * n + i * n + a for half in (0, 1) for i in range(s)]
+    first_k_hat, first_multiplier = s * n, 2 * s * n
+    unknowns = {("q", a): [start + i * n + a for start in (0, first_k_hat) for i in range(s)]
                 for a in range(n)}
-    unknowns |= {("g", row): [2 * s * n + node * m + row for node in range(p)]
+    unknowns |= {("g", row): [first_multiplier + node * m + row for node in range(p)]
                  for row in range(m)}
     position: dict[int, int] = {}
     first, last = {}, {}
@@ -443,7 +511,8 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
         for unknown in unknowns[node]:
             position[unknown] = len(position)
         last[node] = len(position) - 1
+    # coupled coordinates and constraints: the largest distance of two of their unknowns
     band = 0
     for nodes in structure.coupled:
         band = max(band, max(last[x] for x in nodes) - min(first[x] for x in nodes))
-    return [position[u] for u in range(len(position))], band
+    return [position[unknown] for unknown in range(len(position))], band

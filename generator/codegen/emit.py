@@ -141,32 +141,26 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     InputError
         If the profile does not support the system or the tableau; see ``plain_iteration``.
     """
-    scheme, system, constants, real = (
-        derived.scheme, derived.system, derived.constants, derived.real)
+    scheme, system, real = derived.scheme, derived.system, derived.real
     if derived.second:
         refuse_second(derived)
     is_control = derived.profile == "control"
     # step equations: kernels written out, sums over element templates, or the flows of a splitting
     element_sums = _elements(derived, elements)
     flows = flows_of(derived) if isinstance(scheme, SplittingScheme) else None
+    kernels = [] if element_sums else _step_kernels(derived, flows)
     # their fixed-point iteration: on vector lanes, on plain numbers, or why there is none
     lanes, plain, refusal = _iterations(derived, element_sums, flows)
-    kernels = [] if element_sums else _step_kernels(derived, flows)
     iteration_kernels, renamed = additional_kernels(kernels, plain.kernels if plain else [])
     step_kernels = [*kernels, *(plain.known if plain else []), *(lanes.kernels if lanes else []),
                     *(element_sums.kernels if element_sums else [])]
     # functions of one state, in the parameters
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
-    # constants of a run
-    printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters}
-                       | {START: f"par->{system.time}"},
-                       explicit=is_control)
-    definitions = _used_constants(constants, step_kernels, element_sums)
-    constants_c = {str(s): printer(e) for e, s in definitions.items()}
-    single_constants, constant_loops = split_constants(constants_c)
-    derivatives = (derivatives_of(derived, constants_c, element_sums, lanes) if derived.derivatives
-                   else None)
+    constants, constant_calls = _run_constants(derived, step_kernels, element_sums)
+    derivatives = None
+    if derived.derivatives:
+        derivatives = derivatives_of(derived, constants["constants_c"], element_sums, lanes)
     # functions of <math.h> and of the engine that the C calls: derivatives and functions of one
     # state on numbers, the step on numbers or on lanes
     lane_derivatives = derivatives.lanes if derivatives else []
@@ -176,7 +170,7 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         lanes = _with_functions(lanes, state_calls | _called_by(lane_derivatives))
     # kernels on lanes call versions of their own, which ``LaneIteration`` lists
     scalar_calls = state_calls.union(
-        printer.functions, quantities.functions if quantities else (),
+        constant_calls, quantities.functions if quantities else (),
         _called_by(k for k in step_kernels if not k.name.startswith("lanes_")))
     kernel_calls = state_calls | _called_by([*step_kernels, *lane_derivatives])
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
@@ -186,12 +180,9 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         features=_features(derived, element_sums, lanes or plain, frame, states),
         **_sizes(derived),
         **_formulas(derived, element_sums),
-        **_arguments(derived, constants_c),
+        **_arguments(derived, constants["constants_c"]),
+        **constants,
         quantity_kernel=quantities,
-        constants={str(s): comment(e) for e, s in definitions.items()},
-        constants_c=constants_c,
-        single_constants=single_constants,
-        constant_loops=constant_loops,
         run_constants=plain.run_constants if plain else [],
         # the template of profile ``control`` prints one list of kernels
         kernels=[*kernels, *iteration_kernels] if is_control else kernels,
@@ -254,14 +245,17 @@ def _sizes(derived: Derived) -> dict[str, Any]:
     """Return the numbers of coordinates, constraints, stages, nodes, unknowns, and the order."""
     scheme, system, tableau = derived.scheme, derived.system, derived.scheme.tableau
     real = derived.real
+    velocity_table: list[list[str]] = []
+    if tableau and system.velocity_count:
+        velocity_table = [[real.literal(real.round(e)) for e in row]
+                          for row in velocity_enclosures(tableau)]
     return {
         "N": system.n, "M": system.m, "U": scheme.size,
         "S": tableau.s if tableau else 0, "P": tableau.p if tableau else 0,
+        # of constraints at the nodes, then of velocity constraints at the stages
         "multipliers": scheme.multipliers * system.m + scheme.reactions * system.velocity_count,
         "rows": system.velocity_count,
-        "velocity_table": [[real.literal(real.round(e)) for e in row]
-                           for row in velocity_enclosures(tableau)]
-        if tableau and system.velocity_count else [],
+        "velocity_table": velocity_table,
         "order": scheme.order,
     }
 
@@ -269,29 +263,44 @@ def _sizes(derived: Derived) -> dict[str, Any]:
 def _formulas(derived: Derived, elements: Elements | None) -> dict[str, Any]:
     """Return the formulas in comments of the C; element templates have comments of their own."""
     scheme, system = derived.scheme, derived.system
-    legendre = system if isinstance(system, LagrangianSystem) else None
-    hidden = hidden_constraints(derived, elements)
+    energy: sp.Expr | str = energy_of(system)
+    lagrangian = ""
+    if isinstance(system, LagrangianSystem):
+        energy, lagrangian = system.texts()
+    # equal formulas, as the elements have, are printed once
+    hidden = dict.fromkeys(f"f = {comment(f)}" for f in hidden_constraints(derived, elements))
     return {
-        "hamiltonian": "" if elements else comment(
-            legendre.texts()[0] if legendre else energy_of(system)),
-        "lagrangian": comment(legendre.texts()[1]) if legendre else "",
+        "hamiltonian": "" if elements else comment(energy),
+        "lagrangian": comment(lagrangian) if lagrangian else "",
         "forces": [comment(f) for f in system.forces],
         "constraints": [] if elements else [comment(g) for g in system.constraints],
         "velocity_constraints": [comment(e) for e in system.velocity_constraints],
-        "hidden": ", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden)) or "no constraint",
+        "hidden": ", ".join(hidden) or "no constraint",
         "scheme_doc": _scheme_doc(scheme),
         "unknowns_doc": _unknowns_doc(scheme),
         "quantities": {name: comment(e) for name, e in system.quantities.items()},
     }
 
 
-def _used_constants(
-    constants: Constants, kernels: Iterable[EmittedKernel], elements: Elements | None
-) -> dict[sp.Expr, sp.Symbol]:
-    """Return the constants of a run that a kernel reads; others are not computed."""
-    names = frozenset[str]().union(*(kernel.constants for kernel in kernels),
-                                   elements.used_constants if elements else ())
-    return {e: s for e, s in constants.definitions.items() if str(s) in names}
+def _run_constants(
+    derived: Derived, kernels: Iterable[EmittedKernel], elements: Elements | None
+) -> tuple[dict[str, Any], set[str]]:
+    """Return the constants of a run as fields of ``Program``, and the functions that their C calls.
+
+    Only constants that a kernel reads are computed.
+    """
+    used = frozenset[str]().union(*(kernel.constants for kernel in kernels),
+                                  elements.used_constants if elements else ())
+    definitions = {str(s): e for e, s in derived.constants.definitions.items() if str(s) in used}
+    # phases depend on the time at the start of the run, which is stored among the parameters
+    names = {p: f"par->{p}" for p in derived.constants.parameters}
+    printer = CPrinter(derived.real, names | {START: f"par->{derived.system.time}"},
+                       explicit=derived.profile == "control")
+    constants_c = {name: printer(e) for name, e in definitions.items()}
+    single_constants, constant_loops = split_constants(constants_c)
+    return {"constants": {name: comment(e) for name, e in definitions.items()},
+            "constants_c": constants_c, "single_constants": single_constants,
+            "constant_loops": constant_loops}, printer.functions
 
 
 def _with_functions(lanes: LaneIteration, functions: frozenset[str]) -> LaneIteration:
@@ -358,9 +367,10 @@ def _features(
     derived: Derived, elements: Elements | None, iteration: LaneIteration | PlainIteration | None,
     frame: FrameTransformation | None, states: StateFunctions | None,
 ) -> Features:
-    """Return the features of the engine that a stepper needs."""
+    """Return the features of the engine that a stepper needs; each becomes a macro in C."""
     scheme, system, profile = derived.scheme, derived.system, derived.profile
     lanes = iteration if isinstance(iteration, LaneIteration) else None
+    splitting = scheme if isinstance(scheme, SplittingScheme) else None
     return Features(
         constrained=system.m > 0,
         several_constraints=system.m > 1,
@@ -368,8 +378,8 @@ def _features(
         spark=derived.is_spark,
         elements=elements is not None,
         condensed=elements is not None and elements.condensed is not None,
-        forces=bool(system.forces) and not (profile == "control" and isinstance(
-            scheme, SplittingScheme)),
+        # a controller's splitting does not count the work of forces
+        forces=bool(system.forces) and not (profile == "control" and splitting is not None),
         time_dependent=system.is_time_dependent,
         forced_by_time=system.is_nonautonomous,
         clock=isinstance(system, ScaledSystem),
@@ -380,11 +390,13 @@ def _features(
         frame=frame is not None,
         frame_work=isinstance(scheme.system, CoMovingSystem) and bool(scheme.system.frame_velocity),
         rotating_multipliers=frame is not None and frame.rotates_multipliers,
-        fixed_point=lanes is not None and not isinstance(scheme, SplittingScheme),
-        splitting=isinstance(scheme, SplittingScheme),
-        drag=isinstance(scheme, SplittingScheme) and scheme.has_drag,
-        rotating_axes=isinstance(scheme, SplittingScheme) and bool(scheme.splitting.space),
-        momentum_forces=isinstance(scheme, SplittingScheme) and scheme.splitting.other_forces,
+        # a splitting has kernels on lanes and no equations
+        fixed_point=lanes is not None and splitting is None,
+        splitting=splitting is not None,
+        drag=splitting is not None and splitting.has_drag,
+        rotating_axes=splitting is not None and bool(splitting.splitting.space),
+        momentum_forces=splitting is not None and splitting.splitting.other_forces,
+        # of the fixed-point iteration, on lanes or on plain numbers
         constant_schur=iteration is not None and iteration.constant_schur,
         scalar_schur=iteration is not None and iteration.scalar_schur,
         factors=iteration is not None and iteration.factors,
@@ -435,10 +447,12 @@ def _frame(derived: Derived) -> FrameTransformation | None:
     angle_type = REALS["double"] if real.name == "float" else real
     rotation = FrameRotation(frame, system)
     target = Target(real.c_type, "parameters_t", "")
-    rates = [f"product_of({angle_type.literal(a)}, par->{frame.groups[g][0].name})"
-             if rotation.axes[g] is None else
-             f"times((double_word){{ {angle_type.literal(a)}, 0 }}, omega{rotation.axes[g]})"
-             for g, a in rotation.angles]
+    rates: list[str] = []
+    for group, factor in rotation.angles:
+        literal, axis = angle_type.literal(factor), rotation.axes[group]
+        # a parameter is one number; the rate about an axis is a double word already
+        rates.append(f"product_of({literal}, par->{frame.groups[group][0].name})" if axis is None
+                     else f"times((double_word){{ {literal}, 0 }}, omega{axis})")
     return FrameTransformation(
         real=angle_type.c_type,
         suffix=angle_type.suffix.lower(),
@@ -518,16 +532,19 @@ def _tableau(scheme: SparkScheme, real: Real) -> TableauText:
     tableau = scheme.tableau
     energy = (energy_values(tableau, constrained=scheme.system.m > 0) if scheme.exact_energy
               else {})
+    lines: dict[str, list[str]] = {}
     literals = tableau.map_enclosures(lambda e: real.literal(real.round(e)))
-    lines = {field: ["{ " + ", ".join(row) + " }" for row in coefficients]
-             if isinstance(coefficients[0], list) else [", ".join(coefficients)]
-             for field, coefficients in literals.items()}
-    size = {"s": tableau.s, "p": tableau.p + 1}
-    shapes = {field: "".join(f"[{size[kind]}]" for kind in kinds)
-              for field, kinds in FIELDS.items()}
-    return TableauText(lines, shapes, _tableau_doc(tableau), {
-        letter: [real.literal(real.round(e)) for e in values]
-        for letter, values in energy.items()})
+    for field, coefficients in literals.items():
+        is_matrix = isinstance(coefficients[0], list)
+        lines[field] = ([f"{{ {', '.join(row)} }}" for row in coefficients] if is_matrix
+                        else [", ".join(coefficients)])
+    # an axis of stages or of constraint nodes
+    length_of = {"s": tableau.s, "p": tableau.p + 1}
+    shapes = {field: "".join(f"[{length_of[axis]}]" for axis in axes)
+              for field, axes in FIELDS.items()}
+    energy_literals = {letter: [real.literal(real.round(e)) for e in coefficients]
+                       for letter, coefficients in energy.items()}
+    return TableauText(lines, shapes, _tableau_doc(tableau), energy_literals)
 
 
 def _tableau_doc(tableau: Tableau) -> list[str]:
@@ -538,9 +555,9 @@ def _tableau_doc(tableau: Tableau) -> list[str]:
     for field in FIELDS:
         coefficients = getattr(tableau, field)
         rows = coefficients if isinstance(coefficients[0], tuple) else (coefficients,)
-        text = [", ".join(comment(e).replace(" ", "") for e in row) for row in rows]
-        for i, row in enumerate(text):
-            line = f"{field + (f'[{i}]' if len(rows) > 1 else ''):10s} = {row}"
-            if len(line) <= 140:  # a longer one tells a reader nothing
+        for i, row in enumerate(rows):
+            name = f"{field}[{i}]" if len(rows) > 1 else field
+            line = f"{name:10s} = {', '.join(comment(e).replace(' ', '') for e in row)}"
+            if len(line) <= 140:  # nobody reads a longer one
                 lines.append(line)
     return lines

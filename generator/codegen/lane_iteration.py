@@ -26,6 +26,7 @@ def lane_iteration(
     The second entry is "", or the reason why there is none: Newton's method takes every step then.
     """
     scheme, real = derived.implicit, derived.real
+    # coefficients of the scaled unknowns; IMS and EMS have one mean value and no tables
     tables: dict[str, list[list[Fraction]]] = {}
     even_odd: dict[str, list[list[Fraction]]] = {}
     if scheme.system.velocity_count:
@@ -71,9 +72,11 @@ def _of_kernels(derived: Derived) -> LaneIteration:
     system = fast_system(scheme.system)
     fast_kernels = (system.spark_kernels() if isinstance(scheme, SparkScheme)
                     else system.mean_kernels(scheme))
+    # folds, subexpressions of constants of a run, are further members of the struct of constants
     folds = {symbol: f"c->{symbol.name.lstrip('_')}"
              for symbol in system.folds.definitions.values()}
     kernels = [emit_kernel(k, derived.constants, real, Target.lanes(folds)) for k in fast_kernels]
+    # lanes copy the constants of a run from the plain numbers in ``from``
     printer = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
     constant_count = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
     is_constant = m > 0 and system.schur_inverse is not None
@@ -97,6 +100,7 @@ def _of_kernels(derived: Derived) -> LaneIteration:
 
 
 def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, Table]:
+    """Return name → matrix with each number as a literal of the type in C."""
     return {name: [[real.literal(e) for e in row] for row in matrix]
             for name, matrix in tables.items()}
 

@@ -70,7 +70,7 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
         system=_system(derived, program),
         scheme=_scheme(derived, program),
         frame=None if frame is None else frame_manifest(frame, system),
-        tableau=_given_tableau(derived.scheme.tableau, constrained=system.m > 0),
+        tableau=_users_tableau(derived.scheme.tableau, constrained=system.m > 0),
         fast_path=_fast_path(program),
         real=derived.real.name,
         operations=elements.operations if elements is not None
@@ -167,10 +167,11 @@ def _composition(scheme: object) -> dict[str, Any]:
     """Return compositions of a splitting, and the longest free motion among its flows over h."""
     if not isinstance(scheme, SplittingScheme):
         return {}
+    # the last drift of a step and the first of the next one are one flow
+    flows = [a for composition in scheme.compositions
+             for a in (*composition.drifts[1:-1], composition.drifts[0] + composition.drifts[-1])]
     return {"compositions": tuple(composition.name for composition in scheme.compositions),
-            "longest_flow": float(max(abs(a) for composition in scheme.compositions for a in
-                                      (*composition.drifts[1:-1],
-                                       composition.drifts[0] + composition.drifts[-1])))}
+            "longest_flow": float(max(map(abs, flows)))}
 
 
 def _fast_path(program: Program) -> FastPathManifest:
@@ -184,8 +185,11 @@ def _fast_path(program: Program) -> FastPathManifest:
         operations={k.name: k.operations for k in program.lanes.kernels} if program.lanes else {})
 
 
-def _given_tableau(tableau: Tableau | None, *, constrained: bool) -> TableauManifest | None:
-    """Return the residuals of a user's tableau; the families satisfy theirs by derivation."""
+def _users_tableau(tableau: Tableau | None, *, constrained: bool) -> TableauManifest | None:
+    """Return the residuals of a user's tableau, else None.
+
+    The families satisfy their conditions by derivation.
+    """
     if tableau is None or not tableau.given:
         return None
     refusal = FastTableau(tableau).refusal
@@ -198,20 +202,23 @@ def _given_tableau(tableau: Tableau | None, *, constrained: bool) -> TableauMani
 
 
 def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
-    """Return the parameters that decide whether a state is on the constraints.
+    """Return the parameters that decide whether a state is on the constraints g = 0 and f = 0.
 
-    Of a structured system, whose g_q H_p is never written out, all that could.
+    f = g_q H_p + g_t has the parameters of g and some of those of H. All of H are returned where
+    f is not written out: for sums over element templates, and for a Lagrangian, of L then.
     """
     system = derived.system
     if not system.constraints and not system.velocity_count:
         return []
-    # g, and f = g_q H_p: H where f is not written out, L where v = q̇ is known
-    expressions = (energy_of(system), *system.constraints) if elements is not None else (
-        *system.constraints, *map(derived.constants.expand_shared, derived.scheme.system.hidden))
+    expressions: list[sp.Expr] = list(system.constraints)
     if isinstance(system, LagrangianSystem):
-        expressions = (system.L, *system.constraints)
+        expressions.append(system.L)
+    elif elements is not None:
+        expressions.append(energy_of(system))
+    else:
+        expressions += map(derived.constants.expand_shared, derived.scheme.system.hidden)
     if system.velocity_count:
-        expressions = (*expressions, energy_of(system), *system.velocity_constraints)
+        expressions += [energy_of(system), *system.velocity_constraints]
     symbols = {x for e in expressions for x in e.free_symbols}
     return [str(x) for x in system.parameters if x in symbols]
 
@@ -240,9 +247,9 @@ def _lagrangian(system: System) -> dict[str, Any]:
 
 
 def _bodies(system: System) -> dict[str, Any]:
-    """Return where bodies and joints are.
+    """Return the entries of bodies and joints by their names.
 
-    That of a ``rigid_body`` with I1, I2, I3 goes without saying.
+    The single body of a ``rigid_body`` with I1, I2, I3 has no entry: readers know its layout.
     """
     if (system.rigid_body and len(system.bodies[0].inertia) == 3) or not system.bodies:
         return {}
@@ -252,10 +259,11 @@ def _bodies(system: System) -> dict[str, Any]:
 
 def _body(body: BodyLayout) -> BodyManifest:
     """Return a body's entry: names of its q and x, inertia or inverse inertia, mass and centre."""
-    inertia, tensor = _texts(body.inertia), len(body.inertia) != 3
+    # three principal moments, or the six entries of the inverse tensor
+    inertia, is_tensor = _texts(body.inertia), len(body.inertia) != 3
     return BodyManifest(
-        q=_texts(body.q), inertia=() if tensor else inertia,
-        inverse_inertia=inertia if tensor else (), x=_texts(body.x),
+        q=_texts(body.q), inertia=() if is_tensor else inertia,
+        inverse_inertia=inertia if is_tensor else (), x=_texts(body.x),
         origin=() if body.x else _entries(body.origin), centre=_entries(body.centre or ()),
         mass=None if body.mass is None else _entries([body.mass])[0])
 
@@ -321,7 +329,7 @@ def frame_manifest(frame: CoMovingFrame, system: System) -> FrameManifest:
 
 
 def _equation(e: sp.Expr) -> str:
-    """Return e = 0 as a sentence has it: I1 = I2."""
+    """Return e = 0 as text without minus signs: I1 − I2 becomes "I1 = I2"."""
     terms = sp.Add.make_args(e)
     positive = [t for t in terms if not t.could_extract_minus_sign()]
     negative = [-t for t in terms if t.could_extract_minus_sign()]
@@ -329,7 +337,10 @@ def _equation(e: sp.Expr) -> str:
 
 
 def _terms(e: sp.Expr) -> tuple[tuple[str, dict[str, int]], ...]:
-    """Return a polynomial as its terms (coefficient, {parameter: power})."""
+    """Return the terms (coefficient, {parameter: power}) of a polynomial e."""
     symbols = sorted(e.free_symbols, key=str)
-    return tuple((str(x), {str(s): n for s, n in zip(symbols, powers, strict=True) if n})
-                 for powers, x in sp.Poly(e, *symbols).terms())
+    terms = []
+    for powers, coefficient in sp.Poly(e, *symbols).terms():
+        power_of = {str(s): n for s, n in zip(symbols, powers, strict=True) if n}
+        terms.append((str(coefficient), power_of))
+    return tuple(terms)

@@ -37,9 +37,11 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
     manifest: list[NumberManifest] = []
 
     def add(role: Any, names: Sequence[str], domain: Domain = "real", **override: Any) -> None:
-        manifest.extend(NumberManifest(name=name, role=role, domain=domain,
-                                       unit=override.get("unit", units.get(name)),
-                                       start=start.get(name)) for name in names)
+        """Add numbers of a role; ``override`` may have a ``unit`` in place of the system's."""
+        for name in names:
+            manifest.append(NumberManifest(
+                name=name, role=role, domain=domain, unit=override.get("unit", units.get(name)),
+                start=start.get(name)))
 
     # within a role names have the order of the members of the C structs
     for x in system.parameters:
@@ -57,9 +59,10 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
 
 
 def _rate(unit: str | None) -> str | None:
-    """Return the unit of the rate of a coordinate."""
-    return None if unit is None else unit_name(combined((base_units(unit), 1),
-                                                        (base_units("s"), -1)))
+    """Return the unit per second, such as "m/s" of "m"; None for None."""
+    if unit is None:
+        return None
+    return unit_name(combined((base_units(unit), 1), (base_units("s"), -1)))
 
 
 def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dict[str, float]:
@@ -70,11 +73,13 @@ def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dic
     """
     system = derived.system
     start: dict[str, Any] = {name: exact(x) for name, x in model.parameters.items()}
+    # γ by name: the generator does not import the runtime
+    mean_inertia = function_of("runtime.rigid_body.gamma_rules", "mean_inertia")
     for name, inertia in model.bodies.items():
         if name not in start:
             rule = model.rules.get(name, "m")
-            start[name] = exact(function_of("runtime.rigid_body.gamma_rules", "mean_inertia")(
-                inertia, rule if rule in MEANS else "m"))
+            # a rule that tunes γ in a run starts from the arithmetic mean
+            start[name] = exact(mean_inertia(inertia, rule if rule in MEANS else "m"))
     if system.is_nonautonomous:
         start[str(system.time)] = exact(0.0)
     for symbols, numbers in ((model.system.q, model.q0), (model.system.p, model.p0)):
@@ -83,6 +88,6 @@ def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dic
     if states and states.velocities:
         substitutions = {x: sp.Rational(start[str(x)]) for x in (*system.q, *system.p,
                                                                  *system.parameters)}
-        start |= {name: e.evalf(30, subs=substitutions) for name, e in zip(
-            states.velocities, states.own.velocities, strict=True)}
+        for name, e in zip(states.velocities, states.own.velocities, strict=True):
+            start[name] = e.evalf(30, subs=substitutions)
     return {name: float(x) for name, x in start.items()}

@@ -37,28 +37,36 @@ def composed_operations(
 
     With p = M v + b: H_p = v takes the factors of M and one solve, H_q = −L_q(q, v) one kernel
     more, each of the 2 n columns of second derivatives d(L_q) and a solve, and Newton's system n³.
+    The result maps kernel → operation → count.
     """
+    # a kernel that the system does not have costs nothing
     counts = defaultdict(Counter[str], {k.name.removeprefix("lanes_"): Counter(k.operations)
                                         for k in kernels})
     n = system.n
+    # M = L D Lᵀ without its zeros; where M may be indefinite, a dense M = Q R by Gram-Schmidt
     products = system.elimination.products if system.is_definite else n * n * (n + 1)
-    factor = counts["mass_matrix"] + Counter(div=n, mul=products, add=products)
     off_diagonal = system.elimination.entries - n if system.is_definite else n * n
+    factor = counts["mass_matrix"] + Counter(div=n, mul=products, add=products)
     solve = counts["rest_momentum"] + Counter(mul=2 * off_diagonal + n, add=2 * off_diagonal + n)
     column = counts["force_derivative"] + counts["applied_force_derivative"] + solve
-    newton = Counter({name: 2 * n * count for name, count in column.items()}
-                     ) + Counter(mul=n**3, add=n**3)
-    composed = {"velocity": factor + solve, "force": solve + counts["generalised_force"],
-                "gradient": factor + solve + counts["generalised_force"],
-                "hessian": factor + newton}
-    mean = {"mean_velocity": composed["velocity"], "mean_force": composed["gradient"],
-            "mean_gradient": composed["gradient"], "mean_jacobian": composed["hessian"]}
+    dense_products = Counter(mul=n**3, add=n**3)
+    velocity = factor + solve
+    gradient = velocity + counts["generalised_force"]
+    hessian = factor + _repeated(column, 2 * n) + dense_products
+    composed = {"velocity": velocity, "force": solve + counts["generalised_force"],
+                "gradient": gradient, "hessian": hessian,
+                "mean_velocity": velocity, "mean_force": gradient, "mean_gradient": gradient,
+                "mean_jacobian": hessian}
     if "mean_generalised_force" in counts:  # EMS: the velocities of both ends
-        both_velocities = Counter({name: 2 * count for name, count in composed["velocity"].items()})
-        by_state = counts["mean_generalised_force_derivative"]
-        change = counts["force_derivative"] + by_state + by_state + solve
-        columns = Counter({name: n * count for name, count in change.items()})
+        both_velocities = _repeated(velocity, 2)
+        by_both_states = _repeated(counts["mean_generalised_force_derivative"], 2)
+        columns = _repeated(counts["force_derivative"] + by_both_states + solve, n)
         force = both_velocities + counts["mean_generalised_force"]
-        mean = {"mean_velocity": both_velocities, "mean_force": force, "mean_gradient": force,
-                "mean_jacobian": both_velocities + columns + Counter(mul=n**3, add=n**3)}
-    return {name: dict(count) for name, count in (composed | mean).items()}
+        composed |= {"mean_velocity": both_velocities, "mean_force": force, "mean_gradient": force,
+                     "mean_jacobian": both_velocities + columns + dense_products}
+    return {name: dict(count) for name, count in composed.items()}
+
+
+def _repeated(operations: Counter[str], count: int) -> Counter[str]:
+    """Return the operations of ``count`` repetitions."""
+    return Counter({name: count * n for name, n in operations.items()})

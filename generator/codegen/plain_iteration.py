@@ -19,7 +19,7 @@ from ..schemes.fast_tableau import FastTableau
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..systems.lagrangian import LagrangianSystem
 from .profiles import ProfileName
-from .program import Derived, PlainIteration
+from .program import Derived, PlainIteration, Table
 
 __all__ = ["additional_kernels", "plain_iteration"]
 
@@ -36,43 +36,27 @@ def plain_iteration(derived: Derived) -> PlainIteration:
         If the profile does not support the type, the tableau, a Lagrangian, an explicit time in H
         or g, or as many coordinates.
     """
-    scheme, real, constants = derived.implicit, derived.real, derived.constants
+    scheme, real = derived.implicit, derived.real
     _refuse(scheme, real, derived.profile)
     system = FastSystem(scheme.system)
-    fast_kernels = (system.spark_kernels(separate=True) if isinstance(scheme, SparkScheme)
-                    else system.mean_kernels(scheme))
+    emitted = _emitted(derived, system)
     # A constant W⁻¹ and its correction are constants of a run; H and F are not evaluated here.
-    unused = {"hamiltonian", "applied_force", "schur_inverse", "correction",
-              *([] if derived.is_spark else ["hidden_constraint"])}
-    # kernels that share subexpressions w are called as a pair, under names of their own
-    names = {"velocity": "first_rates", "force": "second_rates"} if system.shared else {}
-    folds = {symbol: f"c->{symbol.name.lstrip('_')}"
-             for symbol in system.folds.definitions.values()}
-    explicit = derived.profile == "control"
-    target = Target("real", "constants", "", folds, explicit)
-    printer = CPrinter(real, {s: f"c->{s}" for s in scheme.system.parameters}, explicit=explicit)
+    unused = {"hamiltonian", "applied_force", "schur_inverse", "correction"}
+    if not derived.is_spark:  # IMS and EMS do not project momenta
+        unused.add("hidden_constraint")
+    printer = CPrinter(real, {s: f"c->{s}" for s in scheme.system.parameters},
+                       explicit=derived.profile == "control")
     m, is_constant = scheme.system.m, system.schur_inverse is not None
-    tables = FastTableau(scheme.tableau).tables(real) if scheme.tableau else {}
-    if not m and tables:
-        # without constraints there are no nodes of multipliers
-        tables = {name: tables[name] for name in ("mu", "mu_hat")}
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
-    emitted = {k.name: emit_kernel(replace(k, name=names.get(k.name, k.name)), constants, real,
-                                   target) for k in fast_kernels}
     return PlainIteration(
         kernels=[kernel for name, kernel in emitted.items() if name not in unused],
         # all of them count in the operations of an iteration, also those that are not printed
         known=[*emitted.values()],
-        run_constants=[
-            *((f"W_inverse[{i}][{j}]", printer(e))
-              for i, row in enumerate(system.schur_inverse or []) for j, e in enumerate(row) if m),
-            *([("correction", printer(system.correction))]
-              if system.correction is not None else []),
-        ],
+        run_constants=_run_constants(system, printer, constrained=m > 0),
         folded={symbol.name.lstrip("_"): printer(e)
                 for e, symbol in system.folds.definitions.items()},
-        tables={name: [[real.literal(e) for e in row] for row in rows]
-                for name, rows in tables.items() if not name.startswith("onward")},
+        tables=_tables(scheme, real),
+        # a constant W is inverted once a run; SPARK factorises it too, for the momentum
         factors=bool(m) and (derived.is_spark or not is_constant),
         constant_schur=bool(m) and is_constant,
         scalar_schur=bool(m) and system.correction is not None,
@@ -83,6 +67,50 @@ def plain_iteration(derived: Derived) -> PlainIteration:
         unknowns=2 * s * scheme.system.n + p * m,
         nodes=p,
     )
+
+
+def _emitted(derived: Derived, system: FastSystem) -> dict[str, EmittedKernel]:
+    """Return name → C of the kernels of an iteration, for the C type ``real``."""
+    scheme = derived.implicit
+    kernels = (system.spark_kernels(separate=True) if isinstance(scheme, SparkScheme)
+               else system.mean_kernels(scheme))
+    # folds, subexpressions of constants of a run, are further members of the struct of constants
+    folds = {symbol: f"c->{symbol.name.lstrip('_')}"
+             for symbol in system.folds.definitions.values()}
+    target = Target("real", "constants", "", folds, derived.profile == "control")
+    # kernels that share subexpressions w are called as a pair, under names of their own
+    names = {"velocity": "first_rates", "force": "second_rates"} if system.shared else {}
+    return {k.name: emit_kernel(replace(k, name=names.get(k.name, k.name)), derived.constants,
+                                derived.real, target) for k in kernels}
+
+
+def _run_constants(
+    system: FastSystem, printer: CPrinter, *, constrained: bool
+) -> list[tuple[str, str]]:
+    """Return (name, C) of the constants of an iteration: the entries of W⁻¹, and the correction.
+
+    Each is left out where the system has no constant one.
+    """
+    inverse = (system.schur_inverse or []) if constrained else []
+    run_constants = [(f"W_inverse[{i}][{j}]", printer(e))
+                     for i, row in enumerate(inverse) for j, e in enumerate(row)]
+    if system.correction is not None:
+        run_constants.append(("correction", printer(system.correction)))
+    return run_constants
+
+
+def _tables(scheme: SparkScheme | MeanScheme, real: Real) -> dict[str, Table]:
+    """Return the coefficients of the scaled unknowns as literals; {} for IMS and EMS."""
+    if not scheme.tableau:
+        return {}
+    tables = FastTableau(scheme.tableau).tables(real)
+    if not scheme.system.m:
+        # without constraints there are no nodes of multipliers
+        tables = {name: tables[name] for name in ("mu", "mu_hat")}
+    # starting values are extrapolated by backward differences: the tables ``onward`` of the
+    # predictor on lanes are not needed
+    return {name: [[real.literal(e) for e in row] for row in rows]
+            for name, rows in tables.items() if not name.startswith("onward")}
 
 
 def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) -> None:

@@ -65,10 +65,12 @@ def dual_kernels(
     differentiated again.
     """
     real = derived.real
+    # no function of dual numbers sums in double words
     emitted = [emit_kernel(replace(k, compensated=False), derived.constants, real, Target.duals())
                for k in kernels]
-    printer = CPrinter(real, {p: f"par[{j}]" for j, p in enumerate(
-        [*derived.system.parameters, START])}, "dual_")
+    # the time at the start of a run is the last of the parameters
+    names = {p: f"par[{j}]" for j, p in enumerate([*derived.system.parameters, START])}
+    printer = CPrinter(real, names, "dual_")
     chain = [printer.number(e) for e in slopes]
     functions = printer.functions.union(*(k.functions for k in emitted))
     # a cardinal function and its slope, which are defined together

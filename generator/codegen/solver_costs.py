@@ -96,11 +96,10 @@ def solver_costs(
     of_stage, of_node = _dense_cost(operations, real) if elements is None else _elements_cost(
         elements, real)
     costs: dict[str, int] = {}
-    for phase, names in recipe.items():
-        stage, node = (sum(map(cost, kernels_of), Cost())
-                       for cost, kernels_of in zip((of_stage, of_node), names, strict=True))
-        if not scheme.system.m:
-            node = Cost()
+    for phase, (stage_kernels, node_kernels) in recipe.items():
+        stage = sum(map(of_stage, stage_kernels), Cost())
+        # without constraints there are no nodes
+        node = sum(map(of_node, node_kernels), Cost()) if scheme.system.m else Cost()
         if phase == "iteration":
             costs |= {"stage_lanes": round(stage.arithmetic), "stage_calls": round(stage.calls),
                       "node_lanes": round(node.arithmetic), "node_calls": round(node.calls)}
@@ -112,6 +111,7 @@ def solver_costs(
 def _dense_cost(operations: Mapping[str, Mapping[str, int]], real: Real) -> tuple[Any, Any]:
     """Return two equal functions name → cost of a kernel, as ``_elements_cost`` does."""
     def cost(name: str) -> Cost:
+        """Return the cost of a kernel of the whole system; 0 for one that it does not have."""
         return Cost.of(operations.get(name, {}), real)
 
     return cost, cost
@@ -123,9 +123,12 @@ def _elements_cost(elements: Elements, real: Real) -> tuple[Any, Any]:
     def sum_over(templates: list[dict[str, Any]]) -> Any:
         """Return a function: kernel name → its cost in all instances of the templates."""
         def cost(name: str) -> Cost:
-            return sum((Cost.of(k["operations"], real).times(template["count"])
-                        for template in templates for k in template["kernels"]
-                        if k["name"] == name), Cost())
+            total = Cost()
+            for template in templates:
+                for kernel in template["kernels"]:
+                    if kernel["name"] == name:
+                        total += Cost.of(kernel["operations"], real).times(template["count"])
+            return total
 
         return cost
 

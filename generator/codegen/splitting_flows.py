@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import accumulate
+from typing import Any
 
 import mpmath as mp
 import sympy as sp
@@ -28,47 +29,60 @@ _LANE_BYTES, _REGISTERS = 64, 4
 
 def flows_of(derived: Derived) -> Flows:
     """Return the kernels, tables and weights of a splitting; ``Flows`` explains the tables."""
-    scheme, real = derived.scheme, derived.real
+    scheme, real, is_control = derived.scheme, derived.real, derived.profile == "control"
     assert isinstance(scheme, SplittingScheme)
-    bodies = scheme.splitting.bodies
     stages = max(composition.stages for composition in scheme.compositions)
-    axis_of = {body: k for k, (body, _) in enumerate(scheme.axes)}
     # C has no arrays of length 0
-    size = {"n": scheme.system.n, "y": len(scheme.momenta), "bodies": max(len(bodies), 1),
+    size = {"n": scheme.system.n, "y": len(scheme.momenta),
+            "bodies": max(len(scheme.splitting.bodies), 1),
             "axes": max(len(scheme.axes), 1), "further": max(len(scheme.further), 1),
             "drags": max(len(scheme.drag), 1), "stages": stages, "flows": stages + 2}
-    spaces = scheme.splitting.space
-    shapes = _members(size, drag=scheme.has_drag, spaces=len(spaces))
-    length = sum(_length(shape) for _, shape in shapes)
-    target = replace(Target.scalar(real), explicit=derived.profile == "control")
+    members = _members(size, drag=scheme.has_drag, spaces=len(scheme.splitting.space))
+    length = sum(_length(shape) for _, shape in members)
+    target = replace(Target.scalar(real), explicit=is_control)
+    # a controller does not count the work of forces
+    kernels = [*scheme.kernels(), *scheme.flow_kernels(work=not is_control)]
     return Flows(
-        kernels=[emit_kernel(k, derived.constants, real, target)
-                 for k in [*scheme.kernels(),
-                           *scheme.flow_kernels(work=derived.profile != "control")]],
-        bodies=[list(body.q) for body in bodies],
-        body_axis=[axis_of.get(i, -1) for i in range(len(bodies))],
-        axis_which=[_axis_number(axis) for _, axis in scheme.axes],
-        axis_steady=[int(axis.steady)
-                     for body in scheme.symmetric.bodies for axis in body.axes],
-        further_body=[body for body, _ in scheme.further],
-        further_which=[_axis_number(axis) for _, axis in scheme.further],
+        kernels=[emit_kernel(k, derived.constants, real, target) for k in kernels],
+        **_body_tables(scheme),
+        **_space_tables(scheme),
         free=list(scheme.free),
         kicked=scheme.kicked,
         momenta=len(scheme.momenta),
-        space_axes=len(spaces),
-        body_space=[next((k for k, space in enumerate(spaces) if b in space.bodies), -1)
-                    for b in range(len(bodies))],
-        space_points=[(k, list(point), [_momentum_index(scheme, i) for i in point])
-                      for k, space in enumerate(spaces) for point in space.points],
         stages=stages,
         compositions=[_composition(c, stages, real) for c in scheme.compositions],
         half_pi=_half_pi(real),
         state=_step_state(size),
-        members=shapes,
+        members=members,
         numbers=length,
         memory=length * real.bytes + 256,  # enough at any number of lanes
         description=scheme.name,
     )
+
+
+def _body_tables(scheme: SplittingScheme) -> dict[str, Any]:
+    """Return the tables of bodies and of their rotations about axes, fields of ``Flows``."""
+    bodies = scheme.splitting.bodies
+    axis_of = {body: k for k, (body, _) in enumerate(scheme.axes)}
+    return {
+        "bodies": [list(body.q) for body in bodies],
+        "body_axis": [axis_of.get(i, -1) for i in range(len(bodies))],
+        "axis_which": [_axis_number(axis) for _, axis in scheme.axes],
+        "axis_steady": [int(axis.steady)
+                        for body in scheme.symmetric.bodies for axis in body.axes],
+        "further_body": [body for body, _ in scheme.further],
+        "further_which": [_axis_number(axis) for _, axis in scheme.further],
+    }
+
+
+def _space_tables(scheme: SplittingScheme) -> dict[str, Any]:
+    """Return the tables of rotations of space and of the points that they rotate."""
+    spaces = scheme.splitting.space
+    space_of = {body: k for k, space in enumerate(spaces) for body in space.bodies}
+    points = [(k, list(point), [_momentum_index(scheme, i) for i in point])
+              for k, space in enumerate(spaces) for point in space.points]
+    return {"space_axes": len(spaces), "space_points": points,
+            "body_space": [space_of.get(b, -1) for b in range(len(scheme.splitting.bodies))]}
 
 
 def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
@@ -95,14 +109,21 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
 
 
 def _momentum_index(scheme: SplittingScheme, i: int) -> int:
-    """Return the index in y of the momentum of coordinate i of a point; -1 for i < 0."""
+    """Return the index in y of the momentum of coordinate i of a point; −1 for i < 0.
+
+    y has three angular momenta of each body, then the momenta of the free coordinates.
+    """
     return -1 if i < 0 else 3 * len(scheme.splitting.bodies) + scheme.free.index(i)
 
 
 def _members(
     size: dict[str, int], *, drag: bool, spaces: int
 ) -> list[tuple[str, list[int]]]:
-    """Return the members of struct ``flows`` in order: names and shapes."""
+    """Return the members of struct ``flows`` in order: names and shapes.
+
+    ``size`` has the lengths of axes by name; ``drag`` and ``spaces`` say whether there is drag,
+    and how many rotations of space there are. The shape of a number is [].
+    """
     stages, flows = size["stages"], size["flows"]
     members = [*((f"now.{name}", shape) for name, shape in _step_state(size)),
                ("h", []), ("t", []), ("drift", [flows]), ("kick", [stages]), ("gradient", [stages]),
@@ -119,12 +140,16 @@ def _members(
 
 
 def _step_state(size: dict[str, int]) -> list[tuple[str, list[int]]]:
-    """Return the members of struct ``flows`` that a step changes."""
+    """Return names and shapes of the members of struct ``flows`` that a step changes.
+
+    Members ``…_low`` are the low words of compensated sums.
+    """
     return [("q", [size["n"]]), ("q_low", [size["n"]]), ("y", [size["y"]]), ("y_low", [size["y"]]),
             ("work", []), ("work_low", [])]
 
 
 def _length(shape: Sequence[int]) -> int:
+    """Return the number of entries of an array."""
     return int(sp.prod(shape))
 
 
@@ -146,15 +171,20 @@ def _composition(composition: Composition, stages: int, real: Real) -> Compositi
     ratios = [-c / x if x else Fraction(0) for c, x in zip(composition.gradients, b, strict=True)]
 
     def padded(texts: list[str], count: int, filler: str) -> list[str]:
+        """Return the texts with fillers up to ``count``, the length of the longest composition."""
         return [*texts, *[filler] * (count - len(texts))]
 
     def two_words(weights: Sequence[Fraction], count: int) -> list[str]:
+        """Return the weights as double words, padded with zeros."""
         return padded([_two_words(x, real) for x in weights], count, "{ 0, 0 }")
 
     return CompositionText(
-        composition.name, composition.stages, two_words([a[0], *a[1:-1], a[-1] + a[0]], stages + 1),
-        two_words(b, stages), two_words(times, stages),
-        padded([real.literal(x) for x in ratios], stages, "0"))
+        name=composition.name,
+        stages=composition.stages,
+        drift=two_words([a[0], *a[1:-1], a[-1] + a[0]], stages + 1),
+        kick=two_words(b, stages),
+        time=two_words(times, stages),
+        gradient=padded([real.literal(x) for x in ratios], stages, "0"))
 
 
 def _two_words(x: Fraction, real: Real) -> str:
@@ -164,7 +194,7 @@ def _two_words(x: Fraction, real: Real) -> str:
 
 def _half_pi(real: Real) -> list[str]:
     """Return π/2 as a double word: its rounded value and the rounded remainder."""
-    bits = 4 * real.bits
+    bits = 4 * real.bits  # twice the bits of the double word: both words are rounded correctly
     with mp.workprec(bits + 64):
         half_pi = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)
     return [real.literal(half_pi), real.literal(half_pi - round_binary(half_pi, real.bits))]

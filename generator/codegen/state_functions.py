@@ -11,7 +11,7 @@ __all__ = ["quantity_kernel", "state_functions"]
 
 
 def state_functions(derived: Derived) -> StateFunctions | None:
-    """Return the functions of one state, which only profile ``control`` has."""
+    """Return the functions of one state, or None: only profile ``control`` has them."""
     if derived.profile != "control":
         return None
     start = StartKernels(derived.system)
@@ -25,7 +25,7 @@ def state_functions(derived: Derived) -> StateFunctions | None:
 
 
 def quantity_kernel(derived: Derived) -> EmittedKernel | None:
-    """Return the kernel of the user's quantities."""
+    """Return the kernel of the user's quantities, functions of t, q and p; None without any."""
     system = derived.system
     if not system.quantities:
         return None
