@@ -9,6 +9,7 @@ samples, about as many as determine all unknowns, are fitted first, then twice a
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -135,19 +136,20 @@ class Fit:
 
 
 def with_sigma(estimate: float, sigma: float) -> str:
-    """Return a value with its standard deviation, to two digits of that."""
+    """Return an estimate and its standard deviation as "0.1234 ± 0.0012": two digits of sigma."""
     if not np.isfinite(sigma):
         return f"{estimate:.6g} (not determined)"
     if sigma == 0:
         return f"{estimate:.9g}"
-    # as many digits as lead to the second one of sigma
-    digits = max(1, min(15, int(np.floor(np.log10(abs(estimate) or sigma))
-                                - np.floor(np.log10(sigma))) + 2))
+    # as many digits as lead to the second one of sigma; a double has 15
+    leading = np.floor(np.log10(abs(estimate) or sigma))
+    digits = max(1, min(15, int(leading - np.floor(np.log10(sigma))) + 2))
     return f"{estimate:.{digits}g} ± {sigma:.2g}"
 
 
 def in_words(combination: Mapping[str, float]) -> str:
-    """Return an undetermined combination in words."""
+    """Return an undetermined combination, name → relative change, in words."""
+    # equal relative changes: a common factor, to which the data are blind
     if all(abs(weight - 1) < 1e-2 for weight in combination.values()):
         *names, last_name = combination
         return f"a common factor of {', '.join(names)} and {last_name}" if names else last_name
@@ -188,7 +190,7 @@ class Fitting:
         self.clock = clock
 
     def arguments(self, point: Point, halvings: int = 0) -> tuple[RunArguments, Array]:
-        """Return the run of the first samples, and the row of each of them.
+        """Return the run of the first samples, and the stored row of each of them.
 
         Its steps are Δt/2^halvings.
         """
@@ -197,18 +199,20 @@ class Fitting:
         sample_steps = self.sample_steps[: self.samples] * factor
         last_step = int(sample_steps[-1])
         every = max(1, int(np.gcd.reduce(sample_steps)))
-        inputs = self.run.inputs if not halvings or self.run.inputs is None else (
-            self.run.inputs.refined(factor))
-        run = replace(self.run, q=self.step.binding.array("q", point.q, point.q.shape),
-                      p=self.step.binding.array("p", point.p, point.p.shape), steps=last_step,
+        inputs = self.run.inputs
+        if halvings and inputs is not None:
+            inputs = inputs.refined(factor)  # each row is held for as many of the shorter steps
+        binding = self.step.binding
+        free_parameters = {name: as_real(name, point.parameters[name], binding.number)
+                           for name in self.free}
+        run = replace(self.run, q=binding.array("q", point.q, point.q.shape),
+                      p=binding.array("p", point.p, point.p.shape), steps=last_step,
                       every=every, dt=self.run.dt / factor, inputs=inputs,
-                      parameters=self.run.parameters | {
-                              name: as_real(name, point.parameters[name], self.step.binding.number)
-                              for name in self.free})
+                      parameters=self.run.parameters | free_parameters)
         return run, sample_steps // every
 
     def states(self, point: Point, halvings: int = 0) -> tuple[Array, Array]:
-        """Return q and p of the samples."""
+        """Return q and p at the times of the samples, shape (samples, n) each."""
         if self.clock is not None:
             trajectory, sample_rows = self._in_scaled_time(point, halvings), np.arange(self.samples)
         else:
@@ -222,12 +226,12 @@ class Fitting:
     ) -> Trajectory:
         """Return the states at the times of the samples, and their tangents at fixed times.
 
-        The steps of τ are 2^``halvings`` times shorter than those of the run.
+        The steps of τ are 2^``halvings`` times shorter than in the run of the fit.
         """
         assert self.clock is not None
         t0, times = self.clock
-        last_sample = min(max(self.samples, 2),
-                          len(times)) - 1  # the first sample may be at the start
+        # a second sample where there is one: the first may be at the start, which is no t_end
+        last_sample = min(max(self.samples, 2), len(times)) - 1
         start = StateStart(point.q, point.p, self.run.parameters | point.parameters, t0)
         # each iteration would warn again; runs of constant steps warn of nothing here either
         with capture_warnings():
@@ -294,19 +298,19 @@ class Fitting:
     def scaled(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
         """Return residuals in standard deviations, with the units of parameters and of the start.
 
-        r/σ and J/σ, with a unit for each column of J: that of a parameter is given, that of a
-        coordinate y_k of the start changes the state by its size, 1/|B_k/sizes|.
+        r/σ and J/σ, with a unit for each column of J: ``units`` for the parameters; the unit
+        1/|B_k/sizes| of a coordinate y_k of the start changes the state by its size.
         """
         jacobian = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
         relative = point.basis / point.sizes[:, None]
         units = np.concatenate([units, 1 / np.linalg.norm(relative, axis=0)])
         # a parameter that is 0 has no size: its unit has the largest effect of all others' units
         without_unit = ~np.isfinite(units)
-        effects = np.linalg.norm(jacobian, axis=0)
-        units[without_unit] = np.max(effects[~without_unit] * units[~without_unit],
-                                     initial=0.0) / np.where(
-            effects[without_unit] > 0, effects[without_unit], 1.0)
-        units[units == 0] = 1.0
+        slopes = np.linalg.norm(jacobian, axis=0)
+        largest_effect = np.max(slopes[~without_unit] * units[~without_unit], initial=0.0)
+        own_slopes = slopes[without_unit]
+        units[without_unit] = largest_effect / np.where(own_slopes > 0, own_slopes, 1.0)
+        units[units == 0] = 1.0  # no unknown has an effect
         return Linear((r / self.sigma).ravel(), jacobian, units)
 
     def moved(self, point: Point, y: Array) -> Point:
@@ -328,14 +332,14 @@ class Fitting:
         return Point(parameters, np.asarray(q, dtype=float), np.asarray(p, dtype=float))
 
     def fewest(self, point: Point) -> int:
-        """Return the length of the first horizon: samples for more residuals than unknowns.
+        """Return the length of the first horizon: samples enough for more residuals than unknowns.
 
         Sets ``samples``, which the fit sets anew for each horizon.
         """
         self.samples = 1
         columns = int(self.residuals(point).shape[1])
         unknowns = len(self.free) + 2 * (self.step.n - self.step.m) * self.start
-        return max(_FIRST, -(-unknowns // columns) + 1)
+        return max(_FIRST, math.ceil(unknowns / columns) + 1)
 
     def excess(self, point: Point, y: Array) -> float:
         """Return the length of the step y as a multiple of the longest step allowed."""
@@ -437,14 +441,15 @@ def fit(
     observation = observation_of(stepper, observe)
     iteration_limit = as_positive_count("max_iterations", max_iterations, minimum=1)
     as_progress(progress)
+    t0 = as_real("t", first_guess.t, stepper.binding.number)
     times = as_numbers("t", t)
     if times.ndim != 1 or not len(times):
         raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
     samples = observation.checked(data, len(times))
-    times, t0 = np.array(times, dtype=float), as_real("t", first_guess.t, stepper.binding.number)
+    times = np.array(times, dtype=float)
     _refuse_unordered(times, float(t0))
     clocked = stepper.binding.clocked
-    if clocked or dtau is not None:
+    if clocked or dtau is not None:  # samples lie between steps, whose number is not known
         step_size, sample_steps = step_argument(stepper.binding, dt, dtau), np.ones(1, int)
     else:
         step_size, sample_steps = _steps_at(times, float(t0), dt)
@@ -455,13 +460,7 @@ def fit(
     fitting = Fitting(stepper, observation, run, sample_steps, samples, np.ones(1), names,
                       fits_start,
                       (t0, times) if clocked else None)
-    # a fit moves parameters in doubles; inputs that change have no one number
-    guess = {name: float(x) for name, x in run.parameters.items()
-             if name in stepper.parameter_domains
-             and not (run.inputs is not None and name in stepper.binding.input_names)}
-    guess = fitting.coordinates.inside(guess)
-    q, p = (np.asarray(x[: stepper.n], float) for x in (run.q, run.p))
-    point = fitting.consistent(guess, q, p)
+    point = _first_point(fitting)
     if sigma is not None:
         fitting.sigma = _sigma(sigma, fitting, point)
     counts = _horizons(horizons, len(times), fitting.fewest(point))
@@ -469,6 +468,18 @@ def fit(
         minimum = _minimise_horizons(fitting, point, counts, iteration_limit, report)
     return _result(fitting, minimum.point, minimum.iterations, counts, minimum.converged,
                    sigma_known=sigma is not None)
+
+
+def _first_point(fitting: Fitting) -> Point:
+    """Return the first guess in doubles: physical parameters, and a start on the constraints."""
+    stepper, run = fitting.step, fitting.run
+    # inputs that change have no one number
+    changing = stepper.binding.input_names if run.inputs is not None else []
+    parameters = {name: float(x) for name, x in run.parameters.items()
+                  if name in stepper.parameter_domains and name not in changing}
+    # in scaled time t and −H are behind the n coordinates and momenta
+    q, p = (np.asarray(x[: stepper.n], float) for x in (run.q, run.p))
+    return fitting.consistent(fitting.coordinates.inside(parameters), q, p)
 
 
 def _minimise_horizons(
@@ -631,11 +642,11 @@ def _result(
     rms, truncation = (float(np.sqrt(np.mean(x**2))) for x in (r, halved - r))
     estimates = np.array([point.parameters[name] for name in free])
     scaled = (r / fitting.sigma).ravel()
-    noise = 1.0 if sigma_known else float(np.sqrt(scaled @ scaled
-                                                  / max(1, len(scaled) - J.shape[2])))
+    degrees_of_freedom = max(1, len(scaled) - J.shape[2])
+    noise = 1.0 if sigma_known else float(np.sqrt(scaled @ scaled / degrees_of_freedom))
     # a direction that the data fix no better than the error of Δt is not determined by them
-    noise_with_truncation = float(np.hypot(noise,
-                                           np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))))
+    scaled_truncation = np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))
+    noise_with_truncation = float(np.hypot(noise, scaled_truncation))
     # by the parameters themselves, not by the coordinates that steps move
     linear = fitting.scaled(point, r, J, coordinates.scales(point.parameters))
     identified = identify(linear, noise_with_truncation)
@@ -663,9 +674,9 @@ def _combinations(
 ) -> list[dict[str, float]]:
     """Return undetermined directions as relative changes, name → change.
 
-    The size of the "start" is the larger of the sizes of q and of p.
-    ``null`` has them in columns, by the free parameters and the coordinates y of the start, which
-    moves by B y, ``basis``; ``sizes`` are those of q and p.
+    ``null`` has the directions in columns; its rows are the free parameters, of size ``estimates``,
+    then the coordinates y of the start, which moves by B y with B = ``basis`` and has ``sizes``.
+    The change of "start" is the larger one of |δq| and |δp| over their sizes.
     """
     count, n = len(free), len(sizes) // 2
     starts = basis @ null[count:] / sizes[:, None]

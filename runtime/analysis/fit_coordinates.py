@@ -51,7 +51,7 @@ class Inertia:
         else:
             K = np.zeros((3, 3))
             K[np.triu_indices(3)] = inertia_entries
-            J = np.linalg.inv(K + np.triu(K, 1).T)
+            J = np.linalg.inv(K + np.triu(K, 1).T)  # K is symmetric
         # a J of no body has a negative second moment: it is raised to the least share
         second_moments, axes = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J)
         lowest = least_share * abs(float(np.trace(J)))
@@ -67,6 +67,7 @@ class Inertia:
         entries).
         """
         def inertia_of(sigma: Array) -> Array:
+            """Return J = tr(Σ) 1 − Σ, linear in Σ."""
             inertia: Array = np.trace(sigma) * np.eye(3) - sigma
             return inertia
 
@@ -146,7 +147,8 @@ class Coordinates:
         return moved_parameters
 
     def excess(self, parameters: Mapping[str, float], y: Array) -> float:
-        """Return the length of y as a multiple of the longest step allowed."""
+        """Return the length of y as a multiple of the longest step allowed; above 1 it is too long.
+        """
         return float(np.abs(y / self.units(parameters)).max(initial=0.0)) / _LARGEST
 
     def units(self, parameters: Mapping[str, float]) -> Array:
@@ -163,7 +165,11 @@ class Coordinates:
         return np.array([self._size(name, parameters) for name in self.free])
 
     def _size(self, name: str, parameters: Mapping[str, float]) -> float:
-        """Return the unit of relative changes of a parameter: |x|, or the first |x| if larger."""
+        """Return the unit of changes of a parameter x: |x|, or its first |x| if that is larger.
+
+        Infinite for a parameter that began at 0 and may have either sign: it has no scale of its
+        own.
+        """
         first = abs(self._first[name])
         if self.positive[self.free.index(name)]:
             return abs(parameters[name])

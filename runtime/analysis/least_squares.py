@@ -88,7 +88,7 @@ def minimise(
         # The residual as the last column: one QR factorisation gives R and Qᵀr.
         R = triangle(np.column_stack([linear.J * linear.units, linear.r]))
         U, s, Vt = np.linalg.svd(R[:, :-1], full_matrices=False)
-        g = U.T @ R[:, -1]
+        g = U.T @ R[:, -1]  # residual along the left singular vectors
         cost = float(linear.r @ linear.r)
         variance = cost / max(1, len(linear.r) - len(s)) + noise**2
         # No step along directions whose standard deviation exceeds _BEYOND units.
@@ -97,11 +97,13 @@ def minimise(
         # A step that decreases |r|² by less than a thousandth of the expected decrease is tried
         # with more damping. That lowers the expectation too, below the tolerance at last.
         while True:
+            # the second term replaces singular values of round-off, the third one 0/0 at r = 0
             damping = factor * _DAMPING * variance + (RANK * s[0]) ** 2 + np.finfo(float).tiny
             singular_step = within_reach * s * g / (s**2 + damping)
             y = -(Vt.T @ singular_step) * linear.units
             share = min(1.0, 1 / max(excess(point, y), 1e-300))
             singular_step, y = singular_step * share, y * share
+            # |r|² − |r + J y|², which a linear model gains by the step
             expected = float(g @ g - np.sum((g - s * singular_step) ** 2))
             if expected <= tolerance * variance:
                 return Minimum(point, iteration, True)
@@ -187,6 +189,8 @@ def identify(linear: Linear, noise: float) -> Identifiability:
     directions = Vt.T * linear.units[:, None]
     measured_directions = directions[:, measured] / singular_values[measured]
     variances = ((directions[:, has_effect] / singular_values[has_effect])**2).sum(axis=1)
+    # the variance of an unknown is infinite if a direction without effect has a part along it, or
+    # if directions were left out and its deviation exceeds its unit
     without_effect = (np.abs(Vt.T[:, ~has_effect]) > SHARE).any(axis=1)
     beyond_unit = ~measured.all() & (noise * np.sqrt(variances) > linear.units)
     return Identifiability(measured_directions @ measured_directions.T, directions[:, ~measured],
@@ -204,7 +208,7 @@ def reduced_basis(null: Array) -> Array:
         sizes = np.abs(A[i:][:, candidates])
         row, pivot_column = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
         column = candidates.pop(int(pivot_column))
-        A[[i, i + int(row)]] = A[[i + int(row), i]]
+        A[[i, i + int(row)]] = A[[i + int(row), i]]  # rows below i are searched: an offset
         A[i] /= A[i, column]
         for j in range(len(A)):
             if j != i:

@@ -271,19 +271,13 @@ class Benettin:
 
         c = Q R are the directions in unitary coordinates of the present state, where Ω is J.
         """
-        before, form = self.unit, self.frame.J
+        form_before = self.unit.T @ self.frame.J @ self.unit
         self.frame = self._frame(step, q, p)
         c = self.frame.coordinates(self.V)
         if not np.isfinite(c).all():
             raise InputError(f"Directions are not finite after {step:,} steps; give an every below "
                              f"{self.run.every}, or a smaller dt.")
-        sizes = np.linalg.norm(c, axis=0)
-        # Ω(v_i, v_j) of the directions now, less those at the last decomposition: 0 of a symplectic
-        # map
-        change = c.T @ self.frame.J @ c - before.T @ form @ before
-        self.defect = max(self.defect, float(np.abs(change / np.outer(sizes, sizes)).max()))
-        if self.full:
-            self.volume += self._log_volume() - self.start_volume
+        self._measure_symplecticity(c, form_before)
         # LAPACK's R may have negative diagonal entries; growth factors are R_ii > 0.
         Q, R = np.linalg.qr(c)
         signs = np.where(np.diag(R) < 0, -1.0, 1.0)
@@ -304,6 +298,17 @@ class Benettin:
             self.units.append(self.V.copy())
             self.factors.append(R)
 
+    def _measure_symplecticity(self, c: Array, form_before: Array) -> None:
+        """Update the symplectic defect, and the volume's growth, by the directions c of now.
+
+        The defect is the largest |Ω(c_i, c_j) − Ω before|/(|c_i| |c_j|), 0 for a symplectic map.
+        """
+        sizes = np.linalg.norm(c, axis=0)
+        change = c.T @ self.frame.J @ c - form_before
+        self.defect = max(self.defect, float(np.abs(change / np.outer(sizes, sizes)).max()))
+        if self.full:
+            self.volume += self._log_volume() - self.start_volume
+
     def _frame(self, step: int, q: Array, p: Array) -> UnitaryFrame:
         """Return the unitary frame of the state after ``step`` steps."""
         # the state after the last step has the inputs of that step
@@ -312,6 +317,7 @@ class Benettin:
         return UnitaryFrame(self.binding, run.parameters, t, q, p)
 
     def _directions(self) -> Array:
+        """Return the orthonormal directions (δq, δp) of now, shape (2 n, count)."""
         directions: Array = np.ascontiguousarray(
             self.binding.own.converted(self.frame.directions(self.unit)))
         return directions

@@ -11,7 +11,7 @@ An angular velocity is Ω = J⁻¹ ½ L(q) p (19) in body axes, which depends on
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,14 +115,9 @@ class Observation:
         residuals = np.zeros((sample_count, count))
         by_state = np.zeros((sample_count, count, 2 * self.n))
         for k, columns in enumerate(self.attitudes):
-            # r = 2 sign(dᵀq) L(d) q: the rotation from d to q; q and −q are one attitude
-            d, attitude = data[:, 4 * k : 4 * k + 4], q[:, columns]
-            left_matrices = left_matrix(d)
-            sign = 2 * np.where((d * attitude).sum(axis=1) < 0, -1.0, 1.0)
             angle_columns = slice(3 * k, 3 * k + 3)
-            by_state[:, angle_columns, columns] = left_matrices * sign[:, None, None]
-            rotated = (left_matrices @ attitude[:, :, None])[:, :, 0]
-            residuals[:, angle_columns] = rotated * sign[:, None]
+            residuals[:, angle_columns], by_state[:, angle_columns, columns] = _rotation_between(
+                data[:, 4 * k : 4 * k + 4], q[:, columns])
         by_parameters: dict[str, Array] = {}
         other_data = data[:, 4 * len(self.attitudes) :]
         for k, body in enumerate(self.turning):
@@ -164,6 +159,18 @@ class Observation:
         return predictions - data, by_q, by_p
 
 
+def _rotation_between(d: Array, q: Array) -> tuple[Array, Array]:
+    """Return r = 2 sign(dᵀq) L(d) q and ∂r/∂q, shapes (rows, 3) and (rows, 3, 4).
+
+    r is the rotation vector from the measured attitude d to q, both of shape (rows, 4).
+    """
+    left_matrices = left_matrix(d)
+    # q and −q are one attitude
+    factor = 2 * np.where((d * q).sum(axis=1) < 0, -1.0, 1.0)
+    rotated = (left_matrices @ q[:, :, None])[:, :, 0]
+    return rotated * factor[:, None], left_matrices * factor[:, None, None]
+
+
 def _angular_velocity(
     body: BodyAt, q: Array, p: Array, parameters: Mapping[str, float]
 ) -> tuple[Array, Array, Array, dict[str, Array]]:
@@ -195,43 +202,53 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
 
     Raises InputError for an unknown name, with the nearest.
     """
-    n = step.n
     if callable(observe):
-        return Observation(n, [], [], [], observe, [])
-    system = step.manifest.system
-    coordinates, momenta = list(system.coordinates), list(system.momenta)
-    state_names = coordinates + momenta
-    bodies = bodies_of(step.manifest)
-    vector_columns = {"q": list(range(n)), "p": list(range(n, 2 * n))}
-    attitude_columns = {f"{name} attitude": [body.q] for name, body in bodies.items()}
-    turning_bodies = {f"{name} angular_velocity": [name] for name in bodies}
-    if bodies:
-        attitude_columns["attitude"] = [body.q for body in bodies.values()]
-        turning_bodies["angular_velocity"] = [*bodies]
+        return Observation(step.n, [], [], [], observe, [])
+    measurable = _measurable_parts(step)
     names = [observe] if isinstance(observe, str) else as_items("observe", observe, "names")
-    attitudes: list[list[int]] = []
-    turning: list[str] = []
-    columns: list[int] = []
+    parts: dict[str, list[Any]] = {"attitude": [], "angular velocity": [], "state": []}
     for name in names:
         if not isinstance(name, str):
             raise InputError(f"observe has {shown(name)}, which is no name; write text.")
-        if name in attitude_columns:
-            attitudes += attitude_columns[name]
-        elif name in turning_bodies:
-            turning += turning_bodies[name]
-        elif name in vector_columns:
-            columns += vector_columns[name]
-        elif name in state_names:
-            columns.append(state_names.index(name))
-        else:
-            raise unknown("quantity to observe", name,
-                          [*attitude_columns, *turning_bodies, *vector_columns, *state_names],
+        if name not in measurable:
+            raise unknown("quantity to observe", name, measurable,
                           "; for a quantity, such as a joint's angle, give a function of (q, p) "
                           "that returns values and derivatives by q and by p")
+        kind, parts_of_name = measurable[name]
+        parts[kind] += parts_of_name
     if not names:
         raise InputError("observe names nothing; give for example observe=\"attitude\".")
+    bodies, system = bodies_of(step.manifest), step.manifest.system
+    coordinates, state_names = list(system.coordinates), [*system.coordinates, *system.momenta]
     # in the order of the columns of data: attitudes, angular velocities, numbers of the state
-    labels = [*(coordinates[i] for body in attitudes for i in body),
-              *(f"{name}_omega{axis}" for name in turning for axis in (1, 2, 3)),
-              *(state_names[i] for i in columns)]
-    return Observation(n, attitudes, [bodies[name] for name in turning], columns, None, labels)
+    labels = [*(coordinates[i] for columns in parts["attitude"] for i in columns),
+              *(f"{name}_omega{axis}" for name in parts["angular velocity"] for axis in (1, 2, 3)),
+              *(state_names[i] for i in parts["state"])]
+    return Observation(step.n, parts["attitude"],
+                       [bodies[name] for name in parts["angular velocity"]], parts["state"], None,
+                       labels)
+
+
+def _measurable_parts(step: Stepper) -> dict[str, tuple[str, list[Any]]]:
+    """Return the names that ``observe`` may have, each with its kind and the parts it stands for.
+
+    - "attitude": for each body, the columns of its quaternion in q
+    - "angular velocity": names of bodies
+    - "state": columns of z = (q, p)
+    """
+    n, system, bodies = step.n, step.manifest.system, bodies_of(step.manifest)
+    parts: dict[str, tuple[str, list[Any]]] = {}
+    for name, body in bodies.items():
+        parts[f"{name} attitude"] = "attitude", [body.q]
+    if bodies:
+        parts["attitude"] = "attitude", [body.q for body in bodies.values()]
+    for name in bodies:
+        parts[f"{name} angular_velocity"] = "angular velocity", [name]
+    if bodies:
+        parts["angular_velocity"] = "angular velocity", [*bodies]
+    # a coordinate of the name of a longer vector does not replace it
+    parts.setdefault("q", ("state", [*range(n)]))
+    parts.setdefault("p", ("state", [*range(n, 2 * n)]))
+    for i, name in enumerate((*system.coordinates, *system.momenta)):
+        parts.setdefault(name, ("state", [i]))
+    return parts

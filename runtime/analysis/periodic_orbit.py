@@ -248,8 +248,9 @@ class OrbitSearch:
             is_close = self.phase_fixed and guess.size < _NEAR * self._scale(guess)
             if next_guess is None and not is_close:
                 raise self._failure(guess, gaps)
-            if is_close and (next_guess is None
-                         or next_guess.size > max(guess.size / 2, self._stagnation_level(guess))):
+            stagnates = next_guess is None or next_guess.size > max(
+                guess.size / 2, self._stagnation_level(guess))
+            if is_close and stagnates:
                 self.phase_fixed = False  # the phase within a step: see the module's text
             if next_guess is not None:
                 guess = next_guess
@@ -272,7 +273,10 @@ class OrbitSearch:
             "give a state and a dt nearer to an orbit, more steps, or something else to fix.")
 
     def _closed(self, guess: Guess, gaps: list[float]) -> bool:
-        """Convergence test: the gap is round-off, or small and no longer halved by a step."""
+        """Whether the gap Φ(z) − z is round-off, or small and no longer halved by a Newton step.
+
+        ``gaps`` are the sizes of the gap before each iteration so far.
+        """
         if self._residual(guess) <= _CLOSED * self.epsilon * self._scale(guess):
             return True
         stagnant = len(gaps) > 1 and gaps[-1] >= gaps[-2] / 2
@@ -284,7 +288,10 @@ class OrbitSearch:
         return self._scale(guess) * (max(_SMALL, round_off) if self.phase_fixed else round_off)
 
     def _newton_step(self, guess: Guess) -> Guess | None:
-        """Return the guess after a Newton increment, halved while the residual grows."""
+        """Return the guess after a Newton increment, halved while the residual grows.
+
+        None if it grows still after the last halving.
+        """
         increment, B = self._increment(guess)
         residual, damping = self._residual(guess), 1.0
         for _ in range(_HALVINGS + 1):
@@ -319,10 +326,9 @@ class OrbitSearch:
             A = np.vstack([A, np.pad(by_step @ B / self.steps, (0, A.shape[1] - dim))])
             right_side.append(0.0)
         for name in self.fixed_values:
-            row = self._slope(name, guess, D)
-            A = np.vstack([A, row])
-            right_side.append(-float(self._value(name, guess.z,
-                                                 guess.parameters) - self.fixed_values[name]))
+            change = self._value(name, guess.z, guess.parameters) - self.fixed_values[name]
+            A = np.vstack([A, self._slope(name, guess, D)])
+            right_side.append(-float(change))
         norms = np.linalg.norm(A, axis=0)
         norms[norms == 0] = 1.0
         # far from the orbit, small singular values are no more than the size of the residual
@@ -333,7 +339,9 @@ class OrbitSearch:
     def _moved_guess(self, guess: Guess, B: Array, increment: Array) -> Guess | None:
         """Return the guess after an increment; None if dt changes sign or the run fails.
 
-        The increment is (dy, dΔt, dθ): the state moves by B dy, ``B`` a basis of its tangent space.
+        The increment is (dy, dh, dθ), without dh where the period is fixed, without dθ where no
+        parameter is free. The state moves by B dy, ``B`` a basis of its tangent space, and is
+        projected onto the constraints.
         """
         binding, dim = self.stepper.binding, B.shape[1]
         # behind dy come dh, unless the period is fixed, and dθ, if a parameter is free
@@ -361,8 +369,7 @@ class OrbitSearch:
             tangents=Tangents(start="all", dt=True,
                               parameters=() if self.free is None else (self.free,)))
         assert run.tangents is not None
-        start, end = (np.concatenate(state) for state in ((run.q[0], run.p[0]),
-                                                          self._projected_end(run)))
+        start, end = np.concatenate([run.q[0], run.p[0]]), np.concatenate(self._projected_end(run))
         return Guess(start, dt, parameters, end - start, run.tangents)
 
     def _projected_end(self, run: Trajectory) -> tuple[Array, Array]:
@@ -429,10 +436,12 @@ class OrbitSearch:
         return (above - below) / (2 * h)
 
     def _names(self) -> list[str]:
+        """Return the names of the entries of z = (q, p)."""
         system = self.stepper.manifest.system
         return [*system.coordinates, *system.momenta]
 
     def _scale(self, guess: Guess) -> float:
+        """Return |z|, the unit of gaps, or the least positive number where z = 0."""
         return max(float(np.linalg.norm(guess.z.astype(float))), 1e-300)
 
     def _fixed_residual(self, guess: Guess) -> float:
@@ -444,6 +453,7 @@ class OrbitSearch:
         return largest
 
     def _residual(self, guess: Guess) -> float:
+        """Return the norm of the gap and of the change of fixed quantities, in units of z."""
         return math.hypot(guess.size, self._fixed_residual(guess) * self._scale(guess))
 
     def _result(self, guess: Guess, gaps: list[float]) -> PeriodicOrbit:
@@ -486,7 +496,7 @@ def _fixed(
 
 
 def _text(value: complex) -> str:
-    """Return a multiplier, or a pair of them, in few digits."""
+    """Return a Floquet multiplier in few digits, with ± for a conjugate pair."""
     if value.imag < 1e-6:
         return f"{value.real:.6g}"
     return f"{value.real:.6g} ± {value.imag:.6g}i"

@@ -49,9 +49,8 @@ class UnitaryFrame:
         # units in which H_pp is 1: q → H_pp^-½ q, p → H_pp^½ p; a direction without inertia gets a
         # small one, so that there is an inverse
         eigenvalues = np.abs(eigenvalues)
-        eigenvalue_roots = np.sqrt(np.maximum(eigenvalues,
-                                              max(_LEAST * eigenvalues.max(),
-                                                  np.finfo(float).tiny)))
+        least = max(_LEAST * eigenvalues.max(), np.finfo(float).tiny)
+        eigenvalue_roots = np.sqrt(np.maximum(eigenvalues, least))
         root, inverse = (axes * eigenvalue_roots) @ axes.T, (axes / eigenvalue_roots) @ axes.T
         to_unit, from_unit = _blocks(inverse, root), _blocks(root, inverse)
         # an orthonormal basis of the tangent space in these units
@@ -135,19 +134,20 @@ def _blocks(first: Array, second: Array) -> Array:
 def _inverse_mass(
     binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array
 ) -> Array:
-    """Return H_pp by second differences, exact but for rounding where H is quadratic in p.
+    """Return H_pp, shape (n, n), by second differences: exact to rounding for H quadratic in p.
 
         H_ij = (H(p + e_i + e_j) − H(p + e_i) − H(p + e_j) + H(p)) / s²,   |e_i| = s
     """
     primal, n = binding.primal, binding.n
     p_scale = float(np.abs(p.astype(float)).max(initial=0.0)) or 1.0
+    # rows: p; p + e_i for each i; p + e_i + e_j for each pair
     momentum_changes = [np.zeros(n), *np.eye(n)]
     index_pairs = [(i, j) for i in range(n) for j in range(i + 1)]
     momentum_changes += [momentum_changes[i + 1] + momentum_changes[j + 1] for i, j in index_pairs]
     momenta = primal.converted(np.array(momentum_changes) * p_scale) + p
     H = primal.hamiltonian(primal.parameters(parameters, t),
                            np.repeat(q[None], len(momenta), axis=0), momenta)
-    H = (H - H[0]).astype(float)
+    H = (H - H[0]).astype(float)  # in the stepper's own type: the digits cancel here
     inverse_mass = np.zeros((n, n))
     for (i, j), energy in zip(index_pairs, H[n + 1 :], strict=True):
         inverse_mass[i, j] = inverse_mass[j, i] = (energy - H[i + 1] - H[j + 1]) / p_scale**2

@@ -46,7 +46,7 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
 
 
 def _all_finite(array: NDArray[Any]) -> bool:
-    """Whether all entries of an array in a type of NumPy are finite."""
+    """Whether all entries of an array of floating-point numbers are finite."""
     if array.ndim == 1 and array.size <= _FEW and array.dtype == np.float64:
         return all(map(math.isfinite, array.tolist()))
     # The number of finite entries is the fastest of NumPy's reductions over truth values.
@@ -54,15 +54,16 @@ def _all_finite(array: NDArray[Any]) -> bool:
 
 
 def _are_finite(array: NDArray[Any]) -> bool:
-    """Whether all of ``as_numbers``' entries are finite."""
+    """Whether all entries of an array by ``as_numbers`` are finite, of whatever type they are."""
     if array.dtype == object:
         return all(isinstance(exact(entry), Fraction) for entry in array.flat)
     return bool(np.all(np.isfinite(array)))
 
 
 def converted_to(dtype: Any, array: NDArray[Any]) -> NDArray[Any]:
-    """Return a copy of ``as_numbers``' array in a type of NumPy; overflow is infinite."""
+    """Return a copy of an array by ``as_numbers`` in a type of NumPy; overflow gives infinity."""
     if array.dtype == object:
+        # a fraction is rounded once; what ``exact`` returns else is NaN or infinity
         numbers = [as_float(x, dtype) if isinstance(x, Fraction) else x
                    for x in map(exact, array.flat)]
         array = np.array(numbers, dtype=dtype).reshape(array.shape)
@@ -73,7 +74,7 @@ def converted_to(dtype: Any, array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _entries(array: NDArray[Any]) -> str:
-    """Return an array as a message shows it."""
+    """Return the text of an array for a message, on one line and at most 200 characters long."""
     text = " ".join(str(array).split())
     return text if len(text) <= 200 else text[:199] + "…"
 
@@ -90,9 +91,12 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
     except ValueError as error:
         raise InputError(f"{name} {_unequal_rows(value)}; give an array of numbers, with rows of "
                          "equal length.") from error
-    # numbers of NumPy's kinds, or an array of objects each of which is a number
-    strange = [array.dtype] if array.dtype.kind not in "fiuO" else [
-        type(x).__name__ for x in array.flat if exact(x) is None] if array.dtype == object else []
+    # kinds of NumPy: floats, signed and unsigned integers, and objects, which may be numbers
+    strange: list[Any] = []
+    if array.dtype.kind not in "fiuO":
+        strange = [array.dtype]
+    elif array.dtype == object:
+        strange = [type(x).__name__ for x in array.flat if exact(x) is None]
     if strange:
         raise InputError(
             f"{name} has entries of type {strange[0]}; give real numbers (float64 is best)."
@@ -101,7 +105,10 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
 
 
 def _unequal_rows(value: Any) -> str:
-    """Return how the rows of a ragged sequence differ: the first whose length is another."""
+    """Return how the rows of a ragged sequence differ, as the rest of a sentence.
+
+    The row named is the first whose length is not that of row 0.
+    """
     # None stands for a number in place of a row
     lengths = [len(row) if hasattr(row, "__len__") else None for row in value]
     row = next((i for i, length in enumerate(lengths) if length != lengths[0]), None)
@@ -122,13 +129,14 @@ def as_real(name: str, value: Any, number: Callable[[Fraction], Any] = as_double
     if isinstance(exact_value, float):
         raise InputError(f"{name} = {exact_value} is not finite; give a finite number.")
     rounded = number(exact_value)
-    if rounded - rounded != 0:
+    if rounded - rounded != 0:  # infinite, in any type
         raise InputError(f"{name} = {shown(value)} is too large; give a smaller number, or choose "
                          "a wider floating-point type.")
     return rounded
 
 
 def _cure(value: Any) -> str:
+    """Return advice for a number that was given as text; none for other values."""
     if isinstance(value, str):
         return " Give a number: 0.1, or with all its digits Decimal('0.1')."
     return ""

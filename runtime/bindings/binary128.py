@@ -32,7 +32,7 @@ _BIAS = 16383
 #: Exponent of the last bit of a subnormal number.
 _LEAST = 2 - _BIAS - BITS
 _FRACTION: int = 2 ** (BITS - 1)
-#: What the exponent's bits are of infinity and of what is no number.
+#: Exponent bits of infinity and NaN.
 _SPECIAL = 2 * _BIAS + 1
 _INFINITY: int = _SPECIAL << (BITS - 1)
 _SIGN: int = 1 << (8 * BYTES - 1)
@@ -62,7 +62,7 @@ def rounded(value: Fraction) -> Any:
 
 
 def full(shape: tuple[int, ...], value: Any = 0) -> Array:
-    """Return an array of one number."""
+    """Return an array of mpf, each entry the number ``value``."""
     array: Array = np.full(shape, quad(value), dtype=object)
     return array
 
@@ -78,12 +78,12 @@ def exact(value: Any) -> Fraction:
 
 
 def pack(values: Iterable[Any]) -> bytes:
-    """Return the bytes of numbers, in the machine's order, rounded to nearest, ties to even."""
+    """Return the bytes of numbers, 16 each in the machine's order, rounded to nearest even."""
     return b"".join(_encoded(value).to_bytes(BYTES, sys.byteorder) for value in values)
 
 
 def unpack(data: bytes) -> list[Any]:
-    """Return the numbers that bytes hold, exactly."""
+    """Return the mpf numbers that bytes hold, exactly: the inverse of ``pack``."""
     return [_decoded(int.from_bytes(data[i : i + BYTES], sys.byteorder))
             for i in range(0, len(data), BYTES)]
 
@@ -101,13 +101,14 @@ def _encoded(value: Any) -> int:
     if not mantissa:
         if exponent == 0:
             return 0
-        if value != value:
+        if value != value:  # a quiet NaN: infinity with the first bit of the fraction
             return _INFINITY | _FRACTION >> 1
         return _INFINITY if value > 0 else _INFINITY | _SIGN
     unit = max(exponent + length - BITS, _LEAST)  # exponent of the last bit kept
     shift = exponent - unit
     significand = int(mantissa) << shift if shift >= 0 else _rounded(int(mantissa), -shift)
-    # The hidden bit of kept, if it has one, adds 1 to the exponent; so does rounding up.
+    # The hidden bit of the significand, if it has one, adds 1 to the exponent; so does a carry by
+    # rounding. Beyond the largest number that gives infinity.
     bits: int = min(((unit - _LEAST) << (BITS - 1)) + significand, _INFINITY)
     return bits | _SIGN if sign else bits
 
@@ -122,11 +123,11 @@ def _rounded(mantissa: int, shift: int) -> int:
 
 
 def _decoded(bits: int) -> Any:
-    """Return the number of 128 bits: ``_encoded`` backwards."""
+    """Return the number that 128 bits encode: the inverse of ``_encoded``."""
     sign, exponent, fraction = bits & _SIGN, (bits & ~_SIGN) >> (BITS - 1), bits & (_FRACTION - 1)
     if exponent == _SPECIAL:
         return _CONTEXT.nan if fraction else _CONTEXT.ninf if sign else _CONTEXT.inf
-    if exponent:
+    if exponent:  # normal: with the hidden bit; subnormal numbers have the exponent of 1 too
         fraction, exponent = fraction | _FRACTION, exponent - 1
     return _number(-fraction if sign else fraction, exponent + _LEAST)
 
@@ -146,7 +147,7 @@ def to_bytes(array: Array) -> Array:
 
 
 def from_bytes(data: Array) -> Array:
-    """Return the array of mpf that ``to_bytes`` gave the bytes of."""
+    """Return the array of mpf whose bytes are along the last axis: the inverse of ``to_bytes``."""
     if data.dtype != np.uint8 or data.shape[-1:] != (BYTES,):
         raise ValueError("these are no bytes of binary128")
     array = full(data.shape[:-1])

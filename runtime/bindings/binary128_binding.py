@@ -43,6 +43,7 @@ class QuadBinding(Binding):
     """``Binding`` for float128."""
 
     def _epsilon(self) -> float:
+        """Return the distance from 1 to the next number of binary128."""
         return binary128.EPSILON
 
     def _function(self, name: str) -> Callable[..., Any]:
@@ -58,10 +59,13 @@ class QuadBinding(Binding):
             copies = [_Box(self.ffi, a)
                       if isinstance(a, (np.ndarray, float, binary128.mpf)) else None
                       for a in arguments]
-            c_result = function(*(
-                copy.pointer if copy else a.pointer if isinstance(a, (_Block, _Record)) else a
-                for a, copy in zip(arguments, copies, strict=True)
-            ))
+            c_arguments = []
+            for a, copy in zip(arguments, copies, strict=True):
+                if copy is not None:
+                    c_arguments.append(copy.pointer)
+                else:
+                    c_arguments.append(a.pointer if isinstance(a, (_Block, _Record)) else a)
+            c_result = function(*c_arguments)
             for copy in filter(None, copies):
                 copy.read_back()
             return c_result
@@ -212,7 +216,7 @@ class _Box:
         self.pointer = ffi.cast("quad *", ffi.from_buffer(self.memory))
 
     def read_back(self) -> None:
-        """Put the numbers that changed into the array."""
+        """Put the numbers that C has changed into the array."""
         after, size = self.memory.tobytes(), binary128.BYTES
         # only what C has changed is decoded, which takes longer than most calls
         if after == self.before:
@@ -226,21 +230,26 @@ class _Block:
     """Zeroed memory for structs, which begin and end with it."""
 
     def __init__(self, ffi: Any, struct: str, count: int = 1) -> None:
+        """Allocate ``count`` structs of the type named ``struct`` in one block."""
         self.size = ffi.sizeof(struct)
         self.memory = aligned(self.size * count)
         self.pointer = ffi.cast(f"{struct} *", ffi.from_buffer(self.memory))
 
     def write(self, start: int, data: bytes) -> None:
+        """Write bytes at the offset ``start``."""
         self.memory[start : start + len(data)] = np.frombuffer(data, dtype=np.uint8)
 
     def read(self, start: int) -> Any:
+        """Return the number of binary128 at the offset ``start``."""
         return binary128.unpack(self.memory[start : start + binary128.BYTES].tobytes())[0]
 
 
 def _recorded(index: int) -> property:
-    """Return a property for the number at that place among those at the end of a report."""
+    """Return a property for entry ``index`` of ``_RECORDED``, the numbers at the end of a report.
+    """
 
     def start(record: _Record) -> int:
+        """Return the offset of the number in the block."""
         end: int = (record.index + 1) * record.block.size
         return end - (len(_RECORDED) - index) * binary128.BYTES
 
@@ -254,8 +263,10 @@ def _recorded(index: int) -> property:
 
 
 def _time_step(offset: int) -> property:
-    """Return a property for the smallest or the largest step of t, the first numbers of a report in
-    scaled time."""
+    """Return a property for the smallest step of t in a report, offset 0, or the largest, offset 1.
+
+    Both are the first numbers of a report in scaled time, behind its whole numbers.
+    """
 
     def read(record: _Record) -> Any:
         start = record.index * record.block.size + _COUNTS
@@ -265,7 +276,7 @@ def _time_step(offset: int) -> property:
 
 
 def _counted(name: str) -> property:
-    """Return a property for a whole number of a report."""
+    """Return a property for the field ``name`` of a report, a whole number, which cffi knows."""
 
     def read(record: _Record) -> int:
         return int(getattr(record.pointer, name))
@@ -286,6 +297,7 @@ class _Record:
      constraint_sum, hidden_max, hidden_sum) = map(_recorded, range(len(_RECORDED)))
 
     def __init__(self, block: _Block, index: int) -> None:
+        """Refer to the struct number ``index`` of a block."""
         self.block, self.index = block, index
         self.pointer = block.pointer + index
 

@@ -72,8 +72,8 @@ class Binding(Compiled):
     ) -> tuple[int, float]:
         """Solve r(x) = 0 of a step, its first half T1, by Newton's method.
 
-        The Jacobian is new in every iteration. x is dropped: a diagnosis asks how the iteration
-        ends. Return the status and the size of the last increment relative to the state.
+        The Jacobian is computed anew in every iteration. x is dropped: a diagnosis asks how the
+        iteration ends. Returns the status and the size of the last increment relative to the state.
         """
         x, iterations = self.new(self.unknowns), self.ffi.new("int *")
         status = self.function("T1")(parameters, options, dt, self.pointer(q), self.pointer(p),
@@ -111,11 +111,11 @@ class Binding(Compiled):
         self, parameters: ParameterStruct, t: Array, q: Array, p: Array, columns: Array,
         levels: Array, last_values: Array,
     ) -> tuple[int, int] | None:
-        """Return the first and the last of rows of states behind one near a level, or None.
+        """Return the first and the last of the rows behind which a state is near a level, or None.
 
         ``columns`` are the observed columns of (q, p, quantities), ``levels`` their levels.
-        ``last_values`` has their values at the two states before, NaN at first; those of the last
-        rows replace them.
+        ``last_values`` has their values at the two states before, NaN at first; the values of the
+        last rows replace them.
         """
         times = [self.pointer(t)] if self.quantities_take_time else []
         rows = self.ffi.new("long[2]")
@@ -150,7 +150,7 @@ class Binding(Compiled):
         return full_q, full_p
 
     def time_of(self, q: Array) -> Any:
-        """Return the time of a state in scaled time, in the type of ``number``."""
+        """Return the time of a state in scaled time: its last coordinate, as a ``number``."""
         return q[-1] if self.dtype in (object, np.longdouble) else float(q[-1])
 
     def time_scales(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
@@ -184,14 +184,20 @@ class Binding(Compiled):
     def _other_rates(
         self, name: str, parameters: ParameterStruct, q: Array, rates: Array, t: Array | None
     ) -> Array:
-        """Return velocities of momenta, or momenta of velocities, by the C function ``name``."""
+        """Return velocities of momenta, or momenta of velocities, by the C function ``name``.
+
+        ``rates`` are the momenta or the velocities, shape (states, n) as q.
+        """
         result = self.new(len(q), self.n)
         self.function(name)(parameters, len(q), *self._times(t),
                             *map(self.pointer, (q, rates, result)))
         return result
 
     def _times(self, t: Array | None) -> list[Any]:
-        """Return the argument with the times of states, where H or g has time."""
+        """Return the argument with the times of states, NULL for the time in the parameters.
+
+        No argument where neither H nor g has time.
+        """
         if not self.is_timed:
             return []
         return [self.ffi.NULL if t is None else self.pointer(t)]
@@ -222,8 +228,12 @@ class Binding(Compiled):
     def defects_of_entries(
         self, parameters: ParameterStruct, q: list[float], p: list[float]
     ) -> tuple[list[float], list[float]]:
-        """Return the defects of doubles in lists, as lists: arrays take longer."""
+        """Return the defects of states whose doubles are in lists, as lists.
+
+        Lists are faster than arrays. ``q`` and ``p`` have the states one behind the other.
+        """
         allocate, reals, rows = self.ffi.new, self._reals, len(q) // self.n
+        # C is given no empty array: g has an entry also where m = 0
         g, f = allocate(reals, rows * self.m or 1), allocate(reals, rows * self.conditions)
         self.function("defects")(parameters, rows, *self._times(None), allocate(reals, q),
                                  allocate(reals, p), g, f)
@@ -265,7 +275,7 @@ class CompiledConstraints:
         return g
 
     def f(self, q: Array, p: Array) -> Array:
-        """Return the constraint on the momenta, shape (m,)."""
+        """Return the conditions on the momenta: f(q, p), then A H_p + a; shape (conditions,)."""
         f: Array = self._defects(q[None], p[None])[1][0]
         return f
 
@@ -283,13 +293,17 @@ class CompiledConstraints:
 
     def W(self, q: Array, p: Array, G: Array) -> Array:
         """Return W = f_p Gᵀ, shape (m, m): column j is (f(p + h G_jᵀ) − f(p − h G_jᵀ))/(2 h)."""
+        # p moves by the same length as for the derivatives by its entries
         h = _step(p) / max(float(np.linalg.norm(G, axis=1).max(initial=0.0)), 1e-300)
         _, f = self._defects(np.tile(q, (2 * len(G), 1)), np.vstack([p + h * G, p - h * G]))
         matrix: Array = (f[: len(G)] - f[len(G) :]).T / (2 * h)
         return matrix
 
     def _defects(self, q: Array, p: Array) -> tuple[Array, Array]:
-        """Return g and f of each state, in doubles; in scaled time t and −H complete the states."""
+        """Return g and f of each state in doubles, shapes (rows, m) and (rows, conditions).
+
+        In scaled time, t and −H complete the states.
+        """
         states = [np.ascontiguousarray(x, dtype=self._binding.dtype) for x in (q, p)]
         g, f = self._binding.defects(self._parameters, *self._binding.in_scaled_time(
             self._parameters, states[0], states[1], np.full(len(q), self._t)))
@@ -297,5 +311,9 @@ class CompiledConstraints:
 
 
 def _step(x: Array) -> float:
+    """Return the step of a central difference: |x| 2⁻¹⁷, about |x| ε^⅓.
+
+    Truncation and round-off are alike with that.
+    """
     size = float(np.linalg.norm(x))
     return 2.0**-17 * (size or 1.0)

@@ -52,6 +52,7 @@ class Pool:
     """
 
     def __init__(self, make: Callable[[], Any], size: int) -> None:
+        """``make`` allocates new memory; ``size``, in bytes, bounds how much is kept."""
         self._make, self._free = make, list[Any]()
         self._most = max(1, min(CORES, _KEPT // size))
 
@@ -63,7 +64,10 @@ class Pool:
             return self._make()
 
     def give_back(self, memory: Any) -> None:
-        """Keep memory, of as many threads as there are cores, but not much of it."""
+        """Keep memory for the next ``take``, or drop it if the pool is full.
+
+        The pool is full with one memory for each core, or with 2²⁸ bytes.
+        """
         if len(self._free) < self._most:
             self._free.append(memory)
 
@@ -141,6 +145,7 @@ class Compiled:
         self.kicks = slice(*(self.n * k * (manifest.scheme.stages or 1) for k in (1, 2)))
 
     def _epsilon(self) -> float:
+        """Return the distance from 1 to the next number of the stepper's type."""
         return float(np.finfo(self.dtype).eps)
 
     @property
@@ -149,10 +154,11 @@ class Compiled:
         return np.float64 if self.dtype is np.float32 else self.dtype
 
     def function(self, name: str) -> Any:
-        """Return a function of the module by its short name."""
+        """Return a function of the module by its name without prefix, on a large stack."""
         function = self._functions.get(name)
         if function is None:
             compiled = self._function(name)
+            # Newton's method may be a module of its own, loaded when a call asks for it
             compiled = checked(compiled) if self._newton_apart else compiled
             # looked up once for all calls
             function = self._functions[name] = on_large_stack(compiled, self.frames)
@@ -178,7 +184,7 @@ class Compiled:
         return box[0]
 
     def pointer(self, array: Array, start: int = 0) -> Any:
-        """Return a pointer to a checked array, from an entry on; NULL for an empty one."""
+        """Return a pointer to entry ``start`` of a checked array; NULL for an empty array."""
         if array.size == 0:
             return self.ffi.NULL
         address = self._from_buffer(self._reals, array, True)  # no read-only array
@@ -200,7 +206,8 @@ class Compiled:
             fields[-1] = self.dtype(t0) + steps * self.dtype(dt)
 
     def work(self) -> WorkMemory:
-        """Return work memory for one thread, and for a run that may be gone on with."""
+        """Return zeroed solver memory of one run; it persists between calls that continue the run.
+        """
         struct = f"{self.name}_work"
         return WorkMemory(
             self.ffi.from_buffer(f"{struct} *", aligned(self.ffi.sizeof(struct))))
@@ -229,7 +236,7 @@ class Compiled:
         return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)
 
     def clear_padding(self, report: RunRecord, work: WorkMemory) -> None:
-        """Set to zero the bytes of both that mean nothing: then equal runs have equal images."""
+        """Set padding bytes of both to zero, so that equal runs have equal images."""
         if self.c_type == "long double":  # no other type has any that compiled code writes to
             self.function("clear_padding")(report, work)
 
@@ -320,7 +327,7 @@ class Compiled:
         fields = [*(columns[name] for name in self.parameter_names),
                   *([] if self.time is None else [times])]
         rows = self.new(len(times), max(len(fields), 1))  # a struct of C has one field at least
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore"):  # numbers beyond the type become infinite
             for column_index, column in enumerate(fields):
                 rows[:, column_index] = column
         return rows
@@ -354,6 +361,7 @@ class Compiled:
 
     def _record_dtype(self) -> np.dtype[Any]:
         """Return the C struct of reports as NumPy's record type, with cffi's offsets."""
+        # fields of all other C types are numbers of the stepper's type
         kinds = {"long": np.dtype("l"), "int": np.dtype("i")}
         struct = self.ffi.typeof(f"{self.name}_report")
         fields = dict(struct.fields)
@@ -369,8 +377,10 @@ class Compiled:
     ) -> tuple[Array, Array]:
         """Advance the rows of q and p in place by whole runs; return records and statuses.
 
-        ``parameters`` has a row for each trajectory, in the order of ``parameter_names`` and with
-        the time at the start where something has it.
+        ``parameters`` has a row for each trajectory, in the order of ``parameter_names``, with the
+        time at the start behind them where something depends on time. ``out`` are arrays for the
+        stored states of q and p, or None. The records have one entry per trajectory; a status of 0
+        is success.
         """
         count = len(dt)
         reports = np.zeros(count, dtype=self.report_type)

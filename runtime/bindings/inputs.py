@@ -74,16 +74,17 @@ class InputRows:
 
     @property
     def throughout(self) -> dict[str, Any]:
-        """The inputs of the first run by name; those that change are nan, for no number they are.
+        """The inputs of the first run by name; NaN for inputs that change, which have no one value.
 
-        A quantity of a step whose inputs were not stored is then nan, not wrong.
+        A quantity of a step whose inputs were not stored is then NaN, not wrong.
         """
         rows = self.values[0]
         first_row = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)
         # NaN in the number type of the inputs
         changing = 0 * (first_row[0] if len(rows) else 1.0) + np.nan
-        return {name: x if (rows[:, i] == first_row[i]).all() else changing
-                for i, (name, x) in enumerate(zip(self.names, first_row.tolist(), strict=True))}
+        stays = (rows == first_row).all(axis=0)
+        return {name: x if constant else changing
+                for name, x, constant in zip(self.names, first_row.tolist(), stays, strict=True)}
 
     def of(self, i: int) -> InputRows:
         """Return the inputs of run i."""
@@ -94,16 +95,18 @@ class InputRows:
         return replace(self, values=self.values[runs]) if len(self.values) > 1 else self
 
     def taken(self, runs: Array, steps: Array, count: int = 1) -> InputRows:
-        """Return the inputs of ``count`` steps each, a row per step.
+        """Return the inputs of ``count`` steps of each of several runs, a row per step.
 
-        Entry i is of run ``runs[i]`` from its step ``steps[i]`` on; behind the last row it repeats.
+        Entry i has the steps from ``steps[i]`` on of run ``runs[i]``. Behind the last row it
+        repeats.
         """
         step_numbers = steps[:, None] + np.arange(count)
-        # the last row holds for all later steps
-        rows = np.minimum(step_numbers // self.hold if self.hold else 0 * step_numbers,
-                          self.values.shape[1] - 1)
-        owner = runs[:, None] if len(self.values) > 1 else 0
-        return InputRows(self.names, np.ascontiguousarray(self.values[owner, rows]), 1)
+        # hold = 0: one row holds throughout
+        row_numbers = step_numbers // self.hold if self.hold else 0 * step_numbers
+        last_row = self.values.shape[1] - 1  # holds for all later steps
+        owner = runs[:, None] if len(self.values) > 1 else 0  # runs may share their inputs
+        values = self.values[owner, np.minimum(row_numbers, last_row)]
+        return InputRows(self.names, np.ascontiguousarray(values), 1)
 
     @property
     def first(self) -> dict[str, Any]:
@@ -117,11 +120,12 @@ class InputRows:
         return self.taken(np.zeros(1, int), np.zeros(1, int), count)
 
     def refined(self, factor: int) -> InputRows:
-        """Return the inputs of the same run with steps ``factor`` times smaller."""
+        """Return the inputs for steps ``factor`` times smaller: each row is held for as many more.
+        """
         return replace(self, hold=self.hold * factor)
 
     def at(self, step: int) -> Array:
-        """Return the row of a step of the first run."""
+        """Return the inputs of a step of the first run, shape (inputs,)."""
         row: Array = self.values[0, step // self.hold if self.hold else 0]
         return row
 
@@ -144,7 +148,7 @@ def as_inputs(
     if not names:
         raise InputError("inputs are given, and this system has none; declare them by "
                          "System(..., inputs=...).")
-    rows = -(-steps // hold)  # rounded up: the last row may serve fewer steps
+    rows = (steps + hold - 1) // hold  # rounded up: the last row may serve fewer steps
     if isinstance(inputs, Mapping):
         parts = [_column(name, inputs, rows, runs) for name in _named(inputs, names)]
         array = np.stack(np.broadcast_arrays(*parts), axis=-1)
@@ -155,7 +159,7 @@ def as_inputs(
 
 
 def _named(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
-    """Return the names of inputs; refuse unknown and missing ones."""
+    """Return all input names of the system; refuse unknown and missing names in ``inputs``."""
     unknown = [str(name) for name in inputs if name not in names]
     if unknown:
         raise InputError(f"Input {unknown[0]!r} is unknown; this system has {', '.join(names)}"
@@ -169,8 +173,12 @@ def _named(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
 def _column(
     name: str, inputs: Mapping[str, Any], rows: int, runs: int | None
 ) -> Array:
-    """Return one input, shape (runs, rows), either of them 1 where one number serves all."""
+    """Return one input, shape (runs, rows), either of them 1 where one number serves all.
+
+    ``inputs[name]`` is one number, a number per row, or with ``runs`` a row of these for each run.
+    """
     array = as_numbers(f"Input {name}", inputs[name])
+    # shape as given → shape (runs, rows)
     allowed = {(): (1, 1), (rows,): (1, rows)}
     if runs is not None:
         allowed |= {(runs, 1): (runs, 1), (runs, rows): (runs, rows)}
@@ -183,11 +191,12 @@ def _column(
 def _table(array: Array, count: int, rows: int, runs: int | None) -> Array:
     """Return inputs as (runs, rows, inputs), an axis of length 1 where one number serves all.
 
-    ``array`` has ``count`` inputs in its last axis, ``rows`` steps before it and ``runs`` runs, if
-    not None, before these.
+    The last axis of ``array`` has the ``count`` inputs, the axis before it ``rows`` rows, and the
+    first one ``runs`` runs where these are not None.
     """
+    # shape as given → shape (runs, rows, inputs)
     allowed = {(count,): (1, 1, count), (rows, count): (1, rows, count)}
-    if count == 1:
+    if count == 1:  # one input needs no axis of its own
         allowed = {(): (1, 1, 1), (rows,): (1, rows, 1)} | allowed
     if runs is not None:
         allowed |= {(runs, 1, count): (runs, 1, count), (runs, rows, count): (runs, rows, count)}
@@ -197,5 +206,6 @@ def _table(array: Array, count: int, rows: int, runs: int | None) -> Array:
 
 
 def _choices(shapes: Sequence[tuple[int, ...]]) -> str:
+    """Return the allowed shapes in words, as "one number, shape (3,) or shape (2, 3)"."""
     texts = ["one number" if shape == () else f"shape {shape}" for shape in shapes]
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} or {texts[-1]}"

@@ -26,10 +26,11 @@ def rounding(real: RealName) -> Callable[[Fraction], Any]:
 
 
 def as_float(value: Fraction, dtype: Any) -> Any:
-    """Return the number of one of NumPy's floating-point types next to a value, or infinity."""
+    """Return the number of a type of NumPy next to a value; infinity beyond its range."""
     type_info = np.finfo(dtype)
     bits = int(type_info.nmant) + 1
     mantissa, exponent = nearest(value, bits, int(type_info.minexp) - int(type_info.nmant))
+    # value ≈ mantissa · 2^exponent, with the bits of the type
     number = type_info.dtype.type(0)
     # the mantissa in pieces of 16 bits, each of which any of the types holds exactly
     for shift in range(0, bits + 1, 16):
@@ -40,6 +41,7 @@ def as_float(value: Fraction, dtype: Any) -> Any:
 
 
 def _as_long_double(value: Fraction) -> Any:
+    """Return a fraction as the nearest long double."""
     return as_float(value, np.longdouble)
 
 
@@ -67,14 +69,18 @@ _X87_BYTES = 10
 
 
 def aligned(size: int) -> NDArray[Any]:
-    """Return zeroed bytes, aligned to a multiple of ``ALIGNMENT``."""
+    """Return ``size`` zeroed bytes whose address is a multiple of ``ALIGNMENT``."""
+    # NumPy aligns to 16 bytes only: the bytes begin at the next multiple inside a larger array
     room = np.zeros(size + ALIGNMENT, dtype=np.uint8)
     start = -room.__array_interface__["data"][0] % ALIGNMENT
     return room[start : start + size]
 
 
 def without_padding(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array with equal bytes for equal numbers: itself, or a copy."""
+    """Return an array with equal bytes for equal numbers: itself, or a copy.
+
+    An x87 long double has 10 bytes of value and 6 of padding, which are set to 0 in a copy.
+    """
     if array.dtype != np.longdouble or np.finfo(np.longdouble).nmant != 63:
         return array
     copy = array.copy(order="C")
@@ -86,7 +92,7 @@ WIDE_BYTES = 16
 
 
 def as_bytes(array: Array) -> Array:
-    """Return an array's numbers as bytes along a last axis, equal for equal numbers."""
+    """Return the bytes of an array's numbers along a last axis, equal for equal numbers."""
     if array.dtype == object:
         from .binary128 import to_bytes  # mpmath costs time, and only float128 needs it
 
@@ -96,7 +102,7 @@ def as_bytes(array: Array) -> Array:
 
 
 def from_bytes(data: Array, dtype: Any) -> Array:
-    """Return the numbers that ``as_bytes`` gave the bytes of."""
+    """Return the numbers whose bytes are along the last axis: the inverse of ``as_bytes``."""
     if dtype is object:
         from .binary128 import from_bytes as quads
 

@@ -91,7 +91,7 @@ class RunState:
         return int(self.record.steps)
 
     def nbytes(self, binding: Compiled) -> int:
-        """Return the size of a copy in bytes."""
+        """Return the size in bytes of a copy: q, p, the record and the solver memory."""
         return (self.q.nbytes + self.p.nbytes + binding.image(self.record).size
                 + binding.image(self.work).size)
 
@@ -134,7 +134,7 @@ class Rows:
 
     @classmethod
     def allocate(cls, binding: Compiled, *shape: int) -> Rows:
-        """Return empty rows of this shape; raise InputError if there is no memory for them."""
+        """Return zeroed rows with these leading axes; raise InputError without memory for them."""
         try:
             return cls(binding.new(*shape, binding.n), binding.new(*shape, binding.n),
                        binding.new(*shape, binding.multipliers), np.zeros(shape, dtype=np.intc),
@@ -151,7 +151,7 @@ class Rows:
                           self.iterations[rows], self.work[rows])
 
     def assign(self, rows: Any, source: Rows) -> None:
-        """Set some rows."""
+        """Set the rows that the index ``rows`` selects in each array, from ``source``."""
         for field in fields(self):
             getattr(self, field.name)[rows] = getattr(source, field.name)
 

@@ -105,19 +105,23 @@ def check_film(path: str | os.PathLike[str]) -> Path:
 
 
 def _frames(seconds: Any, fps: Any) -> int:
-    """Return the number of pictures of a film, seconds · fps."""
+    """Return the number of pictures of a film, seconds · fps; InputError for fewer than 2 or too
+    many."""
     arrays = [real_array(number) for number in (seconds, fps)]
     numbers = [float(number) for number in arrays
-               if number is not None and number.ndim == 0 < number]
+               if number is not None and number.ndim == 0 and number > 0]
     count = numbers[0] * numbers[1] if len(numbers) == 2 else np.nan
-    if not 2 <= count <= _MOST_FRAMES:
+    if not 2 <= count <= _MOST_FRAMES:  # NaN as well
         raise InputError(f"A film of seconds = {shown(seconds)} and fps = {shown(fps)} is none; "
                          f"give two numbers with a product from 2 to {_MOST_FRAMES}.")
     return round(count)
 
 
 def _writer(target: Path, fps: int) -> Any:
-    """Return matplotlib's writer of a film."""
+    """Return matplotlib's writer of films: Pillow for .gif, the program ffmpeg for .mp4.
+
+    Raises MissingDependencyError without matplotlib or ffmpeg.
+    """
     figure_class()  # or says that matplotlib is missing
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
@@ -168,7 +172,8 @@ class _Stage:
 
 
 def _plain(scene: Scene, shape: ShapeName) -> Scene:
-    """Return a scene of boxes or ellipsoids."""
+    """Return a scene whose bodies are boxes or ellipsoids of their inertia, in place of other
+    shapes."""
     kind: ShapeKind = "box" if shape == "box" else "sphere"
     return replace(scene, parts=[
         replace(body, shapes=[Shape(kind, body.sizes[shape], body.centre, body.axes)], glass=False)

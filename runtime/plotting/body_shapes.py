@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,47 +98,76 @@ def shapes_of(body: ScenePart, joints: list[Held], reach: float, *, inside: bool
             *_arms(body, loose, thick, body.centre)]
 
 
-def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float, *, inside: bool,
-                 ) -> list[Shape]:
-    """Return the shapes of a body: the first that its joints and proportions suggest.
+class _Proportions(NamedTuple):
+    """A body's box and its joints: half edges, also in ascending order; places and hinges."""
 
-    A rim with its stem, a gimbal ring, a frame, a block that slides, a top on its support, a wheel,
-    a sphere, a bar, arms to the joints, a disc, a wing nut; else a box.
-    """
-    if body.rim is not None:
-        return list(_top(np.zeros(3), body.axes, *body.rim, 0.0))
+    half: Array
+    ordered: Array
+    #: Places of the joints in body axes, shape (joints, 3), and the largest distance of two.
+    places: Array
+    span: float
+    #: Axes of hinges that do not slide.
+    hinges: list[Array]
+    is_central: bool
+    is_cube: bool
+    is_slim: bool
+
+
+def _proportions(body: ScenePart, joints: list[Held]) -> _Proportions:
+    """Return the proportions of a body by which its shape is chosen."""
     half = body.sizes["box"]
     longest, ordered = half.max(), np.sort(half)
     hinges = [joint.axis for joint in joints if joint.axis is not None and not joint.slides]
     places = np.array([joint.at for joint in joints]).reshape(-1, 3)
     span = max((float(np.linalg.norm(a - b)) for a in places for b in places), default=0.0)
-    is_central, is_cube = span < _CENTRAL * longest, np.ptp(half) < _EQUAL * longest
-    is_slim = ordered[1] < (_SLIM if joints else _SLIM_FREE) * ordered[2]
-    # bars from the centre to joints outside of the body
-    arms = list(_arms(body, places, thick, body.centre))
+    return _Proportions(
+        half, ordered, places, span, hinges, is_central=span < _CENTRAL * longest,
+        is_cube=np.ptp(half) < _EQUAL * longest,
+        is_slim=ordered[1] < (_SLIM if joints else _SLIM_FREE) * ordered[2])
+
+
+def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float, *, inside: bool,
+                 ) -> list[Shape]:
+    """Return the shapes of a body: the first that its joints and proportions suggest.
+
+    A rim with its stem, a gimbal ring, a frame, a block that slides, a top on its support; else by
+    its proportions. ``inside``: another body lies within its box; ``thick`` is the radius of bars.
+    """
+    if body.rim is not None:
+        return list(_top(np.zeros(3), body.axes, *body.rim, 0.0))
+    proportions = _proportions(body, joints)
+    hinges, is_slim = proportions.hinges, proportions.is_slim
     # bodies around others: hinges in two directions, one of them on the outside, make a gimbal ring
-    if inside and not is_slim and any(joint.outer for joint in joints) and any(
-            np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges):
+    has_two_directions = any(np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges)
+    if inside and not is_slim and has_two_directions and any(joint.outer for joint in joints):
         return list(_ring(body, hinges, thick))
-    if inside and is_central:
-        return list(_frame(body, half))
-    if any(joint.slides for joint in joints) and is_cube:
-        return [Shape("box", half, body.centre, body.axes)]
+    if inside and proportions.is_central:
+        return list(_frame(body, proportions.half))
+    if any(joint.slides for joint in joints) and proportions.is_cube:
+        return [Shape("box", proportions.half, body.centre, body.axes)]
     support = None if is_slim else _support(body, joints, reach)
     if support is not None:
         return list(_top_on(body, joints, *support))
-    # bodies of revolution: where two half lengths are equal, the third axis is one of symmetry
-    axis = next((k for k in range(3) if np.ptp(np.delete(half, k)) < _EQUAL * longest), None)
-    disc = None if axis is None else _disc(body, half, axis)
-    if disc is not None and is_central and disc.size[2] < _WHEEL * disc.size[0] and any(
-            abs(hinge @ disc.axes[:, 2]) > 1 - _EQUAL for hinge in hinges):
+    return _shapes_by_proportions(body, joints, proportions, thick)
+
+
+def _shapes_by_proportions(
+    body: ScenePart, joints: list[Held], proportions: _Proportions, thick: float
+) -> list[Shape]:
+    """Return a wheel, a sphere, a bar, arms to the joints, a disc or a wing nut; else a box."""
+    half, ordered, places = proportions.half, proportions.ordered, proportions.places
+    # bars from the centre to joints outside of the body
+    arms = list(_arms(body, places, thick, body.centre))
+    disc = _disc(body, half)
+    if disc is not None and proportions.is_central and disc.size[2] < _WHEEL * disc.size[0] and any(
+            abs(hinge @ disc.axes[:, 2]) > 1 - _EQUAL for hinge in proportions.hinges):
         axle_size = disc.size * [_AXLE[0], _AXLE[0], _AXLE[1]]
         return [disc, Shape("disc", axle_size, body.centre, disc.axes, METAL), *arms]
-    if is_cube:
+    if proportions.is_cube:
         return [Shape("sphere", body.sizes["ellipsoid"], body.centre, body.axes), *arms]
-    if is_slim:
+    if proportions.is_slim:
         return list(_bar(body, joints, ordered, thick))
-    if span > 0 and ordered[1] < _THIN_BETWEEN_JOINTS * span:
+    if proportions.span > 0 and ordered[1] < _THIN_BETWEEN_JOINTS * proportions.span:
         radius = float(np.clip(ordered[1], 0.7 * thick, 1.3 * thick))
         return [Shape.bar(places.mean(axis=0), place, radius) for place in places]
     if disc is not None:
@@ -148,15 +177,22 @@ def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float
     return [Shape("box", half, body.centre, body.axes), *arms, *_pointer(body, half)]
 
 
-def _disc(body: ScenePart, half: Array, axis: int) -> Shape:
-    """Return the cylinder about a principal axis with the inertia of the box ``half``."""
+def _disc(body: ScenePart, half: Array) -> Shape | None:
+    """Return the cylinder with the inertia of the box of half edges ``half``.
+
+    Its axis is the one across two equal edges; None where no two are equal.
+    """
+    axis = next((k for k in range(3) if np.ptp(np.delete(half, k)) < _EQUAL * half.max()), None)
+    if axis is None:
+        return None
     r = float(np.delete(half, axis)[0]) * _ROUND
     return Shape("disc", np.array([r, r, float(half[axis])]), body.centre,
                  _axes_with_third(body.axes, axis))
 
 
 def _top_on(body: ScenePart, joints: list[Held], foot: Array, k: int) -> Iterator[Shape]:
-    """Yield a top on its support, with principal axis k; its knob is at the farthest joint."""
+    """Yield a top that stands on ``foot`` with its principal axis k; its stem ends at the
+    farthest joint."""
     lever = body.centre - foot
     height = float(np.linalg.norm(lever))
     axes = _axes_with_third(body.axes, k)
@@ -168,22 +204,25 @@ def _top_on(body: ScenePart, joints: list[Held], foot: Array, k: int) -> Iterato
 
 
 def _axes_with_third(axes: Array, axis: int) -> Array:
-    """Return right-handed axes of which this one is the third."""
+    """Return right-handed axes, the columns of ``axes`` cyclically moved so that ``axis`` is the
+    third."""
     turned_axes: Array = axes[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
     return turned_axes
 
 
 def _support(body: ScenePart, joints: list[Held], reach: float) -> tuple[Array, int] | None:
-    """Return the point on which a top stands and the number of its axis, if ball joints on one
-    principal axis hold the body, and no others do."""
+    """Return the point on which a top stands and the number k of its principal axis, or None.
+
+    Ball joints on one principal axis hold a top, and no other joints do.
+    """
     if not joints or any(joint.axis is not None for joint in joints):
         return None
+    # from each joint to the centre of mass, in principal axes
     levers = np.array([(body.centre - joint.at) @ body.axes for joint in joints])
     k = int(np.argmax(np.abs(levers).max(axis=0)))
-    if np.abs(np.delete(levers, k, axis=1)).max() > _EQUAL * reach or abs(
-            levers[0, k]) < _EQUAL * reach:
-        return None
-    return joints[0].at, k
+    is_beside_axis = np.abs(np.delete(levers, k, axis=1)).max() > _EQUAL * reach
+    is_at_centre = abs(levers[0, k]) < _EQUAL * reach
+    return None if is_beside_axis or is_at_centre else (joints[0].at, k)
 
 
 def _top(foot: Array, axes: Array, height: float, half: Array, end: float) -> Iterator[Shape]:
@@ -193,6 +232,7 @@ def _top(foot: Array, axes: Array, height: float, half: Array, end: float) -> It
     the distance ``end`` from the foot; if 0, with a knob above the flywheel.
     """
     r = float(half.max())
+    # disc with the hub on it, then the stem and its thin point
     half_thickness = min(_THICK[0] * r, _THICK[1] * height)
     stem = 0.05 * max(r, height)
     knob = end or height + max(0.7 * r, 0.4 * height)
@@ -204,7 +244,8 @@ def _top(foot: Array, axes: Array, height: float, half: Array, end: float) -> It
 
 
 def _ring(body: ScenePart, hinges: list[Array], thick: float) -> Iterator[Shape]:
-    """Yield a ring of bars in the plane of two hinges, and their pins."""
+    """Yield a ring of bars about the centre, in the plane of two hinges, and a pin at each hinge.
+    """
     # of all hinges the one that is most nearly across the first determines the plane best
     first_hinge = hinges[0]
     second_hinge = max(hinges, key=lambda a: float(np.linalg.norm(np.cross(a, first_hinge))))
@@ -223,9 +264,9 @@ def _ring(body: ScenePart, hinges: list[Array], thick: float) -> Iterator[Shape]
 
 
 def _frame(body: ScenePart, half: Array) -> Iterator[Shape]:
-    """Yield the edges of a box."""
+    """Yield bars along the twelve edges of the box with the half edges ``half``."""
     edge_radius = 0.035 * float(half.max())
-    for k in range(3):
+    for k in range(3):  # four edges along axis k, at both ends of axes i and j
         i, j = (k + 1) % 3, (k + 2) % 3
         for a in (-1, 1):
             for b in (-1, 1):
@@ -243,13 +284,16 @@ def _bar(body: ScenePart, joints: list[Held], ordered: Array, thick: float) -> I
     """
     e = body.axes[:, int(np.argmax(body.sizes["box"]))]
     radius = float(np.clip(ordered[1], 0.7 * thick, 1.3 * thick))
-    ends = [-ordered[2], ordered[2], *(float((joint.at - body.centre) @ e) for joint in joints)]
-    joint_distances = ends[2:]
-    if joint_distances and min(joint_distances) < -0.8 * ordered[2]:  # a bar ends where it is held
-        ends[0] = min(joint_distances)
-    if joint_distances and max(joint_distances) > 0.8 * ordered[2]:
-        ends[1] = max(joint_distances)
-    yield Shape.bar(body.centre + min(ends) * e, body.centre + max(ends) * e, radius)
+    half_length = ordered[2]
+    begin, end = -half_length, half_length
+    joint_distances = [float((joint.at - body.centre) @ e) for joint in joints]
+    # a bar ends where it is held, if that is near its end or beyond
+    if joint_distances and min(joint_distances) < -0.8 * half_length:
+        begin = min(joint_distances)
+    if joint_distances and max(joint_distances) > 0.8 * half_length:
+        end = max(joint_distances)
+    yield Shape.bar(body.centre + min(begin, end, *joint_distances) * e,
+                    body.centre + max(begin, end, *joint_distances) * e, radius)
     for joint, s in zip(joints, joint_distances, strict=True):
         foot = body.centre + s * e
         if np.linalg.norm(joint.at - foot) > radius:
@@ -258,7 +302,7 @@ def _bar(body: ScenePart, joints: list[Held], ordered: Array, thick: float) -> I
 
 def _arms(body: ScenePart, points: Sequence[Array] | Array, thick: float, start: Array,
           ) -> Iterator[Shape]:
-    """Yield a bar from a point to each of others that is outside of the body."""
+    """Yield a bar from ``start`` to each of the points outside of the body, all in body axes."""
     for point in points:
         r = (point - body.centre) @ body.axes
         if (np.abs(r) > body.sizes["box"] + 0.1 * thick).any():
@@ -279,6 +323,7 @@ def _wing_nut(body: ScenePart, half: Array) -> Iterator[Shape]:
     """
     across, along = np.argsort(half)[[2, 1]]
     low, high = 0.0, 2.0
+    # bisection for ρ(L) = (half[along]/half[across])², to the last bit
     for _ in range(50):
         L = (low + high) / 2
         c = L**2 / (2 * (2 + L))

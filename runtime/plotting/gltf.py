@@ -106,6 +106,7 @@ class _Document:
 
     def as_bytes(self) -> bytes:
         """Return the file."""
+        # an animation needs two frames
         animated = self.channels and len(self.scene.t) > 1
         text = json.dumps({
             "asset": {"version": "2.0", "generator": f"gyrospark {__version__}"},
@@ -116,11 +117,12 @@ class _Document:
             **({"animations": [{"name": "run", "samplers": self.samplers,
                                 "channels": self.channels}]} if animated else {}),
         }, allow_nan=False).encode()
+        text += b" " * (-len(text) % 4)  # chunks have whole words
         # little-endian words: each chunk has its length and its kind, "JSON" or "BIN"
-        chunks = b"".join(
-            struct.pack("<II", len(data), kind) + data for data, kind in (
-                (text + b" " * (-len(text) % 4), 0x4E4F534A), (bytes(self.numbers), 0x004E4942)))
-        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+        json_chunk = struct.pack("<II", len(text), 0x4E4F534A) + text
+        binary_chunk = struct.pack("<II", len(self.numbers), 0x004E4942) + bytes(self.numbers)
+        size = 12 + len(json_chunk) + len(binary_chunk)  # with this header
+        return struct.pack("<4sII", b"glTF", 2, size) + json_chunk + binary_chunk
 
     def _numbers(self, array: Array, kind: str, use: int = 0) -> int:
         """Append an array to the numbers; return the index of its accessor, with its bounds.
@@ -146,9 +148,12 @@ class _Document:
         Its node has the translation (a + b)/2, the rotation of the third axis to b − a, and the
         scale |b − a|/2 along it: a bar of half length 1 serves all frames.
         """
-        parts = self.scene.parts
-        a, b = (parts[i].at(r)[:, 0] if i >= 0 else np.tile(r, (len(self.scene.t), 1))
-                for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)))
+        def path(i: int, r: Array) -> Array:
+            """Return the point r of body i, or of the ground −1, in each frame."""
+            return (self.scene.parts[i].at(r)[:, 0] if i >= 0
+                    else np.tile(r, (len(self.scene.t), 1)))
+
+        a, b = path(tie.a, tie.on_a), path(tie.b, tie.on_b)
         length = np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-9 * self.reach)
         third = np.array([0.0, 0.0, 1.0])
         q = np.array([_rotation(third, e) for e in (b - a) / length])
@@ -188,8 +193,10 @@ class _Document:
                 yield self._primitive({"POSITION": accessor}, faces, shape_colour)
                 continue
             solid = mesh_of(shape)
+            # a shape with a colour of its own has one tint; faces of others are lighter or not
             for tint in {0.0} if shape.colour else {*solid.light.tolist()}:
                 faces_of_tint = solid.faces if shape.colour else solid.faces[solid.light == tint]
+                # the vertices of these faces alone, numbered from 0
                 vertices, faces = np.unique(faces_of_tint, return_inverse=True)
                 solids.setdefault(_lighter(shape_colour, 0.42 * tint), []).append(replace(
                     solid, points=solid.points[vertices], normals=solid.normals[vertices],
@@ -201,12 +208,15 @@ class _Document:
                                   solid_mesh.faces, shape_colour)
 
     def _primitive(self, attributes: dict[str, int], faces: Array, colour: str) -> dict[str, Any]:
+        """Return a primitive: accessors of its vertices by attribute, its triangles and its
+        material."""
         return {"attributes": attributes, "indices": self._numbers(faces.ravel(), "<u4", _ELEMENTS),
                 "material": self.materials.setdefault(colour, len(self.materials))}
 
 
 def _scalar_last(q: Array) -> Array:
-    """Return unit quaternions scalar last, with signs that make them continuous in time."""
+    """Return unit quaternions, shape (frames, 4), scalar last, with signs that make them
+    continuous."""
     # viewers interpolate numbers, and between q and −q that is a full turn
     signs = np.cumprod(np.append(1.0, np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0)))
     unit: Array = q * (signs / np.linalg.norm(q, axis=1))[:, None]
@@ -214,7 +224,9 @@ def _scalar_last(q: Array) -> Array:
 
 
 def _rotation(start: Array, end: Array) -> list[float]:
-    """Return the shortest rotation of a unit vector to another, vector first."""
+    """Return the shortest rotation of one unit vector to another, as a quaternion with scalar last.
+    """
+    # (sin θ n, 1 + cos θ) = 2 cos(θ/2) (sin(θ/2) n, cos(θ/2))
     q = np.append(np.cross(start, end), 1 + start @ end)
     if q[3] < 1e-9:  # opposite: about any axis that is normal to both
         q = np.append(axes_about(start)[:, 0], 0.0)
@@ -223,6 +235,7 @@ def _rotation(start: Array, end: Array) -> list[float]:
 
 
 def _lighter(colour: str, share: float) -> str:
+    """Return a colour "#rrggbb" moved towards white by a share of the way."""
     rgb = [int(colour[k:k + 2], 16) for k in (1, 3, 5)]
     return "#" + "".join(f"{round(x + share * (255 - x)):02x}" for x in rgb)
 

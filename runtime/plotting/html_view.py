@@ -132,10 +132,11 @@ def with_visuals(
     ``budget`` is the number of bytes of all meshes together for ``"small"``.
     """
     visuals = getattr(trajectory._stepper, "visuals", {})
-    mesh_files, reasons = read_meshes((shape.file for shapes in visuals.values() for shape in shapes
-                                       if shape.file), meshes, budget)
-    shapes_by_body = {name: [shape for shape in shapes if not shape.file
-                             or shape.file in mesh_files]
+    files = [shape.file for shapes in visuals.values() for shape in shapes if shape.file]
+    mesh_files, reasons = read_meshes(files, meshes, budget)
+    # shapes without a file, and those whose mesh could be read
+    shapes_by_body = {name: [shape for shape in shapes
+                             if not shape.file or shape.file in mesh_files]
                       for name, shapes in visuals.items()}
     remarks = [f"The mesh {Path(file).name} is not shown: {reason}"
                for file, reason in reasons.items()]
@@ -148,7 +149,7 @@ def with_visuals(
 
 
 def _page(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> str:
-    """Return the document: styles, script and scene in one."""
+    """Return the HTML document with styles, script and scene in one."""
     return filled_page(page_file("view.html"), scene.title, _content(scene, shape, meshes),
                        {"SCRIPT": compact(page_file("view.js"))})
 
@@ -170,7 +171,7 @@ def filled_page(
 
 
 def page_file(name: str) -> str:
-    """Return a part of a page: ``"view.js"`` or ``"view.css"``."""
+    """Return the text of a part of a page in this folder, such as ``"view.js"``."""
     return (_HERE / name).read_text(encoding="utf-8")
 
 
@@ -194,18 +195,10 @@ def _content(
     view.js and scene.js read these keys. A position that stays is one row.
     """
     mesh_numbers = {file: i for i, file in enumerate(meshes)}
-
-    def shapes(shape_list: Iterable[Shape]) -> list[dict[str, Any]]:
-        """Return shapes as the page reads them; meshes are numbers into its list of meshes."""
-        return [{"kind": shape.kind, "size": shape.size.tolist(), "centre": shape.centre.tolist(),
-                 "axes": shape.axes.T.tolist(), "colour": shape.colour,
-                 **({"mesh": mesh_numbers[shape.file]} if shape.file else {})}
-                for shape in shape_list]
-
+    encoded_meshes = {i: [encoded(mesh)] for i, mesh in enumerate(meshes.values())}
     return {
-        "meshes": {**encoded_solids(), **{i: [encoded(mesh)] for i, mesh in enumerate(
-            meshes.values())}},
-        "ground": shapes(scene.ground),
+        "meshes": {**encoded_solids(), **encoded_meshes},
+        "ground": _shapes_content(scene.ground, mesh_numbers),
         "title": scene.title, "shape": shape, "remarks": scene.remarks,
         "up": scene.up.tolist(), "gravity": scene.gravity,
         "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),
@@ -215,8 +208,8 @@ def _content(
             "x": _bytes(body.x if np.ptp(body.x, axis=0).any() else body.x[:1]),
             "axes": body.axes.T.tolist(), "tip": body.tip.tolist(),
             "sizes": {kind: size.tolist() for kind, size in body.sizes.items()},
-            "scaled": body.to_scale, "shapes": shapes(body.shapes), "glass": body.glass,
-            "own": body.own,
+            "scaled": body.to_scale, "shapes": _shapes_content(body.shapes, mesh_numbers),
+            "glass": body.glass, "own": body.own,
         } for body in scene.parts],
         "ties": [{
             "name": tie.name, "kind": tie.kind, "slides": tie.slides, "a": tie.a, "b": tie.b,
@@ -224,6 +217,16 @@ def _content(
             "onB": tie.on_b.tolist(), "axis": None if tie.axis is None else tie.axis.tolist(),
         } for tie in scene.ties],
     }
+
+
+def _shapes_content(
+    shapes: Iterable[Shape], mesh_numbers: Mapping[str, int]
+) -> list[dict[str, Any]]:
+    """Return shapes as the page reads them, a mesh file as its number in the list of meshes."""
+    return [{"kind": shape.kind, "size": shape.size.tolist(), "centre": shape.centre.tolist(),
+             "axes": shape.axes.T.tolist(), "colour": shape.colour,
+             **({"mesh": mesh_numbers[shape.file]} if shape.file else {})}
+            for shape in shapes]
 
 
 def _bytes(array: Any) -> str:

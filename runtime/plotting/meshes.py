@@ -76,6 +76,7 @@ class IndexedMesh:
 
 def _unique_rows(vertices: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the indices of the distinct rows, and the position of each row among them."""
+    # a row as one opaque item: NumPy sorts these by their bytes, faster than rows of numbers
     row_type = np.dtype((np.void, vertices.itemsize * vertices.shape[1]))
     row_bytes = np.ascontiguousarray(vertices).view(row_type)
     _, first, index = np.unique(row_bytes.ravel(), return_index=True, return_inverse=True)
@@ -108,9 +109,9 @@ def read_meshes(
         if cells < 1:
             break
         # all meshes have cells of one size, but small ones have at least _LEAST along each
-        meshes_by_file = {file: mesh.clustered(max(min(longest / cells, mesh.extent / _LEAST),
-                                                   1e-12))
-                          for file, mesh in meshes_by_file.items()}
+        for file, mesh in meshes_by_file.items():
+            cell = min(longest / cells, mesh.extent / _LEAST)
+            meshes_by_file[file] = mesh.clustered(max(cell, 1e-12))  # of a mesh without extent
     return meshes_by_file, reasons
 
 
@@ -128,8 +129,9 @@ def encoded(mesh: IndexedMesh) -> Mapping[str, Any]:
     points, vertex_number = points[order], np.empty_like(order)
     vertex_number[order] = np.arange(len(order))
     triangles = vertex_number[mesh.triangles]
-    triangles = np.take_along_axis(
-        triangles, (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3, axis=1)
+    # the smallest vertex number comes first, and the triangles are sorted by it
+    smallest_corner = np.argmin(triangles, axis=1)[:, None]
+    triangles = np.take_along_axis(triangles, (smallest_corner + np.arange(3)) % 3, axis=1)
     corners = triangles[np.lexsort(triangles.T[::-1])].ravel()
     # differences of sorted numbers are small, and small numbers deflate well
     words = (np.diff(points, axis=0, prepend=0).T.astype("<u2").tobytes()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -76,12 +77,11 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
     moving = [name for name, q in zip(run.coordinates, run.q.T, strict=True) if (q != q[0]).any()]
     portrait_names = names or (moving or run.coordinates)[:_PORTRAITS]
     column_count = min(len(portrait_names), 3)
-    figure = figure_class()(figsize=(3.6 * column_count,
-                                     3.2 * -(-len(portrait_names) // column_count)),
-                            layout="constrained")
+    row_count = math.ceil(len(portrait_names) / column_count)
+    figure = figure_class()(figsize=(3.6 * column_count, 3.2 * row_count), layout="constrained")
     shown_states = thin(run)
     for k, name in enumerate(portrait_names, start=1):
-        axes = figure.add_subplot(-(-len(portrait_names) // column_count), column_count, k)
+        axes = figure.add_subplot(row_count, column_count, k)
         column = run.coordinates.index(name)
         q, p = (states[shown_states, column].astype(float) for states in (run.q, run.p))
         axes.plot(q, p, linewidth=0.8)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -212,13 +212,11 @@ class SceneDrawing:
             facing = _best_azimuth(solid.corners, scene.up, tilt)
         self.traced = _traced(scene, self.paths) if traces else []
         lines = self._lines(max(frames))
+        #: Height of the floor, where there is gravity, and supports of the bodies on it.
         self.floor: float | None = None
         self.stands: list[tuple[Mesh, Array, float]] = []
         if scene.gravity:
-            frame_indices = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
-            low = [solid.corners @ scene.up, scene.points(frame_indices) @ scene.up,
-                   *(line @ scene.up for line in lines)]
-            self.floor = float(min(heights.min() for heights in low))
+            self.floor = _lowest_height(scene, [solid.corners, *lines])
             self.stands = list(_stands(scene, frames[0], self.floor))
         framed = np.concatenate([solid.corners.reshape(-1, 3), *lines]
                                 + [mesh.points for mesh, _, _ in self.stands])
@@ -239,8 +237,14 @@ class SceneDrawing:
         return [self.paths[: frame + 1, i] for i in self.traced]
 
 
+def _lowest_height(scene: Scene, points: Sequence[Array]) -> float:
+    """Return the least x·up of points, shapes (..., 3), and of the bodies during the run."""
+    frames = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
+    return float(min((x @ scene.up).min() for x in (*points, scene.points(frames))))
+
+
 def _number(name: str, argument: Any, low: float, high: float, allowed: str) -> float:
-    """Return a number between bounds."""
+    """Return a number from ``low`` to ``high``; ``allowed`` says in the error what to give."""
     array = real_array(argument)
     if array is None or array.ndim or not low <= float(array) <= high:
         raise InputError(f"{name} = {shown(argument)} is no direction or time of a picture; give "
@@ -249,7 +253,7 @@ def _number(name: str, argument: Any, low: float, high: float, allowed: str) -> 
 
 
 def _size(size: Any) -> tuple[int, int]:
-    """Return width and height of a picture."""
+    """Return width and height of a picture in pixels, or raise InputError."""
     array = real_array(size)
     if (array is None or array.shape != (2,) or (array != np.round(array)).any()
             or array.min() < _LEAST or array.max() > _MOST):
@@ -259,7 +263,7 @@ def _size(size: Any) -> tuple[int, int]:
 
 
 def _point_in_space(scene: Scene, frame: int, i: int, r: Array) -> Array:
-    """Return a point of body i in space; −1 is the ground."""
+    """Return the point r of body i in space at a frame; body −1 is the ground."""
     if i < 0:
         return r
     body = scene.parts[i]
@@ -282,7 +286,9 @@ def _widest(scene: Scene) -> int:
 
 
 def _basis(up: Array) -> tuple[Array, Array]:
-    """Return two horizontal directions, from which azimuths are counted."""
+    """Return two horizontal unit vectors, orthogonal to ``up``; azimuths count from the first one.
+    """
+    # x, or y where x is nearly vertical
     first = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 1.0, 0])
     first = first - (first @ up) * up
     first = first / np.linalg.norm(first)
@@ -301,12 +307,14 @@ def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
     displacements = []
     for body in scene.parts:
         size = float(body.sizes["box"].max())
-        corners = body.at(body.centre + size * body.axes.T)[frames]
-        displacements.append((corners - corners[0]).reshape(-1, 3))
+        # three points, on its principal axes: they show rotations as well
+        axis_ends = body.at(body.centre + size * body.axes.T)[frames]
+        displacements.append((axis_ends - axis_ends[0]).reshape(-1, 3))
     _, spread, directions = np.linalg.svd(np.concatenate(displacements), full_matrices=False)
     if spread[2] < 2e-3 * spread[1]:  # a motion in a plane
         normal = directions[2]
         if abs(normal @ scene.up) < 0.3:
+            # of both normals the one towards −y, from where pictures are usually seen
             normal = normal * (-1 if normal @ y_axis > 1e-9 else 1)
             facing = float(np.arctan2(normal @ y_axis, normal @ x_axis))
             return facing + np.radians(_ASIDE), np.radians(13.0)
@@ -316,9 +324,9 @@ def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
 
 
 def _across_a_top(scene: Scene, frames: Sequence[int]) -> float | None:
-    """Return the azimuth across the lean of a top, whose flywheel hides its point from the front.
+    """Return the azimuth across the lean of a top, from where its flywheel does not hide its point.
 
-    None where there is none, or where it stands upright.
+    None where there is no top, or where it stands upright.
     """
     if scene.parts[0].rim is None or len(scene.parts) > 1:
         return None
@@ -329,17 +337,18 @@ def _across_a_top(scene: Scene, frames: Sequence[int]) -> float | None:
 
 
 def _best_azimuth(corners: Array, up: Array, tilt: float) -> float:
-    """Return the azimuth, near −50°, from which the bodies cover the most pixels.
+    """Return the azimuth in radians, near −50°, from which the bodies cover the most pixels.
 
-    ``corners`` of their triangles, (n, 3, 3), are drawn on ``size`` pixels from each direction.
+    ``corners`` of their triangles, shape (n, 3, 3), are drawn small from six directions.
     """
     best_facing, largest_area, size = 0.0, -1.0, 72
     for degrees in range(-140, 40, 30):
         facing = np.radians(degrees)
         screen_corners = corners @ _sight(up, facing, tilt).T
-        low = screen_corners.reshape(-1, 3).min(axis=0)
-        scale = size / max(float((screen_corners.reshape(-1, 3).max(axis=0) - low)[:2].max()),
-                           1e-12)
+        screen_points = screen_corners.reshape(-1, 3)
+        low = screen_points.min(axis=0)
+        scale = size / max(float((screen_points.max(axis=0) - low)[:2].max()), 1e-12)
+        # depths above 0, which is the depth of no triangle
         index, _ = rasterize((screen_corners - low) * scale + [0, 0, 1], size, size)
         # the usual direction decides between areas that differ by less than 15 %
         area = float((index >= 0).sum()) / scale**2 * (1.12 - 0.0016 * abs(degrees + 50))
@@ -357,7 +366,11 @@ def _sight(up: Array, facing: float, tilt: float) -> Array:
 
 
 def _traced(scene: Scene, paths: Array) -> list[int]:
-    """Return the bodies whose paths are drawn: those that move, if they are few, or the last."""
+    """Return the numbers of the bodies whose paths are drawn.
+
+    Of at most twelve bodies, those that move by 8 % of the scene: one or two of them, else the
+    last. ``paths`` has the tips, shape (frames, bodies, 3).
+    """
     extent = np.linalg.norm(np.ptp(paths, axis=0), axis=1)
     size = max(float(np.linalg.norm(np.ptp(paths.reshape(-1, 3), axis=0))), 1e-12)
     moving = np.flatnonzero(extent > 0.08 * size)
@@ -367,6 +380,7 @@ def _traced(scene: Scene, paths: Array) -> list[int]:
 
 
 def _body_colour(i: int) -> str:
+    """Return the colour of body i, "#rrggbb"."""
     return COLOURS[i % len(COLOURS)]
 
 
@@ -383,8 +397,11 @@ def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
         R, x = rotation_matrix(body.q[frame]), body.x[frame]
         shapes = [*(body.shapes or [Shape("box", body.sizes["box"], body.centre, body.axes)]),
                   *scene.joints_on(i, reach)]
-        glass = [Shape("box", 0.96 * body.sizes["box"], body.centre, body.axes)] * body.glass
-        for shape, alpha in [*((x, 1.0) for x in shapes), *((x, _GLASS) for x in glass)]:
+        shapes_with_opacity = [(shape, 1.0) for shape in shapes]
+        if body.glass:  # a frame has panes inside of its edges
+            pane = Shape("box", 0.96 * body.sizes["box"], body.centre, body.axes)
+            shapes_with_opacity.append((pane, _GLASS))
+        for shape, alpha in shapes_with_opacity:
             mesh = (mesh_of_file(shape, files[shape.file]) if shape.file else
                     mesh_of(shape, *around))
             light = 0 * mesh.light if shape.colour else mesh.light
@@ -415,10 +432,13 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
                 lowest + body.x[frame] @ up < floor + 2 * r):
             continue
         feet = [np.zeros(3)]
-        if axis is not None and abs(axis @ up) < 0.5:
+        if axis is not None and abs(axis @ up) < 0.5:  # a horizontal hinge is held at both sides
             feet = [2.6 * r * side * axis for side in (-1, 1)]
-        shapes = _ceiling_shapes(pivot, feet, up, r) if hangs else _post_shapes(
-            pivot, feet, up, r, height) if height >= 2 * r else ()
+        shapes: Iterable[Shape] = ()
+        if hangs:
+            shapes = _ceiling_shapes(pivot, feet, up, r)
+        elif height >= 2 * r:  # a lower pivot leaves no room for a post
+            shapes = _post_shapes(pivot, feet, up, r, height)
         for shape in shapes:
             mesh = mesh_of(shape)
             yield replace(mesh, light=0 * mesh.light), metal, 1.0
@@ -496,14 +516,18 @@ def _rail(scene: Scene, tie: Tie, frame: int, radius: float) -> Shape:
     starts = np.array([_point_in_space(scene, int(k), tie.a, tie.on_a) for k in frames])
     # along the axis, which may turn with its body
     travel = np.einsum("ij,ij->i", slider_positions - starts, axes)
+    overhang = 4 * radius
+    first, last = min(travel.min(), 0) - overhang, max(travel.max(), 0) + overhang
     present = int(np.argmin(np.abs(frames - frame)))
-    end = 4 * radius
-    return Shape.bar(starts[present] + (min(travel.min(), 0) - end) * axes[present],
-                     starts[present] + (max(travel.max(), 0) + end) * axes[present], radius)
+    return Shape.bar(starts[present] + first * axes[present],
+                     starts[present] + last * axes[present], radius)
 
 
 def _triangles(meshes: list[tuple[Mesh, Array, float]]) -> Triangles:
-    """Return the triangles of meshes; light faces are mixed with white."""
+    """Return the triangles of meshes with their colours and opacities as one set.
+
+    Light faces are mixed with white. Neighbours in the list with one colour count as one solid.
+    """
     corners, normals, colours, solid_numbers, alphas = [], [], [], [], []
     solid_number, previous_key = 0, None
     for mesh, colour, alpha in meshes:
@@ -574,7 +598,7 @@ def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: fl
 
 
 def _cell(reach: float) -> float:
-    """Return 1, 2 or 5 times a power of ten: the distance of the floor's lines."""
+    """Return the distance of the floor's lines: the largest 1, 2 or 5 times 10^k up to reach/2."""
     power = 10.0 ** np.floor(np.log10(0.5 * reach))
     times = 0.5 * reach / power
     return float(power * (5 if times >= 5 else 2 if times >= 2 else 1))

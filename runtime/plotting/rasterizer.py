@@ -110,14 +110,48 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
     x, y, w = screen[..., 0], screen[..., 1], screen[..., 2]
     # twice the signed area; a pixel belongs to a triangle if its centre, at + ½, is inside
     area = ((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0]))
-    first_row = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, height).astype(np.int64)
-    end_row = np.clip(np.floor(y.max(axis=1) - 0.5) + 1, 0, height).astype(np.int64)
-    row_counts = np.where(np.abs(area) > 1e-12, np.maximum(end_row - first_row, 0), 0)
+    # each row that a triangle crosses; triangles without area cover no pixel
+    first_row, row_counts = _pixel_range(y.min(axis=1), y.max(axis=1), height)
+    row_counts = np.where(np.abs(area) > 1e-12, row_counts, 0)
     triangle = np.repeat(np.arange(len(screen)), row_counts)
     row = first_row[triangle] + _counted(row_counts)
-    # a x + b y + c ≥ 0 inside, for each edge; at the y of a row that gives a bound of x
-    left_bound, right_bound = np.full(len(row), 0.0), np.full(len(row), float(width))
-    sign = np.sign(area)
+    # each pixel of these rows between the triangle's edges: a fragment
+    left_bound, right_bound = _row_bounds(x, y, np.sign(area), triangle, row, float(width))
+    first_column, column_counts = _pixel_range(left_bound, right_bound, width)
+    fragment = np.repeat(np.arange(len(row)), column_counts)
+    column = first_column[fragment] + _counted(column_counts)
+    triangle, row = triangle[fragment], row[fragment]
+    w0, wx, wy = _depth_planes(x, y, w, np.where(np.abs(area) > 1e-12, area, 1.0))
+    fragment_depth = w0[triangle] + wx[triangle] * (column + 0.5) + wy[triangle] * (row + 0.5)
+    pixel = row * width + column
+    np.maximum.at(buffer, pixel, fragment_depth)
+    nearest = fragment_depth == buffer[pixel]
+    index[pixel[nearest]] = triangle[nearest]
+    return index.reshape(height, width), buffer.reshape(height, width)
+
+
+def _pixel_range(
+    low: Array, high: Array, size: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first pixel i with its centre i + ½ from ``low`` to ``high``, and their number.
+
+    Pixels are counted within 0 ≤ i < size; entry by entry of the arrays.
+    """
+    first = np.clip(np.ceil(low - 0.5), 0, size).astype(np.int64)
+    end = np.clip(np.floor(high - 0.5) + 1, 0, size).astype(np.int64)
+    return first, np.maximum(end - first, 0)
+
+
+def _row_bounds(
+    x: Array, y: Array, sign: Array, triangle: NDArray[np.int64], row: NDArray[np.int64],
+    width: float,
+) -> tuple[Array, Array]:
+    """Return the least and the largest x of a triangle in a row, within 0 and ``width``.
+
+    Inside of each edge a x + b y + c ≥ 0, with ``sign`` the orientation of the triangle: at
+    y = row + ½ that bounds x from below where a > 0, from above where a < 0.
+    """
+    left_bound, right_bound = np.full(len(row), 0.0), np.full(len(row), width)
     for k in range(3):
         j = (k + 1) % 3
         a, b = sign * (y[:, k] - y[:, j]), sign * (x[:, j] - x[:, k])
@@ -127,29 +161,22 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
             bound = -edge_value / slope
         left_bound = np.where(slope > 0, np.maximum(left_bound, bound), left_bound)
         right_bound = np.where(slope < 0, np.minimum(right_bound, bound), right_bound)
-    first_column = np.clip(np.ceil(left_bound - 0.5), 0, width).astype(np.int64)
-    count = np.maximum(np.clip(np.floor(right_bound - 0.5) + 1, 0, width).astype(np.int64)
-                       - first_column,
-                       0)
-    fragment = np.repeat(np.arange(len(row)), count)
-    column = first_column[fragment] + _counted(count)
-    triangle, row = triangle[fragment], row[fragment]
-    # The depth is linear in the pixel: w0 + wx (x − x0) + wy (y − y0).
-    safe_area = np.where(np.abs(area) > 1e-12, area, 1.0)
+    return left_bound, right_bound
+
+
+def _depth_planes(x: Array, y: Array, w: Array, area: Array) -> tuple[Array, Array, Array]:
+    """Return w0, wx and wy of the depth w = w0 + wx x + wy y of each triangle on the screen.
+
+    ``x``, ``y`` and ``w`` are of its corners, shape (triangles, 3); ``area`` is twice its area.
+    """
     dw1, dw2 = w[:, 1] - w[:, 0], w[:, 2] - w[:, 0]
-    wx = (dw1 * (y[:, 2] - y[:, 0]) - dw2 * (y[:, 1] - y[:, 0])) / safe_area
-    wy = (dw2 * (x[:, 1] - x[:, 0]) - dw1 * (x[:, 2] - x[:, 0])) / safe_area
-    fragment_depth = (w[:, 0] - wx * x[:, 0] - wy * y[:, 0])[triangle] + wx[triangle] * (
-        column + 0.5) + wy[triangle] * (row + 0.5)
-    pixel = row * width + column
-    np.maximum.at(buffer, pixel, fragment_depth)
-    nearest = fragment_depth == buffer[pixel]
-    index[pixel[nearest]] = triangle[nearest]
-    return index.reshape(height, width), buffer.reshape(height, width)
+    wx = (dw1 * (y[:, 2] - y[:, 0]) - dw2 * (y[:, 1] - y[:, 0])) / area
+    wy = (dw2 * (x[:, 1] - x[:, 0]) - dw1 * (x[:, 2] - x[:, 0])) / area
+    return w[:, 0] - wx * x[:, 0] - wy * y[:, 0], wx, wy
 
 
 def _length(vectors: Array) -> Array:
-    """Return the lengths of rows as a column."""
+    """Return the lengths of the rows of ``vectors``, shape (rows, 1)."""
     lengths: Array = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
     return lengths
 
@@ -216,15 +243,8 @@ def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.
     if not len(pixel_rows):
         return
     covering = triangle_numbers[index[pixel_rows, pixel_columns]]
-    x, y, w = (screen[covering, :, k] for k in range(3))
     px, py = pixel_columns.astype(float) + 0.5, pixel_rows.astype(float) + 0.5
-    # barycentric coordinates on the screen, and in space: weighted by the reciprocal distance
-    area = ((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0]))
-    b1 = ((px - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (py - y[:, 0])) / area
-    b2 = ((x[:, 1] - x[:, 0]) * (py - y[:, 0]) - (px - x[:, 0]) * (y[:, 1] - y[:, 0])) / area
-    weight = np.stack([1 - b1 - b2, b1, b2], axis=1) * w
-    nearness = weight.sum(axis=1)
-    weight /= nearness[:, None]
+    weight, nearness = _barycentric(screen[covering], px, py)
     colour = triangles.colours[covering]
     lit_fragments = lit[covering]
     normal = np.einsum("nk,nkj->nj", weight[lit_fragments],
@@ -233,17 +253,35 @@ def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.
     rays = camera.rays(px[lit_fragments], py[lit_fragments])
     points = camera.eye + rays / nearness[lit_fragments, None]
     back = -rays / _length(rays)
+    # both sides of a triangle are drawn: its normal is turned towards the eye
     normal *= np.where((normal * back).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     facing = np.clip(normal @ lamp.towards, 0, 1) * lamp.reaches(points, normal)
     half = back + lamp.towards
     half /= _length(half)
     shine = np.clip((normal * half).sum(axis=1), 0, 1) ** _GLOSS * (facing > 0)
-    ambient = _AMBIENT * (0.84 + 0.16 * (normal @ lamp.up))
+    ambient = _AMBIENT * (0.84 + 0.16 * (normal @ lamp.up))  # the sky is brighter than the floor
     shade = (ambient + _DIRECT * facing)[:, None]
     colour[lit_fragments] = colour[lit_fragments] * shade + _SHINE * shine[:, None]
     alpha = triangles.alpha[covering, None]
     behind = image[pixel_rows, pixel_columns]
     image[pixel_rows, pixel_columns] = (1 - alpha) * behind + alpha * np.clip(colour, 0, 1)
+
+
+def _barycentric(screen: Array, px: Array, py: Array) -> tuple[Array, Array]:
+    """Return the weights of a triangle's corners in space at a pixel, and its reciprocal distance.
+
+    ``screen`` has pixel and reciprocal distance w_i of the corners, shape (n, 3, 3), ``px`` and
+    ``py`` one pixel for each triangle. With the weights b_i on the screen, those in space are
+    b_i w_i/Σ b_j w_j, shape (n, 3).
+    """
+    x, y, w = (screen[:, :, k] for k in range(3))
+    area = ((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0]))
+    b1 = ((px - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (py - y[:, 0])) / area
+    b2 = ((x[:, 1] - x[:, 0]) * (py - y[:, 0]) - (px - x[:, 0]) * (y[:, 1] - y[:, 0])) / area
+    weight = np.stack([1 - b1 - b2, b1, b2], axis=1) * w
+    nearness = weight.sum(axis=1)
+    weight /= nearness[:, None]
+    return weight, nearness
 
 
 def _outline(
@@ -298,6 +336,8 @@ class _Lamp:
             self._mask = _blurred(self._mask, round(_SOFT * _LAMP))
 
     def _pixels(self, points: Array) -> Array:
+        """Return points as the lamp sees them, shape (..., 3): pixel and depth, larger if nearer.
+        """
         lamp_points = points @ self._axes.T
         return np.concatenate([lamp_points[..., :2] * self._scale + self._shift,
                                lamp_points[..., 2:] - self._low], axis=-1)
@@ -348,33 +388,42 @@ def _backdrop(camera: Camera, width: int, height: int, up: Array, floor: float |
         return image
     y, x = np.mgrid[0:height, 0:width] + 0.5
     rays = camera.rays(x, y)
-    slope = rays @ up
     with np.errstate(divide="ignore", invalid="ignore"):
-        distance = (floor - camera.eye @ up) / slope
+        distance = (floor - camera.eye @ up) / (rays @ up)
+    # in front of the eye, and within the radius at which the lines have faded
     on_floor = np.isfinite(distance) & (distance > 0)
-    on_floor[on_floor] = _length(camera.eye + rays[on_floor] * distance[on_floor][:, None]
-                                 - centre)[:, 0] < (
-        _FADE * reach)
-    rays, distance, slope = rays[on_floor], distance[on_floor], slope[on_floor]
+    points_ahead = camera.eye + rays[on_floor] * distance[on_floor][:, None]
+    on_floor[on_floor] = _length(points_ahead - centre)[:, 0] < _FADE * reach
+    rays, distance = rays[on_floor], distance[on_floor]
     floor_points = camera.eye + rays * distance[:, None]
+    fade = np.clip(_FADE - _length(floor_points - centre)[:, 0] / reach, 0, 1)
+    lines = _floor_lines(floor_points, rays, distance / camera.focus, up, cell)
+    strength = (lines * fade)[:, None]
+    drawn_floor = image[on_floor] * (1 - 0.75 * strength) + 0.75 * strength * line
+    image[on_floor] = drawn_floor * (1 - _FLOOR_SHADOW * lamp.darkens(floor_points)[:, None])
+    return image
+
+
+def _floor_lines(points: Array, rays: Array, pixel: Array, up: Array, cell: float) -> Array:
+    """Return how much of each point of the floor a line covers, from 0 to 1; shape (points,).
+
+    Lines are ``cell`` apart in two directions and one pixel wide; far away they fade before they
+    meet. ``rays`` lead from the eye to the points, where a pixel has the width ``pixel`` across.
+    """
     x_axis = np.eye(3)[np.argmin(np.abs(up))]
     x_axis = x_axis - (x_axis @ up) * up
     x_axis /= np.linalg.norm(x_axis)
     across = np.stack([x_axis, np.cross(up, x_axis)])
-    floor_coordinates = floor_points @ across.T / cell
-    # A line is one pixel wide; far away it fades before lines meet.
-    pixel = distance / camera.focus / cell
-    grazing = np.clip(np.abs(slope) / _length(rays)[:, 0], 0.02, 1)
-    toward = rays @ across.T
-    toward = np.abs(toward) / np.maximum(_length(toward), 1e-12)
-    extent = pixel[:, None] * (1 + toward * (1 / grazing[:, None] - 1))  # of a pixel on the floor
-    line_distance = np.abs(floor_coordinates - np.round(floor_coordinates))
-    line_strength = np.clip(1.1 - line_distance / extent, 0, 1) * np.clip(1.4 - 3 * extent, 0, 1)
-    fade = np.clip(_FADE - _length(floor_points - centre)[:, 0] / reach, 0, 1)
-    strength = (line_strength.max(axis=1) * fade)[:, None]
-    drawn_floor = image[on_floor] * (1 - 0.75 * strength) + 0.75 * strength * line
-    image[on_floor] = drawn_floor * (1 - _FLOOR_SHADOW * lamp.darkens(floor_points)[:, None])
-    return image
+    coordinates = points @ across.T / cell  # whole on a line
+    # a ray at the angle α to the floor makes a pixel 1/sin α times longer along its direction
+    grazing = np.clip(np.abs(rays @ up) / _length(rays)[:, 0], 0.02, 1)
+    direction = rays @ across.T
+    direction = np.abs(direction) / np.maximum(_length(direction), 1e-12)
+    extent = (pixel / cell)[:, None] * (1 + direction * (1 / grazing[:, None] - 1))
+    line_distance = np.abs(coordinates - np.round(coordinates))
+    covered = np.clip(1.1 - line_distance / extent, 0, 1) * np.clip(1.4 - 3 * extent, 0, 1)
+    strength: Array = covered.max(axis=1)
+    return strength
 
 
 def encode_png(pixels: NDArray[np.uint8]) -> bytes:
@@ -387,9 +436,11 @@ def encode_png(pixels: NDArray[np.uint8]) -> bytes:
         [filter_up, (pixels - previous_rows).reshape(height, -1)], axis=1)
 
     def chunk(kind: bytes, data: bytes) -> bytes:
+        """Return a chunk: its length, kind and bytes, and the CRC of the last two."""
         body = kind + data
         return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
 
+    # 8 bits a channel, colour type 2 (RGB), and the only methods there are
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head)
             + chunk(b"IDAT", zlib.compress(filtered_rows.tobytes(), 9)) + chunk(b"IEND", b""))

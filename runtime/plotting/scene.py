@@ -156,20 +156,23 @@ class Scene:
         """Return centres and joints of bodies at some frames, shape (frames, points, 3)."""
         points = []
         for i, body in enumerate(self.parts):
-            joined = [r for tie in self.ties for k, r in ((tie.a, tie.on_a), (tie.b, tie.on_b))
-                      if k == i]
+            ends = [end for tie in self.ties
+                    for end in ((tie.a, tie.on_a), (tie.b, tie.on_b))]
+            points_of_body = np.array([body.centre, *(r for k, r in ends if k == i)])
             R = rotation_matrix(body.q[frames])
-            points.append(body.x[frames][:, None]
-                          + np.einsum("kij,nj->kni", R, np.array([body.centre, *joined])))
+            points.append(body.x[frames][:, None] + np.einsum("kij,nj->kni", R, points_of_body))
         return np.concatenate(points, axis=1)
 
     def reach(self, frame: int) -> float:
-        """Return the size of the scene, of which the thickness of joints is a part."""
+        """Return the size of the scene in a frame: its diagonal, or the largest body.
+
+        Joints are drawn with a thickness that is a fixed part of it.
+        """
         return max(float(np.linalg.norm(np.ptp(self.points([frame])[0], axis=0))),
                    *(2 * float(body.sizes["box"].max()) for body in self.parts))
 
     def hides(self, tie: Tie) -> bool:
-        """Return whether a joint is in the shapes that a body's model says."""
+        """Return whether a joint is part of the shapes that the model gives one of its bodies."""
         return any(i >= 0 and self.parts[i].own for i in (tie.a, tie.b))
 
     def joints_on(self, i: int, reach: float) -> Iterator[Shape]:
@@ -203,12 +206,7 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
         Where there is no rigid body.
     """
     check_bodies(trajectory.manifest)
-    state_indices = np.linspace(0, len(trajectory) - 1, min(frames, len(trajectory))).astype(int)
-    state_indices = np.unique(state_indices if include is None
-                              else np.append(state_indices, include))
-    order = np.argsort(np.sign(float(trajectory.dt)) * trajectory.t[state_indices].astype(float),
-                       kind="stable")  # times may have been asked for in any
-    state_indices = state_indices[order]
+    state_indices = _shown_states(trajectory, frames, include)
     bodies = bodies_of(trajectory.manifest)
     parts = [_scene_body(trajectory, name, state_indices) if name in bodies else
              _placed_body(trajectory, name, state_indices) for name in trajectory.bodies]
@@ -223,8 +221,24 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
         np.array([0.0, 0.0, 1.0]) if up is None else up,
         up is not None or any(body.rim is not None for body in parts),
         list(_remarks(trajectory, parts, state_indices)),
-        impacts=np.concatenate([np.zeros(0), *(hits.t[:: max(1, len(hits) // 500)].astype(float)
-                                               for hits in trajectory.impacts.values())]))
+        impacts=_impact_times(trajectory))
+
+
+def _shown_states(trajectory: Trajectory, frames: int, include: int | None) -> Any:
+    """Return the indices of at most ``frames`` states, evenly spread, and of ``include``."""
+    count = len(trajectory)
+    indices = np.linspace(0, count - 1, min(frames, count)).astype(int)
+    indices = np.unique(indices if include is None else np.append(indices, include))
+    # t_eval may have had its times in any order
+    forwards = np.sign(float(trajectory.dt)) * trajectory.t[indices].astype(float)
+    return indices[np.argsort(forwards, kind="stable")]
+
+
+def _impact_times(trajectory: Trajectory) -> Array:
+    """Return the times of impacts, of each kind at most about 500, evenly among all of them."""
+    times = [impacts.t[:: max(1, len(impacts) // 500)].astype(float)
+             for impacts in trajectory.impacts.values()]
+    return np.concatenate([np.zeros(0), *times])
 
 
 def check_bodies(manifest: Manifest) -> None:
@@ -251,21 +265,8 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
     motion, columns = trajectory.body(name), bodies_of(trajectory.manifest)[name]
     mass = columns.mass_of(trajectory.parameters)
     centre = motion.centre if columns.centre else np.zeros(3)
-    J = motion.inertia
-    if mass is not None:  # about the centre of mass
-        J = J - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    moments, axes = (np.diag(J), np.eye(3)) if not (J - np.diag(np.diag(J))).any() else (
-        np.linalg.eigh(J))
-    # eigenvectors may be left-handed
-    axes = axes * np.sign(np.linalg.det(axes))
-    spread = np.maximum(moments.sum() - 2 * moments, 0.0)
-    # a_i² = S_i/(factor · m); without a mass the largest is 1, of the box as of the ellipsoid
-    lengths = np.sqrt(spread / (1.0 if mass is None else mass))
-    lengths = np.maximum(lengths, _THIN * lengths.max())
-    if mass is None:
-        lengths = lengths / lengths.max()
-    sizes = {kind: lengths / (np.sqrt(factor) if mass is not None else 1.0)
-             for kind, factor in _FACTORS.items()}
+    moments, axes = _principal_moments(motion.inertia, mass, centre)
+    sizes = _sizes_of(moments, mass)
     x = trajectory.q[state_indices][:, columns.x].astype(float) if columns.x else np.broadcast_to(
         numbers(columns.origin, trajectory.parameters), (len(state_indices), 3))
     if columns.x or centre.any():
@@ -278,11 +279,12 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
         if w is not None and np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
             k = int(np.argmax(np.abs(w)))  # the weight is on a principal axis
             order = [(k + 1) % 3, (k + 2) % 3, k]
+            # the third axis leads from the point up, against the weight
             axes = axes[:, order] * (1 if w[k] > 0 else np.array([1, -1, -1]))
             rim_mass, distance, half = rim_of(moments[order], float(np.linalg.norm(w)))
             rim = distance, half
-            size = np.sqrt(spread.max() / rim_mass)
-            sizes = {kind: size * sizes_of_kind[order] / np.sqrt(_FACTORS[kind])
+            largest = np.sqrt(_second_moments(moments).max() / rim_mass)
+            sizes = {kind: largest * sizes_of_kind[order] / np.sqrt(_FACTORS[kind])
                      for kind, sizes_of_kind in sizes.items()}
             tip = axes[:, 2] * (distance + max(0.75 * float(half.max()), 0.35 * distance))
         elif sizes["box"].min() < 0.05 * sizes["box"].max() and not centre.any():  # a T: its stem
@@ -290,6 +292,38 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
             tip = -1.35 * sizes["box"][k] * axes[:, k]
     return ScenePart(name, trajectory.q[state_indices][:, columns.q].astype(float), x, centre,
                      axes, sizes, tip, (mass or rim_mass) is not None, rim, rim_mass)
+
+
+def _principal_moments(inertia: Array, mass: float | None, centre: Array) -> tuple[Array, Array]:
+    """Return the principal moments, shape (3,), and the axes, columns of a rotation matrix.
+
+    ``inertia`` is about the body's origin; with a mass the moments are about the centre of mass.
+    """
+    J = inertia
+    if mass is not None:  # Steiner's theorem
+        J = J - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    is_diagonal = not (J - np.diag(np.diag(J))).any()  # keeps the order of the body's axes
+    moments, axes = (np.diag(J), np.eye(3)) if is_diagonal else np.linalg.eigh(J)
+    # eigenvectors may be left-handed
+    return moments, axes * np.sign(np.linalg.det(axes))
+
+
+def _second_moments(moments: Array) -> Array:
+    """Return S_i = I_j + I_k − I_i, shape (3,), at least 0 in spite of round-off."""
+    second_moments: Array = np.maximum(moments.sum() - 2 * moments, 0.0)
+    return second_moments
+
+
+def _sizes_of(moments: Array, mass: float | None) -> dict[str, Array]:
+    """Return the half edges of the box, and the semi-axes of the ellipsoid, of equal inertia.
+
+    a_i² = S_i/(factor · m); without a mass the largest is 1, of the box as of the ellipsoid.
+    """
+    lengths = np.sqrt(_second_moments(moments) / (1.0 if mass is None else mass))
+    lengths = np.maximum(lengths, _THIN * lengths.max())  # a flat body is drawn with a thickness
+    if mass is None:
+        return dict.fromkeys(_FACTORS, lengths / lengths.max())
+    return {kind: lengths / np.sqrt(factor) for kind, factor in _FACTORS.items()}
 
 
 def _placed_body(trajectory: Trajectory, name: str, state_indices: Any) -> ScenePart:
@@ -308,7 +342,8 @@ def _placed_body(trajectory: Trajectory, name: str, state_indices: Any) -> Scene
 
 
 def _ties(trajectory: Trajectory, parts: list[ScenePart]) -> list[Tie]:
-    """Return the joints, rods and springs that a scene draws."""
+    """Return the joints, rods and springs that a scene draws, with the bodies by their index in
+    ``parts``."""
     numbered = {body.name: i for i, body in enumerate(parts)} | {"": -1}
     ties = []
     for name, (kind, joint) in drawn_joints(trajectory.manifest).items():
@@ -332,15 +367,20 @@ def drawn_joints(manifest: Manifest) -> dict[str, tuple[str, JointAt]]:
             if not joint.b:
                 continue
             joint = replace(joint, on_a=[0.0]*3, on_b=[0.0]*3)
-        distance = joint.pulls is not None and any(p.kind == "distance" for p in joint.pulls)
-        kind = ("spring" if not joint.constraints else "rod" if distance else
-                "hinge" if joint.axis_b else "ball")
+        keeps_distance = joint.pulls is not None and any(
+            pull.kind == "distance" for pull in joint.pulls)
+        if not joint.constraints:
+            kind = "spring"
+        elif keeps_distance:
+            kind = "rod"
+        else:
+            kind = "hinge" if joint.axis_b else "ball"
         joints[name] = (kind, joint)
     return joints
 
 
 def _up(trajectory: Trajectory) -> Array | None:
-    """Return the direction against gravity, None where there is none."""
+    """Return the unit vector against gravity in space; None without gravity."""
     gravity = np.array([float(trajectory.parameters.get(f"gravity_{axis}", 0)) for axis in "xyz"])
     size = np.linalg.norm(gravity)
     return -gravity / size if size else None
@@ -353,8 +393,8 @@ def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None
     = ½ Σ L_i²/I_i. None where that does not fit, so that the potential is another one, or where the
     states determine no w.
     """
+    # over the whole run: one state determines no direction
     state_indices = np.unique(np.linspace(0, len(trajectory) - 1, 60).astype(int))
-    # of the whole run: one state determines no direction
     q, p = (states[state_indices].astype(float) for states in (trajectory.q, trajectory.p))
     L = (left_matrix(q) @ p[..., None])[..., 0] @ axes / 2
     V = trajectory.energy()[state_indices].astype(float) - (L**2 / moments).sum(axis=1) / 2
@@ -378,7 +418,7 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
     """Return the bodies with their drawn shapes, which joints and neighbours decide.
 
     For each body: its places at joints, whether another body lies within its box, the ends of rods.
-    A body that rolls is round.
+    A body of which ``rolling`` has the name is round.
     """
     centres = np.array([body.at(body.centre)[0, 0] for body in parts])
     reach = max([float(np.linalg.norm(np.ptp(centres, axis=0)))]
@@ -407,7 +447,10 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
 def _attachments(
     parts: list[ScenePart], ties: list[Tie], sizes: list[float], i: int
 ) -> Iterator[Held]:
-    """Yield the places where joints, or the ground without a joint, hold body i."""
+    """Yield the places where joints, or the ground without a joint, hold body i, in its axes.
+
+    ``sizes`` are the largest half edges of the bodies, by which a joint is on the outer body.
+    """
     for tie in ties:
         if tie.kind not in ("ball", "hinge"):
             continue
@@ -420,14 +463,17 @@ def _attachments(
 
 
 def is_held(parts: list[ScenePart], ties: list[Tie], i: int) -> bool:
-    """Return whether the ground holds a point of a body, its origin, without a joint there."""
+    """Return whether the ground holds the origin of body i, which no joint is at.
+
+    Its centre of mass is then off its origin, and the origin does not move.
+    """
     body = parts[i]
     return bool(body.centre.any()) and not np.ptp(body.x, axis=0).any() and all(
         r.any() for tie in ties for k, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if k == i)
 
 
 def _axis_in(parts: list[ScenePart], tie: Tie, i: int) -> Array | None:
-    """Return the axis of a hinge in one of its bodies."""
+    """Return the axis of a hinge in the axes of body i, one of its two; None for other joints."""
     if tie.axis is None or tie.b == i:
         return tie.axis
     in_space = tie.axis if tie.b < 0 else rotation_matrix(parts[tie.b].q[0]) @ tie.axis
@@ -436,7 +482,7 @@ def _axis_in(parts: list[ScenePart], tie: Tie, i: int) -> Array | None:
 
 
 def _points(parts: list[ScenePart], ties: list[Tie]) -> list[tuple[ScenePart, Array]]:
-    """Return the bodies with each of their points at a joint, rod or spring."""
+    """Return (body, point) for each end of a joint, rod or spring at a body, in its axes."""
     return [(parts[i], r) for tie in ties for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b))
             if i >= 0]
 

@@ -20,6 +20,7 @@ __all__ = ["ENDINGS", "show"]
 
 
 def _film(run: Trajectory, path: Any, **options: Any) -> Any:
+    """Write a film; matplotlib is imported here, since it is optional."""
     from .animation import animate  # matplotlib is optional
 
     return animate(run, path, **options)

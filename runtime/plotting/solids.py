@@ -126,6 +126,7 @@ def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
 
 
 def _column(radii: Array, heights: Array) -> Profile:
+    """Return a profile, a list of (radius, height), from an array of each."""
     return list(zip(radii.tolist(), heights.tolist(), strict=True))
 
 
@@ -177,10 +178,12 @@ def tube(line: Array, radius: float, around: int = 8) -> Mesh:
 def _grid(points: Array, normals: Array, light: Array | None = None) -> Mesh:
     """Return the mesh of a net of points, shape (rows, columns, 3), without empty triangles.
 
-    ``normals`` are of the points; ``light`` is one number for each column of quadrilaterals.
+    ``normals`` has the normal at each point; ``light`` is one number for each column of
+    quadrilaterals.
     """
     row_count, column_count = points.shape[:2]
     vertex_number = np.arange(row_count * column_count).reshape(row_count, column_count)
+    # the corners of each quadrilateral, in order around it
     a, b, c, d = (vertex_number[:-1, :-1], vertex_number[1:, :-1], vertex_number[1:, 1:],
                   vertex_number[:-1, 1:])
     faces = np.stack([np.stack([a, d, c], -1), np.stack([a, c, b], -1)], axis=2).reshape(-1, 3)

@@ -131,7 +131,7 @@ def figure_class() -> Any:
 
 
 def thin(trajectory: Trajectory) -> slice:
-    """Return the states that a picture shows, fewer than its resolution."""
+    """Return the slice of states that a picture shows, no more than its resolution."""
     return slice(None, None, max(1, len(trajectory) // _POINTS))
 
 
@@ -207,7 +207,10 @@ def _energy(axes: Any, trajectory: Trajectory) -> None:
 
 
 def _output(axes: Any, trajectory: Trajectory, title: str, output: Any) -> None:
-    """Draw an output against time, a line for each of its numbers."""
+    """Draw an output against time, a line for each of its numbers.
+
+    Outputs of steps have one row fewer than there are states.
+    """
     shown_states, t = thin(trajectory), trajectory.t[-len(output) :]
     components = output.reshape(len(t), -1)[shown_states].astype(float)
     axes.plot(t[shown_states].astype(float), components, linewidth=0.8)
@@ -338,5 +341,6 @@ def _plottable_values(run: Trajectory) -> dict[str, Callable[[], NDArray[Any]]]:
 
 
 def _column(run: Trajectory, attribute: str, i: int) -> NDArray[Any]:
+    """Return coordinate or momentum i of all states; ``attribute`` is "q" or "p"."""
     column: NDArray[Any] = getattr(run, attribute)[:, i]
     return column

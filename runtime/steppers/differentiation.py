@@ -102,7 +102,11 @@ class Differentiation(Evaluation):
         return self._derivative_bindings[0]
 
     def _derivative_files(self) -> dict[str, str]:
-        """Return the files with derivatives, which are kept."""
+        """Return header, source and manifest with the derivatives of a step, file name → text.
+
+        The first call derives them; ``_derive`` then carries the texts, so that they are derived
+        once and are pickled with the stepper.
+        """
         if self._derive is None:
             raise InputError(
                 f"Stepper {self.name} was read from a file, or sent to this process before "
@@ -113,7 +117,12 @@ class Differentiation(Evaluation):
         return files
 
     def _more_files(self, subject: str, **kinds: bool) -> dict[str, str]:
-        """Return files that are derived apart; InputError for a stepper without a derivation."""
+        """Return the files of one further module, file name → text, derived now.
+
+        ``kinds`` selects the module, as in ``second=True``; ``subject`` begins the relative clause
+        of the error: "before its second derivatives were first used". Raises InputError for a
+        stepper without a derivation.
+        """
         derive = self._derive.of_others if self._derive is not None else None
         if derive is None:
             raise InputError(
@@ -136,7 +145,9 @@ class Differentiation(Evaluation):
         return self._second_bindings[0]
 
     def _jump_binding(self) -> Callable[..., None]:
-        """The derivatives of impulses and rates of gaps, derived and compiled when first called.
+        """Return fill(parameters, t, *arrays), for derivatives of impulses and rates of gaps.
+
+        Its C is derived and compiled at the first call.
         """
         with self._deriving:
             if self._jumps is None:
@@ -154,6 +165,8 @@ class Differentiation(Evaluation):
             time = binding.new(1)
             time[0] = t
             binding.function("impacts_by_state")(
+                # both modules declare this struct, as two types of cffi: an integer carries the
+                # address across
                 binding.ffi.cast(f"{self.name}_parameters *", int(
                     self._derivative_binding().own.ffi.cast("uintptr_t", parameters))),
                 *map(binding.pointer, (time, *arrays)))
@@ -300,7 +313,8 @@ class Differentiation(Evaluation):
     ) -> Array:
         """Return directions with all rows (q, p, parameters, dt, t0), shape (rows, count).
 
-        ``d`` is the part of parameters and times, the same for all columns.
+        ``dq`` and ``dp`` have shape (n,), for count = 1, or (n, count). ``d`` has the slopes of
+        parameters, dt and t0 by name, equal in all columns; names without an entry have slope 0.
         """
         binding, n = self._derivative_binding(), self.n
         derivatives = binding.own
@@ -334,7 +348,8 @@ class Differentiation(Evaluation):
         raise NotImplementedError
 
     def _kept_step(self, run: RunArguments) -> tuple[SingleStep, TangentSpace]:
-        """Return one step, and the tangent space at its start."""
+        """Return the solved step of ``run``, and the tangent space of the constraints at its start.
+        """
         from ..derivatives.kept_steps import SingleStep
         from ..derivatives.tangent_space import TangentSpace
 
@@ -514,7 +529,10 @@ class Differentiation(Evaluation):
 
 
 def _value_and_cotangents(run: Trajectory, cotangents: Any, loss: Any) -> tuple[Any, Any]:
-    """Return the value of a function of a run, None if it is not given, and its cotangents."""
+    """Return f and its cotangents ∂f/∂x, by the names of the arrays x of the run.
+
+    Either ``cotangents`` are given, and f is None, or ``loss`` computes both from the run.
+    """
     from ..derivatives.gradient import loss_of, value_of
 
     if (cotangents is None) == (loss is None):

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Dynamics"]
 
-#: |G δq̈| beyond this share of |G| |δq̈| leaves the constraints; ÿ off its target by this share was
-#: not reached.
+#: Relative tolerance, in units of |G| |δq̈|, of G δq̈ = 0; and of ÿ(u) = its target, in units of ÿ.
 _OFF = 1e-9
 
 
@@ -76,6 +75,7 @@ class Dynamics(Differentiation):
                        for row in zip(times, q_rows, p_rows, strict=True))
 
         def rows(name: str, width: int) -> Array:
+            """Return an attribute of the motion at each state, shape (*leading axes, width)."""
             arrays = np.array([getattr(motion, name) for motion in motions], self.binding.dtype)
             return arrays.reshape(*shape, width)
 
@@ -203,19 +203,24 @@ class Dynamics(Differentiation):
     # ------------------------------------------------------------ inside
 
     def _generalised_forces(self, motion: StateMotion, accelerations: ArrayLike) -> Array:
-        """Return Q = H_pp⁻¹ (q̈ − q̈(0)); q̈ must stay on the constraints."""
+        """Return Q = H_pp⁻¹ (q̈ − q̈(0)), shape (n,), the forces that change q̈(0) to q̈.
+
+        Raises InputError where q̈ leaves the constraints: d²g/dt² = 0 requires G (q̈ − q̈(0)) = 0.
+        """
         q_dd = as_numbers("accelerations", accelerations).astype(float)
         if q_dd.shape != (self.n,):
             raise InputError(f"accelerations has the shape {q_dd.shape}; give a dict of joints, "
                              f"or an entry for each of {self.n} coordinates.")
-        change, G = q_dd - motion.acceleration.astype(float), motion.constraint_jacobian()
-        size = np.abs(q_dd).max() + np.abs(motion.acceleration.astype(float)).max()
-        off = np.abs(G @ change) > _OFF * np.abs(G).sum(axis=1) * size
+        q_dd_now = motion.acceleration.astype(float)
+        delta_q_dd, G = q_dd - q_dd_now, motion.constraint_jacobian()
+        # Σ|G_ij| (|q̈| + |q̈(0)|) bounds the terms of row i, which cancel up to round-off
+        bound = np.abs(G).sum(axis=1) * (np.abs(q_dd).max() + np.abs(q_dd_now).max())
+        off = np.abs(G @ delta_q_dd) > _OFF * bound
         if off.any():
             raise InputError("These accelerations leave the constraints "
                              f"{few(np.array(self.constraint_names)[off])}; give those of joints, "
                              "or such as keep d²g/dt² = 0.")
-        Q: Array = np.linalg.solve(motion.inverse_mass(), change)
+        Q: Array = np.linalg.solve(motion.inverse_mass(), delta_q_dd)
         return Q
 
     def _inputs(
@@ -257,7 +262,7 @@ class Dynamics(Differentiation):
         return dict(zip(names, values.tolist(), strict=True))
 
     def _names(self, label: str, name_or_names: Any) -> list[str]:
-        """Return the names in one name or a list of names, or refuse none and repeated ones."""
+        """Return one name or several as a list; InputError for none and for a repeated one."""
         names = [name_or_names] if isinstance(name_or_names, str) else [
             as_text(f"an entry of {label}", x) for x in as_items(label, name_or_names, "names")]
         if not names or len({*names}) < len(names):
@@ -293,7 +298,10 @@ class Dynamics(Differentiation):
 
 
 def _row(name: str, acceleration: Any, width: int) -> Array:
-    """Return a given acceleration as a row of ``width`` doubles."""
+    """Return the acceleration of a joint or a body as ``width`` finite doubles, shape (width,).
+
+    A joint with one degree of freedom has width 1; wider rows have dv/dt and dω/dt in space axes.
+    """
     row = as_numbers(f"accelerations[{name!r}]", acceleration).astype(float)
     if row.shape not in ((width,), ()) or row.size != width or not np.isfinite(row).all():
         raise InputError(f"accelerations[{name!r}] = {shown(acceleration)} is not {width} finite "

@@ -282,14 +282,16 @@ def _side_by_side(
     stepper: Stepper, runs: EnsembleArguments, events: Any, tangents: Tangents | None,
     threads: int, progress: Progress, *, warned: bool,
 ) -> Ensemble:
-    """Integrate runs in lanes and on threads: whole steps, events, last parts of a step, tangents.
+    """Integrate runs in lanes and on threads: whole steps, events, partial last steps, tangents.
 
-    ``warned``: too large rotations in a step need no further warning.
+    ``warned``: too large rotations in a step need no further warning. After Ctrl-C, the states so
+    far come with ``Stopped``.
     """
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
+            """Integrate the runs of ``states`` and store their states in it."""
             fill_ensemble(states, threads, lambda: interrupts.requested, report)
 
         fill(computed, report)
@@ -305,7 +307,7 @@ def _side_by_side(
                 stepper, parts, _crossings(stepper, levels, parts, fill), event_tuple), event_tuple)
         if not warned:
             dt = runs.dt[:, None]
-            if stepper.binding.clocked:  # bodies turn by Ω Δt, not Ω Δτ
+            if stepper.binding.clocked:  # bodies turn by Ω Δt, not Ω Δτ: Δt is a mean over rows
                 dt = np.diff(ensemble.t, axis=1) / runs.first.every
             stepper.rotations.warn_of_many(runs.parameters, dt, ensemble.q, ensemble.p)
         if tangents is not None:
@@ -320,7 +322,11 @@ def _crossings(
     stepper: Stepper, levels: Levels | None, computed: EnsembleStates,
     fill: Callable[[EnsembleStates], None],
 ) -> list[dict[str, Crossings]]:
-    """Return the crossings of each trajectory by the events' names; none without events."""
+    """Return the crossings of each trajectory, event's name → crossings.
+
+    The list is empty without events. ``fill`` integrates the steps in which detectors bracketed a
+    crossing once more, to locate it.
+    """
     return [] if levels is None else crossings_of(
         stepper, levels, computed.runs,
         [detector.final_brackets() for detector in computed.detectors], fill)
@@ -335,17 +341,20 @@ def _with_last_parts(
     The row of the last whole step is left out unless ``every`` stores it. A run that fails in its
     partial step has a row of NaN, and its failure has the trajectory of whole steps.
     """
-    count = runs.first.steps // runs.first.every + 1
+    row_count = runs.first.steps // runs.first.every + 1
     failures = dict(ensemble.failures)
+    # the caller's t_end, without the round-off of t0 + k dt + rest
     end = parts.t[:, -1:].copy()
     end[...] = runs.first.t_end
-    columns: dict[str, Any] = {name: np.concatenate([getattr(ensemble, name)[:, : count - of_steps],
-                                     getattr(parts, name)[:, -1:]], axis=1)
-               for name, of_steps in (("q", 0), ("p", 0), ("multipliers", 1), ("iterations", 1))}
-    columns["t"] = np.concatenate([ensemble.t[:, :count], end], axis=1)
+    columns: dict[str, Any] = {
+        "t": np.concatenate([ensemble.t[:, :row_count], end], axis=1)}
+    # multipliers and iterations are of a step, and the start has none: one row fewer
+    for name, fewer in (("q", 0), ("p", 0), ("multipliers", 1), ("iterations", 1)):
+        whole_steps = getattr(ensemble, name)[:, : row_count - fewer]
+        columns[name] = np.concatenate([whole_steps, getattr(parts, name)[:, -1:]], axis=1)
+    # NaN in the stepper's own number type
+    no_number = stepper.binding.new(1)[0] + np.nan
     for i in {*ensemble.failures, *parts.failures}:
-        # NaN in the stepper's own number type
-        no_number = stepper.binding.new(1)[0] + np.nan
         for name in ("t", "q", "p", "multipliers"):
             columns[name][i, -1] = no_number
         columns["iterations"][i, -1] = 0
@@ -370,7 +379,10 @@ def _with_last_parts(
 def _progress_of(
     stepper: Stepper, runs: EnsembleArguments, progress: Progress, steps: int | None = None
 ) -> AbstractContextManager[Callable[..., Any] | None]:
-    """Return the context that reports the steps of all runs together."""
+    """Return the context that reports the steps of all runs together.
+
+    ``steps`` is their total, by default that of runs of equal length.
+    """
     return log_progress(f"integrating {len(runs):,} times {stepper.name}",
                         steps or len(runs) * runs.first.steps, progress)
 
@@ -378,7 +390,8 @@ def _progress_of(
 def _stopped(
     interrupts: Interrupts, stored: int, ensemble: Ensemble | DeviceEnsemble, size: int
 ) -> Stopped:
-    """Return the exception after Ctrl-C, with the states that are stored."""
+    """Return the exception after Ctrl-C, with the ``stored`` of ``size`` states that are computed.
+    """
     return Stopped(f"Stopped with {stored:,} of {size:,} states; they are in .ensemble.",
                    interrupts.signal, ensemble=cast(Ensemble, ensemble))
 
@@ -389,7 +402,9 @@ def _checked(
 ) -> tuple[EnsembleArguments, bool]:
     """Return the checked runs of an ensemble, or raise InputError for unusable arguments.
 
-    The flag says whether a warning of too large rotations in a step has been given, or none is due.
+    ``dt``, the time and each parameter are one number, or one for each trajectory. ``last_part`` is
+    t_end and the times from the last whole steps to it. The flag says whether a warning of too
+    large rotations in a step has been given, or none is due.
     """
     q, p = _rows(stepper, "q", starts.q), _rows(stepper, "p", starts.p)
     if q.ndim != 2 or q.shape != p.shape or not len(q):
@@ -409,14 +424,23 @@ def _checked(
         runs = runs.to_end(stepper.binding, *last_part)
     warn_of_negative(runs.parameters)
     warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
-    if not runs.first.steps:
+    if not runs.first.steps:  # no step turns a body
         return runs, True
     dt = runs.dt
     if stepper.binding.clocked and stepper.rotations.bodies:
-        dt = dt * np.concatenate([stepper.binding.time_scales(
-            stepper.binding.parameters(run.parameters), run.q[None], run.p[None])
-            for run in map(runs.__getitem__, range(size))])
+        dt = dt * _initial_time_scales(stepper, runs)
     return runs, stepper.rotations.warn(runs.parameters, dt, runs.q, runs.p)
+
+
+def _initial_time_scales(stepper: Stepper, runs: EnsembleArguments) -> Array:
+    """Return dt/dτ at the start of each run, shape (trajectories,)."""
+    binding = stepper.binding
+    scales = []
+    for i in range(len(runs)):
+        run = runs[i]
+        parameters = binding.parameters(run.parameters)
+        scales.append(binding.time_scales(parameters, run.q[None], run.p[None]))
+    return np.concatenate(scales)
 
 
 def _integrate_on(
@@ -442,6 +466,7 @@ def _integrate_on(
     trajectories = Trajectories(device, name, text, stepper.binding, runs, state)
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def stop() -> bool:
+            """Report the steps so far; return whether Ctrl-C asks for an end."""
             if report is not None:
                 report(int(trajectories.steps_done.sum()))
             return interrupts.requested
@@ -473,30 +498,14 @@ def _ensemble(
     ``crossings`` has a dict, event's name → crossings, for each run; it is empty without events.
     Members are made from ``computed`` when they are asked for.
     """
-    binding, runs, rows = stepper.binding, computed.runs, computed.rows
-    states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
-    steps = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
-    t = binding.times(runs.t0[:, None], runs.dt[:, None], steps)
-    if binding.clocked:
-        t = rows.q[:, :, -1].astype(t.dtype)
-    q, p = (x[:, :, : binding.shown].copy() for x in (rows.q, rows.p))
-    multipliers = rows.multipliers[:, 1:, : binding.multipliers - binding.reactions].copy()
-    iterations = rows.iterations[:, 1:].copy()
-    # a run that failed has fewer rows; multipliers and iterations are of steps, one fewer
-    for i, row_count in enumerate(computed.stored):
-        if row_count < states:
-            t[i, row_count:] = no_number if t.dtype == object else np.nan
-            q[i, row_count:] = p[i, row_count:] = multipliers[i, row_count - 1 :] = no_number
-            iterations[i, row_count - 1 :] = 0
-    if binding.m > 1:
-        multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
-
+    binding, runs = stepper.binding, computed.runs
+    # crossings without the coordinates that scaled time adds
     shown_crossings = [{name: crossing.shown(binding) for name, crossing in events_of_run.items()}
                        for events_of_run in crossings]
 
     def member(i: int) -> Trajectory:
         """Return trajectory i, up to its failed step if it has one."""
-        trajectory = trajectory_of(binding, stepper.manifest, runs[i], rows[i],
+        trajectory = trajectory_of(binding, stepper.manifest, runs[i], computed.rows[i],
                                    computed.final_report(i), computed.q[i], computed.p[i])
         return changed(trajectory, events=shown_crossings[i] if shown_crossings else {},
                        _origin=Origin(runs[i], event_tuple))
@@ -506,7 +515,36 @@ def _ensemble(
                 for i in np.flatnonzero(computed.status).tolist()}
     events = {name: CrossingsOfMany([events_of_run[name] for events_of_run in shown_crossings])
               for name in (shown_crossings[0] if shown_crossings else ())}
-    return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
+    return Ensemble(*_stored_arrays(stepper, computed), failures, stepper.name, member, events)
+
+
+def _stored_arrays(
+    stepper: Stepper, computed: EnsembleStates
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return t, q, p, multipliers and iterations, their first axis the trajectory.
+
+    t, q and p have a row for the start and for each stored step, the others for each stored step.
+    Rows behind a failed step are NaN, and 0 iterations.
+    """
+    binding, runs, rows = stepper.binding, computed.runs, computed.rows
+    states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
+    # the last step is stored also where ``every`` does not divide the number of steps
+    steps = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
+    t = binding.times(runs.t0[:, None], runs.dt[:, None], steps)
+    if binding.clocked:  # the last coordinate is t
+        t = rows.q[:, :, -1].astype(t.dtype)
+    q, p = (x[:, :, : binding.shown].copy() for x in (rows.q, rows.p))
+    # the last columns are reactions of velocity constraints, which members alone show
+    multipliers = rows.multipliers[:, 1:, : binding.multipliers - binding.reactions].copy()
+    iterations = rows.iterations[:, 1:].copy()
+    for i, row_count in enumerate(computed.stored):
+        if row_count < states:
+            t[i, row_count:] = no_number if t.dtype == object else np.nan
+            q[i, row_count:] = p[i, row_count:] = multipliers[i, row_count - 1 :] = no_number
+            iterations[i, row_count - 1 :] = 0
+    if binding.m > 1:  # an axis for the stages of a step, and one for the constraints
+        multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
+    return t, q, p, multipliers, iterations
 
 
 def _each_alone(
@@ -524,33 +562,17 @@ def _each_alone(
     to_end = t_end is not None
     if not to_end:
         stepper._impact_binding()  # compiled once, before threads ask for it
-    step_counts = [0] * len(runs)
     with (_progress_of(stepper, runs, progress, OPEN if to_end else None) as report,
-          catch_ctrl_c() as interrupts, warnings.catch_warnings(),
-          ThreadPoolExecutor(min(threads, len(runs))) as pool):
-        # each run would warn of gaps that stay closed; one warning for all follows below
-        warnings.simplefilter("ignore", InputWarning)
-
-        def integrate_run(i: int) -> _FinishedRun:
-            """Integrate run i, and count its steps among those of all runs."""
-            def count_steps(steps: int) -> None:
-                step_counts[i] = steps
-                if report is not None:
-                    report(sum(step_counts))
-
-            try:
-                return _integrate_alone(stepper, runs[i], events, t_end,
-                                        lambda: interrupts.requested, count_steps)
-            except InputError as error:
-                raise InputError(f"Trajectory {i}: {error}") from None
-
-        finished_runs = list(pool.map(integrate_run, range(len(runs))))
+          catch_ctrl_c() as interrupts):
+        finished_runs = _run_on_threads(stepper, runs, events, t_end, threads, report,
+                                        lambda: interrupts.requested)
     members = [finished.trajectory for finished in finished_runs]
     if to_end:
         lengths = [*map(len, members)]
         states = max(lengths)
+        # each function returns whether it has warned: the first warning stands for all
         for warn_of_one in (stepper.rotations.warn_of, warn_of_missed_rate):
-            next(filter(warn_of_one, members), None)  # one warning for all
+            next(filter(warn_of_one, members), None)
     else:  # the row at which an impact ends a run is in its member alone
         lengths = [min(runs.first.stored(member.report.steps) + 1, len(member))
                    for member in members]
@@ -569,6 +591,33 @@ def _each_alone(
     return ensemble
 
 
+def _run_on_threads(
+    stepper: Stepper, runs: EnsembleArguments, events: tuple[Any, ...], t_end: Any, threads: int,
+    report: Callable[..., Any] | None, stop: Callable[[], bool],
+) -> list[_FinishedRun]:
+    """Integrate each run by itself on at most ``threads`` threads; return them in their order.
+
+    ``report`` is called with the number of steps of all runs so far. An InputError names its run.
+    """
+    step_counts = [0] * len(runs)
+
+    def integrate_run(i: int) -> _FinishedRun:
+        """Integrate run i, and count its steps among those of all runs."""
+        def count_steps(steps: int) -> None:
+            step_counts[i] = steps
+            if report is not None:
+                report(sum(step_counts))
+        try:
+            return _integrate_alone(stepper, runs[i], events, t_end, stop, count_steps)
+        except InputError as error:
+            raise InputError(f"Trajectory {i}: {error}") from None
+
+    with warnings.catch_warnings(), ThreadPoolExecutor(min(threads, len(runs))) as pool:
+        # each run would warn of gaps that stay closed; the caller gives one warning for all
+        warnings.simplefilter("ignore", InputWarning)
+        return list(pool.map(integrate_run, range(len(runs))))
+
+
 class _FinishedRun(NamedTuple):
     """A run with its events, the status of the compiled steps (0: no failure), and its last q."""
 
@@ -581,7 +630,10 @@ def _integrate_alone(
     stepper: Stepper, run: RunArguments, events: tuple[Any, ...], t_end: Any,
     stop: Callable[[], bool], count_steps: Callable[[int], None],
 ) -> _FinishedRun:
-    """Integrate one run with its events, to its last step or to ``t_end`` in scaled time."""
+    """Integrate one run with its events, to its last step or to ``t_end`` in scaled time.
+
+    ``stop`` says whether the run shall end early; ``count_steps`` takes the number of steps so far.
+    """
     binding, clock = stepper.binding, stepper.manifest.system.clock
     end_event = ""
     if t_end is not None:
@@ -595,6 +647,7 @@ def _integrate_alone(
     origin = Origin(run)
     if end_event:
         trajectory = with_end_apart(trajectory, end_event)
+        # derivatives of the run repeat as many steps as it took
         origin = Origin(run.until(trajectory.report.steps), events)
     return _FinishedRun(trajectory.made_by(stepper, origin), status, state.q)
 
@@ -610,9 +663,9 @@ def _warn_of_early_ends(runs: Sequence[_FinishedRun], steps: int) -> None:
 def _padded_arrays(
     members: Sequence[Trajectory], lengths: Sequence[int], states: int
 ) -> dict[str, Any]:
-    """Return the arrays of an ensemble of ``states`` rows, of each member its first ones.
+    """Return t, q, p, multipliers and iterations by name, with ``states`` rows a trajectory.
 
-    ``lengths`` says how many; behind them are NaN, and 0 iterations.
+    Member i fills its first ``lengths[i]`` rows; the rows behind are NaN, and 0 iterations.
     """
     first_member, count = members[0], len(members)
     arrays: dict[str, Any] = {
@@ -639,16 +692,18 @@ def _with_tangents(
     """
     _ = stepper._derivative_binding()  # compiled once, before threads ask for it
 
-    def made(i: int) -> Trajectory | None:
+    def member_with_tangents(i: int) -> Trajectory | None:
+        """Return trajectory i with its tangents, None if it failed or the ensemble stops."""
         if i in ensemble.failures or stop():
             return None
         return with_tangents(stepper, tangents_asked, ensemble._make(i))
 
     with ThreadPoolExecutor(min(threads, len(ensemble))) as pool:
-        trajectories = list(pool.map(made, range(len(ensemble))))
+        trajectories = list(pool.map(member_with_tangents, range(len(ensemble))))
     tangents = [None if trajectory is None else trajectory.tangents for trajectory in trajectories]
 
     def member(i: int) -> Trajectory:
+        """Return trajectory i with the tangents that are computed by now."""
         return changed(ensemble._make(i), tangents=tangents[i])
 
     return replace(ensemble, tangents=tangents, _make=member)
@@ -673,7 +728,11 @@ def _rows(stepper: Stepper, name: str, value: Any) -> Array:
 def _each_parameters(
     parameters: Any, size: int, domains: Mapping[str, str]
 ) -> list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]:
-    """Return a dict for each trajectory, or (common values, columns) from one dict."""
+    """Return the parameters of ``size`` trajectories.
+
+    From a list of dicts: a dict for each trajectory. From one dict: the values and rules that all
+    share, and the columns of the others, each of shape (size,), both by name.
+    """
     if isinstance(parameters, Mapping):
         parameters = with_rules(parameters, domains)
         refuse_texts(parameters, domains)

@@ -139,15 +139,16 @@ class Evaluation:
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
         times, values = self._times(state.t, shape), self._parameters(state.parameters)
         q_rows, p_rows = self.binding.in_scaled_time(values, q_rows, p_rows, times)
-        lost = []
+        unprojected = []  # rows whose momenta Newton's method cannot project; their H is NaN
         if as_flag("of_motion", of_motion) and self.m:
             for i, row in enumerate(p_rows):
                 at_row = values if not self.binding.is_timed else self._parameters(
                     state.parameters, times[i])
+                # moves the momenta of the row in place; a copy of q stays on its constraints
                 if self.binding.project(at_row, q_rows[i].copy(), row):
-                    lost.append(i)
+                    unprojected.append(i)
         H = self.binding.hamiltonian(values, q_rows, p_rows, times)
-        H[lost] = math.nan
+        H[unprojected] = math.nan
         return H.reshape(shape)
 
     def momenta(
@@ -257,9 +258,10 @@ class Evaluation:
     def _projected(
         self, q: Array, p: Array, parameters: ParameterStruct
     ) -> tuple[Array, Array]:
-        """Return the projected state: by compiled code, else by damped steps from Python.
+        """Return the state (q, p) on the constraints, as ``project`` describes, or raise an error.
 
-        Those converge from farther away and name the constraints in the way, in doubles alone.
+        Compiled code iterates first. Where it fails, damped steps from Python converge from farther
+        away and name the constraints that cannot hold; they are for doubles alone.
         """
         # C moves them in place
         q_near, p_near = q.copy(), p.copy()
@@ -296,7 +298,7 @@ class Evaluation:
     def _state_rows(
         self, q: ArrayLike, p: ArrayLike, second: str = "p"
     ) -> tuple[tuple[int, ...], Array, Array]:
-        """Return the leading axes of q and p, and both as rows of the stepper's own type."""
+        """Return the leading axes of q and p, and both as rows, shape (states, n)."""
         q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers(second, p)
         shape = q_rows.shape
         if shape[-1:] != (self.n,) or p_rows.shape != shape:
@@ -306,7 +308,7 @@ class Evaluation:
         return shape[:-1], q_rows, p_rows
 
     def _times(self, t: Number | ArrayLike, shape: tuple[int, ...]) -> Array:
-        """Return a time for each row of states with such leading axes."""
+        """Return a time for each of the states with leading axes ``shape``, as one axis."""
         times = self.binding.numbers("t", t)
         if times.shape not in ((), shape):
             raise InputError(f"t has shape {times.shape}; give one time, or shape {shape}.")
@@ -338,22 +340,33 @@ class Evaluation:
     def _at_start(
         self, start: Any, p: Any, parameters: Any, t: Any
     ) -> tuple[tuple[Array, Array], Any]:
-        """Return the state of a start, or (q, p), and the parameters there as compiled code."""
-        numbers = merged_start(self, start, p, parameters, t, impacts=True, as_it_is=True)
-        state, run = self._state(numbers.q, numbers.p), self._parameters(numbers.parameters,
-                                                                         numbers.t)
-        return self.binding.start_in_scaled_time(run, *state, numbers.t), run
+        """Return the state (q, p) and the C struct of the parameters at its time.
+
+        ``start`` is a start or, with ``p``, coordinates. In scaled time the state has t and −H in
+        addition.
+        """
+        start_numbers = merged_start(self, start, p, parameters, t, impacts=True, as_it_is=True)
+        time, state = start_numbers.t, self._state(start_numbers.q, start_numbers.p)
+        run = self._parameters(start_numbers.parameters, time)
+        return self.binding.start_in_scaled_time(run, *state, time), run
 
     def _equations_at(
         self, x: ArrayLike, start: Any, p: Any, parameters: Any, t: Any
     ) -> tuple[Array, tuple[Array, Array], Any]:
-        """Return unknowns less their origin, the state (q, p) and the run of one step from it."""
+        """Return the unknowns of the C, the state (q, p) and the C struct of the parameters.
+
+        ``x`` are the unknowns of the caller, shape (unknowns,), which include the origin.
+        """
         state, run = self._at_start(start, p, parameters, t)
         unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
         return unknowns, state, run
 
     def _origin(self, q: Array, p: Array) -> Array:
-        """Return the offset of x from the unknowns in C: IMS and EMS solve for increments."""
+        """Return x minus the unknowns of the C, shape (unknowns,).
+
+        IMS and EMS solve for increments, and their x is the end of the step, (q, p) + increments;
+        other schemes have origin 0.
+        """
         origin = self.binding.new(self.unknowns)
         if self.manifest.scheme.unknowns_are_state:
             origin[: 2 * self.binding.n] = np.concatenate([q, p])

@@ -114,26 +114,29 @@ class RunDefaults:
         if self.visuals:
             content["visuals"] = {name: [shape.as_json() for shape in shapes]
                                   for name, shapes in self.visuals.items()}
-        events = [asdict(event) | {key: _exact_text(getattr(event, key)) for key in _EXACT
-                                   if hasattr(event, key)} for event in self.events]
+        events = []
+        for event in self.events:
+            numbers = {key: getattr(event, key) for key in _EXACT if hasattr(event, key)}
+            events.append(asdict(event) | {key: _exact_text(x) for key, x in numbers.items()})
         return content | {name: _mapped(content[name], _text) for name in _NUMBERS} | {
             "events": events}
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> RunDefaults:
         """Read the result of ``as_json``."""
-        # an event has no restitution
-        events = tuple((Impact if "restitution" in fields else Event)(
-            **fields | {key: _exact_number(fields[key]) for key in _EXACT if key in fields})
-            for fields in content["events"])
+        events = []
+        for fields in content["events"]:
+            numbers = {key: _exact_number(fields[key]) for key in _EXACT if key in fields}
+            kind = Impact if "restitution" in fields else Event  # an event has no restitution
+            events.append(kind(**fields | numbers))
         visuals = {name: [Shape(**fields) for fields in shapes]
                    for name, shapes in content.get("visuals", {}).items()}
         return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS} | {
-            "events": events, "visuals": visuals})
+            "events": tuple(events), "visuals": visuals})
 
 
 def _mapped(content: Any, change: Any) -> Any:
-    """Return a JSON value with ``change`` applied to each number or text in it."""
+    """Return a JSON value with ``change`` applied to its numbers and texts, not to its keys."""
     if isinstance(content, dict):
         return {key: _mapped(value, change) for key, value in content.items()}
     if isinstance(content, list):
@@ -142,17 +145,20 @@ def _mapped(content: Any, change: Any) -> Any:
 
 
 def _exact_text(value: Any) -> str:
-    """Return a number as text, or the name of a parameter."""
+    """Return a number as text that keeps all its digits, or the name of a parameter as it is."""
     return value if isinstance(value, str) else str(exact(value))
 
 
 def _exact_number(text: str) -> Any:
+    """Return the inverse of ``_exact_text``: a fraction, or the name of a parameter."""
     return Fraction(text) if text[0].isdigit() or text[0] == "-" else text
 
 
 def _text(value: Any) -> Any:
+    """Return the text of a number that carries more digits than a double, else the argument."""
     return str(value.whole) if isinstance(value, Rounded) else value
 
 
 def _number(value: Any) -> Any:
+    """Return the inverse of ``_text``."""
     return Rounded(Fraction(value)) if isinstance(value, str) else value

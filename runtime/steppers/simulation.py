@@ -72,7 +72,7 @@ class AdvancingRun:
 
     @property
     def steps(self) -> int:
-        """How many are done."""
+        """The number of steps since the start."""
         return int(self.record.steps)
 
     @property
@@ -81,7 +81,7 @@ class AdvancingRun:
         return self.binding.record_of(self.work)
 
     def advance(self, steps: int) -> int:
-        """Take up to that many steps; return the status."""
+        """Take up to ``steps`` steps; return the status, 0 or the code of the step that failed."""
         return int(self._advance(self.work, steps, *self._state))
 
     def feed(self, row: Array) -> None:
@@ -103,7 +103,7 @@ class AdvancingRun:
 
     @property
     def image(self) -> tuple[Any, ...]:
-        """State and memory, in which a run differs from one that has just begun."""
+        """Copies of q, p and the solver memory as bytes: all that changes from step to step."""
         return self.q.copy(), self.p.copy(), self.binding.image(self.work).tobytes()
 
     @image.setter
@@ -113,7 +113,8 @@ class AdvancingRun:
         memory[:] = np.frombuffer(image[2], dtype=np.uint8)
 
     def trajectory(self, manifest: Manifest) -> Trajectory:
-        """Return the current state as a trajectory of one row."""
+        """Return the present state as a trajectory of one row, with the record of all steps so far.
+        """
         t = self.run.t0 + self.steps * self.run.dt
         # ``every`` beyond the number of steps: only the start of this run, the present, is a row
         run = replace(self.run, q=self.q, p=self.p, t0=t, steps=self.steps + 1,
@@ -165,7 +166,7 @@ class RecordingRun(AdvancingRun):
         self._rows.q[0], self._rows.p[0] = run.q, run.p
         #: The inputs of each step, and whether any were given.
         self._inputs, self._has_inputs = binding.new(FIRST_STEPS, len(binding.input_names)), False
-        self._piece(0)
+        self._piece(0)  # initialises the solver memory and the record
 
     @property
     def record(self) -> RunRecord:
@@ -173,7 +174,7 @@ class RecordingRun(AdvancingRun):
         return self._run_state.record
 
     def advance(self, steps: int) -> int:
-        """Take up to that many steps; return the status."""
+        """Take up to ``steps`` steps and store their states; return the status, 0 on success."""
         if self._failed:
             raise InputError(
                 f"Step {self.steps + 1:,} of this simulation found no solution, and what it "
@@ -186,6 +187,8 @@ class RecordingRun(AdvancingRun):
         return status
 
     def _piece(self, steps: int) -> int:
+        """Integrate ``steps`` steps into the rows behind those of earlier steps; return the status.
+        """
         return self.binding.integrate(self.run.constants(self.binding), steps, 1,
                                       self._run_state, self._rows[self.steps + 1 :])
 
@@ -195,7 +198,7 @@ class RecordingRun(AdvancingRun):
             self._put(max(steps, 2 * len(self._inputs)), self._rows, self._inputs)
 
     def _put(self, room: int, rows: Rows, inputs: Array) -> None:
-        """Copy the rows of all steps so far into memory for ``room`` steps."""
+        """Move the rows of all steps so far into memory for ``room`` steps."""
         step_count = self.steps
         self._rows, self._inputs = (Rows.allocate(self.binding, room + 1),
                                     self.binding.new(room, inputs.shape[1]))
@@ -203,7 +206,7 @@ class RecordingRun(AdvancingRun):
         self._inputs[:step_count] = inputs[:step_count]
 
     def feed(self, row: Array) -> None:
-        """Go on with other inputs, which the run has among its parameters."""
+        """Note that inputs were given; ``advance`` reads them from the parameters of the run."""
         self._has_inputs = True
 
     def set_parameters(self, parameters: dict[str, Any]) -> None:
@@ -213,7 +216,7 @@ class RecordingRun(AdvancingRun):
 
     @property
     def image(self) -> tuple[Any, ...]:
-        """State and memory, in which a run differs from one that has just begun."""
+        """Copies of q, p, solver memory, record, and the rows and inputs of all steps so far."""
         done = self.steps
         return (*super().image, self.binding.image(self.record).tobytes(),
                 self._rows[: done + 1].copy(), self._inputs[:done].copy(), self._has_inputs,
@@ -330,7 +333,7 @@ class Simulation:
         self.advance(steps, **inputs)
 
     def _inputs(self, inputs: Mapping[str, Number]) -> dict[str, Any]:
-        """Return all parameters, with other values of some inputs."""
+        """Return all parameters by name, with new values of some inputs; refuse other names."""
         binding = self._held.binding
         for name in inputs:
             if name not in binding.input_names:
@@ -339,7 +342,10 @@ class Simulation:
             name: as_real(f"Input {name}", x, binding.number) for name, x in inputs.items()}
 
     def _long(self, steps: int) -> int:
-        """Take many steps in pieces, between which Ctrl-C stops them; return the status."""
+        """Take many steps in chunks, between which Ctrl-C can stop them; return the status.
+
+        A chunk is as long as the clock allows a user to wait. Raises Stopped after Ctrl-C.
+        """
         pace, status, steps_done = ChunkSize(), 0, 0
         with catch_ctrl_c() as interrupts:
             while steps_done < steps and not status and not interrupts.requested:
@@ -505,11 +511,12 @@ class Simulation:
         """
         column = place_of_quantity(self._stepper.manifest, name)
         continued, t = self._held, self.t
-        time = continued.binding.new(1)
+        binding = continued.binding
+        time = binding.new(1)
         time[0] = t
-        return continued.binding.quantities(continued.binding.parameters(continued.run.parameters,
-                                                                         t), time,
-                                            continued.q[None], continued.p[None])[0, column]
+        parameters = binding.parameters(continued.run.parameters, t)
+        # one state: row 0, with a column for each quantity
+        return binding.quantities(parameters, time, continued.q[None], continued.p[None])[0, column]
 
     @property
     def parameters(self) -> Mapping[str, Any]:
@@ -578,7 +585,10 @@ class Simulation:
     # ------------------------------------------------------------ inside
 
     def _failure(self, status: int) -> StepFailed:
-        """Return the error of a step from here; its trajectory is what is kept."""
+        """Return the error of the next step, which failed with ``status``, and its diagnosis.
+
+        Its trajectory has the states that the simulation keeps: the last one, or all.
+        """
         state, manifest, t, step_count = self._held, self._stepper.manifest, self.t, self.steps
         run = replace(state.run, q=state.q.copy(), p=state.p.copy(),
                       t0=state.run.t0 + step_count * state.run.dt, steps=step_count + 1,
@@ -667,7 +677,11 @@ def _unpickled(
     stepper: Stepper, provenance: dict[str, str], run: RunArguments, image: tuple[Any, ...],
     record: bool = False,
 ) -> Simulation:
-    """Return a simulation in another process; the memory means the same to the same code alone."""
+    """Return a simulation from a pickle; refuse the memory of other code.
+
+    ``provenance`` names source, compiler and CPU of the process that pickled it: the layout of the
+    memory, and the bits of a step, depend on them.
+    """
     own_provenance = stepper._provenance
     differs = [name for name in own_provenance if own_provenance[name] != provenance.get(name)]
     if differs:
@@ -684,4 +698,5 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _same_numbers(a: Any, b: Mapping[str, Any]) -> bool:
+    """Whether ``a`` is a dict with the keys of ``b`` and equal numbers of equal types."""
     return isinstance(a, dict) and a.keys() == b.keys() and all(_same(a[k], b[k]) for k in b)

@@ -361,24 +361,38 @@ class Stepper(Dynamics):
         plan = recalled or self._integration(
             start, p, Span(dt, dtau, t_end, steps), parameters=parameters, inputs=inputs,
             every=every, events=events, solver=solver)
-        run = plan.run
-        observed_events: Any = plan.events
         if plan.impacts:
             from ..events.impact_observer import refuse_unusable
 
-            refuse_unusable(self, run, plan.impacts)
+            refuse_unusable(self, plan.run, plan.impacts)
         if out is not None:
             refuse_together(stored="a stored run (out)", t_eval=t_eval is not None and "t_eval",
                             tangents=tangents is not None and "tangents")
             return self._recorded(plan, out, progress)
+        trajectory = self._integrated(plan, t_eval, progress, repeated=recalled is not None)
+        if tangents is None:
+            return trajectory
+        from ..derivatives.tangent_run import with_tangents
+
+        return with_tangents(self, tangents, trajectory)
+
+    def _integrated(
+        self, plan: Integration, t_eval: ArrayLike | None, progress: Progress, *, repeated: bool
+    ) -> Trajectory:
+        """Return the trajectory of a plan: whole steps, a partial last step, states at ``t_eval``.
+
+        The start of a ``repeated`` call has been checked for warnings by the call before.
+        """
+        run = plan.run
+        observed_events: Any = plan.events
         if t_eval is not None:
             from ..integration.dense_output import stored_steps_at
 
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
         # one warning of a kind for a run: of its start, or of its stored states
-        warned = not run.steps or (not recalled and self._warned(run)) or run.rows < 2
+        warned = not run.steps or (not repeated and self._warned(run)) or run.rows < 2
         trajectory = self._steps_of(plan, run, progress)
-        # derivatives take the steps that it had
+        # derivatives of the run repeat as many steps as it took
         run = run.until(trajectory.report.steps) if run.open_end else run
         if not warned:
             self._warn_of_motion(trajectory, run)
@@ -388,13 +402,7 @@ class Stepper(Dynamics):
             trajectory = ended_between(self, run, observed_events, trajectory)
         trajectory = trajectory.made_by(self, Origin(
             run, () if plan.impacts else observed_events, rest=run.rest, impacts=plan.impacts))
-        if t_eval is not None:
-            trajectory = self._at(trajectory, t_eval)
-        if tangents is None:
-            return trajectory
-        from ..derivatives.tangent_run import with_tangents
-
-        return with_tangents(self, tangents, trajectory)
+        return trajectory if t_eval is None else self._at(trajectory, t_eval)
 
     def _steps_of(self, plan: Integration, run: RunArguments, progress: Progress) -> Trajectory:
         """Return the whole steps of a plan, with its events.
@@ -502,9 +510,10 @@ class Stepper(Dynamics):
         events: Event | Impact | Sequence[Event | Impact] | None = None,
         solver: SolverName | Solver = "auto",
     ) -> Integration:
-        """Return the arguments of ``integrate``, checked, with numbers for what is searched.
+        """Return the checked arguments of ``integrate``; searched parameters have numbers.
 
-        ``span`` are dt, dtau, t_end and steps; the other arguments are those of ``integrate``.
+        ``span`` are dt, dtau, t_end and steps; the other arguments are those of ``integrate``. A
+        call without inputs and events is kept: an equal call takes its arguments from there.
         """
         (dt, steps), t_end = span_or_own(self.binding, start, span), span.t_end
         own_events = events is None
@@ -537,9 +546,9 @@ class Stepper(Dynamics):
         self, plan: Integration, out: str | os.PathLike[str], progress: Progress = None, *,
         resume: bool = False,
     ) -> Trajectory:
-        """Return a run streamed to a store; ``resume`` continues that of an existing store.
-        """
+        """Return a run streamed to the store ``out``; ``resume`` continues that of an old store."""
         inputs = plan.run.inputs
+        # an input has NaN (x != x) in place of one value throughout the run
         changing = inputs is not None and any(x != x for x in inputs.throughout.values())
         refuse_together(stored="a stored run (out)",
                         changing_inputs=changing and "inputs that change along the run",
@@ -570,7 +579,11 @@ class Stepper(Dynamics):
         return with_tangents(self, trajectory.tangents, states)
 
     def _parameters_with_inputs(self, parameters: Any, inputs: Any) -> Any:
-        """Return parameters with a number for each input, where those of the steps are given."""
+        """Return the parameters of one run or of many, with a number for each input.
+
+        Without ``inputs`` none is added. ``parameters`` is a dict or a list of dicts; other
+        arguments are returned as they are, for the checks of the caller to refuse.
+        """
         if inputs is None and type(parameters) is dict:
             return dict(parameters)
         # inputs that are not checked yet: any number serves, for the steps overwrite it
@@ -588,10 +601,10 @@ class Stepper(Dynamics):
         inputs: InputRows | Inputs | Mapping[str, Any] | ArrayLike | None = None,
         solver: SolverName | Solver = "auto", scaled: bool = False,
     ) -> RunArguments:
-        """Return the arguments of ``integrate`` as a record; its parameters are as given.
+        """Return the arguments of ``integrate`` as a record, checked but for the parameters.
 
-        Callers that are not ``scaled`` are refused scaled time. Raises InputError for any argument
-        that is unusable, but for the parameters.
+        Callers that are not ``scaled`` are refused scaled time. Raises InputError for any other
+        argument that is unusable.
         """
         method = as_solver(solver)
         if method.kind != "auto":
@@ -621,7 +634,7 @@ class Stepper(Dynamics):
             and f"{self.name} ({self.manifest.fast_path.reason})")
 
     def _resolved(self, run: RunArguments) -> RunArguments:
-        """Return a run with numbers for parameters that its model leaves to a search, checked."""
+        """Return a checked run, with numbers for γ and other parameters that a search finds."""
         if has_searches(run.parameters):
             from ..tuning.tune import tuned_run
 
@@ -629,7 +642,11 @@ class Stepper(Dynamics):
         return self._checked_run(run)
 
     def _checked_run(self, run: RunArguments) -> RunArguments:
-        """Return a run with its parameters as numbers, or raise InputError; it is consistent."""
+        """Return a run with its parameters as numbers; its start must be consistent.
+
+        Raises InputError if it is not. In scaled time its state has t and −H as further coordinate
+        and momentum.
+        """
         run = changed(run, parameters=self.check_parameters(run.parameters))
         run = in_scaled_time(self.binding, run)
         if self.manifest.system.velocity_names:
@@ -646,7 +663,10 @@ class Stepper(Dynamics):
         return integrate(self.binding, self.manifest, run)
 
     def _warned(self, run: RunArguments) -> bool:
-        """Warn of γ below 0, and where a body turns too far in a step; return whether one does."""
+        """Warn of γ below 0, of a late start, and where a body turns too far in a step.
+
+        Return whether a warning of too large a rotation was given.
+        """
         warn_of_negative(run.parameters)
         warn_of_late_start(self.binding, run.t0, run.dt, run.steps)
         dt = run.dt

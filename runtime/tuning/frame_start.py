@@ -38,7 +38,7 @@ __all__ = ["Direction", "Velocities", "directions_of", "least_squares", "start_r
 
 #: A direction that makes the acceleration so many times larger is left out.
 _FASTER = 2.0
-#: What the difference may be wrong by, in parts of q̈ and of the step's part of Δt.
+#: Error of a difference for q̈, in units of |q̈| ε^⅓.
 _NOISE = 16.0
 #: Singular values below this part of the largest are 0.
 _RANK = 1e-9
@@ -56,6 +56,7 @@ class Direction:
     """
 
     def __init__(self, symmetries: list[Symmetry], weights: Array) -> None:
+        """Take the sums Σ w_k A_k and the weights w_k of the symmetries by name."""
         self.weights = {s.name: float(w) for s, w in zip(symmetries, weights, strict=True)}
         self.A: Array = sum((w * s.A for s, w in zip(symmetries, weights, strict=True)),
                             np.zeros_like(symmetries[0].A))
@@ -108,12 +109,14 @@ class Velocities:
         return -np.array(residual[:n], dtype=float)
 
     def acceleration(self, q: ArrayLike, p: ArrayLike, dt: Any) -> Array | None:
-        """Return q̈ by a difference of H_p over a small part of a step.
+        """Return q̈ = (H_p(h) − H_p(0))/h, shape (n,), by a step h = Δt ε^⅓.
 
-        None if that step fails: the run itself then raises the error.
+        Its truncation and its round-off are then about equal. None if that step fails: the run
+        itself then raises the error.
         """
         step, h = self._stepper, float(dt) * self.epsilon ** (1 / 3)
         try:
+            # such a scheme starts from states on g = 0 alone, where H_p leaves the constraints
             if step.m and not step.manifest.scheme.keeps_momentum_constraint:
                 q, p = step.project(q, p, parameters=self._parameters, t=self._t)
             end = step.integrate(Start(q, p, self._parameters, self._t), dt=h, steps=1)
@@ -161,7 +164,7 @@ def start_rates(
     columns = root @ np.stack([d.A @ position for d in directions], axis=1)
 
     def rates_without(left_out: list[int]) -> Array:
-        """Return the least squares rates of all other directions, 0 of these."""
+        """Return the least squares rates, shape (directions,), with 0 for those left out."""
         frame_indices = [i for i in range(len(directions)) if i not in left_out]
         rates = np.zeros(len(directions))
         rates[frame_indices] = np.linalg.lstsq(columns[:, frame_indices], root @ velocity,
@@ -180,6 +183,7 @@ def start_rates(
         return rates, left_out
     # accelerations are differences of velocities: less than their round-off is no gain
     noise = _NOISE * velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
+    # |q̈| with the present rates, against the best choice of one direction more to leave out
     while len(left_out) < len(directions):
         candidates = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
         best = min(candidates, key=lambda candidate: acceleration_norm(rates_without(candidate)))

@@ -33,22 +33,28 @@ class MotionError:
     """
 
     def __init__(self, reference: Array, run_states: Array) -> None:
-        """Compare with ``reference``; ``run_states`` are q of a run, with quaternions of norm 1."""
+        """Compare with the rows of q in ``reference``; ``run_states`` tell its quaternions."""
         self.reference, states = reference, np.asarray(run_states, dtype=float)
         self.quaternions, points = _blocks(states)
         self.turning = list(range(3 * len(self.quaternions)))
-        self.paths = [[column for column in range(3 * body, 3 * body + 3) if column != 3 * body + i]
-                      for body in range(len(self.quaternions)) for i in range(3)]
+        # the path of axis i of a body: the two components of φ about its other axes
+        self.paths = []
+        for first in range(0, len(self.turning), 3):
+            self.paths += [[first + 1, first + 2], [first, first + 2], [first, first + 1]]
         first_column = len(self.turning)
         for point in points:
             self.paths.append(list(range(first_column, first_column + len(point))))
             first_column += len(point)
         self._points = [i for point in points for i in point]
+        # points are measured by their extent: the largest coordinate, 1 if all are 0
         largest = np.abs(states).max(axis=0, initial=0)
         self._reach = np.array([largest[point].max() or 1.0 for point in points for _ in point])
 
     def __call__(self, q: Array) -> Array:
-        """Return the differences of a motion's rows from the reference, one column a component."""
+        """Return the differences of q from the reference, shape (rows, columns).
+
+        Columns: φ of each body in rad, then the coordinates of each point over its extent.
+        """
         change = np.asarray(q - self.reference, dtype=float)  # float128: subtracted in full first
         position = np.asarray(self.reference, dtype=float)
         angles = [2 * np.einsum("kij,kj->ki", left_matrix(position[:, columns]), change[:, columns])
@@ -57,7 +63,8 @@ class MotionError:
 
 
 def distances(errors: Array, paths: list[list[int]]) -> Array:
-    """Return the distance of each path in each row, shape (rows, paths)."""
+    """Return |errors| of each path in each row, shape (rows, paths); a path is a list of columns.
+    """
     return np.stack([np.sqrt((errors[:, path] ** 2).sum(axis=1)) for path in paths], axis=1)
 
 
@@ -71,7 +78,9 @@ def root_mean_squares(errors: Array, paths: list[list[int]]) -> Array:
 
 
 def _blocks(q: Array) -> tuple[list[slice], list[list[int]]]:
-    """Return the columns of unit quaternions, detected by their norm in every row, and the others.
+    """Return the columns of unit quaternions, as slices, and those of each block between them.
+
+    Four columns whose squares have the sum 1 in every row, to 1e-4, are a quaternion.
     """
     quaternions: list[slice] = []
     points: list[list[int]] = []

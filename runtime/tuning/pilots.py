@@ -143,10 +143,14 @@ class Pilots:
             return None
 
     def _integrate(self, x: Array, refinement: int) -> Trajectory:
-        # rows are at the same times whatever the steps are, so that errors are differences of rows
-        return self.stepper._run(self.stepper._checked_run(replace(
-            self.arguments.refined(refinement), every=refinement * self.every,
-            parameters=self.arguments.parameters | self.parameters(x))))
+        """Return the run of a trial x with steps Δt/refinement, its rows at equal times.
+
+        Raises StepFailed.
+        """
+        # refinement times as many steps between rows: equal times, so that errors are differences
+        run = replace(self.arguments.refined(refinement), every=refinement * self.every,
+                      parameters=self.arguments.parameters | self.parameters(x))
+        return self.stepper._run(self.stepper._checked_run(run))
 
     # ------------------------------------------------------------ the reference
 
@@ -205,13 +209,18 @@ class Pilots:
     def _agrees(
         self, base_motion: _Reference, frame_motion: _Reference, run: Trajectory | None
     ) -> bool:
-        """Whether two references are as near to each other as the less accurate one is refined.
+        """Whether the reference in a frame agrees with the reference of the base.
 
-        Or near beside the error of a run with the base.
+        Their distance must be at most 4 times the last refinement of the base's, or 1 % of the
+        error of ``run``, a run with the base.
         """
-        distance, error = (0.0 if q is None else _total(base_motion.error(np.asarray(q))[1:])
-                           for q in (frame_motion.motion, None if run is None else run.q))
-        return distance <= max(_AGREES * base_motion.change, _SMALL * error)
+        def distance(q: Array) -> float:
+            """Return the distance of a motion from the base's reference, without the start."""
+            return _total(base_motion.error(q)[1:])
+
+        run_error = 0.0 if run is None else distance(np.asarray(run.q))
+        return distance(np.asarray(frame_motion.motion)) <= max(
+            _AGREES * base_motion.change, _SMALL * run_error)
 
     # ------------------------------------------------------------ errors
 
@@ -265,9 +274,11 @@ class Pilots:
         if self.largest(index) * _CLEAR > self.largest(base):
             return False
         base_is_round_off = self.sizes(base) <= 2 * _ROUND_OFF * self.rounding
-        quarters = np.array_split(np.arange(self.rows), 4)[1:] if self.longer else []
-        for factor, rows in ((_CLEAR, None), *((1.0, slice(quarter[0], quarter[-1] + 1))
-                                               for quarter in quarters if len(quarter))):
+        comparisons: list[tuple[float, slice | None]] = [(_CLEAR, None)]
+        if self.longer:
+            comparisons += [(1.0, quarter) for quarter in _quarters(self.rows)[1:]
+                            if quarter.stop > quarter.start]
+        for factor, rows in comparisons:
             base_sizes = self.sizes(base, rows)
             # A path that is exact with the base may keep an error of round-off.
             bound = np.where(base_is_round_off,
@@ -306,7 +317,10 @@ class Pilots:
                      float(root_mean_squares(errors.energy, [[0]])[0]))
 
     def rows_before(self, index: int, angle: float) -> int:
-        """Return the number of rows before an attitude differs by more than ``angle``, in rad."""
+        """Return the number of rows before an attitude differs by more than ``angle``, in rad.
+
+        All rows if none does, or if the run failed.
+        """
         errors = self._errors[index]
         if errors is None:
             return self.rows
@@ -315,8 +329,14 @@ class Pilots:
 
     def quarters(self, index: int) -> Array:
         """Return the error of each path in each quarter of the rows, shape (4, paths)."""
-        return np.array([self.sizes(index, slice(quarter[0], quarter[-1] + 1))
-                         for quarter in np.array_split(np.arange(self.rows), 4)])
+        return np.array([self.sizes(index, quarter) for quarter in _quarters(self.rows)])
+
+
+def _quarters(rows: int) -> list[slice]:
+    """Return the four quarters of ``rows`` rows, the first ones a row longer where 4 is no divisor.
+    """
+    ends = np.cumsum([len(quarter) for quarter in np.array_split(np.arange(rows), 4)]).tolist()
+    return [slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)]
 
 
 def _total(errors: Array) -> float:

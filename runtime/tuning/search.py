@@ -59,9 +59,10 @@ class Search:
     def __init__(
         self, pilots: Pilots, velocities: Velocities, moments: Mapping[str, Any]
     ) -> None:
-        """The variables of a trial x are the rates of the frame, then u_k = γ_m/γ_k of each body.
+        """Set the start, the scale and the bounds of the trials x.
 
-        The error is linear in u to leading order. ``moments`` maps each γ to its body's inertia.
+        Their entries are the rates of the frame, then u_k = γ_m/γ_k of each body. The error is
+        linear in u to leading order. ``moments`` maps each γ to its body's inertia.
         """
         self.pilots, self.velocities, self.moments = pilots, velocities, moments
         #: How many variables are rates, and how many of all, from the first on, are searched.
@@ -156,6 +157,7 @@ class Search:
                 np.arange(len(x)) < self.rate_count, x, factor)
 
     def _symbol(self, symbol: str) -> str:
+        """Return the symbol of a mean, with α in place of γ where all searched parameters are α."""
         alpha = bool(self.moments) and all(name.endswith("alpha") for name in self.moments)
         return symbol.replace("γ", "α") if alpha else symbol
 
@@ -167,18 +169,19 @@ class Search:
         pilots, steps = self.pilots, self.pilots.arguments.steps
         if pilots.aim == "energy" or pilots.errors(index) is None:
             return ""
-        all_rows = pilots.rows
-        pilots.rows = max(pilots.rows_before(index, _LINEAR) - 1, 1) if (
-            pilots.rows_before(index, _LINEAR) < all_rows) else all_rows
-        if pilots.rows < _FEWEST and (self.pilots.longer or pilots.rows < all_rows):
-            return (f"pilot runs of {steps} steps say nothing of a longer run"
-                    if pilots.rows == all_rows else
-                    f"the motion is lost within {(pilots.rows + 1) * pilots.every} steps")
+        all_rows, linear_rows = pilots.rows, pilots.rows_before(index, _LINEAR)
+        if linear_rows < all_rows:
+            pilots.rows = max(linear_rows - 1, 1)
+        if pilots.rows < _FEWEST:  # too few to show how the error grows
+            if pilots.rows < all_rows:
+                return f"the motion is lost within {(pilots.rows + 1) * pilots.every} steps"
+            if pilots.longer:
+                return f"pilot runs of {steps} steps say nothing of a longer run"
         # the error over the middle time of quarters 2 to 4: the same if it grows like t
         growth = pilots.quarters(index)[1:] / np.array([[1.5], [2.5], [3.5]])
         above_round_off = pilots.sizes(index) > 4 * pilots.rounding
-        if self.pilots.longer and (growth.max(axis=0) > _STEADY
-                                   * growth.min(axis=0))[above_round_off].any():
+        is_unsteady = growth.max(axis=0) > _STEADY * growth.min(axis=0)
+        if pilots.longer and is_unsteady[above_round_off].any():
             return ("the error of the motion does not grow like t, and pilot runs say nothing of a "
                     "longer run; let them see its slowest period")
         return ""
@@ -186,16 +189,20 @@ class Search:
     # ------------------------------------------------------------ the search
 
     def _search_starts(self, trials: list[int]) -> list[Array]:
-        """Return the best trials, at most ``_SEARCHES`` of them, no two close to each other."""
+        """Return the best trials, at most ``_SEARCHES`` of them, no two close to each other.
+
+        No trials where nothing is searched; a trial whose run failed is none of them.
+        """
         pilots, beginnings = self.pilots, list[Array]()
         if not self.searched_count:
             return beginnings
-        for index in sorted(dict.fromkeys(trials),
-                            key=lambda i: pilots.largest(i, pilots.searched_rows)):
+        by_error = sorted(dict.fromkeys(trials),
+                          key=lambda i: pilots.largest(i, pilots.searched_rows))
+        for index in by_error:
             x = pilots.trials[index]
-            if math.isfinite(pilots.largest(index)) and all(
-                    np.abs((x - beginning) / self.scale).max() > _APART
-                    for beginning in beginnings):
+            is_apart = all(np.abs((x - beginning) / self.scale).max() > _APART
+                           for beginning in beginnings)
+            if is_apart and math.isfinite(pilots.largest(index)):
                 beginnings.append(x)
         return beginnings[:_SEARCHES]
 
@@ -299,7 +306,7 @@ class Search:
                     for block in (forms[:, 1:, 1:], forms[:, 1:, 0]))
             # damping in units of each variable's own curvature (Marquardt)
             change = -np.linalg.lstsq(A + damping * np.diag(np.diag(A)), b, rcond=None)[0]
-            affine = np.concatenate([[1.0], change])
+            affine = np.concatenate([[1.0], change])  # the forms are in (1, change)
             exceeds = affine @ forms @ affine > bound
             if not exceeds.any():
                 break

@@ -63,9 +63,9 @@ class SpectralLines:
             spectrum /= spectrum.sum() or 1.0
             power.append(spectrum.ravel())
             nu.append(np.broadcast_to(frequencies[:, None], spectrum.shape).ravel())
-            alpha.append(np.broadcast_to(shifts[rotating],
-                                         (*spectrum.shape, shifts.shape[1])).reshape(
-                -1, shifts.shape[1]))
+            # one row of shifts for each line: times, modes, generators
+            line_shifts = np.broadcast_to(shifts[rotating], (*spectrum.shape, shifts.shape[1]))
+            alpha.append(line_shifts.reshape(-1, shifts.shape[1]))
         self._power, self._nu, self._alpha = (np.concatenate(x) for x in (power, nu, alpha))
         self._band = float(np.abs(frequencies).max())
         # power close to the highest frequency is that of a faster motion, folded by the rows

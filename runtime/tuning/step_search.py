@@ -89,9 +89,10 @@ class StepSearch:
             fine_q, step_failure = self._run(n)
             failure = step_failure or failure
             if n > FEWEST:
-                # Richardson: e_n = |q_n − q_2n|/(1 − 2^−r); a step that fails has no error
-                error = math.inf if coarse_q is None or fine_q is None else (
-                    _distance(coarse_q, fine_q) / (1 - 2.0**-self.order))
+                error = math.inf  # of a step that fails
+                if coarse_q is not None and fine_q is not None:
+                    # Richardson: e_n = |q_n − q_2n|/(1 − 2^−r)
+                    error = _distance(coarse_q, fine_q) / (1 - 2.0**-self.order)
                 self._add(n // 2, math.inf if math.isnan(error) else error)
                 if len(self.pilots) > 1 and self.pilots[-1].motion <= self.bound:
                     assert fine_q is not None
@@ -107,7 +108,7 @@ class StepSearch:
             "method of higher order.")
 
     def _run(self, n: int) -> tuple[Array | None, StepFailed | None]:
-        """Return q of a run of n steps at ``FEWEST`` + 1 rows, or None and the failed step."""
+        """Return q of n steps at ``FEWEST`` + 1 rows, and None; or None and the failed step."""
         if self._report is not None:
             self._report(len(self.pilots) + 1)
         arguments, dt = self.arguments, self.stepper.binding.number(self.span / n)
@@ -126,7 +127,7 @@ class StepSearch:
         return np.asarray(run.q), None
 
     def _add(self, n: int, error: float) -> None:
-        """Keep a pilot run among those of the search, and report their number."""
+        """Append the pilot run of ``n`` steps with its error to the pilots of the search."""
         self._steps.append(n)
         dt = as_double(self.span / n)
         label = f"{n:,} steps" if self.t_end is None else f"dtau = {dt:.6g}"

@@ -74,6 +74,7 @@ class Tuned:
     pilots: tuple[Pilot, ...]
 
     def _settings(self) -> list[str]:
+        """Return the chosen numbers with their names, as "gamma = 0.5"."""
         return [*(f"{name} = {x:.6g}" for name, x in self.parameters.items()),
                 f"dt = {float(self.dt):.6g} s"]
 
@@ -245,7 +246,10 @@ def _searches(parameters: Mapping[str, Any]) -> dict[str, Rule]:
 def _gammas(
     step: Stepper, parameters: Mapping[str, Any], fixed: Mapping[str, Any], rule: str, aim: Aim
 ) -> dict[str, Rule]:
-    """Return the rule of each γ, but for those that are fixed."""
+    """Return the rule of each γ and α with a known inertia, but for those that are fixed.
+
+    ``parameters`` has the numbers and rules of the model, ``fixed`` the numbers of the caller.
+    """
     inertias = {name: number_or_rule.inertia for name, number_or_rule in parameters.items()
                 if isinstance(number_or_rule, Rule)}
     names = [name for name in step.parameter_domains if is_inertia_parameter(name)
@@ -257,7 +261,7 @@ def _gammas(
 
 
 def _rates(step: Stepper, fixed: Mapping[str, Any], rule: str, aim: Aim) -> dict[str, Rule]:
-    """Return the rule of each rate of the frame."""
+    """Return the rule of each rate of the frame by name; refuse a rate that is fixed."""
     if not step.symmetries:
         raise InputError(f"{step.name} has no co-moving frame; make the stepper with "
                          "frame='symmetries'.")
@@ -269,7 +273,7 @@ def _rates(step: Stepper, fixed: Mapping[str, Any], rule: str, aim: Aim) -> dict
 
 
 def _rule_of(rule: str, aim: Aim) -> str:
-    """Return the rule of a name, "auto" being the search that minimises the error of this aim."""
+    """Return ``rule``, or for "auto" the search that minimises the error of this aim."""
     return next(name for name, error in AIMS.items() if error == aim) if rule == "auto" else rule
 
 
@@ -385,7 +389,10 @@ class _Rules:
     def _steps(
         self, parameters: Mapping[str, Any], span: Fraction, bound: float, t_end: Any = None
     ) -> tuple[int, Pilot, tuple[Pilot, ...]]:
-        """Return the number of steps that suffices, its pilot run, and all pilot runs."""
+        """Return the number of steps that suffices, its pilot run, and all pilot runs.
+
+        The arguments are those of ``tuned_step``, with numbers for the rules.
+        """
         search = StepSearch(self.stepper, span, bound,
                             replace(self.run, parameters=dict(parameters)), self.report, t_end)
         with before_start("dt"):
