@@ -26,16 +26,16 @@ class BodyLayout:
     Attributes
     ----------
     name : str
-        The body's.
+        Name of the body.
     q : tuple of 4 symbols
-        Its unit quaternion among the system's coordinates, scalar first; its momenta stand in the
-        same places.
+        Unit quaternion of the body among the system's coordinates, scalar first; the momenta stand
+        in the same places.
     inertia : tuple of symbols
         Parameters: I1, I2, I3, its moments, or K11, K12, K13, K22, K23, K33 of J⁻¹.
     x : tuple of 3 symbols, or ()
-        Position of its origin, the centre of mass, among the coordinates; () where it is held.
+        Position of the centre of mass among the coordinates; () for a body with a fixed point.
     origin : three entries
-        Where the origin is held in space, if it is.
+        The fixed point in space, for a body that has one.
     centre : three entries, or ()
         The centre of mass in body axes from the origin; () if unknown.
     mass : entry or None
@@ -64,8 +64,8 @@ class ConstraintForce:
     ----------
     kind : {"force", "torque", "distance", "axial"}
     on_a, on_b : three entries, or ()
-        Of a force ``on_a`` is e, in space; of a torque n in a's axes and e in b's; of an axial
-        torque e, the axis of φ, in a's.
+        Force: ``on_a`` is e, in space. Torque: ``on_a`` is n in a's axes, ``on_b`` e in b's.
+        Axial torque: ``on_a`` is e, the axis of φ, in a's axes.
     """
 
     kind: Literal["force", "torque", "distance", "axial"]
@@ -80,14 +80,15 @@ class SectionLayout:
     Attributes
     ----------
     beam : str
+        Name of the beam.
     arc : float
-        Distance from the start along the beam.
+        Distance from the start along the beam, in m.
     ratio, spacing : float and entry
         f and h of the curvature κ = (f/h) u.
     stiffness, rest : three entries each
         EI₁, EI₂, GJ, and u without moment.
     holder, turn : "a", "b" or "", and four entries or ()
-        Of a clamp: the side that holds the beam, and the attitude of the section in its axes.
+        For a clamp: the side that holds the beam, and the attitude of the section in its axes.
     extension : three entries, or ()
         GA, EA and the length that stretches; () where a ball joins the segments.
     damping : entry
@@ -116,17 +117,17 @@ class JointLayout:
     a, b : str
         The bodies' names; "" is the ground.
     on_a, on_b : three entries, or ()
-        Its point in body axes from the origins; () where it has none.
+        The joint's point in the axes of each body, from its origin; () for a joint without one.
     axis_a, axis_b : three entries, or ()
         The common axis, in the axes of each; of a as n₁ and n₂, six entries,
-        n₁ × n₂ being the axis. () where there is none.
+        n₁ × n₂ being the axis. () for a joint without one.
     zero : five entries, or ()
-        If the system depends on its angle θ: constants of θ = 2 atan2(v, w) + turns with
+        If the system depends on the joint's angle θ: constants of θ = 2 atan2(v, w) + turns with
         (w, v e) = q̄_a q_b c: the four of c, and the turns, a multiple of 2π.
     constraint_forces : tuple of (str, ConstraintForce or None)
-        Name of each of its constraints and its force, None if unknown; empty for a spring.
+        Name of each constraint and its force, None if unknown; empty for a spring.
     section : SectionLayout, optional
-        Of a joint of a beam.
+        The section of the beam, for a joint of a beam.
     """
 
     name: str

@@ -1,4 +1,7 @@
-"""The order in which the zeros of a symmetric matrix stay: graphs of rows that meet."""
+"""Elimination orders with little fill-in, and narrow bands, of sparse symmetric matrices.
+
+A matrix is a graph: its rows are the nodes, its nonzero entries off the diagonal the edges.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,9 @@ class Elimination:
 
     @property
     def before(self) -> tuple[tuple[tuple[int, int], ...], ...]:
-        """The same by rows: for ``order[k]``, earlier pivots that act on it, and the entry's slot.
+        """For each row ``order[k]``, the earlier pivots with an entry in it, and its slot.
+
+        The elimination by rows: row i of L has these columns.
         """
         earlier: dict[int, list[tuple[int, int]]] = {row: [] for row in self.order}
         for pivot, rows, slots in zip(self.order, self.rows, self.slots, strict=True):
@@ -41,7 +46,7 @@ class Elimination:
 
     @property
     def products(self) -> int:
-        """How many multiply-adds factorising takes."""
+        """Number of multiply-adds of a factorisation: one for each target and each row entry."""
         return sum(len(t) + len(r) for t, r in zip(self.targets, self.rows, strict=True))
 
 
@@ -76,48 +81,64 @@ def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
 def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
     """Return the elimination of a symmetric matrix, without fill for chains and trees of bodies.
 
-    ``neighbours`` has, for each row, the columns of its nonzero entries off the diagonal. The next
-    pivot is the first row whose neighbours are all coupled to each other, so that no entry is new;
-    if there is none, as in a loop, the row with fewest neighbours (minimum degree).
+    ``neighbours`` has, for each row, the columns of its nonzero entries off the diagonal.
     """
-    graph = {row: set(neighbourhood) for row, neighbourhood in neighbours.items()}
-    order, below = [], []  # pivots, and the rows that are coupled to each when it is eliminated
-    heap = sorted((len(neighbourhood), row) for row, neighbourhood in graph.items())
-    while graph:
-        examined: list[tuple[int, int]] = []
-        while heap:
-            size, row = heappop(heap)
-            if row in graph and size == len(graph[row]):  # else its neighbours have changed since
-                examined.append((size, row))
-                if _is_clique(graph, graph[row]):
-                    break
-        pivot = examined[-1][1] if _is_clique(graph, graph[examined[-1][1]]) else examined[0][1]
-        for entry in examined:
-            heappush(heap, entry)
-        neighbourhood = graph.pop(pivot)
-        order.append(pivot)
-        below.append(neighbourhood)
-        for row in neighbourhood:
-            graph[row] |= neighbourhood
-            graph[row] -= {row, pivot}
-            heappush(heap, (len(graph[row]), row))
+    pivots = _minimum_degree_order(neighbours)
+    order = list(pivots)
     position = {row: k for k, row in enumerate(order)}
+    rows = [tuple(sorted(column, key=position.__getitem__)) for column in pivots.values()]
+    # the storage: the diagonal, then the column of each pivot
     slot_of = {(row, row): row for row in order}
     entries = len(order)
-    rows = [tuple(sorted(neighbourhood, key=position.__getitem__)) for neighbourhood in below]
-    for pivot, acted in zip(order, rows, strict=True):
-        for row in acted:
+    for pivot, column in zip(order, rows, strict=True):
+        for row in column:
             slot_of[row, pivot] = slot_of[pivot, row] = entries
             entries += 1
-    slots = [tuple(slot_of[row, pivot] for row in acted)
-             for pivot, acted in zip(order, rows, strict=True)]
-    targets = [tuple(slot_of[i, j] for count, i in enumerate(acted) for j in acted[:count])
-               for acted in rows]
+    slots = [tuple(slot_of[row, pivot] for row in column)
+             for pivot, column in zip(order, rows, strict=True)]
+    # the update of a pivot changes the entry of each pair of rows in its column
+    targets = [tuple(slot_of[i, j] for count, i in enumerate(column) for j in column[:count])
+               for column in rows]
     return Elimination(tuple(order), tuple(rows), tuple(slots), tuple(targets),
                        entries, slot_of)
 
 
+def _minimum_degree_order(neighbours: dict[int, set[int]]) -> dict[int, set[int]]:
+    """Return pivot → rows with an entry in its column, in the order of elimination.
+
+    The next pivot is the first row, of few neighbours, whose neighbours are all coupled to each
+    other: its elimination adds no entry. If there is none, as in a loop, it is the row with fewest
+    neighbours (minimum degree), whose neighbours become coupled.
+    """
+    graph = {row: set(neighbourhood) for row, neighbourhood in neighbours.items()}
+    pivots: dict[int, set[int]] = {}
+    # rows by degree; an entry whose degree has changed since is dropped when it comes up
+    heap = sorted((len(neighbourhood), row) for row, neighbourhood in graph.items())
+    while graph:
+        examined: list[tuple[int, int]] = []
+        while heap:
+            degree, row = heappop(heap)
+            if row in graph and degree == len(graph[row]):
+                examined.append((degree, row))
+                if _is_clique(graph, graph[row]):
+                    break
+        _, last_row = examined[-1]
+        _, row_of_least_degree = examined[0]
+        pivot = last_row if _is_clique(graph, graph[last_row]) else row_of_least_degree
+        # the rows that were passed over are candidates for the next pivot again
+        for entry in examined:
+            heappush(heap, entry)
+        neighbourhood = graph.pop(pivot)
+        pivots[pivot] = neighbourhood
+        for row in neighbourhood:
+            graph[row] |= neighbourhood
+            graph[row] -= {row, pivot}
+            heappush(heap, (len(graph[row]), row))
+    return pivots
+
+
 def _is_clique(neighbours: dict[int, set[int]], rows: set[int]) -> bool:
+    """Whether all ``rows`` are coupled to each other: each lacks itself alone as a neighbour."""
     return all(len(rows - neighbours[row]) == 1 for row in rows)
 
 
@@ -146,7 +167,8 @@ def reverse_cuthill_mckee(neighbours: dict[Node, set[Node]]) -> list[Node]:
         if node in visited:
             continue
         end = node
-        for _ in range(4):  # the last node of a search is far from its start: nearly peripheral
+        # the last node of a search is far from its start: after a few searches nearly peripheral
+        for _ in range(4):
             end = breadth_first(end)[-1]
         component = breadth_first(end)
         order += component

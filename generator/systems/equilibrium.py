@@ -37,7 +37,10 @@ _EPS, _TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
 
 class _Statics:
-    """Gradient and Hessian of L = H + λ·g at p = 0, less the forces."""
+    """Residual and matrix of the equilibrium: gradient and Hessian of L = H + λ·g, less the forces.
+
+    All at p = 0 and one time; x = (q, λ) has n + m entries.
+    """
 
     def __init__(self, system: System, parameters: Mapping[str, float], t: float) -> None:
         """Write H_q + Gᵀλ − F = 0 and g = 0 as sums over element templates, with their Jacobians.
@@ -54,9 +57,10 @@ class _Statics:
             time=system.time))
         self.time = {x: t for x in (system.time,) if x is not None}
         self.values = np.array([float(parameters[str(x)]) for x in system.parameters])
-        self.parts = [(form, 1.0, [form.system.H_q], form.system.H_qq)
+        # template, sign in the residual, its entries, and their derivatives by the template's q
+        self.parts = [(form, 1.0, form.system.H_q, form.system.H_qq)
                       for form in structure.templates if form.q]
-        self.parts += [(form, -1.0, [list(form.expressions)],
+        self.parts += [(form, -1.0, list(form.expressions),
                         jacobian(list(form.expressions), form.q))
                        for form in structure.force_templates]
         # H_p at p = 0, which must vanish at an equilibrium
@@ -64,18 +68,23 @@ class _Statics:
                            if form.p]
 
     def moves(self, q: Array) -> bool:
-        """Whether H_p is not 0 at p = 0."""
+        """Whether H_p is not 0 at p = 0: then q changes at rest, as in a turning frame."""
         return any(np.abs(self._evaluate(form, expressions, q)).max() > 0
                    for form, expressions in self.velocities)
 
     def __call__(self, x: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Return the residual, and rows, columns and values of the matrix."""
+        """Return the residual at x, shape (n + m,), and rows, columns and values of the matrix.
+
+        Values of equal row and column are added.
+        """
         r, entries = np.zeros(len(x)), []
-        for form, sign, (slopes,), matrix in self.parts:
+        for form, sign, slopes, matrix in self.parts:
+            # shape (instances, coordinates of the template), and (instances, rows of it)
             columns = np.array([i.q for i in form.instances], dtype=int)
+            # forces act on rows of their own; a gradient has a row for each coordinate
             rows = np.array([i.rows for i in form.instances], dtype=int) if sign < 0 else columns
             np.add.at(r, rows.T, sign * self._evaluate(form, slopes, x))
-            if not form.q:  # a constant force
+            if not form.q:  # a constant force has no derivative
                 continue
             values = self._evaluate(form, [e for row in matrix for e in row], x)
             shape = (len(rows), rows.shape[1], columns.shape[1])
@@ -86,16 +95,13 @@ class _Statics:
         return r, (rows, columns, values)
 
     def _evaluate(self, form: ElementTemplate, expressions: list[sp.Expr], x: Array) -> Array:
-        """Return expressions of all instances, shape (expressions, instances)."""
-        def of(index: Any, numbers: Array) -> Array:
-            rows: Array = numbers[np.array([index(i) for i in form.instances], dtype=int)]
-            return rows.T
-
+        """Return expressions of a template for all instances, shape (expressions, instances)."""
+        q = x[np.array([i.q for i in form.instances], dtype=int)]
+        constants = self.values[np.array([i.constants for i in form.instances], dtype=int)]
         # at rest: momenta are 0; each symbol has a column of the values of all instances
         substitution: dict[sp.Symbol, Any] = dict.fromkeys(form.p, 0.0) | self.time
-        substitution |= dict(zip(form.q, of(lambda i: i.q, x), strict=True))
-        substitution |= dict(zip(form.constants, of(lambda i: i.constants, self.values),
-                                 strict=True))
+        substitution |= dict(zip(form.q, q.T, strict=True))
+        substitution |= dict(zip(form.constants, constants.T, strict=True))
         values = evaluate(expressions, substitution)
         return np.broadcast_to(values.reshape(len(expressions), -1),
                                (len(expressions), len(form.instances)))
@@ -110,7 +116,8 @@ def equilibrium(
 
         (J + diag(1/τ, 0)) (δq, −λ_new) = r − g_qᵀ λ,   q ← q − δq.
 
-    It is repeated with a smaller τ if it is long, or if δqᵀ (J + 1/τ) δq < 0.
+    It is repeated with a smaller τ if it is long, or if δqᵀ (J + 1/τ) δq < 0. Shapes are (n,) and
+    (m,); ``q0`` need not satisfy g = 0, and all is taken at the time ``t``.
 
     Raises
     ------
@@ -118,8 +125,9 @@ def equilibrium(
         For a system from a Lagrangian, with velocity constraints or constraints of t, for one that
         moves where p = 0, and where no equilibrium is reached.
     """
-    if isinstance(system, LagrangianSystem) or system.velocity_count or any(
-            g.has(system.time) for g in system.constraints if system.time is not None):
+    has_moving_constraint = any(
+        g.has(system.time) for g in system.constraints if system.time is not None)
+    if isinstance(system, LagrangianSystem) or system.velocity_count or has_moving_constraint:
         raise InputError(f"System {system.name!r} has a Lagrangian, velocity constraints or "
                          "constraints of time; static equilibria are found of systems with H(q, p) "
                          "and g(q).")
@@ -129,37 +137,58 @@ def equilibrium(
         raise InputError(f"System {system.name!r} moves where its momenta are 0, as in a turning "
                          "frame; it has no static equilibrium.")
     r, J = statics(x)
-    size, change, shifts = float(np.linalg.norm(r)), np.inf, np.arange(n)
-    tau = _FIRST_TAU / max(float(np.abs(J[2][J[0] < n]).max(initial=0.0)), _TINY)
+    size, change = float(np.linalg.norm(r)), np.inf
+    J_rows, _, J_values = J
+    tau = _FIRST_TAU / max(float(np.abs(J_values[J_rows < n]).max(initial=0.0)), _TINY)
     for _ in range(_ITERATIONS):
-        # J has rows, columns and values; 1/τ is added to the diagonal of the rows of q
-        rows, columns, values = (np.concatenate(arrays) for arrays in zip(
-            J, (shifts, shifts, np.full(n, 1 / tau)), strict=True))
-        forces = (J[0] < n) & (J[1] >= n)  # entries of g_qᵀ
-        right_side = r - np.bincount(J[0][forces], J[2][forces] * x[J[1][forces]], len(x))
-        step = _solve(rows, columns, values, right_side)
-        last, change = change, float(np.abs(step[:n]).max()) / float(np.abs(x[:n]).max())
+        step, curvature = _implicit_step(x, r, J, tau, n)
+        previous_change = change
+        change = float(np.abs(step[:n]).max()) / float(np.abs(x[:n]).max())
         if not np.isfinite(change):
             break
-        inner = (rows < n) & (columns < n)
-        curvature = np.sum(values[inner] * step[rows[inner]] * step[columns[inner]])
+        # negative curvature: along the step the potential would have a maximum
         if change > _LARGEST_CHANGE or (curvature < 0 and change > _ROUNDING):
             tau *= min(max(_LARGEST_CHANGE / (2 * change), 1e-3), 0.3)
             continue
         x = np.concatenate([x[:n] - step[:n], -step[n:]])
         r, J = statics(x)
-        old, size = size, float(np.linalg.norm(r))
+        previous_size, size = size, float(np.linalg.norm(r))
         # converged: the change is round-off, which it is if it no longer falls by half
-        if change <= _EPS or (change < _ROUNDING and change > last / 2 and size <= 2 * old):
+        stagnates = change > previous_change / 2 and size <= 2 * previous_size
+        if change <= _EPS or (change < _ROUNDING and stagnates):
             return x[:n], x[n:]
-        tau *= min(max(old / max(size, _TINY), 0.5), 10.0)
+        # τ grows as the residual falls, so that the last steps are Newton steps
+        tau *= min(max(previous_size / max(size, _TINY), 0.5), 10.0)
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
                      f"{_ITERATIONS} iterations |H_q + g_qᵀλ − F| = {size:.3g}; fix or hinge what "
                      "moves freely, or begin nearer.")
 
 
+def _implicit_step(
+    x: Array, r: Array, J: tuple[Array, Array, Array], tau: float, n: int
+) -> tuple[Array, float]:
+    """Return (δq, −λ_new), shape (n + m,), of an implicit Euler step, and δqᵀ (J + 1/τ) δq.
+
+    ``J`` has rows, columns and values of the matrix at x = (q, λ), n of which are q.
+    """
+    J_rows, J_columns, J_values = J
+    diagonal = np.arange(n)
+    # 1/τ is added to the diagonal of the rows of q
+    rows, columns = (np.concatenate([indices, diagonal]) for indices in (J_rows, J_columns))
+    values = np.concatenate([J_values, np.full(n, 1 / tau)])
+    # r without g_qᵀλ: the step is solved for the new λ, not for its change
+    forces = (J_rows < n) & (J_columns >= n)
+    right_side = r - np.bincount(
+        J_rows[forces], J_values[forces] * x[J_columns[forces]], len(x))
+    step = _solve(rows, columns, values, right_side)
+    in_q = (rows < n) & (columns < n)
+    with np.errstate(invalid="ignore"):  # an infinite step, at which the iteration ends
+        curvature = np.sum(values[in_q] * step[rows[in_q]] * step[columns[in_q]])
+    return step, float(curvature)
+
+
 def _solve(rows: Array, columns: Array, values: Array, right: Array) -> Array:
-    """Return the solution of a sparse system; NaN of a singular one."""
+    """Return the solution of a sparse system, from its entries; NaN for a singular one."""
     from scipy.sparse import csc_array  # takes 0.1 s
     from scipy.sparse.linalg import splu
 

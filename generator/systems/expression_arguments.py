@@ -23,7 +23,10 @@ _NO_NUMBERS = {sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I}
 
 
 def as_sequence(name: str, value: object) -> Sequence[object]:
-    """Return the entries of a sequence."""
+    """Return the entries of a sequence as a tuple; refuse text, an expression and a mapping.
+
+    ``name`` is the argument's name in the message.
+    """
     if isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
         raise InputError(f"{name} = {shown(value)} is no sequence; write it as a list.")
     return tuple(value)
@@ -38,9 +41,11 @@ def refuse_unless_symbols(system: str, field: str, entries: Iterable[object]) ->
 
 
 def as_expression(value: object) -> sp.Expr:
-    """Return a SymPy expression or a plain number as an expression; text is refused.
+    """Return a SymPy expression or a plain number as an expression.
 
-    Its Piecewise, Max, Min, Heaviside, Mod and the like become those of ``switching_functions``.
+    Its Piecewise, Max, Min, Heaviside, Mod and the like become functions of
+    ``switching_functions``. Raises InputError for text, equations, conditions, matrices and
+    numbers that are not real and finite.
     """
     try:
         expression = _sympify(value)  # strict: never parses text
@@ -62,7 +67,7 @@ def as_expression(value: object) -> sp.Expr:
 
 
 def shown_formula(e: sp.Expr) -> str:
-    """Return an expression as a formula for notebooks, or how long it is."""
+    """Return an expression as a formula for notebooks; a long one as its numbers of terms."""
     size = sum(1 for _ in sp.preorder_traversal(e))
     if size > _LARGEST_FORMULA:
         return f"{len(sp.Add.make_args(e))} terms with {size:,} parts"

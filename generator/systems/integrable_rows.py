@@ -76,9 +76,10 @@ def row_integrals(system: System) -> list[RowIntegral]:
 
 
 def with_row_integrals(system: System) -> System:
-    """Return the system with a constraint φ(q, t) − φ₀ = 0 for each row integral, a row less each.
+    """Return the system with a constraint φ(q, t) − φ₀ = 0 in place of a row for each integral.
 
-    φ₀ is a new parameter, named after the row that it replaces: NAME_0.
+    φ₀ is a new parameter, named after the row that the constraint replaces: NAME_0. A system
+    without row integrals is returned as it is.
     """
     remaining = dict(zip(system.velocity_constraint_names, system.velocity_constraints,
                          strict=True))
@@ -101,7 +102,7 @@ def with_row_integrals(system: System) -> System:
 
 
 def warn_of_row_integrals(system: System) -> None:
-    """Warn of velocity constraints that could be constraints on positions."""
+    """Warn of velocity constraints that are rates of a function of position, with the function."""
     for integral in row_integrals(system):
         names = ", ".join(map(repr, integral.rows))
         warn(f"Of the velocity constraints of {system.name!r}, {names} keep "
@@ -114,9 +115,10 @@ def _candidates(
 ) -> Iterator[list[sp.Rational]]:
     """Yield coefficients c_k with which Frobenius' condition dω(X, Y) = 0 holds at random points.
 
-    X and Y are tangents of g = 0 with ω = 0. At first all rows define the tangents; of the
-    combinations ω that satisfy the condition, those remain that satisfy it with the tangents of
-    these combinations alone, and so on, until none is lost.
+    X and Y are tangents of g = 0 with ω = 0; x are the coordinates and t, ``rows`` the one-forms
+    (A_k, a_k). At first all rows define the tangents; of the combinations ω that satisfy the
+    condition, those remain that satisfy it with the tangents of these combinations alone, and so
+    on, until none is lost.
     """
     constraint_rows = [e for row, rate in zip(system.G, system.g_t, strict=True)
                        for e in (*row, rate)]
@@ -127,6 +129,7 @@ def _candidates(
         W, curls = curls_of(rows, x, point, values)
         G = evaluate(constraint_rows,
                      values | dict(zip(x, point, strict=True))).reshape(-1, len(x))
+        # a pole at the point: nothing is known of the rows
         if not all(np.isfinite(array).all() for array in (W, curls, G)):
             return
         points.append((G, W, curls))
@@ -149,9 +152,9 @@ def curls_of(
     rows: Sequence[Sequence[sp.Expr]], x: Sequence[sp.Symbol], point: Array,
     values: Mapping[sp.Symbol, float],
 ) -> tuple[Array, Array]:
-    """Return 1-forms ω at a point, and ∂ω_i/∂x_j − ∂ω_j/∂x_i, shape (rows, n, n).
+    """Return one-forms ω at a point, shape (rows, n), and ∂ω_i/∂x_j − ∂ω_j/∂x_i, (rows, n, n).
 
-    Derivatives are Im ω(x + iε e_j)/ε, exact to round-off. ``values`` are those of the parameters.
+    Derivatives are Im ω(x + iε e_j)/ε, exact to round-off. ``values`` has the parameters' numbers.
     """
     complex_points = point[:, None] + 1j * _TINY * np.eye(len(x))  # column j: along x_j
     numbers = evaluate([e for row in rows for e in row],
@@ -161,14 +164,18 @@ def curls_of(
 
 
 def _null_space(A: Array) -> Array:
-    """Return an orthonormal basis of the null space, as columns."""
+    """Return an orthonormal basis of the null space of A, as columns; shape (n, n − rank)."""
     _, sizes, directions = np.linalg.svd(A)
+    # relative to the largest singular value, or to 1 where all entries are small
     rank = int(np.sum(sizes > _SMALL * max(sizes.max(initial=0.0), 1.0)))
     return directions[rank:].T
 
 
 def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
-    """Yield the rows of the reduced echelon form that have simple rational entries."""
+    """Yield the rows of the reduced echelon form that have simple rational entries.
+
+    Elimination by Gauss and Jordan; an entry is rational if its denominator is at most 64.
+    """
     rows, pivot = rows.copy(), 0
     for column in range(rows.shape[1]):
         if pivot == len(rows):
@@ -189,12 +196,13 @@ def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
 
 
 def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | None:
-    """Return φ with dφ = ω, or dφ = ω/ω_i for an entry ω_i; None if there is none.
+    """Return φ with dφ = ω, or dφ = ω/ω_i for an entry ω_i; None if neither is integrated.
 
     φ is integrated entry by entry: ∫ (ω_k − ∂φ/∂x_k) dx_k is added for each k, and dφ compared.
     """
     # an integrating factor 1/ω_i finds the potentials of rows that were multiplied by a function
-    for factor in (sp.Integer(1), *(e for e in dict.fromkeys(omega) if e.free_symbols & {*x})):
+    variable_entries = [e for e in dict.fromkeys(omega) if e.free_symbols & {*x}]
+    for factor in (sp.Integer(1), *variable_entries):
         ratios = [e / factor if e != factor else sp.Integer(1) for e in omega]
         if not all(map(is_small, ratios)):
             continue
@@ -215,7 +223,7 @@ def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | No
 def _is_simple(e: sp.Expr, x: Sequence[sp.Symbol]) -> bool:
     """Whether e is a polynomial of x and of sines and cosines of linear functions of x."""
     waves = {w for w in e.atoms(sp.sin, sp.cos) if w.args[0].free_symbols & {*x}}
-    names = {w: sp.Dummy() for w in waves}
-    return bool(all(w.args[0].is_polynomial(*x) and sp.Poly(w.args[0], *x).is_linear
-                    for w in waves)
-                and e.xreplace(names).is_polynomial(*x, *names.values()))
+    if not all(w.args[0].is_polynomial(*x) and sp.Poly(w.args[0], *x).is_linear for w in waves):
+        return False
+    symbol_of_wave = {w: sp.Dummy() for w in waves}
+    return bool(e.xreplace(symbol_of_wave).is_polynomial(*x, *symbol_of_wave.values()))

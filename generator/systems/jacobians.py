@@ -17,7 +17,8 @@ __all__ = ["curvature", "difference", "gradient", "jacobian", "shortest", "symme
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
     """Return the derivative of one expression by each symbol; of k u² + c u it is (2 k u + c) u_x.
 
-    A momentum map in a frame then costs one addition if H contains its square.
+    H − ωJ of a frame has this form if H contains the square of the momentum map J = u: J then
+    costs one addition.
     """
     bases = _bases(expression)
     if not bases:
@@ -42,14 +43,14 @@ def _bases(expression: sp.Expr) -> list[sp.Expr]:
 def jacobian(
     expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    """Derivative of each expression (row) by each symbol (column)."""
+    """Return the derivative of each expression (row) by each symbol (column)."""
     return [gradient(expression, symbols) for expression in expressions]
 
 
 def difference(
     minuend: list[list[sp.Expr]], subtrahend: list[list[sp.Expr]]
 ) -> list[list[sp.Expr]]:
-    """Difference of two matrices, entry by entry; the left one where there is no right one."""
+    """Return minuend − subtrahend, entry by entry; an empty subtrahend stands for 0."""
     if not subtrahend:
         return minuend
     return [[a - b for a, b in zip(*rows, strict=True)]
@@ -59,7 +60,7 @@ def difference(
 def symmetric_jacobian(
     grad: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    """Hessian from a gradient; the lower half is the upper half, entry by entry the same object."""
+    """Return the Hessian from a gradient; entries (i, j) and (j, i) are one object."""
     rows = [[sp.Integer(0)] * len(symbols) for _ in symbols]
     for i, entry in enumerate(grad):
         for j in range(i, len(symbols)):

@@ -65,8 +65,8 @@ class LagrangianSystem(System):
     velocities : sequence of Symbol
         v, one for each coordinate.
     placed : mapping
-        Name of a body → ``x`` and ``axes``: quantities that are the place of its centre of mass,
-        and its first two axes in space (of a particle none).
+        Name of a body → ``x`` and ``axes``: names of the quantities that are the place of its
+        centre of mass, and its first two axes in space (none for a particle).
     """
 
     H: sp.Expr = field(init=False)
@@ -76,6 +76,7 @@ class LagrangianSystem(System):
         default_factory=dict, kw_only=True, hash=False)
 
     def __post_init__(self) -> None:
+        # H = ½ (p − b)ᵀv + V, in which v stands for M⁻¹(p − b)
         kinetic = ((p - b) * v / 2
                    for p, b, v in zip(self.p, self.rest_momenta, self.velocities, strict=True))
         object.__setattr__(self, "H", sp.Add(*kinetic, self.potential))
@@ -83,6 +84,7 @@ class LagrangianSystem(System):
 
     @property
     def _others(self) -> tuple[sp.Symbol, ...]:
+        """The velocities, which H contains as functions of q and p."""
         return self.velocities
 
     @property
@@ -92,10 +94,11 @@ class LagrangianSystem(System):
 
     @property
     def _slopes(self) -> list[sp.Expr]:
-        """L_q, then L_v."""
+        """L_q, then L_v, 2n entries, by one pass backward through L."""
         return slopes(self.L, (*self.q, *self.velocities))
 
     def _at_rest(self, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
+        """Return expressions at v = 0."""
         return substitute(expressions, dict.fromkeys(self.velocities, sp.Integer(0)))
 
     @cached_property
@@ -129,18 +132,22 @@ class LagrangianSystem(System):
     def is_definite(self) -> bool:
         """Whether M is positive definite at random points, so that LDLᵀ of it needs no pivots.
 
-        A regular M can't change that on the way from one of them; parameters are positive there.
+        The eigenvalues of a regular M do not change their sign along a path from such a point;
+        parameters are positive at the points.
         """
         for M in _masses(self, _POINTS, 1.0, 4 * _POINTS):
-            sizes = np.sqrt(np.abs(np.diag(M)))
-            if not (np.diag(M) > 0).all() or (
-                    np.linalg.eigvalsh(M / np.outer(sizes, sizes))[0] < -_SMALL):
+            diagonal = np.diag(M)
+            if not (diagonal > 0).all():
+                return False
+            # scaled to the diagonal 1, for masses and moments have different units
+            scales = np.sqrt(diagonal)
+            if np.linalg.eigvalsh(M / np.outer(scales, scales))[0] < -_SMALL:
                 return False
         return True
 
     @cached_property
     def elimination(self) -> Elimination:
-        """The elimination order of M = L D Lᵀ."""
+        """Sparse factorisation M = L D Lᵀ: order of the coordinates, and storage of the entries."""
         neighbours: dict[int, set[int]] = {i: set() for i in range(self.n)}
         for i, j in self.mass:
             if i != j:
@@ -150,7 +157,7 @@ class LagrangianSystem(System):
 
     @cached_property
     def mass_entries(self) -> list[sp.Expr]:
-        """M(q) as ``elimination_order`` stores it: the diagonal, then the lower triangle."""
+        """M(q) as ``elimination`` stores it: the diagonal, then the lower triangle with fill-in."""
         stored = [sp.Integer(0)] * self.elimination.entries
         for index, e in zip(self.mass, self._at_rest([*self.mass.values()]), strict=True):
             stored[self.elimination.slot_of[index]] = e
@@ -183,7 +190,7 @@ class LagrangianSystem(System):
                 for row, rate in zip(self.G, self.g_t, strict=True)]
 
     def texts(self) -> tuple[str, str]:
-        """Return H and L as text, in letters where they are long."""
+        """Return H and L as text; long ones by the letters M, b and V."""
         if self.is_long:
             return ("(p - b(q))^T M(q)^-1 (p - b(q))/2 + V(q)",
                     f"v^T M(q) v/2 + b(q)^T v - V(q), n = {self.n}")
@@ -194,6 +201,7 @@ class LagrangianSystem(System):
 
         For a few coordinates. Tests compare it with the system that factorises M as numbers.
         """
+        # ``mass`` has the lower triangle
         entries = dict(zip(self.mass, self._at_rest([*self.mass.values()]), strict=True))
         M = sp.Matrix(self.n, self.n,
                       lambda i, j: entries.get((max(i, j), min(i, j)), sp.Integer(0)))
@@ -268,7 +276,10 @@ def from_lagrangian(
 
 
 def _symbols(field: str, argument: Any, name: str) -> tuple[sp.Symbol, ...]:
-    """Return a list of symbols; refuse other entries."""
+    """Return an argument as a tuple of symbols; refuse other entries.
+
+    ``field`` is the argument's name in messages, ``name`` the system's.
+    """
     symbols = as_sequence(field, argument)
     for x in symbols:
         if not isinstance(x, sp.Symbol):
@@ -280,7 +291,7 @@ def _symbols(field: str, argument: Any, name: str) -> tuple[sp.Symbol, ...]:
 
 
 def _momentum(x: sp.Symbol, names: set[str]) -> sp.Symbol:
-    """Return the symbol of the momentum of a coordinate: p_ before its name."""
+    """Return the symbol of a coordinate's momentum: p_ before its name, "_" after a name in use."""
     name = f"p_{x}"
     while name in names:
         name += "_"
@@ -300,12 +311,15 @@ def _refuse_unknown(
 
 
 def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
-    """Refuse an L whose second derivatives by v depend on v, unless it is seen to be quadratic."""
+    """Refuse an L whose second derivatives ∂²L/∂v_i∂v_j depend on v.
+
+    A bound of the degree decides cheaply; otherwise an entry of M is compared with M at v = 0.
+    """
     if _degree(system.L, system.velocities) <= 2:
         return
-    moving = {index: e for index, e in system.mass.items()
-              if not symbols_of([e]).isdisjoint(system.velocities)}
-    for (i, j), e in moving.items():
+    entries_with_velocities = {index: e for index, e in system.mass.items()
+                               if not symbols_of([e]).isdisjoint(system.velocities)}
+    for (i, j), e in entries_with_velocities.items():
         if not compare([e], system._at_rest([e])).holds:
             v = system.velocities
             raise InputError(
@@ -329,12 +343,13 @@ def _degree(e: sp.Expr, symbols: Sequence[sp.Symbol]) -> float:
         elif node.is_Pow and node.exp.is_Integer and node.exp > 0:
             degree[node] = degrees[0] * int(node.exp)
         else:
+            # ``Shared`` stands for its argument; any other function is no polynomial
             degree[node] = max(degrees) if node.is_Add or isinstance(node, Shared) else math.inf
     return degree[e]
 
 
 def _refuse_switching(system: LagrangianSystem) -> None:
-    """Refuse a mass matrix that has two sides."""
+    """Refuse a mass matrix with switching functions: velocities M⁻¹(p − b) would jump."""
     switching = switches_of(system.mass_entries) if switches_of([system.L]) else []
     if switching:
         raise InputError(f"The mass matrix of system {system.name!r} switches at "
@@ -349,6 +364,7 @@ def _refuse_singular(system: LagrangianSystem) -> None:
         _, singular_values, directions = np.linalg.svd(M)
         if singular_values[-1] > _SMALL * singular_values[0]:
             return
+    # M could not be evaluated anywhere
     if directions is None:
         return
     # the last row of Vᵀ spans the null space: velocities with M v = 0
@@ -363,11 +379,12 @@ def _refuse_singular(system: LagrangianSystem) -> None:
 def _masses(
     system: LagrangianSystem, points: int, decades: float = 0.0, distant_points: int = 0
 ) -> Iterator[NDArray[Any]]:
-    """Yield M at random points where it is finite, none if NumPy lacks a function of L.
+    """Yield M, shape (n, n), at random points where it is finite; none if NumPy lacks a function.
 
-    Parameters are between 0.5 and 2; at ``distant_points`` more they are up to ``decades`` decades
-    away from there, and coordinates may be negative.
+    Parameters and coordinates are between 0.5 and 2. At ``distant_points`` further points,
+    parameters are up to ``decades`` decades away from there, and coordinates may be negative.
     """
+    # seeded, so that the answer for a system is always the same
     rng = np.random.default_rng(17)
     symbols = sorted(symbols_of(system.L_v) - {*system.velocities}, key=name_of)
     # p = M v + b at v = e_1, …, e_n and 0: M are the differences

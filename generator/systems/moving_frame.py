@@ -1,7 +1,7 @@
-"""Systems whose motion is that of another Hamiltonian than their energy.
+"""Systems whose motion has another Hamiltonian than their energy.
 
-In a co-moving frame H̃ = H − Σ ω_i J_i defines the motion, H is the reported energy; ``time_scale``
-has the other such system.
+In a co-moving frame H̃ = H − Σ ω_i J_i defines the motion, and H is the reported energy; the other
+case is scaled time (``time_scale``).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["CoMovingSystem", "TransformedSystem", "energy_of", "in_sums"]
 
 @dataclass(frozen=True)
 class TransformedSystem(System):
-    """A system whose H is that of its motion.
+    """A system whose H defines its motion, and whose energy is another function.
 
     Parameters
     ----------
@@ -42,11 +42,14 @@ class TransformedSystem(System):
 
     @cached_property
     def hidden(self) -> list[sp.Expr]:
-        """The constraint on the momenta, of ``conserved``: the same where g = 0."""
+        """The constraint on the momenta, m entries: g_q ∂c/∂p with c = ``conserved``.
+
+        On g = 0 it is g_q H̃_p up to a factor; c is shorter than H̃.
+        """
         velocity = gradient(self.conserved, self.p)
-        return [self._without_units(shortest(sum((a * b for a, b in zip(row, velocity,
-                                                                        strict=True)),
-                                                 sp.Integer(0)))) for row in self.G]
+        rates = [sum((a * v for a, v in zip(row, velocity, strict=True)), sp.Integer(0))
+                 for row in self.G]
+        return [self._without_units(shortest(rate)) for rate in rates]
 
 
 @dataclass(frozen=True)
@@ -68,14 +71,17 @@ def energy_of(system: System) -> sp.Expr:
 
 
 def in_sums(J: sp.Expr, H: sp.Expr) -> list[sp.Expr]:
-    """Return terms whose sum is J: multiples of sums whose squares H contains, as u_k = 2 l_k.
+    """Return terms whose sum is J: multiples of sums u whose squares H contains, then the rest.
+
+    H̃ = H − ωJ then has u² and u with one temporary u, not with J multiplied out; u_k = 2 l_k, for
+    example, in the energy of a rigid body.
     """
-    # H̃ = H − ω J then has u_k² and u_k with one temporary u_k, not with J multiplied out
     factors = [f for term in sp.Add.make_args(H) for f in sp.Mul.make_args(term)]
     sums = {f.base for f in factors if f.is_Pow and f.exp == 2 and f.base.is_Add}
     coefficients, multiples = sp.expand(J).as_coefficients_dict(), list[sp.Expr]()
     for u in sorted(sums, key=sp.default_sort_key):
         coefficients_of_u = u.as_coefficients_dict()
+        # J contains k u if all terms of u stand in J with the same ratio k
         ratios = {coefficients.get(term, 0) / x for term, x in coefficients_of_u.items()}
         if len(ratios) == 1 and 0 not in ratios:
             multiples.append(sp.Mul(*ratios, u, evaluate=False))

@@ -1,8 +1,8 @@
 """A system with its numbers, before anything is compiled: g, g_q, A, H_p in NumPy.
 
-g_q is Im g(q + iε e_k)/ε, exact to round-off: a way that shares nothing with the derived formulas.
-Of a large system g_q and H_pp are sparse: columns that no constraint, or term of H, has in common
-are found by one evaluation.
+g_q is Im g(q + iε e_k)/ε, exact to round-off: a method that shares nothing with the derived
+formulas. In a large system g_q and H_pp are sparse: one evaluation serves all columns of which no
+constraint, or term of H, contains two.
 """
 
 from __future__ import annotations
@@ -39,15 +39,18 @@ _STEP = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Entries of a Jacobian that are not always 0, by row and column, and colours of columns."""
+    """Entries of a Jacobian that are not always 0, by row and column, and colours of columns.
 
-    rows: Array
-    columns: Array
-    colours: Array
+    Columns of one colour have no row in common.
+    """
+
+    rows: Array  # row of each entry, shape (entries,)
+    columns: Array  # column of each entry, shape (entries,)
+    colours: Array  # shape (columns,)
 
     @classmethod
     def of(cls, expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]) -> Pattern:
-        """Return the pattern of the derivatives of expressions (rows) by symbols (columns)."""
+        """Return the pattern of ∂expression/∂symbol: an entry where a row contains the symbol."""
         column_of = {x: i for i, x in enumerate(symbols)}
         return cls.of_rows([sorted(column_of[s] for s in e.free_symbols if s in column_of)
                             for e in expressions], len(symbols))
@@ -61,7 +64,7 @@ class Pattern:
 
     @property
     def masks(self) -> Array:
-        """1 where a column has a colour, shape (columns, colours)."""
+        """Matrix with 1 where a column has a colour and 0 elsewhere, shape (columns, colours)."""
         return np.equal.outer(self.colours, np.arange(self.colours.max(initial=0) + 1)) * 1.0
 
     def jacobian_entries(
@@ -82,6 +85,7 @@ class Pattern:
 
 
 def _sparse(shape: tuple[int, int], rows: Array, columns: Array, entries: Array) -> csr_array:
+    """Return the sparse matrix with these entries at (row, column)."""
     from scipy.sparse import csr_array  # takes 0.1 s
 
     return csr_array((entries, (rows, columns)), shape)
@@ -117,9 +121,9 @@ class NumericConstraints:
         a: Sequence[sp.Expr] = (), velocity_constraint_names: Sequence[str] = (),
         g_t: Sequence[sp.Expr] = (),
     ) -> None:
-        """Take g, A, a and g_t in the symbols ``q`` and in parameters, which get their values.
+        """Store g, A, a and g_t, in the symbols ``q`` and in parameters with values.
 
-        ``names`` are those of g. Raises InputError for a parameter without a value.
+        ``names`` has a name for each entry of g. Raises InputError for a parameter without a value.
         """
         self.constraint_names = names
         self.velocity_constraint_names = velocity_constraint_names
@@ -147,10 +151,11 @@ class NumericConstraints:
 
     @cached_property
     def _pattern(self) -> Pattern:
+        """The pattern of g_q."""
         return Pattern.of(self.expressions, self.symbols)
 
     def G(self, q: Array) -> Array | csr_array:
-        """Return g_q, shape (m, n); as for g, callers check that it is finite."""
+        """Return g_q, shape (m, n), by complex steps; callers check that it is finite."""
         if self.is_sparse:
             columns, rows = self._pattern.columns, self._pattern.rows
             slopes = self._pattern.jacobian_entries(self.expressions, q, self._at)
@@ -182,6 +187,7 @@ class NumericConstraints:
         return [*self.constraint_names, *self.velocity_constraint_names]
 
     def _at(self, q: Array) -> dict[sp.Symbol, Any]:
+        """Return the value of each symbol at q, shape (n,) or (n, points)."""
         return dict(zip(self.symbols, q, strict=True)) | self._parameters
 
 
@@ -191,8 +197,7 @@ class NumericSystem(NumericConstraints):
     def __init__(
         self, system: System, parameters: Mapping[str, float], t: float = 0.0
     ) -> None:
-        """Take a system with numbers for its parameters; t is the time at which all is evaluated.
-        """
+        """Store a system with numbers for its parameters; all is evaluated at the time t."""
         time = {} if system.time is None else {str(system.time): t}
         values = {**as_mapping("parameters", parameters, "{'m': 1.0}"), **time}
         super().__init__(system.q, system.constraints, system.constraint_names, values,
@@ -206,7 +211,7 @@ class NumericSystem(NumericConstraints):
         """Return the velocity H_p, shape (n,); p may be (n, points), and so is the velocity."""
         if not self.is_sparse:
             return evaluate(self._velocity, self._state(q, p))
-        # H is a sum of terms of few momenta each, whose derivatives are added where they belong
+        # H is a sum of terms with few momenta each: their derivatives are added up by momentum
         slopes = self._momenta_of_terms.jacobian_entries(
             self._terms, p, partial(self._state, q))
         sums = np.zeros(p.shape)
@@ -214,7 +219,10 @@ class NumericSystem(NumericConstraints):
         return sums
 
     def f(self, q: Array, p: Array) -> Array:
-        """Return g_q H_p + g_t and A H_p + a, shape (m + m',); g_t by a complex step of t."""
+        """Return the constraints' rates g_q H_p + g_t and A H_p + a, shape (m + m',).
+
+        g_t is a complex step of t.
+        """
         rates: Array = self.rows(q) @ self.H_p(q, p)
         if self._A:
             rates[len(self.expressions):] += self.a(q)
@@ -225,7 +233,7 @@ class NumericSystem(NumericConstraints):
         return rates
 
     def W(self, q: Array, p: Array, G: Any) -> Array | csr_array:
-        """Return G H_pp Gᵀ, square, of rows G; with differences for H_pp where it is sparse."""
+        """Return G H_pp Gᵀ for rows G, shape (rows, n); sparse G takes H_pp by differences."""
         if not isinstance(G, np.ndarray):
             return G @ (self._second(q, p) @ G.T)
         if not len(G):
@@ -248,22 +256,25 @@ class NumericSystem(NumericConstraints):
 
     @cached_property
     def _momenta_of_terms(self) -> Pattern:
+        """The momenta (columns) that each term of ``_terms`` (rows) contains."""
         return Pattern.of(self._terms, self.system.p)
 
     @cached_property
     def _coupled(self) -> Pattern:
         """The pattern of H_pp: momenta with a term of H in common."""
         n, terms = self.system.n, self._momenta_of_terms
-        columns: list[set[int]] = [set() for _ in range(n)]
-        for momenta in np.split(terms.columns, np.flatnonzero(np.diff(terms.rows)) + 1):
+        columns_of_row: list[set[int]] = [set() for _ in range(n)]
+        # entries are sorted by term: a new term begins where the row number changes
+        term_starts = np.flatnonzero(np.diff(terms.rows)) + 1
+        for momenta in np.split(terms.columns, term_starts):
             for i in momenta.tolist():
-                columns[i].update(momenta.tolist())
-        return Pattern.of_rows([sorted(row) for row in columns], n)
+                columns_of_row[i].update(momenta.tolist())
+        return Pattern.of_rows([sorted(columns) for columns in columns_of_row], n)
 
     def _second(self, q: Array, p: Array) -> csr_array:
-        """Return H_pp by central differences of H_p, exact but for rounding where H is quadratic.
+        """Return H_pp, (n, n), by central differences of H_p: exact to round-off for quadratic H.
 
-        It is the matrix of a Newton step, of which it changes the rate alone.
+        It is the matrix of Newton's method, whose rate, not result, depends on its errors.
         """
         pattern, n = self._coupled, self.system.n
         step = _STEP * (float(np.abs(p).max()) or 1.0)
@@ -274,7 +285,7 @@ class NumericSystem(NumericConstraints):
 
     @cached_property
     def _velocity(self) -> list[sp.Expr]:
-        """H_p, term by term: a term is differentiated by the momenta it contains only."""
+        """H_p, n entries: each term of H is differentiated by the momenta that it contains."""
         by_momentum: dict[sp.Symbol, list[sp.Expr]] = {x: [] for x in self.system.p}
         for term in sp.Add.make_args(self.system.H):
             for x in term.free_symbols & by_momentum.keys():
@@ -282,6 +293,7 @@ class NumericSystem(NumericConstraints):
         return [sp.Add(*terms) for terms in by_momentum.values()]
 
     def _state(self, q: Array, p: Array) -> dict[sp.Symbol, Any]:
+        """Return the value of each symbol at (q, p)."""
         return self._at(q) | dict(zip(self.system.p, p, strict=True))
 
 
@@ -291,7 +303,7 @@ class NumericLagrangian(NumericSystem):
     system: LagrangianSystem
 
     def H_p(self, q: Array, p: Array) -> Array:
-        """Return the velocity, shape (n,)."""
+        """Return the velocity M⁻¹(p − b), shape (n,)."""
         b = evaluate(self.system.rest_momenta, self._at(q))
         velocity: Array = np.linalg.solve(self._mass(q), p - b)
         return velocity
@@ -307,7 +319,7 @@ class NumericLagrangian(NumericSystem):
         return matrix
 
     def _mass(self, q: Array) -> Array:
-        """Return M(q), shape (n, n), from its nonzero entries."""
+        """Return M(q), shape (n, n), from its stored entries; ``slot_of`` has both triangles."""
         entries = evaluate(self.system.mass_entries, self._at(q))
         M = np.zeros((self.system.n, self.system.n))
         for index, slot in self.system.elimination.slot_of.items():
@@ -324,7 +336,7 @@ def numeric(system: System, parameters: Mapping[str, float], t: float = 0.0) -> 
 def values_of(
     symbols: Any, parameters: Mapping[str, float]
 ) -> dict[sp.Symbol, float]:
-    """Return symbol → value, or name the parameter without one."""
+    """Return symbol → value; raise InputError for a missing value or one that is no number."""
     values = as_mapping("parameters", parameters, "{'m': 1.0}")
     value_of = {}
     for symbol in sorted(symbols, key=str):

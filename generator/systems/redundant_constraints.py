@@ -1,8 +1,8 @@
 """Detect redundant constraints, which follow from others: refuse them by name, or drop them.
 
 Where g_q, with the rows A of velocity constraints A q̇ + a = 0 below it, lacks full rank on g = 0,
-multipliers are not unique. A model is checked where it starts; a system without numbers at random
-ones, at points that Gauss-Newton steps find on g = 0.
+multipliers are not unique. A model is checked at its start; a system without numbers is checked at
+random parameters, at points of g = 0 that Gauss-Newton steps reach.
 """
 
 from __future__ import annotations
@@ -31,14 +31,17 @@ __all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere",
 
 EPS = float(np.finfo(float).eps)
 
-#: Systems with a larger g_q are not searched for points at random: it would take seconds.
+#: Entries of g_q; a system with more is not examined at random points, which would take seconds.
 _LARGEST_SEARCH = 20_000
-_TRIES = 12
+#: Points of g = 0 that are examined, and random starts at most.
+_POINTS, _TRIES = 3, 12
+#: Relative singular values of g_q that count as zero in a projection onto g = 0.
+_RANK = 1e-10
 
 
 @dataclass(frozen=True)
 class Redundancy:
-    """Which constraints of a model others imply; printed it is a sentence.
+    """The constraints of a model that others imply; its text is a sentence.
 
     Attributes
     ----------
@@ -47,7 +50,7 @@ class Redundancy:
     constraints : tuple of str
         All of its constraints.
     involved : tuple of str
-        Those that depend on each other.
+        The constraints that depend on each other.
     left_out : tuple of str
         A smallest set of them without which the others are independent.
     """
@@ -84,14 +87,14 @@ class Redundancy:
 
 
 def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Redundancy:
-    """Return which constraints others imply at q; refuse a q where they happen to depend.
+    """Return the constraints that others imply; refuse a singular position.
 
     Parameters
     ----------
     owner : str
         Name of the model.
     q : ndarray, shape (n,)
-        Where it starts; need not be on g = 0 exactly.
+        The start; it need not be on g = 0 exactly.
 
     Raises
     ------
@@ -134,40 +137,24 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
 
 
 def refuse_redundant_anywhere(system: System) -> None:
-    """Refuse constraints of a system that depend on each other wherever g = 0 is found.
+    """Refuse constraints of a system that depend on each other at every examined point of g = 0.
 
-    Parameters and coordinates are drawn at random; a system for which no point on g = 0 is found,
-    which is large, or which has functions without a known value, is let pass. Raises InputError
-    with the names of all that take part; also for constraints without q.
+    Parameters and coordinates are random. A large system passes, and so does one that cannot be
+    evaluated, or whose constraints are independent where no point of g = 0 is reached.
+
+    Raises
+    ------
+    InputError
+        With the names of all dependent constraints; also for constraints without q.
     """
     names = [*system.constraint_names, *system.velocity_constraint_names]
     refuse_constant(system.name, system.constraints, system.constraint_names)
     if not names or len(names) * system.n > _LARGEST_SEARCH:
         return
-    # seeded, so that the result for a system does not change from call to call
-    rng = np.random.default_rng(20)
-    # dependent rows at points of g = 0, and where no such point was found
-    on_manifold: list[tuple[list[int], list[int]]] = []
-    off_manifold: list[tuple[list[int], list[int]]] = []
-    try:
-        while len(on_manifold) < 3 and len(off_manifold) < _TRIES:
-            constraints = NumericConstraints(
-                system.q, system.constraints, system.constraint_names, _draw(system, rng),
-                system.A, system.a, system.velocity_constraint_names, system.g_t)
-            q = rng.standard_normal(system.n)
-            point = nearest_point(constraints, q)
-            G = constraints.rows(q if point is None else point)
-            if not _is_finite(G):
-                return
-            involved, left_out = dependent_rows(G)
-            # one regular point proves independence: rank falls on a set of measure zero only
-            if point is not None and not involved:
-                return
-            if point is not None and _contradict(constraints, point, left_out):
-                point = None
-            (off_manifold if point is None else on_manifold).append((involved, left_out))
-    except (InputError, TypeError, ArithmeticError, np.linalg.LinAlgError):
-        return  # a function that NumPy does not know, or not off the real axis
+    dependencies = _dependencies(system)
+    if dependencies is None:
+        return
+    on_manifold, off_manifold = dependencies
     if on_manifold:
         Redundancy.of(system.name, names, *on_manifold[-1]).refuse()
     if all(involved for involved, _ in off_manifold):
@@ -177,8 +164,47 @@ def refuse_redundant_anywhere(system: System) -> None:
             "each other.")
 
 
+#: Row numbers of constraints that depend on each other, and of a smallest set to leave out.
+_Dependency = tuple[list[int], list[int]]
+
+
+def _dependencies(system: System) -> tuple[list[_Dependency], list[_Dependency]] | None:
+    """Return dependent rows at random points of g = 0, and at points where none was reached.
+
+    None if one point of g = 0 has independent rows, or if the rows cannot be evaluated.
+    """
+    # seeded, so that the result for a system does not change from call to call
+    rng = np.random.default_rng(20)
+    on_manifold: list[_Dependency] = []
+    off_manifold: list[_Dependency] = []
+    try:
+        while len(on_manifold) < _POINTS and len(off_manifold) < _TRIES:
+            constraints = NumericConstraints(
+                system.q, system.constraints, system.constraint_names, _draw(system, rng),
+                system.A, system.a, system.velocity_constraint_names, system.g_t)
+            q = rng.standard_normal(system.n)
+            point = nearest_point(constraints, q)
+            G = constraints.rows(q if point is None else point)
+            if not _is_finite(G):
+                return None
+            involved, left_out = dependent_rows(G)
+            # one regular point proves independence: rank falls on a set of measure zero only
+            if point is not None and not involved:
+                return None
+            # velocities that no q̇ satisfies: there is no state at this point either
+            if point is not None and _contradict(constraints, point, left_out):
+                point = None
+            (off_manifold if point is None else on_manifold).append((involved, left_out))
+    except (InputError, TypeError, ArithmeticError, np.linalg.LinAlgError):
+        return None  # a function that NumPy does not know, or not off the real axis
+    return on_manifold, off_manifold
+
+
 def refuse_constant(owner: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
-    """Refuse constraints in which nothing can move: they hold always or never."""
+    """Refuse constraints without coordinates or parameters that matter: they hold always or never.
+
+    ``owner`` is the model's name, ``names`` has a name for each constraint.
+    """
     for name, g, varies in zip(names, constraints, _vary(constraints), strict=True):
         # a long sum takes too long to expand: it is accepted, constant or not
         if not g.free_symbols or (len(g.args) < 64 and not varies and sp.expand(g).is_number):
@@ -189,10 +215,10 @@ def refuse_constant(owner: str, constraints: Sequence[sp.Expr], names: Sequence[
 
 
 def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
-    """Return, of each expression, whether values at random points differ by more than round-off.
+    """Return for each expression whether its values at four random points differ.
 
-    Then it is no constant, which expansion would take long to show: twelve factors that are sums
-    have thousands of terms.
+    Such an expression is no constant, which an expansion would take long to show: twelve factors
+    that are sums have thousands of terms. False where the difference may be round-off.
     """
     rng = np.random.default_rng(21)
     point = {x: rng.uniform(0.5, 1.5, 4)
@@ -200,19 +226,20 @@ def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
     if not point:
         return [False] * len(constraints)
     try:
-        values, noise = evaluate(constraints, point), EPS * rounding(constraints, point, {})
+        values, round_off = evaluate(constraints, point), EPS * rounding(constraints, point, {})
     except (InputError, TypeError, ArithmeticError):
         # one expression that cannot be evaluated does not hide the others
         return [False] if len(constraints) == 1 else [_vary([g])[0] for g in constraints]
     varies: Sequence[bool] = (np.isfinite(values).all(axis=1)
-                              & (np.ptp(values, axis=1) > 1e6 * noise.max(axis=1))).tolist()
+                              & (np.ptp(values, axis=1) > 1e6 * round_off.max(axis=1))).tolist()
     return varies
 
 
 def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
-    """Return a q with g(q) = 0 to round-off, by Gauss-Newton steps; None if they do not reach it.
+    """Return a q with g(q) = 0 to round-off, shape (n,), by Gauss-Newton steps from q.
 
-    q ← q − f G⁺ g with the pseudoinverse G⁺ and f halved until |g| falls.
+    q ← q − f G⁺ g with the pseudoinverse G⁺ and f halved until |g| falls. None if sixty steps do
+    not reach g = 0, or |g| has a minimum there that is not 0.
     """
     if not constraints.expressions:
         return q
@@ -241,27 +268,30 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
 
 
 def _is_finite(matrix: Array | csr_array) -> bool:
+    """Whether all entries of a dense or sparse matrix are finite."""
     return bool(np.isfinite(matrix if isinstance(matrix, np.ndarray) else matrix.data).all())
 
 
 def _least_squares(G: Array | csr_array, g: Array) -> Array:
-    """Return the shortest x of those with the smallest |G x − g|."""
+    """Return G⁺g: of all x with the smallest |G x − g| the shortest."""
     if not isinstance(G, np.ndarray):
+        # x = Gᵀ (G Gᵀ)⁻¹ g for independent rows
         try:
             x: Array = G.T @ solve_sparse(G @ G.T, g)
             return x
         except np.linalg.LinAlgError:
             G = G.toarray()
-    shortest: Array = np.linalg.lstsq(G, g, rcond=1e-10)[0]
+    shortest: Array = np.linalg.lstsq(G, g, rcond=_RANK)[0]
     return shortest
 
 
 def somewhere(
     system: System, symbols_besides: Iterable[sp.Symbol] = (), seed: int = 23
 ) -> tuple[Array, dict[sp.Symbol, float]]:
-    """Return random coordinates on g = 0, if any are found, and values of all other symbols.
+    """Return random coordinates on g = 0, shape (n,), and values of all other symbols.
 
-    These are parameters, the time, and ``symbols_besides``; all are positive.
+    These are parameters, the time, and ``symbols_besides``; all are positive. The coordinates are
+    off g = 0 if no start of ``_TRIES`` leads there.
     """
     rng = np.random.default_rng(seed)
     time = {*filter(None, (system.time,))}
@@ -281,25 +311,30 @@ def somewhere(
 
 
 def _contradict(constraints: NumericConstraints, q: Array, left_out: Sequence[int]) -> bool:
-    """Whether dependent rows of A q̇ + a = 0 are independent with a as one more column."""
-    # A q̇ = −a has a solution if and only if (A, a) has the rank of A
+    """Whether the dependent rows A q̇ + a = 0 at q have no common solution q̇.
+
+    A q̇ = −a has a solution if and only if (A, a) has the rank of A, that is if as many rows of
+    (A, a) as of A, ``left_out``, depend on the others.
+    """
     rows = np.column_stack([as_dense(constraints.rows(q)), constraints.drift(q)])
     return len(dependent_rows(rows)[1]) < len(left_out)
 
 
 def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> bool:
-    """Whether fewer constraints depend on others at a point nearby than at q, with ``dependent``.
+    """Whether fewer rows than the ``dependent`` ones at q depend on others at a point nearby.
 
     At such a q the rank of G drops: a singular configuration, such as a stretched parallelogram.
     The point is at a tenth of the size of q along a random tangent, projected onto g = 0.
     """
     rng = np.random.default_rng(21)
-    largest = np.abs(q).max() or 1.0  # taken out of the root of squares, which may be beyond 1e308
+    # the largest entry is taken out of the root of squares, which may be beyond 1e308
+    largest = np.abs(q).max() or 1.0
     mean_size = largest * np.linalg.norm(q / largest) / np.sqrt(len(q))
     G = as_dense(constraints.G(q))
     for _ in range(3):
         direction = rng.standard_normal(len(q))
-        direction -= np.linalg.lstsq(G, G @ direction, rcond=1e-10)[0]  # tangent to g = 0
+        # tangent to g = 0: d ← d − G⁺ G d
+        direction -= np.linalg.lstsq(G, G @ direction, rcond=_RANK)[0]
         direction *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(direction), EPS)
         neighbour = nearest_point(constraints, q + direction)
         if neighbour is not None:
@@ -308,7 +343,10 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> b
 
 
 def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
-    """Return random values for all parameters, positive where they must be."""
+    """Return random values for all parameters and the time, by name.
+
+    Sizes are between 0.5 and 2; half of those that need not be positive are negative.
+    """
     values = {}
     for symbol in (*system.parameters, *filter(None, (system.time,))):
         size = float(rng.uniform(0.5, 2.0))
@@ -316,9 +354,11 @@ def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
     return values
 
 
-def _listed(names: Sequence[str], chosen: Sequence[int]) -> str:
-    return _quoted([names[i] for i in chosen])
+def _listed(names: Sequence[str], rows: Sequence[int]) -> str:
+    """Return the names of constraints, given by their row numbers, as text."""
+    return _quoted([names[i] for i in rows])
 
 
 def _quoted(names: Sequence[str]) -> str:
+    """Return names in quotes, separated by commas."""
     return ", ".join(map(repr, names))

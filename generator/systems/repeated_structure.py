@@ -69,7 +69,7 @@ class ElementSystem(System):
     """Part of a system: momenta need not belong to coordinates, and nothing is checked."""
 
     def __post_init__(self) -> None:
-        """Check nothing."""
+        """Skip the checks of ``System``: the whole system has passed them."""
 
 
 class Structure:
@@ -84,8 +84,9 @@ class Structure:
 
     # ------------------------------------------------------------ H
 
-    def _indices(self, e: sp.Expr, of: dict[sp.Symbol, int]) -> frozenset[int]:
-        return frozenset(of[s] for s in e.free_symbols if s in of)
+    def _indices(self, e: sp.Expr, index_of: dict[sp.Symbol, int]) -> frozenset[int]:
+        """Return the indices of the symbols of e that ``index_of`` contains."""
+        return frozenset(index_of[s] for s in e.free_symbols if s in index_of)
 
     @cached_property
     def templates(self) -> list[ElementTemplate]:
@@ -101,16 +102,21 @@ class Structure:
 
     @cached_property
     def _energy(self) -> frozenset[sp.Expr]:
+        """The terms of the energy that runs report."""
         return frozenset(sp.Add.make_args(energy_of(self.system)))
 
     @cached_property
     def _terms(self) -> list[tuple[sp.Expr, frozenset[int], frozenset[int]]]:
+        """The terms of H, each with the indices of its coordinates and of its momenta."""
         return [(term, self._indices(term, self._q), self._indices(term, self._p))
                 for term in sp.Add.make_args(self.system.H)]
 
     @cached_property
     def _kinetic_groups(self) -> dict[frozenset[int], list[sp.Expr]]:
-        """Terms with momenta by kinetic block, and terms of its coordinates alone."""
+        """Kinetic block → its terms with momenta, and potentials of its coordinates alone.
+
+        A kinetic block is a set of momenta, by index, that terms of H couple to each other.
+        """
         kinetic_blocks = connected([p for _, _, p in self._terms if p])
         block_of = {a: block for block in kinetic_blocks for a in block}
         groups: dict[frozenset[int], list[sp.Expr]] = {block: [] for block in kinetic_blocks}
@@ -145,6 +151,7 @@ class Structure:
         """The templates of the constraints; rows of one name (before a colon) go together."""
         groups: dict[str, list[int]] = defaultdict(list)
         for row, name in enumerate(self.system.constraint_names):
+            # "hinge:x", "hinge:y" are rows of one joint; a name without a colon stands alone
             groups[name.split(":")[0] if ":" in name else f"{row}:"].append(row)
         parts = []
         for rows in groups.values():
@@ -163,7 +170,11 @@ class Structure:
 
     @cached_property
     def force_templates(self) -> list[ElementTemplate]:
-        """The templates of the forces: terms of equal support, with their rows."""
+        """The templates of the forces: terms of equal support, with their rows.
+
+        The support of a term is its coordinates and momenta, by index.
+        """
+        # support → row of F → terms
         groups: dict[tuple[frozenset[int], frozenset[int]], dict[int, list[sp.Expr]]] = {}
         for row, force in enumerate(self.system.forces):
             for term in sp.Add.make_args(force):
@@ -218,6 +229,7 @@ class Structure:
 
     @cached_property
     def _anonymous(self) -> dict[sp.Symbol, sp.Symbol]:
+        """Every constant → one symbol, so that expressions are compared without their names."""
         return dict.fromkeys(self._constants, sp.Symbol("_"))
 
     def _in_order(self, expressions: Sequence[sp.Expr]) -> list[sp.Symbol]:
@@ -259,7 +271,10 @@ class Structure:
 
     @cached_property
     def elimination(self) -> Elimination:
-        """The factors of W = G H_pp Gᵀ."""
+        """Sparse factorisation of W = G H_pp Gᵀ, m × m.
+
+        Constraints that act on the same kinetic block are coupled.
+        """
         neighbours: dict[int, set[int]] = {row: set() for row in range(self.system.m)}
         for template in self.templates:
             for instance in template.instances:
@@ -270,18 +285,19 @@ class Structure:
 
     @cached_property
     def is_worthwhile(self) -> bool:
-        """Whether sparse products are clearly fewer than dense ones.
+        """Whether sparse products are fewer than three quarters of the dense ones.
 
-        Counted for the dominant costs: the factors of W, G times a vector, H_pp times a vector. Up
-        to six coordinates gathering costs more than zeros do, and dense code may use properties
-        proved for the whole system.
+        Counted are the multiply-adds of the dominant costs: factors of W, G times a vector, H_pp
+        times a vector. Up to six coordinates gathering costs more than zeros do, and dense code may
+        use properties proved for the whole system.
         """
         n, m = self.system.n, self.system.m
         if n <= 6:
             return False
         dense = m**3 / 3 + m * n + n * n
-        sparse = self.elimination.products + sum(map(len, self.entries.values())) + sum(
-            len(i.p) ** 2 for template in self.templates for i in template.instances)
+        G_entries = sum(map(len, self.entries.values()))
+        H_pp_entries = sum(len(i.p) ** 2 for template in self.templates for i in template.instances)
+        sparse = self.elimination.products + G_entries + H_pp_entries
         return sparse < 0.75 * dense
 
     @property
@@ -300,7 +316,10 @@ class Structure:
 
     @cached_property
     def band_order(self) -> list[Node]:
-        """Coordinates ("q", a) and constraints ("g", row), those that interact close together."""
+        """Coordinates ("q", a) and constraints ("g", row), in an order with a narrow band.
+
+        Nodes that an element couples stand close together (reverse Cuthill-McKee).
+        """
         neighbours: dict[Node, set[Node]] = {
             **{("q", a): set() for a in range(self.system.n)},
             **{("g", row): set() for row in range(self.system.m)}}
@@ -316,6 +335,7 @@ class Structure:
         The constraint force Gᵀ λ changes the momenta of its coordinates, and H_pp Gᵀ λ the
         velocities of their kinetic blocks: a constraint is coupled to whole blocks.
         """
+        # momentum → coordinates whose velocity, or force, depends on it
         block_of = {a: set(i.q) | set(i.p)
                     for template in self.templates for i in template.instances for a in i.p}
         sets = [{("q", a) for a in (*i.q, *i.p)}
@@ -333,5 +353,5 @@ class Structure:
 
 
 def local(letter: str, count: int) -> tuple[sp.Symbol, ...]:
-    """Return local symbols; no symbol of a system begins with an underscore."""
+    """Return the local symbols _x0, _x1, … of a letter; symbols of a system begin otherwise."""
     return tuple(sp.Symbol(f"_{letter}{i}", real=True) for i in range(count))

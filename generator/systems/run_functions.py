@@ -25,18 +25,19 @@ def sum_over_states(
     ----------
     expression : Expr
         ℓ, in symbols that have the names of coordinates, momenta, parameters, and the time;
-        lambda_0, lambda_1, … are multipliers of constraints at the states, as of
+        lambda_0, lambda_1, … are the multipliers of constraints at the states, as in
         ``JointMotion.force``.
     at_states, to_steps : callable
         ``multipliers_at_states``, and its transpose.
     run : Trajectory
-        Whose states are put in.
+        The run with the states.
 
     Returns
     -------
     value, cotangents
-        Of "q" and "p" shape (rows, n), of "t" shape (rows,), of "multipliers" in their shape, and
-        of "parameters" by name.
+        Σ ℓ, and its derivatives: "q" and "p", shape (rows, n); "t", shape (rows,); "multipliers",
+        in the shape of the run's; "parameters", a number for each name. Only "q" and "p" are
+        always there.
 
     Raises
     ------
@@ -45,43 +46,66 @@ def sum_over_states(
         has not stored every step.
     """
     e = as_expression(expression)
-    system, rows = run.manifest.system, len(run.t)
-    columns = dict(zip(system.coordinates, run.q.T, strict=True))
-    columns |= dict(zip(system.momenta, run.p.T, strict=True))
-    time = system.time or "t"
-    forces = [f"lambda_{k}" for k in range(len(system.constraints))]
+    system = run.manifest.system
+    states = dict(zip(system.coordinates, run.q.T, strict=True))
+    states |= dict(zip(system.momenta, run.p.T, strict=True))
+    multipliers = [f"lambda_{k}" for k in range(len(system.constraints))]
     # a number or a column for each name that ℓ may have; states win over parameters of the same
     # name
-    columns_of = dict(zip(forces, at_states(run).T, strict=True)) if forces else {}
-    columns_of |= {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
+    columns_of = dict(zip(multipliers, at_states(run).T, strict=True)) if multipliers else {}
+    columns_of |= {system.time or "t": run.t}
+    columns_of |= {name: run.parameters[name] for name in run.parameters} | states
+    values = _values_of(e, columns_of, "symbol of a loss",
+                        "; for a quantity, such as a joint's angle, give a function of the run "
+                        "that returns its value and cotangents")
+    evaluator = Evaluator(values)
+
+    def by_state(body: sp.Expr) -> Any:
+        """Return an expression at each stored state, shape (rows,)."""
+        # the caller refuses cotangents that are not finite
+        with np.errstate(all="ignore"):
+            return np.broadcast_to(evaluator(body), run.t.shape)
+
+    slopes = {str(symbol): by_state(derivative(e, symbol)) for symbol in values}
+    return by_state(e).sum(), _cotangents(slopes, multipliers, to_steps, run)
+
+
+def _values_of(
+    e: sp.Expr, columns_of: dict[str, Any], kind: str, cure: str = ""
+) -> dict[sp.Symbol, Any]:
+    """Return symbol of e → its number or column; refuse a name that ``columns_of`` lacks.
+
+    ``kind`` says in the message what the name should be, ``cure`` ends the message.
+    """
     values: dict[sp.Symbol, Any] = {}
     for symbol in sorted(e.free_symbols, key=str):
         if str(symbol) not in columns_of:
-            raise unknown("symbol of a loss", str(symbol), columns_of,
-                          "; for a quantity, such as a joint's angle, give a function of the run "
-                          "that returns its value and cotangents")
+            raise unknown(kind, str(symbol), columns_of, cure)
         values[symbol] = columns_of[str(symbol)]
-    evaluator = Evaluator(values)
+    return values
 
-    def of_rows(body: sp.Expr) -> Any:
-        with np.errstate(all="ignore"):  # what is not finite is refused as a cotangent
-            return np.broadcast_to(evaluator(body), (rows,))
 
-    # ∂ℓ/∂x in each row: the cotangent of x there; those of parameters are summed over the rows
-    slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
+def _cotangents(
+    slopes: dict[str, Any], multipliers: list[str], to_steps: Callable[[Any, Any], Any], run: Any
+) -> dict[str, Any]:
+    """Return the cotangents of ``sum_over_states`` from ∂ℓ/∂x in each row, shape (rows,), by name.
+
+    ∂ℓ/∂x is the cotangent of x in its row; a parameter has the sum over all rows.
+    """
+    system, time = run.manifest.system, run.manifest.system.time or "t"
     zero = 0 * run.t
     cotangents: dict[str, Any] = {
         "q": np.stack([slopes.get(x, zero) for x in system.coordinates], axis=1),
         "p": np.stack([slopes.get(x, zero) for x in system.momenta], axis=1)}
-    if {*forces} & {*slopes}:
-        w = np.stack([slopes.get(name, zero) for name in forces], axis=1)
+    if {*multipliers} & {*slopes}:
+        w = np.stack([slopes.get(name, zero) for name in multipliers], axis=1)
         cotangents["multipliers"] = to_steps(run, w)
     if time in slopes:
         cotangents["t"] = slopes[time]
-    inner = {name: slopes[name].sum() for name in run.parameters if name in slopes}
-    if inner:
-        cotangents["parameters"] = inner
-    return of_rows(e).sum(), cotangents
+    of_parameters = {name: slopes[name].sum() for name in run.parameters if name in slopes}
+    if of_parameters:
+        cotangents["parameters"] = of_parameters
+    return cotangents
 
 
 def slopes_over_states(
@@ -90,7 +114,7 @@ def slopes_over_states(
     """Return a function: direction d of states and parameters → Σ_y ∂²ℓ/∂x∂y d_y.
 
     Directions and results are {"q", "p", "t", "parameters"} in the shapes of the cotangents of
-    ``sum_over_states``. Raises InputError for symbols of other numbers; multipliers have no second
+    ``sum_over_states``. Raises InputError for other symbols; multipliers have no second
     derivatives.
     """
     e = as_expression(expression)
@@ -98,19 +122,15 @@ def slopes_over_states(
     time, names = system.time or "t", [*system.coordinates, *system.momenta]
     columns_of = dict(zip(names, [*run.q.T, *run.p.T], strict=True))
     columns_of |= {time: run.t, **run.parameters}
-    values: dict[sp.Symbol, Any] = {}
-    for symbol in sorted(e.free_symbols, key=str):
-        if str(symbol) not in columns_of:
-            raise unknown("symbol of a loss with second derivatives", str(symbol), columns_of)
-        values[symbol] = columns_of[str(symbol)]
+    values = _values_of(e, columns_of, "symbol of a loss with second derivatives")
     evaluator = Evaluator(values)
-    # ∂²ℓ/∂x∂y at each stored state; cotangents are those of one term of the sum each
+    # ∂²ℓ/∂x∂y at each stored state: a state enters one term of the sum only
     second = [(str(x), str(y),
                np.broadcast_to(evaluator(derivative(derivative(e, x), y)), run.t.shape))
               for x in values for y in values]
 
     def slopes(along: dict[str, Any]) -> dict[str, Any]:
-        """Return how cotangents change along directions: second derivatives times these."""
+        """Return Σ_y ∂²ℓ/∂x∂y d_y for each x: the change of its cotangent along the directions."""
         directions = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
         directions |= {time: along["t"], **along["parameters"]}
         cotangents = dict.fromkeys(columns_of, 0 * run.t)

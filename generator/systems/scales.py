@@ -27,7 +27,7 @@ def __dir__() -> list[str]:
 def distance(a: Any, b: Any, power: float | sp.Expr = 1.5) -> sp.Expr:
     """Return |a − b| to a power.
 
-    With 3/2, that of Kepler's third law, an orbit of any eccentricity takes the same number of
+    With 3/2, the power of Kepler's third law, an orbit of any eccentricity takes the same number of
     steps; 1 and 2 make more and fewer steps far away.
 
     Parameters
@@ -82,6 +82,9 @@ def rates(*rates: float | sp.Expr) -> sp.Expr:
 
 
 def _point(name: str, frame: Any) -> list[sp.Expr]:
-    """Return the coordinates of a point, of a body those of its origin."""
+    """Return the coordinates of a point as expressions; a body or frame stands for its origin.
+
+    ``name`` is the argument's name in messages.
+    """
     point = frame.point([0, 0, 0]) if hasattr(frame, "point_velocity") else frame
     return [as_expression(x) for x in as_sequence(name, point)]

@@ -1,8 +1,8 @@
-"""How smooth a system is where its expressions switch sides: seen at random points of w = 0.
+"""How smooth a system is where its expressions switch sides: examined at random points of w = 0.
 
 A constraint must have a tangent everywhere. A force may jump, but then a step that would end
-there may have no solution; what H jumps by is lost, for its force there is an impulse that no step
-sees. And a method has its order between such places.
+there may have no solution. Where H jumps its force is an impulse, which no step contains, so that
+the energy of the jump is lost. A method has its order between such places only.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Continuity(IntEnum):
 def refuse_kinks(system: System) -> None:
     """Refuse constraints with a kink or a jump, and velocity constraints with a jump.
 
-    Raises InputError with the constraint and the place.
+    Raises InputError with the constraint and the equation w = 0 of the place.
     """
     # a kink of A v + a is allowed: velocities stay continuous across it
     for name, row in zip(system.velocity_constraint_names, system.velocity_constraints,
@@ -71,8 +71,8 @@ def refuse_kinks(system: System) -> None:
 def continuity(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Continuity:
     """Return the continuity of e, as a function of the symbols, at w = 0.
 
-    Both sides and their first derivatives are compared at random points of w = 0: a jump or a kink
-    may be missed, a difference is none of rounding.
+    Both sides and their first derivatives are compared at random points of w = 0, in 50 digits: a
+    jump or a kink may be missed, but no difference is round-off.
     """
     if any(isinstance(node, sp.floor) and node.args[0] == w for node in sp.preorder_traversal(e)):
         return Continuity.JUMP
@@ -93,14 +93,18 @@ def continuity(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Continui
 
 
 def _weight(expression: sp.Expr, w: sp.Expr, above: int) -> sp.Expr | None:
-    """Return the weight of the side > 0 of ±w: 1 or 0; None for other switching functions."""
+    """Return the weight of the side ``expression`` > 0 where w has the sign that ``above`` says.
+
+    ``above`` is 1 for w > 0 and 0 for w < 0; the weight is 1 or 0 for w and −w, None for other
+    switching functions.
+    """
     if expression == w:
         return sp.Integer(above)
     return sp.Integer(1 - above) if -expression == w else None
 
 
 def _are_equal(evaluator: Evaluator, below: sp.Expr, above: sp.Expr) -> bool:
-    """Whether the values of both sides agree to half of the digits."""
+    """Whether the values of both sides agree to half of the digits; not if one is infinite."""
     try:
         a, b = evaluator(below), evaluator(above)
         return bool(abs(a - b) <= 10.0 ** (-_DIGITS // 2) * max(1, abs(a), abs(b)))
@@ -111,21 +115,26 @@ def _are_equal(evaluator: Evaluator, below: sp.Expr, above: sp.Expr) -> bool:
 def _points_on(
     w: sp.Expr, moving: Sequence[sp.Symbol], symbols: set[sp.Symbol]
 ) -> Iterator[Evaluator]:
-    """Yield evaluators at random points of w = 0, by a root of w along one of ``moving``."""
+    """Yield evaluators at three random points of w = 0, at fewer if roots are not reached.
+
+    All ``symbols`` are random, then one of ``moving`` is set to a root of w by the secant method.
+    """
     context, draw, count = mp_context(_DIGITS), random.Random(3), 0
     for attempt in range(_TRIES):
-        # the secant method along one symbol, the next one if it does not converge
+        # along another symbol in each attempt: w may have no root along one of them
         x = moving[attempt % len(moving)]
         point = {s: context.mpf(draw.uniform(0.25, 1) if s.is_positive else draw.uniform(-1, 1))
                  for s in sorted(symbols, key=str)}
 
         def value(coordinate: Any, x: sp.Symbol = x, point: dict[sp.Symbol, Any] = point) -> Any:
+            """Return w at the point with x = ``coordinate``."""
             return Evaluator(point | {x: coordinate}, mp=context)(w)
 
         try:
             root = context.findroot(value, (point[x], point[x] + context.mpf(0.125)))
         except (ArithmeticError, ValueError, InputError):
             continue
+        # a complex root
         if not isinstance(root, context.mpf):
             continue
         yield Evaluator(point | {x: root}, mp=context)
@@ -135,6 +144,7 @@ def _points_on(
 
 
 def _place(w: sp.Expr) -> str:
+    """Return the text "w = 0", without a leading minus sign."""
     w = -w if w.could_extract_minus_sign() else w
     return f"{shorten(str(w), 60)} = 0"
 
@@ -147,6 +157,7 @@ class Switching:
 
     @cached_property
     def _moving(self) -> set[sp.Symbol]:
+        """Coordinates, momenta and the time."""
         time = set() if self.system.time is None else {self.system.time}
         return {*self.system.q, *self.system.p} | time
 
@@ -179,9 +190,10 @@ class Switching:
         for w in self.switches[:_MOST_SWITCHES]:
             # w and −w are one switch; ``switches_of`` returns one of them
             forces = [f for f in self.system.forces if not {w, -w}.isdisjoint(switches_of([f]))]
-            kink = not discrete and self._continuity_of_H.get(w) is Continuity.KINK
+            has_kink = not discrete and self._continuity_of_H.get(w) is Continuity.KINK
+            # a switch of the time alone jumps at a known time, wherever the state is
             if not w.free_symbols.isdisjoint(symbols) and (
-                    kink or any(continuity(f, w, symbols) is Continuity.JUMP for f in forces)):
+                    has_kink or any(continuity(f, w, symbols) is Continuity.JUMP for f in forces)):
                 jumps.append(w)
         return jumps
 
@@ -215,8 +227,9 @@ class Switching:
 def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
     """Return a system with s (side w > 0) + (1 − s) (side w < 0) for each switch, and all s.
 
-    A statement that is true of it for all s, such as a symmetry, is true of the system on each
-    side. Raises InputError if a constraint switches: g = 0 is no manifold then for 0 < s < 1.
+    The symbols s are parameters of the new system. A statement that is true of it for all s, such
+    as a symmetry, is true of the given system on each side. Raises InputError if a constraint
+    switches: g = 0 is no manifold then for 0 < s < 1.
     """
     if switches := switches_of(system.constraints):
         raise InputError(f"A constraint of {system.name!r} switches at {_listed(switches)}; what "

@@ -49,8 +49,8 @@ class Mechanics:
 
     Attributes
     ----------
-    motion : Motion
-        Of frames and points in the inertial frame, and what generalised speeds are in q and q̇.
+    motion : FrameMotion
+        Motion of frames and points in the inertial frame, with each generalised speed in q and q̇.
     q : list
         Coordinates.
     L : Expr
@@ -60,9 +60,9 @@ class Mechanics:
     constraints : list of Expr
         g(q, t).
     rates : list of Expr
-        Constraints on the velocities; those that follow from g are left out.
+        Constraints on the velocities; they may follow from g.
     inputs : dict
-        Output of a controller, as given → its symbol.
+        Output of a controller, as the user wrote it → its symbol.
     """
 
     motion: FrameMotion
@@ -105,65 +105,69 @@ def from_mechanics(
         For constraints that contradict each other or are not linear in the velocities, for bodies
         whose velocity is the rate of no place, and as ``System.from_lagrangian``.
     """
-    readers = {me.LagrangesMethod: _of_lagrange, me.KanesMethod: _of_kane, me.System: _of_system}
-    reader = next((f for kind, f in readers.items() if isinstance(method, kind)), None)
-    if reader is None:
-        raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
-                         "of sympy.physics.mechanics.")
-    mechanics = reader(method)
-    has_contradictions = _warn_of_velocities(mechanics.motion,
-                                             getattr(method, "bodies", None) or ())
+    mechanics = _mechanics_of(method)
+    method_bodies = getattr(method, "bodies", None) or ()
+    has_contradictions = _warn_of_velocities(mechanics.motion, method_bodies)
     mechanics.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in mechanics.q]
     names = _names(mechanics, rates)
     F, potential = _generalised(mechanics, names)
-    placed, shown_of = _places(mechanics.motion, getattr(method, "bodies", None) or ()) if as_flag(
-        "bodies", bodies) else ({}, {})
+    placed, places = (_places(mechanics.motion, method_bodies) if as_flag("bodies", bodies)
+                      else ({}, {}))
     # one substitution for all expressions, as each is a pass over their whole graph
     L, *named = _named(mechanics, [mechanics.L - potential, *mechanics.constraints,
-                                   *mechanics.rates,
-                                   *shown_of.values()], names)
-    m, last = len(mechanics.constraints), len(named) - len(shown_of)
-    g, velocity_constraints = named[:m], named[m:last]
-    quantities = dict(zip(shown_of, named[last:], strict=True))
-    q, v = [names[x] for x in mechanics.q], [names[x] for x in rates]
+                                   *mechanics.rates, *places.values()], names)
+    g_end = len(mechanics.constraints)
+    rows_end = g_end + len(mechanics.rates)
+    g, velocity_constraints = named[:g_end], named[g_end:rows_end]
+    quantities = dict(zip(places, named[rows_end:], strict=True))
     _refuse_functions(name, [L, *g, *F])
+    # a body that is placed, with velocities that agree with the places, has a velocity that is a
+    # rate
     _refuse_substituted(mechanics, names, [
-        body for body in getattr(method, "bodies", None) or ()
+        body for body in method_bodies
         if has_contradictions or not mechanics.motion.is_placed(body.masscenter)])
+    q, v = [names[x] for x in mechanics.q], [names[x] for x in rates]
     input_symbols = tuple(mechanics.inputs.values())
-    everything = [L, *g, *F, *quantities.values()]
-    parameters = sorted(symbols_of(everything) - {*q, *v, *input_symbols, t}, key=str)
+    symbols = symbols_of([L, *g, *F, *quantities.values()])
+    parameters = sorted(symbols - {*q, *v, *input_symbols, t}, key=str)
     system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
-                             t if t in symbols_of(everything) else None, name=name,
+                             t if t in symbols else None, name=name,
                              inputs=input_symbols, quantities=quantities, placed=placed)
-    # rates of the holonomic constraints may be among the velocity constraints: only rows that g
-    # does not imply remain
-    rows = _independent(system, velocity_constraints)
-    _refuse_functions(name, rows)
-    row_symbols = symbols_of(rows)
-    # the rows may have parameters and the time, which L has not
-    constants = {*system.parameters, *row_symbols} - {*q, *v, *input_symbols, t}
-    return replace(system, parameters=tuple(sorted(constants, key=str)), velocity_constraints=rows,
-                   time=t if t in row_symbols else system.time) if rows else system
+    return _with_velocity_constraints(system, velocity_constraints)
 
 
-# ---------------------------------------------------------------- what a method holds
+# ---------------------------------------------------------------- contents of a method
+
+
+def _mechanics_of(method: Any) -> Mechanics:
+    """Return the contents of a method; refuse other objects."""
+    readers = {me.LagrangesMethod: _of_lagrange, me.KanesMethod: _of_kane, me.System: _of_system}
+    for kind, reader in readers.items():
+        if isinstance(method, kind):
+            return reader(method)
+    raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
+                     "of sympy.physics.mechanics.")
 
 
 def _of_lagrange(method: Any) -> Mechanics:
+    """Return the contents of a LagrangesMethod; its nonholonomic equations follow the others."""
     holonomic = list(method._hol_coneqs)
     return Mechanics(FrameMotion(method.inertial), list(method.q), method._L[0],
                      [*(method.forcelist or ())], holonomic, list(method.coneqs)[len(holonomic):])
 
 
 def _of_kane(method: Any) -> Mechanics:
-    """Return the mechanics of a KanesMethod: its speeds as functions of q̇."""
+    """Return the contents of a KanesMethod: T of its bodies, and its speeds as functions of q̇.
+
+    Auxiliary speeds, which exist for reactions only, are 0.
+    """
     if not method.bodies:
         raise InputError("KanesMethod has no bodies as yet; give them as KanesMethod(..., "
                          "bodies=[...]), or call its kanes_equations first.")
     frame, u, zeros = method._inertial, list(method.u), dict.fromkeys(method._uaux, sp.Integer(0))
+    # k_ku u + k_kqdot q̇ + f_k = 0, and the velocity constraints k_nh u + f_nh = 0
     kinematics = (method._k_ku_implicit * sp.Matrix(u)
                   + method._k_kqdot_implicit * method._qdot + method._f_k_implicit)
     speeds = _solved(list(kinematics), u)
@@ -174,7 +178,7 @@ def _of_kane(method: Any) -> Mechanics:
 
 
 def _of_system(method: Any) -> Mechanics:
-    """Return the mechanics of a System: potential energies of bodies, loads of actuators."""
+    """Return the contents of a System: T − V of its bodies, its loads and those of actuators."""
     bodies = list(method.bodies)
     if not bodies:
         raise InputError("System has no bodies as yet; add them, or joints that have some.")
@@ -189,7 +193,10 @@ def _of_system(method: Any) -> Mechanics:
 
 
 def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Expr]:
-    """Return each generalised speed in terms of q and q̇, from kinematic differential equations."""
+    """Return each generalised speed in terms of q and q̇, from kinematic differential equations.
+
+    The equations are linear in u: K u + k = 0, u = −K⁻¹ k.
+    """
     slopes = sp.Matrix(equations).jacobian(u)
     constant = sp.Matrix(equations).xreplace(dict.fromkeys(u, sp.Integer(0)))
     solution = slopes.LUsolve(-constant)
@@ -197,9 +204,9 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
 
 
 def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
-    """Warn of velocities that are no rates of places: a base that moves may stand still in them.
+    """Warn of a velocity of a point that is not the rate of its place; return whether there is one.
 
-    Return whether there are any.
+    The velocities are used as they are: a base that moves may be at rest in them.
     """
     pair = next(motion.contradictions(bodies), None)
     if pair is not None:
@@ -215,10 +222,10 @@ def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
 def _refuse_substituted(
     mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol], bodies: Sequence[Any]
 ) -> None:
-    """Refuse bodies whose velocity is the rate of no place: rolling was put into it.
+    """Refuse bodies whose velocity is the rate of no place: a rolling condition was put into it.
 
     Lagrange's equations of such a T are wrong, since it holds on the constraints only. The
-    velocity A(q, t) q̇ + a(q, t) is a rate if ∂A_ij/∂q_k = ∂A_ik/∂q_j, seen at a random point.
+    velocity A(q, t) q̇ + a(q, t) is a rate if ∂A_ij/∂q_k = ∂A_ik/∂q_j, tested at a random point.
     """
     t = me.dynamicsymbols._t
     q = [names[x] for x in mechanics.q]
@@ -246,10 +253,10 @@ def _refuse_substituted(
 def _generalised(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
     list[sp.Expr], sp.Expr
 ]:
-    """Return the generalised forces of the loads, and the potential of those that have one.
+    """Return the generalised forces of the loads, n entries, and the potential of constant forces.
 
-    F_i is the slope of the power Σ v·F along q̇_i, with F held: that goes backward through v once,
-    for all loads and all coordinates.
+    F_i = ∂(Σ v·F)/∂q̇_i, with F held fixed: one pass backward through all velocities v serves all
+    loads and all coordinates. A torque takes the angular velocity of its frame for v.
     """
     motion, magnitudes = mechanics.motion, dict[sp.Expr, sp.Expr]()
     power, potential = sp.Integer(0), sp.Integer(0)
@@ -264,6 +271,7 @@ def _generalised(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tu
         else:
             rates, axes = motion.velocity(where)
         for rate, component in zip(rates, motion.components(load, axes), strict=True):
+            # a symbol for the component: it may contain velocities, which are not differentiated
             symbol = sp.Symbol(f"_w{len(magnitudes)}", real=True)
             magnitudes[symbol] = component
             power += symbol * rate
@@ -277,7 +285,10 @@ def _generalised(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tu
 def _potential(
     motion: FrameMotion, where: Any, load: Any, inputs: Mapping[sp.Expr, sp.Symbol]
 ) -> sp.Expr | None:
-    """Return V = −F·r of a constant force, where r is known from a point at rest."""
+    """Return V = −F·r of a constant force at r, the place of ``where`` from a point at rest.
+
+    None for a torque, a force that is not constant, and a point whose place is not known.
+    """
     if not isinstance(where, me.Point):
         return None
     components = load.to_matrix(motion.frame)
@@ -294,10 +305,10 @@ def _potential(
 def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
     dict[str, dict[str, list[str]]], dict[str, sp.Expr]
 ]:
-    """Return the quantities of each body's place and axes, and their expressions.
+    """Return body → names of the quantities of its place and axes, and name → expression.
 
     A body whose place is not known from a point at rest has none. Two axes of a rigid body are
-    enough: the third is their cross product.
+    enough: the third is their cross product. NAME_Rij is component i of the body's axis j in space.
     """
     placed: dict[str, dict[str, list[str]]] = {}
     quantities: dict[str, sp.Expr] = {}
@@ -306,6 +317,7 @@ def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
         if position is None:
             continue
         x = {f"{body.name}_{axis}": motion.along(k, position) for k, axis in enumerate("xyz")}
+        # row j of SymPy's matrix is the axis j of the body in space; a particle has no axes
         R = body.frame.dcm(motion.frame) if isinstance(body, me.RigidBody) else sp.zeros(0, 3)
         axes = {f"{body.name}_R{i + 1}{j + 1}": R[j, i] for j in range(min(len(R), 2))
                 for i in range(3)}
@@ -364,7 +376,7 @@ def _names(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.S
 def _named(
     mechanics: Mechanics, expressions: Sequence[sp.Expr], names: Mapping[sp.Expr, sp.Symbol]
 ) -> list[sp.Expr]:
-    """Return expressions in symbols, generalised speeds in terms of q̇."""
+    """Return expressions in symbols: q(t), q̇(t) and inputs replaced, speeds in terms of q̇."""
     return substitute(substitute(expressions, mechanics.motion.speeds),
                       {**names, **mechanics.inputs})
 
@@ -380,14 +392,32 @@ def _refuse_functions(name: str, expressions: Sequence[sp.Expr]) -> None:
 # ---------------------------------------------------------------- constraints on velocities
 
 
+def _with_velocity_constraints(
+    system: LagrangianSystem, velocity_constraints: Sequence[sp.Expr]
+) -> LagrangianSystem:
+    """Return the system with the velocity constraints that its g does not imply.
+
+    The rows may have parameters and the time, which L does not contain.
+    """
+    rows = _independent(system, velocity_constraints)
+    if not rows:
+        return system
+    _refuse_functions(system.name, rows)
+    t, row_symbols = me.dynamicsymbols._t, symbols_of(rows)
+    constants = {*system.parameters, *row_symbols} - {
+        *system.q, *system.velocities, *system.inputs, t}
+    return replace(system, parameters=tuple(sorted(constants, key=str)), velocity_constraints=rows,
+                   time=t if t in row_symbols else system.time)
+
+
 def _independent(
     system: LagrangianSystem, velocity_constraints: Sequence[sp.Expr]
 ) -> tuple[sp.Expr, ...]:
-    """Return the constraints on velocities that neither g nor those before imply.
+    """Return the constraints on velocities that neither g nor earlier ones imply.
 
-    Seen at a random point of g = 0, where the row (a, a₀) of a(q, t) v + a₀(q, t) is a combination
-    of others, such as (g_q, g_t). Raises InputError for one whose a is a combination of others, and
-    whose a₀ is another.
+    A row a(q, t) v + a₀(q, t) is implied if (a, a₀) is a combination of others, such as (g_q, g_t),
+    at a random point of g = 0. Raises InputError where a is a combination of others, and (a, a₀)
+    is none: no velocities then satisfy all rows.
     """
     A, a = coefficients_of(velocity_constraints, system.velocities)
     rows = [[*row, rate] for row, rate in zip((*system.G, *A), (*system.g_t, *a), strict=True)]

@@ -1,7 +1,8 @@
 """How frames and points of ``sympy.physics.mechanics`` move, in as few terms as there are joints.
 
-SymPy turns each part of a velocity all the way by itself, so that what it finds grows with the
-square of the way. Here components are turned from frame to frame.
+SymPy rotates each part of a velocity along the whole chain of frames by itself, so that the length
+of a result grows with the square of the chain's length. Here components are rotated from frame to
+frame.
 """
 
 from __future__ import annotations
@@ -25,16 +26,18 @@ __all__ = ["FrameMotion"]
 class FrameMotion:
     """How frames and points move in an inertial frame.
 
-    Vectors are turned from frame to frame, and what each frame adds is added there: bodies share
-    what is before the joint between them, so that T is about as long as one joint times their
-    number.
+    Vectors are rotated from frame to frame, and components given in a frame are added there: bodies
+    share the sums up to the joint between them, so that the length of T grows like the number of
+    bodies.
 
     Attributes
     ----------
     frame : ReferenceFrame
-        The inertial one.
+        The inertial frame.
     speeds : dict
         Each generalised speed u(t) in terms of q and q̇.
+
+    ``_turning`` caches angular velocities by frame, ``_axes`` the inertial axes in each frame.
     """
 
     frame: Any
@@ -43,7 +46,7 @@ class FrameMotion:
     _axes: dict[Any, list[sp.Expr]] = field(default_factory=dict)
 
     def energy(self, bodies: Iterable[Any]) -> sp.Expr:
-        """Return T of bodies; one that rests, or moves by a law of t alone, need have no mass."""
+        """Return T of bodies; a body at rest, or moved by a law of t alone, needs no mass."""
         return sp.Add(*map(self._energy_of, bodies))
 
     def _energy_of(self, body: Any) -> sp.Expr:
@@ -62,34 +65,38 @@ class FrameMotion:
         return translation + (Omega.T * J * Omega)[0] / 2
 
     def turning(self, axes: Any) -> list[sp.Expr]:
-        """Return the angular velocity of a frame in its own axes."""
+        """Return the angular velocity of a frame in its own axes, three components."""
         if axes not in self._turning:
             self._turning[axes] = self.components(axes.ang_vel_in(self.frame), axes)
         return self._turning[axes]
 
     def velocity(self, point: Any) -> tuple[list[sp.Expr], Any]:
-        """Return the velocity of a point, and the axes: the last of the frames on the way to it.
+        """Return the components of a point's velocity, and their axes: the last frame of its path.
 
-        SymPy's own is the velocity that the nearest point was given, and the rate of the place
-        from there. From a point at rest it is the rate alone, which is shorter: that is taken where
-        exact arithmetic finds it to be the same.
+        SymPy's result is the velocity that was set for the nearest point, plus the rate of the
+        place from there. From a point at rest it is the rate alone, which is shorter: it is taken
+        if exact arithmetic shows that both are equal.
         """
         anchor = _nearest(point, lambda neighbour: self.frame in neighbour._vel_dict)
         if anchor is None:
             raise InputError(f"The velocity of {point} in {self.frame} is not known; place it from "
                              "a point whose velocity is set, or set its own.")
         velocity, position = anchor.vel(self.frame), point.pos_from(anchor)
-        path = None if velocity == 0 else self.place(point)
-        if path is None:
+        # an anchor at rest already gives the rate alone
+        place = None if velocity == 0 else self.place(point)
+        if place is None:
             axes = self._last(position, velocity)
             return self._moved(position, velocity, axes), axes
-        axes = self._last(path)
-        short, long = self._moved(path, 0 * velocity, axes), self._moved(position, velocity, axes)
+        axes = self._last(place)
+        short, long = self._moved(place, 0 * velocity, axes), self._moved(position, velocity, axes)
         differences = [a - b for a, b in zip(short, long, strict=True)]
         return short if vanish(substitute(differences, self.speeds)) else long, axes
 
     def contradictions(self, bodies: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-        """Yield pairs of points whose velocities differ by another rate than their places do."""
+        """Yield pairs of points whose velocities do not differ by the rate of their distance.
+
+        Points are those whose velocity was set, among all from which a mass centre is placed.
+        """
         points = list(dict.fromkeys(point for body in bodies for point in _reached(body.masscenter)
                                     if self.frame in point._vel_dict))
         for point in points:
@@ -108,12 +115,17 @@ class FrameMotion:
         return any(neighbour is not point for neighbour in _reached(point))
 
     def place(self, point: Any) -> Any:
-        """Return the place of a point from the nearest one at rest, or None."""
+        """Return the position vector of a point from the nearest point at rest; None without one.
+        """
         resting = _nearest(point, lambda neighbour: neighbour._vel_dict.get(self.frame) == 0)
         return None if resting is None else point.pos_from(resting)
 
     def along(self, k: int, position: Any) -> sp.Expr:
-        """Return a place along an axis of the inertial frame, added up from frame to frame."""
+        """Return the component of a position along axis k = 0, 1, 2 of the inertial frame.
+
+        Σ r·e_k over the frames in which parts r of the position are given, from the root outward:
+        ``share`` makes one node of a partial sum, which other bodies have too.
+        """
         axis, component = (self.frame.x, self.frame.y, self.frame.z)[k], sp.Integer(0)
         for r, frame in sorted(position.args, key=lambda term: len(self._path(term[1]))):
             if (k, frame) not in self._axes:
@@ -128,7 +140,10 @@ class FrameMotion:
                    key=lambda frame: len(self._path(frame)), default=self.frame)
 
     def _moved(self, position: Any, velocity: Any, axes: Any) -> list[sp.Expr]:
-        """Return v + dr/dt in some axes; in a frame that turns with Ω, dr/dt = ∂r/∂t + Ω × r."""
+        """Return v + dr/dt in ``axes``, three components, r a position and v a velocity.
+
+        For components of r in a frame that turns with Ω, dr/dt = ∂r/∂t + Ω × r.
+        """
         rates = 0 * velocity
         for r, frame in position.args:
             rate = r.diff(me.dynamicsymbols._t) + sp.Matrix(self.turning(frame)).cross(r)
@@ -136,14 +151,14 @@ class FrameMotion:
         return self.components(velocity + rates, axes)
 
     def components(self, vector: Any, axes: Any) -> list[sp.Expr]:
-        """Return the components of a vector in some axes.
+        """Return the three components of a vector in the frame ``axes``.
 
         Along the path of frames to these axes, the sum of the components so far is rotated into the
         next frame, and the components that are given there are added.
         """
         numbers_in = {frame: list(numbers) for numbers, frame in vector.args}
         path = self._path(axes)
-        # a vector in a frame beside the path: SymPy's own way, which multiplies matrices out
+        # a vector with parts in other frames: SymPy's conversion, which multiplies matrices out
         if not {*numbers_in} <= {*path}:
             return list(vector.to_matrix(axes))
         components, previous = [sp.Integer(0)] * 3, None
@@ -158,17 +173,18 @@ class FrameMotion:
         return components
 
     def _path(self, axes: Any) -> list[Any]:
-        """Return the frames from the inertial one to some axes."""
+        """Return the frames of the tree from the inertial one to ``axes``, both included."""
         return list(reversed(axes._dict_list(self.frame, 0)))
 
 
 def _nearest(point: Any, suits: Callable[[Any], bool]) -> Any:
-    """Return the nearest of the points from which the place of one is known, or None."""
+    """Return the nearest point that ``suits`` accepts, of those ``point`` is placed from, or None.
+    """
     return next((neighbour for neighbour in _reached(point) if suits(neighbour)), None)
 
 
 def _reached(point: Any) -> Iterator[Any]:
-    """Yield the points from which the place of one is known, itself first, nearer ones earlier."""
+    """Yield a point and all points to which positions connect it, the nearest first."""
     visited, waiting = {point}, [point]
     for current in waiting:
         yield current

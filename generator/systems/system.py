@@ -91,7 +91,7 @@ class System:
         K13, K22, K23, K33, the entries of J⁻¹): the trajectory then offers angular velocity, axis
         and rotation.
     bodies : sequence of BodyLayout
-        The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
+        Bodies whose quaternions are a part of q, as ``Multibody`` makes them, for the same views.
     joints : sequence of JointLayout
         Connections of the bodies.
 
@@ -162,7 +162,7 @@ class System:
                      "velocity_constraints", "velocities"):
             entries = as_sequence(name, getattr(self, name))
             object.__setattr__(self, name, tuple(map(as_expression, entries)))
-        # inputs are parameters, too, whose values a run may change from step to step
+        # inputs are parameters, too: their values may change from step to step
         undeclared_inputs = tuple(u for u in self.inputs if u not in self.parameters)
         object.__setattr__(self, "parameters", self.parameters + undeclared_inputs)
         as_text("name of the system", self.name)
@@ -182,7 +182,10 @@ class System:
             refuse_unless_symbols(self.name, "time", (self.time,))
 
     def _refuse_wrong_counts(self) -> None:
-        """Refuse a name that is no C identifier, and counts that do not fit each other."""
+        """Refuse a name that is no C identifier, and counts that do not fit each other.
+
+        Counts of momenta, velocities, constraints, constraint names and forces.
+        """
         if not self.name.isidentifier() or not self.name.isascii():
             raise InputError(
                 f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
@@ -192,12 +195,16 @@ class System:
                 f"System {self.name!r} has {len(self.q)} coordinates and {len(self.p)} momenta; "
                 "give one momentum for each of at least one coordinate."
             )
-        if len(self.velocities) not in ((0, self.n) if not self.velocity_count else (self.n,)):
+        # velocities may be missing only where no velocity constraint needs them
+        allowed_counts = (self.n,) if self.velocity_count else (0, self.n)
+        if len(self.velocities) not in allowed_counts:
             raise InputError(
                 f"System {self.name!r} has {self.n} coordinates and {len(self.velocities)} "
                 "velocities; give the symbol of each coordinate's velocity, in the same order.")
+        # drives, constraints of t, may determine all coordinates; else one freedom must remain
         count = self.m + self.velocity_count
         if count > len(self.q) - (self.clock is None):
+            # redundant constraints, if that is the cause, are refused by name
             from .redundant_constraints import refuse_redundant_anywhere  # imports this module
 
             refuse_redundant_anywhere(self)
@@ -219,7 +226,7 @@ class System:
             )
 
     def _whole_body(self) -> BodyLayout:
-        """Return the body whose quaternion is all of q."""
+        """Return the layout of the body whose quaternion is all of q; refuse a q that is none."""
         parameters = {str(s): s for s in self.parameters}
         inertia = next((letters for letters in (MOMENTS, INVERSE) if {*letters} <= {*parameters}),
                        ())
@@ -481,10 +488,11 @@ class System:
 
     @cached_property
     def _velocity_rows(self) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:
+        """A, m' × n, and a, m' entries, of the velocity constraints."""
         return coefficients_of(self.velocity_constraints, self.velocities)
 
     def curvature(self, multipliers: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
-        """Σ_l λ_l ∂²g_l/∂q∂q, n × n: the derivative of g_qᵀ λ by q."""
+        """Return Σ_l λ_l ∂²g_l/∂q∂q, n × n: the derivative of g_qᵀ λ by q."""
         return curvature(self.constraints, self.q, multipliers)
 
     @cached_property
@@ -500,12 +508,15 @@ class System:
                 for e, rate in zip(products, self.g_t, strict=True)]
 
     def _without_units(self, e: sp.Expr) -> sp.Expr:
-        """Drop factors free of p that are a non-zero constant wherever g = 0."""
+        """Return e without the factors free of p that are a nonzero constant wherever g = 0."""
         factors = [f for f in sp.Mul.make_args(e) if f.has(*self.p) or not self._is_unit(f)]
         return sp.Mul(*factors)
 
     def _is_unit(self, factor: sp.Expr) -> bool:
-        """Return whether a factor is a nonzero constant on g = 0: its remainder modulo g."""
+        """Return whether a factor is a nonzero constant on g = 0.
+
+        For polynomials the remainder modulo g decides: |q|² is 1 on |q|² − 1 = 0.
+        """
         if not factor.has(*self.q):
             return bool(factor.is_nonzero)
         if not all(e.is_polynomial(*self.q) for e in (factor, *self.constraints)):
@@ -515,7 +526,10 @@ class System:
 
     @cached_property
     def hidden_matrix(self) -> list[list[sp.Expr]]:
-        """W = (∂f/∂p) g_qᵀ with f = ``hidden``, m × m: g_q H_pp g_qᵀ less dropped factors."""
+        """W = (∂f/∂p) g_qᵀ, m × m, with f = ``hidden``.
+
+        It is g_q H_pp g_qᵀ without the factors that ``hidden`` drops.
+        """
         rows = jacobian(self.hidden, self.p)
         # Many bodies that roll have no element templates: hundreds of entries of W are written out.
         products = [[sum((a * b for a, b in zip(row, gradient, strict=True)), sp.Integer(0))
@@ -526,7 +540,11 @@ class System:
 
 
 def _latin(name: str) -> str:
-    """Return a name of letters for one with Greek ones, as the end of a sentence."""
+    """Return the end of a sentence with a Latin name for one with Greek letters, e.g. for "ω1".
+
+    Empty if a character is no letter of an alphabet. Unicode calls ω "GREEK SMALL LETTER OMEGA":
+    the last word is its name.
+    """
     letters = [unicodedata.name(letter, "").lower().split() if not letter.isascii() else [letter]
                for letter in name]
     if not all(len(words) == 1 or "letter" in words for words in letters):

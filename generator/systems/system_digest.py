@@ -1,4 +1,4 @@
-"""A digest of a system and a tableau, the same in every process: the name of a kept derivation."""
+"""A digest of a system and a tableau, equal in every process: the name of a stored derivation."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _OWN = __name__.partition(".generator.")[0]
 
 
 def system_digest(*parts: Any) -> str | None:
-    """Return a digest of all that the C of a system depends on, or None if there is none.
+    """Return a digest of all that the C of a system depends on, as hexadecimal text, or None.
 
-    A symbol counts by its class, its name and its assumptions, which simplify; a number by its
-    exact value; a function by its class. There is no digest of a ``Dummy``, which is another one in
-    each process, nor of what has a class from outside of SymPy and this package, whose code is
+    A symbol enters by its class, its name and its assumptions, on which simplifications depend; a
+    number by its exact value; a function by its class. A ``Dummy``, which differs in each process,
+    has no digest, nor has an object of a class outside of SymPy and this package, whose code is
     unknown.
 
     Parameters
@@ -37,9 +37,13 @@ def system_digest(*parts: Any) -> str | None:
 
 
 def _of(value: Any, digests: dict[sp.Basic, bytes]) -> bytes:
-    """Return the digest of a value; equal values have equal digests in every process."""
+    """Return the digest of a value; equal values have equal digests in every process.
+
+    ``digests`` collects the digests of subexpressions. Raises TypeError for a value without one.
+    """
     if isinstance(value, sp.Basic):
-        for subexpression in parts_of([value]):  # what is shared is hashed once
+        # parts come before the expressions that contain them; a shared part is hashed once
+        for subexpression in parts_of([value]):
             if subexpression not in digests:
                 digests[subexpression] = _of_expression(subexpression, digests)
         return digests[value]
@@ -68,9 +72,10 @@ def _of_expression(e: sp.Basic, digests: Mapping[sp.Basic, bytes]) -> bytes:
 
 
 def _name_of_class(value: Any) -> str:
-    """Return module and name of a class of SymPy or of this package; raise for any other."""
+    """Return module and name of a class of SymPy or of this package; raise TypeError for others."""
     kind = type(value)
     package = kind.__module__ or ""
+    # a class that its module does not contain under its name was made by a user's function
     if not f"{package}.".startswith(("sympy.", f"{_OWN}.")) or getattr(
             sys.modules.get(package), kind.__name__, None) is not kind:
         raise TypeError(f"{kind.__name__} is neither of SymPy nor of this package")

@@ -37,7 +37,7 @@ class ScaledSystem(TransformedSystem):
     scale : Expr
         σ(q, p, t) = dt/dτ.
     scale_name : str
-        The quantity that is σ.
+        Name of the quantity σ of trajectories.
     """
 
     scale: sp.Expr = field(default=sp.Integer(1), kw_only=True)
@@ -55,7 +55,7 @@ class ScaledSystem(TransformedSystem):
 
 
 def scaled(system: System) -> System:
-    """Return the system in scaled time, dt = σ dτ, or the same system without a ``time_scale``.
+    """Return the system in scaled time, dt = σ dτ; a system without a ``time_scale`` unchanged.
 
     t becomes a coordinate with the momentum e, and σ (H + e) the Hamiltonian, which is 0 at the
     start: e = −H. Forces become σ F, and e changes by their power, −σ F·H_p.
@@ -69,8 +69,9 @@ def scaled(system: System) -> System:
     name = str(_symbol("time_scale", reserved | {str(t), str(e)}))
     power = sp.Add(*(F * v for F, v in zip(system.forces, system.H_p, strict=False)))
     forces = (*(scale * F for F in system.forces), -scale * power) if system.forces else ()
+    # e is not constant where H, σ or g depends on t: forces of 0 make the step record the work
     if not forces and any(t in x.free_symbols for x in (system.H, scale, *system.constraints)):
-        forces = (sp.Integer(0),) * (system.n + 1)  # e changes: the work is counted
+        forces = (sp.Integer(0),) * (system.n + 1)
     parts = {field.name: getattr(system, field.name) for field in fields(System)}
     return ScaledSystem(**parts | {
         "q": (*system.q, t), "p": (*system.p, e), "H": scale * (system.H + e), "forces": forces,
@@ -84,7 +85,7 @@ def shown_count(system: System) -> int:
 
 
 def _symbol(name: str, reserved: set[str]) -> sp.Symbol:
-    """Return a real symbol with a name that is not taken."""
+    """Return a real symbol; "_" is appended to a name that is reserved."""
     while name in reserved:
         name += "_"
     return sp.Symbol(name, real=True)

@@ -1,4 +1,4 @@
-"""Units of the numbers of a system: those that are given, and those that follow from them.
+"""Units of the numbers of a system: units that the user gives, and units that follow from them.
 
 All terms of a sum have one unit, arguments of functions have none; H is an energy and F_i the rate
 of p_i. A product with one unknown factor then determines it. Decimals such as 9.81 may have units
@@ -22,6 +22,7 @@ class _Solver:
     """Dimensions of symbols, completed by equations."""
 
     def __init__(self, dimensions: Mapping[sp.Symbol, Dimensions]) -> None:
+        """Begin with the dimensions of some symbols."""
         self.known = dict(dimensions)
 
     def of(self, e: sp.Expr) -> Dimensions | None:
@@ -32,26 +33,29 @@ class _Solver:
         if e.is_Symbol:
             return self.known.get(e)
         if e.is_number:
+            # a power of two in the denominator; π and √2 are pure numbers, too
             pure = (e.is_Rational and e.q & (e.q - 1) == 0) or not e.is_Rational
             return DIMENSIONLESS if pure else None
         if e.is_Add or isinstance(e, (sp.Abs, Switch)):
-            # terms have the same dimensions: those of any one that is known
+            # all terms have the same dimensions: the first known ones count
             candidates = (self.of(a) for a in _alike(e))
             return next((term for term in candidates if term is not None), None)
         if e.is_Mul:
             known_factors = [factor for a in e.args if (factor := self.of(a)) is not None]
-            return combined(*((factor, 1) for factor in known_factors)
-                            ) if len(known_factors) == len(e.args) else None
+            if len(known_factors) < len(e.args):
+                return None
+            return combined(*((factor, 1) for factor in known_factors))
         if e.is_Pow and e.exp.is_Rational:
             base = self.of(e.base)
             return None if base is None else combined((base, Fraction(int(e.exp.p), int(e.exp.q))))
+        # sines, exponentials and the like
         return DIMENSIONLESS
 
     def assign(self, e: sp.Expr, dimensions: Dimensions | None) -> None:
-        """Derive the dimensions of the symbols in an expression of these dimensions, if it has any.
+        """Derive dimensions of symbols in e from its own ``dimensions``, None if these are unknown.
 
         Terms of a sum have the dimensions of the sum; a single unknown factor of a product has the
-        remaining ones; arguments of functions have none.
+        quotient of the product and the known factors; arguments of functions have none.
         """
         if e.is_Symbol:
             if dimensions is not None:
@@ -69,9 +73,11 @@ class _Solver:
             known_product = combined(*((factor, 1) for factor in dimensions_of.values()
                                        if factor is not None))
             for a in e.args:
-                is_single = dimensions is not None and unknown == [a]
-                self.assign(a, combined((dimensions or {}, 1), (known_product, -1))
-                            if is_single else dimensions_of[a])
+                if dimensions is not None and unknown == [a]:
+                    self.assign(a, combined((dimensions, 1), (known_product, -1)))
+                else:
+                    # symbols inside of a known factor may be unknown
+                    self.assign(a, dimensions_of[a])
         elif e.is_Pow and e.exp.is_Rational:
             # the inverse of the exponent
             power = Fraction(int(e.exp.q), int(e.exp.p))
@@ -84,7 +90,7 @@ class _Solver:
 
 
 def _alike(e: sp.Expr) -> list[sp.Expr]:
-    """Return the parts of a sum or of a choice that have its unit."""
+    """Return the nonzero terms of a sum, or branches of a switch: they have its unit."""
     terms = [e.args[i] for i in e.branches] if isinstance(e, Switch) else e.args
     return [a for a in terms if a != 0]
 
@@ -129,7 +135,7 @@ def units_of(system: System, given_units: Mapping[str, str]) -> dict[str, str | 
 
 
 def _solve(solver: _Solver, system: System) -> None:
-    """Derive dimensions from the equations of a system until no unknown one is left to derive.
+    """Derive dimensions from the equations of a system until a pass adds none.
 
     H is an energy, q p an action, F q an energy; the terms of a sum have one dimension.
     """
@@ -150,5 +156,5 @@ def _solve(solver: _Solver, system: System) -> None:
 
 
 def _without_angles(dimensions: Dimensions) -> Dimensions:
-    """Return dimensions where an angle is a pure number."""
+    """Return dimensions without rad: in equations an angle is a pure number."""
     return {unit: e for unit, e in dimensions.items() if unit != "rad"}

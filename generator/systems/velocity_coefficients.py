@@ -22,7 +22,7 @@ __all__ = ["coefficients_of", "refuse_unless_linear"]
 def coefficients_of(
     rows: Sequence[sp.Expr], velocities: Sequence[sp.Symbol]
 ) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:
-    """Return A, m' × n, and a, m' entries, of rows A v + a."""
+    """Return A, m' × n, and a, m' entries, of rows A v + a: A is the slope, a the row at v = 0."""
     at_rest = dict.fromkeys(velocities, sp.Integer(0))
     return ([substitute(row, at_rest) for row in jacobian(rows, velocities)],
             substitute(rows, at_rest))
