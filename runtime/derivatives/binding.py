@@ -21,9 +21,16 @@ __all__ = ["DerivativeBinding", "KeptRun", "KeptSteps"]
 
 @dataclass(frozen=True)
 class KeptSteps:
-    """Steps of a run with all that their derivatives need: states, and unknowns x of each step.
+    """Steps of a run with all that their derivatives need.
 
-    ``q`` and ``p`` have a row more than ``x``. In a co-moving frame they are those of the frame.
+    Attributes
+    ----------
+    first : int
+        Index of the first step in the run.
+    q, p : array, shape (count + 1, n)
+        The states before, between and after the steps; in a co-moving frame, states of the frame.
+    x : array, shape (count, unknowns)
+        The solution of each step's equations.
     """
 
     first: int
@@ -39,7 +46,10 @@ class KeptSteps:
 
 @dataclass(frozen=True)
 class ImpactStep(KeptSteps):
-    """A step with impacts, by the derivatives of its end by all rows of a direction at its start.
+    """A step with impacts, whose derivatives are a matrix in place of the equations of a step.
+
+    ``matrix``, shape (2 n, rows), has the derivatives of its end (q₁, p₁) by all rows of a
+    direction at its start: q, p, parameters, Δt and t0.
     """
 
     matrix: Array
@@ -52,9 +62,9 @@ class ImpactStep(KeptSteps):
     def take_tangents(
         self, dz: Array, every: int, rows: Array, multipliers: Array, tangents: Array
     ) -> int:
-        """Advance ``tangents`` as ``DerivativeBinding.integrate_tangent`` does; return 0.
+        """Advance ``tangents``, (2 n, k), in place: (dq₁, dp₁) = M dz; return the status 0.
 
-        With M = ∂(q₁, p₁)/∂(all rows), ``matrix``: (dq₁, dp₁) = M dz.
+        The arguments are as in ``DerivativeBinding.integrate_tangent``.
         """
         self._refuse_multipliers(multipliers)
         tangents[:] = self.matrix @ np.concatenate([tangents, dz[len(tangents) :]])
@@ -66,9 +76,10 @@ class ImpactStep(KeptSteps):
         self, cotangents: Array, multipliers: Array, w: Array, z_bar: Array, inputs_bar: Array,
         columns: list[int],
     ) -> int:
-        """Take ``w`` backwards as ``DerivativeBinding.integrate_adjoint`` does; return 0.
+        """Take ``w``, (2 n,), backwards in place: (w, z̄_θ) = Mᵀ w; return the status 0.
 
-        ``columns`` are the rows of a direction that the inputs have.
+        The arguments are as in ``DerivativeBinding.integrate_adjoint``; ``columns`` are the columns
+        of M that the inputs have.
         """
         self._refuse_multipliers(multipliers)
         cotangent = self.matrix.T @ w
@@ -81,6 +92,7 @@ class ImpactStep(KeptSteps):
 
     @staticmethod
     def _refuse_multipliers(multipliers: Array) -> None:
+        """Refuse an array of derivatives of multipliers unless it is empty."""
         if multipliers.size:
             raise InputError("Multipliers of a run with impacts are not differentiated; leave "
                              "multipliers out.")
@@ -90,7 +102,10 @@ class DerivativeBinding:
     """Calls into the module of derivatives; ``own`` makes its structs, ``primal`` integrates."""
 
     def __init__(self, binding: Binding, primal: Binding, keeps_momentum: bool) -> None:
-        """Take the module of derivatives, and ``primal``, whose steps these are of."""
+        """Take the modules of derivatives and of the steps.
+
+        ``keeps_momentum`` says whether the scheme keeps f(q, p) = 0, the constraints of momenta.
+        """
         self.own, self.primal = binding, primal
         binding.frames += primal.frames  # for integrate_and_keep, which calls the other module
         self.n = binding.n
@@ -100,10 +115,10 @@ class DerivativeBinding:
         self.rows = 2 * binding.n + len(binding.parameter_names) + 2
         self._size = int(binding.function("derivative_size")())
 
-    def memory(self) -> Any:
-        """Return work memory for one thread, and the array that it lies in, to be kept."""
-        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(
-            keep := aligned(self._size))), keep
+    def memory(self) -> tuple[Any, Any]:
+        """Return the address of work memory, and the array behind it, which must outlive a call."""
+        array = aligned(self._size)
+        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(array)), array
 
     def constraint_derivatives(
         self, parameters: ParameterStruct, q: Array, p: Array
@@ -112,7 +127,6 @@ class DerivativeBinding:
 
         Column j is the derivative by entry j of a direction, (q, p, parameters, Δt, t).
         """
-        # ``memory`` is a bare address: ``_keep``, the array behind it, must outlive the call
         binding, (memory, _keep) = self.own, self.memory()
         g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
         if binding.m:
@@ -124,28 +138,29 @@ class DerivativeBinding:
     def quantity_derivatives(
         self, parameters: ParameterStruct, t: Any, q: Array, p: Array, *, energy: bool = False
     ) -> Array | None:
-        """Return the derivatives of each quantity at a state by the entries of a direction.
+        """Return the derivatives of each quantity A(q, p, t), shape (quantities, rows).
 
-        Shape (quantities, rows); the last column is by the time t in place of the start time, and
-        the column of the step is 0. ``energy`` asks for H alone, which in scaled time follows the
-        quantities. None where the module has no such derivatives.
+        Columns are by the entries of a direction, (q, p, parameters, Δt, t), with the time t of the
+        state in place of the start time; by Δt they are 0. ``energy`` asks for H alone, shape
+        (1, rows), which in scaled time follows the quantities. Returns None where the module has no
+        such derivatives.
         """
         binding, size = self.own, self.rows - 1
         if not self._has("quantities_by_state"):
             return None
         count = len(binding.quantity_names) + binding.clocked
-        rows, derivatives = binding.new(count, size), binding.new(count, self.rows)
+        columns, derivatives = binding.new(count, size), binding.new(count, self.rows)
         time = binding.new(1)
         time[0] = t
         binding.function("quantities_by_state")(
             parameters, *([binding.pointer(time)] if binding.quantities_take_time else []),
-            binding.pointer(q), binding.pointer(p), binding.pointer(rows))
-        # C has no column for the step
-        derivatives[:, : size - 1], derivatives[:, -1] = rows[:, : size - 1], rows[:, -1]
-        return derivatives[: len(binding.quantity_names)] if not energy else derivatives[-1:]
+            binding.pointer(q), binding.pointer(p), binding.pointer(columns))
+        # C has no column for Δt
+        derivatives[:, : size - 1], derivatives[:, -1] = columns[:, : size - 1], columns[:, -1]
+        return derivatives[-1:] if energy else derivatives[: len(binding.quantity_names)]
 
     def energy_derivatives(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
-        """Return the derivatives of H(q, p, t) in scaled time by the entries of a direction."""
+        """Return the derivatives of H(q, p, t) in scaled time, shape (rows,)."""
         derivatives = self.quantity_derivatives(parameters, 0.0, q, p, energy=True)
         assert derivatives is not None
         row: Array = derivatives[0]
@@ -164,6 +179,7 @@ class DerivativeBinding:
 
     def _has(self, function: str) -> bool:
         """Whether the module has a function that not all systems have."""
+        # modules of float128 wrap their functions for cffi, under a prefix
         return any(hasattr(self.own.lib, f"{prefix}{self.own.name}_{function}")
                    for prefix in ("", PREFIX))
 
@@ -172,10 +188,10 @@ class DerivativeBinding:
         return KeptRun(self, run)
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
-        """Fill rows of q, p and x with steps of the primal module; return the status of the C.
+        """Fill q and p, (count + 1, n), and x, (count, unknowns), with steps; return the status.
 
-        Row 0 of q and p is the state before. The primal module's own function integrates, given by
-        its address, so that steps have the bits of the run.
+        Row 0 of q and p is the state before. The module of derivatives calls the primal module's
+        function by its address, so that steps have the bits of the run.
         """
         binding, primal, arguments = self.own, self.primal, run.run
         address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(
@@ -191,9 +207,10 @@ class DerivativeBinding:
         self, parameters: ParameterStruct, dt: Any, q: Array, p: Array, x: Array, dz: Array,
         multipliers: Array,
     ) -> tuple[int, Array]:
-        """Return the status and the directions of the end, rows q and p, a column each.
+        """Return the status, and the directions of the end of a step, shape (2 n, k).
 
-        ``multipliers`` gets those of the multipliers, unless it is empty.
+        The step leads from the state (q, p) with the unknowns x; ``dz``, (rows, k), has k
+        directions. ``multipliers`` gets the directions of the multipliers, unless it is empty.
         """
         binding, (memory, _keep) = self.own, self.memory()
         ends = binding.new(2 * self.n, dz.shape[1])
@@ -206,9 +223,10 @@ class DerivativeBinding:
         self, parameters: ParameterStruct, dt: Any, q: Array, p: Array, x: Array, w: Array,
         multipliers: Array
     ) -> tuple[int, Array]:
-        """Return the status and the cotangent of the start.
+        """Return the status, and the cotangent of all rows at the start of a step, (rows,).
 
-        ``w`` is that of the end, ``multipliers`` that of the multipliers, or empty.
+        The step leads from the state (q, p) with the unknowns x; ``w``, (2 n,), is the cotangent of
+        its end, ``multipliers`` that of its multipliers, or empty.
         """
         binding, (memory, _keep) = self.own, self.memory()
         z_bar = binding.new(self.rows)
@@ -224,9 +242,9 @@ class DerivativeBinding:
     ) -> int:
         """Advance ``tangents``, shape (2 n, k), by kept steps, in place; return the status.
 
-        ``rows``, shape (stored states, 2 n, k), gets the tangents of each ``every``-th state of the
-        run; ``multipliers``, unless it is empty, those of the multipliers of each step. ``dz`` has
-        all rows of the directions, of which those of parameters and times are read.
+        ``dz``, (rows, k), has the directions of parameters and times; its rows q and p are not
+        read. ``rows``, (stored states, 2 n, k), gets the tangents of each ``every``-th state of the
+        run; ``multipliers``, unless it is empty, the tangents of the multipliers of each step.
         """
         if isinstance(steps, ImpactStep):
             return steps.take_tangents(dz, every, rows, multipliers, tangents)
@@ -249,14 +267,16 @@ class DerivativeBinding:
             z̄_θ ← z̄_θ + Φ_θᵀ w
             w ← Φ_zᵀ w + the row of ``cotangents``, if the state before the step is stored
 
-        ``inputs_bar`` gets the cotangents of the inputs, a row for each step, if the run has
-        inputs. ``multipliers`` has the cotangents of the multipliers of each step, or is empty.
+        w has the shape (2 n,), ``z_bar`` (rows,). ``inputs_bar`` gets the cotangents of the
+        inputs, a row for each step, if the run has inputs. ``multipliers`` has the cotangents of
+        the multipliers of each step, or is empty.
         """
         binding, (memory, _keep) = self.own, self.memory()
         if isinstance(steps, ImpactStep):
-            return steps.take_adjoint(cotangents, multipliers, w, z_bar, inputs_bar, [
-                2 * self.n + binding.parameter_names.index(u) for u in binding.input_names])
-        # the rows of inputs and how many steps each is held; derivatives do not loop over them
+            input_columns = [2 * self.n + binding.parameter_names.index(u)
+                             for u in binding.input_names]
+            return steps.take_adjoint(cotangents, multipliers, w, z_bar, inputs_bar, input_columns)
+        # the rows of inputs, how many steps each is held, and their cotangents
         inputs = [*binding.input_arguments(run.inputs)[:2],
                   binding.pointer(inputs_bar)] if binding.input_names else []
         return int(binding.function("integrate_adjoint")(
@@ -269,6 +289,7 @@ class KeptRun:
     """Run integrated piece by piece; the states and unknowns of every step are stored."""
 
     def __init__(self, binding: DerivativeBinding, run: RunArguments) -> None:
+        """Begin at the start of ``run``."""
         self.binding, self.run = binding, run
         self.constants = run.constants(binding.own)
         self.state = RunState.at_start(binding.own, run.q, run.p)
@@ -284,9 +305,12 @@ class KeptRun:
         return self.state.steps
 
     def go_on_from(self, steps: int, q: Array, p: Array) -> KeptRun:
-        """Return the run from a state after ``steps`` steps, without the solver's memory."""
+        """Return the run from the state (q, p) after ``steps`` steps.
+
+        Its solver has no history of earlier steps to predict from.
+        """
         kept_run = KeptRun(self.binding, replace(self.run, q=q, p=p))
-        # no steps of the primal module: it sets its memory up, which is copied byte by byte
+        # 0 steps of the primal module initialise its memory, which is copied byte by byte
         state, no_rows = kept_run.state, Rows.allocate(self.binding.own, 0)
         primal = self.binding.primal
         start = RunState.at_start(primal, q, p)
@@ -297,7 +321,7 @@ class KeptRun:
         return kept_run
 
     def keep(self, count: int) -> tuple[KeptSteps, int]:
-        """Return the next steps, up to one that fails, and the status."""
+        """Return the next ``count`` steps, or those before the first that fails, and the status."""
         binding, state, first = self.binding.own, self.state, self.steps_done
         q, p = binding.new(count + 1, binding.n), binding.new(count + 1, binding.n)
         x = binding.new(count, binding.unknowns)

@@ -25,12 +25,12 @@ _TERMS = 26
 
 
 class FrameMotion:
-    """The rotation of a frame in a run; the identity of a stepper that has none."""
+    """The motion S(k h ω) of a frame in a run; ``moves`` is False for a stepper without a frame."""
 
     def __init__(
         self, binding: DerivativeBinding, symmetries: tuple[Symmetry, ...], run: RunArguments
     ) -> None:
-        """Prepare the generator Σ ω_i A_i of (q, p), with the rates ω_i of the run's parameters."""
+        """Compute the generator Σ ω_i A_i of (q, p), (2 n, 2 n), with the run's rates ω_i."""
         derivative_module, n = binding.own, binding.n
         self.n, self.dt, self._row_count = n, run.dt, binding.rows
         self.moves = bool(symmetries)
@@ -73,9 +73,10 @@ class FrameMotion:
                                 turning_frame="this co-moving frame")
 
     def in_space(self, k: int, z: Array, dz: Array, tangents: Array) -> tuple[Array, Array]:
-        """Return a state z of the frame after k steps, and directions there, in space.
+        """Return the state S z, (2 n,), and its directions S dz̃ + dS z, (2 n, k), in space.
 
-        ``dz`` has all rows of the directions.
+        z is the state in the frame after k steps, ``tangents`` are its directions dz̃, (2 n, k), and
+        ``dz``, (rows, k), those of the start, with the rates of the frame.
         """
         if not self.moves:
             return z, tangents
@@ -101,7 +102,10 @@ class FrameMotion:
         return derivatives
 
     def _exponential(self, X: Array) -> Array:
-        """Return e^X = (Σ_j (X/2^k)^j/j!)^(2^k) in any floating-point type, which SciPy has not."""
+        """Return e^X = (Σ_j (X/2^k)^j/j!)^(2^k), shape of X, in any floating-point type.
+
+        SciPy's has doubles alone.
+        """
         largest = max(float(np.abs(row).sum()) for row in X)
         # |X/2^k| ≤ ¼ in the maximum norm, where _TERMS terms reach the round-off of every type
         halvings = max(0, int(np.ceil(np.log2(largest))) + 2) if largest > 0 else 0

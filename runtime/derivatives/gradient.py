@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -32,11 +32,14 @@ from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_sta
 from .binding import KeptSteps
 from .frame import FrameMotion
 from .kept_steps import (
+    PIECE,
     multiplier_shape,
+    number_bytes,
     pieces,
     refuse_run,
     singular,
     split,
+    step_bytes,
     warn_of_growth,
     warn_of_jumps,
 )
@@ -111,7 +114,8 @@ class Gradient:
         numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
         if binding.clocked:
             numbers["t0"] = z_bar[n - 1 : n].tolist()[0]
-        q, p = (z_bar[k : k + binding.shown].copy() for k in (0, n))
+        # copies: views would keep the whole of z̄ alive
+        q, p = z_bar[: binding.shown].copy(), z_bar[n : n + binding.shown].copy()
         return cls(value, q, p, space.normals, inputs, wrt, numbers, switched_steps)
 
     def __repr__(self) -> str:
@@ -181,7 +185,12 @@ def as_bytes(memory: Any) -> int | None:
     if match is None or match[2].lower() not in _UNITS:
         raise InputError(f"memory = {shown(memory)} is none; give bytes, such as \"256 MB\", or "
                          "\"none\" to run backwards instead of keeping steps.")
+    # at most 2⁶²: an infinite number of bytes has no int
     return int(min(float(match[1]) * _UNITS[match[2].lower()], 2.0**62))
+
+
+#: A point, and the cotangents of its state, (2 n,), of its time, and of its multipliers or None.
+PointCotangents = tuple[Point, Array, Any, Array | None]
 
 
 @dataclass(frozen=True)
@@ -191,23 +200,24 @@ class Cotangents:
     Attributes
     ----------
     rows, times : array, shapes (rows, 2 n) and (rows,)
-        Of the states after whole steps that the run stores.
+        By the states after whole steps that the run stores, and by their times.
     multipliers : array, shape (rows, multipliers of a step)
-        By the multipliers of the steps that end at these states; empty if it has none of them.
-    points : list of (Point, array of shape (2 n,), number, array or None)
-        The same of states within steps.
+        By the multipliers of the steps that end at these states; empty for a function without
+        multipliers.
+    points : list of PointCotangents
+        By states within steps, their times and multipliers.
     """
 
     rows: Array
     times: Array
     multipliers: Array
-    points: list[tuple[Point, Array, Any, Array | None]]
-    #: Its derivatives by parameters at fixed states.
+    points: list[PointCotangents]
+    #: Derivatives of the function by parameters at fixed states.
     parameters: Mapping[str, Any]
 
     @property
     def size(self) -> float:
-        """Their norm."""
+        """Euclidean norm of the cotangents of states and multipliers."""
         parts = [self.rows.ravel(), self.multipliers.ravel(), *(w for _, w, *_ in self.points),
                  *(forces for *_, forces in self.points if forces is not None)]
         return float(np.linalg.norm(np.concatenate(parts).astype(float)))
@@ -216,58 +226,76 @@ class Cotangents:
 def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any]) -> Cotangents:
     """Return the checked cotangents of a trajectory, sorted by the kinds of its rows.
 
-    Those of ends of steps become ``rows``, those of states within steps and of events ``points``.
-    Raises InputError for other names and shapes, for what is not finite, for events without
-    derivatives.
+    ``cotangents`` are ∂L/∂x of a function L by x = "q", "p", "t", "multipliers", each with a row
+    for each row of the trajectory; and "events" and "parameters" by their names. Ends of steps have
+    ``rows`` of the result, states within steps and at events ``points``. Raises InputError for
+    other names and shapes, for numbers that are not finite, for events without derivatives.
     """
-    n, step_rows = stepper.binding.n, len(kinds.of_steps)
+    binding, step_rows = stepper.binding, len(kinds.of_steps)
     cotangents = as_mapping("cotangents", cotangents, "{'q': ...}")
-    events = cotangents.get("events", {})
-    parameters = as_mapping("cotangents of parameters", cotangents.get("parameters", {}),
-                            "{'m': 1.0}")
-    for name in parameters:
-        if name not in stepper.binding.parameter_names:
-            raise unknown("parameter", name, stepper.binding.parameter_names)
-    parameters = {name: as_real(f"The cotangent of {name}", slope, stepper.binding.number)
-                  for name, slope in parameters.items()}
+    parameters = _parameter_cotangents(stepper, cotangents.get("parameters", {}))
     arrays = {name: array for name, array in cotangents.items()
               if name not in ("events", "parameters")}
-    # rows of a trajectory are ends of steps first, then the points behind them
-    state_cotangents, time_cotangents = _arrays(stepper, step_rows + len(kinds.points), arrays, "")
-    forces = _of_multipliers(stepper, step_rows + len(kinds.points), arrays)
-    allocate, count = stepper.binding.new, kinds.run.rows + 1
-    rows, times = allocate(count, 2 * n), allocate(count)
-    rows[:step_rows], times[:step_rows] = state_cotangents[:step_rows], time_cotangents[:step_rows]
-    multipliers = allocate(count if len(forces) else 0, stepper.binding.multipliers)
-    multipliers[:step_rows] = forces[:step_rows]
-    points: list[tuple[Point, Array, Any, Array | None]] = list(zip(
-        kinds.points, state_cotangents[step_rows:], time_cotangents[step_rows:],
-        forces[step_rows:] if len(forces) else [None] * len(kinds.points), strict=True))
-    for name, event_cotangents in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
+    # rows of a trajectory are ends of steps first, then points within steps
+    row_count = step_rows + len(kinds.points)
+    of_states, of_times = _arrays(stepper, row_count, arrays, "")
+    of_multipliers = _of_multipliers(stepper, row_count, arrays)
+    # the C stores the start and ``run.rows`` states; those that the trajectory lacks keep zeros
+    stored_count = kinds.run.rows + 1
+    rows, times = binding.new(stored_count, 2 * binding.n), binding.new(stored_count)
+    rows[:step_rows], times[:step_rows] = of_states[:step_rows], of_times[:step_rows]
+    multipliers = binding.new(stored_count if len(of_multipliers) else 0, binding.multipliers)
+    multipliers[:step_rows] = of_multipliers[:step_rows]
+    point_multipliers: Iterable[Array | None] = (
+        of_multipliers[step_rows:] if len(of_multipliers) else [None] * len(kinds.points))
+    points: list[PointCotangents] = list(zip(
+        kinds.points, of_states[step_rows:], of_times[step_rows:], point_multipliers, strict=True))
+    points += _event_cotangents(stepper, kinds, cotangents.get("events", {}))
+    return Cotangents(rows, times, multipliers, points, parameters)
+
+
+def _parameter_cotangents(stepper: Stepper, cotangents: Any) -> dict[str, Any]:
+    """Return checked derivatives by parameters at fixed states, name → number of the stepper."""
+    binding = stepper.binding
+    parameters = as_mapping("cotangents of parameters", cotangents, "{'m': 1.0}")
+    for name in parameters:
+        if name not in binding.parameter_names:
+            raise unknown("parameter", name, binding.parameter_names)
+    return {name: as_real(f"The cotangent of {name}", derivative, binding.number)
+            for name, derivative in parameters.items()}
+
+
+def _event_cotangents(stepper: Stepper, kinds: RunRows, cotangents: Any) -> list[PointCotangents]:
+    """Return the points of events with their checked cotangents; events have no multipliers.
+
+    ``cotangents`` has a dict of "q", "p" and "t", a row for each crossing, by the event's name.
+    """
+    points: list[PointCotangents] = []
+    for name, event_cotangents in as_mapping("events", cotangents, "{'x': {'t': 1.0}}").items():
         event_names = [*kinds.events, *kinds.refused]
         if not event_names:
             raise InputError(f"There are cotangents of the event {name!r}, and this run has no "
                              "events; leave them out.")
         choose("event", name, event_names)
         crossings = kinds.event(name)
-        state_cotangents, time_cotangents = _arrays(stepper, len(crossings),
-                                                    event_cotangents, f" at the event {name}")
-        points += zip(crossings, state_cotangents, time_cotangents, [None] * len(crossings),
-                      strict=True)
-    return Cotangents(rows, times, multipliers, points, parameters)
+        of_states, of_times = _arrays(stepper, len(crossings), event_cotangents,
+                                      f" at the event {name}")
+        points += zip(crossings, of_states, of_times, [None] * len(crossings), strict=True)
+    return points
 
 
 def _of_multipliers(stepper: Stepper, rows: int, cotangents: Mapping[str, Any]) -> Array:
-    """Return the cotangents of multipliers, a row for each state; empty if there are none.
+    """Return the cotangents of multipliers, shape (rows, multipliers of a step).
 
-    The first state is the end of no step: its row is 0.
+    Without "multipliers" in ``cotangents`` there are no rows.
     """
     binding = stepper.binding
     if "multipliers" not in cotangents:
         return binding.new(0, binding.multipliers)
-    rows_of_w = binding.new(rows, *multiplier_shape(stepper))
-    _fill("multipliers", cotangents["multipliers"], rows_of_w[1:], "", "step that is stored")
-    return rows_of_w.reshape(rows, -1)
+    of_multipliers = binding.new(rows, *multiplier_shape(stepper))
+    # the first state is the end of no step: its row stays 0
+    _fill("multipliers", cotangents["multipliers"], of_multipliers[1:], "", "step that is stored")
+    return of_multipliers.reshape(rows, -1)
 
 
 def _arrays(
@@ -281,24 +309,26 @@ def _arrays(
     binding = stepper.binding
     n, shown = binding.n, binding.shown
     w, times = binding.new(rows, 2 * n), binding.new(rows)
+    # views of w: in scaled time its columns of t and of e = −H are no columns of q and p
+    targets = {"q": w[:, :shown], "p": w[:, n : n + shown], "t": times}
     for name, array in as_mapping("cotangents", cotangents, "{'q': ...}").items():
         if not where and name == "multipliers":
             continue
-        if name not in ("q", "p", "t"):
-            raise unknown("kind of cotangents", name, ["q", "p", "t", *(
-                () if where else ("multipliers", "events", "parameters"))])
-        target = {"q": w[:, :shown], "p": w[:, n : n + shown], "t": times}[name]
-        _fill(name, array, target, where, "state")
+        if name not in targets:
+            kinds_of_rows = () if where else ("multipliers", "events", "parameters")
+            raise unknown("kind of cotangents", name, [*targets, *kinds_of_rows])
+        _fill(name, array, targets[name], where, "state")
     if binding.clocked:
         w[:, n - 1], times = times, 0 * times
     return w, times
 
 
 def _fill(name: str, array: Any, target: Array, where: str, row: str) -> None:
-    """Put cotangents of rows, or of the last one alone, into ``target``, (rows, ...).
+    """Check cotangents and copy them into ``target``, shape (rows, ...).
 
-    ``name`` is "q", "p", "t" or "multipliers"; ``where`` and ``row`` are for the errors: at which
-    event, and what a row is of.
+    They have the shape of ``target``, or of its last row, and then the others are 0. ``name`` is
+    "q", "p", "t" or "multipliers"; for errors, ``where`` names the event, and ``row`` the kind of a
+    row: a state or a step.
     """
     numbers, row_shape = as_numbers(f"cotangents of {name}", array), target.shape[1:]
     if not np.isfinite(numbers.astype(float)).all():
@@ -307,18 +337,22 @@ def _fill(name: str, array: Any, target: Array, where: str, row: str) -> None:
     if numbers.shape not in (row_shape, target.shape) or (is_last_row and not len(target)):
         raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
                          f"give {target.shape}, a row for each {row}, or {row_shape} for the last.")
-    target[slice(-1, None) if is_last_row else slice(None)] = numbers
+    if is_last_row:
+        target[-1] = numbers
+    else:
+        target[:] = numbers
 
 
 def gradient_of(
     stepper: Stepper, run: RunArguments, cotangents: Cotangents, wrt: tuple[str, ...],
     memory: Any = DEFAULT_MEMORY, value: Any = None, end: tuple[Array, Array] | None = None,
 ) -> Gradient:
-    """Return the gradient of a function of a checked run by its cotangents.
+    """Return the gradient of a function of a checked run from its cotangents, by ``wrt``.
 
-    ``end``, if given, is the last state of the run, which the steps must lead to. Raises InputError
-    for memory that is too little, with how much is needed; for events without derivatives;
-    StepFailed as the run itself does: there is no partial gradient.
+    ``value`` is the function's value, for the result. ``end`` is the state (q, p) at the end of the
+    run, which the steps must lead to; None leaves the check out. Raises InputError for memory that
+    is too little, with how much is needed, and for events without derivatives; StepFailed as the
+    run itself does: there is no partial gradient.
     """
     adjoint = _AdjointRun(stepper, run, cotangents)
     w = adjoint.advance(as_bytes(memory), end)
@@ -329,9 +363,9 @@ def gradient_of(
                          stepper.constraint_names)
     warn_of_jumps(stepper, adjoint.switched)
     inputs_bar = adjoint.inputs_bar
-    return Gradient.of_cotangent(
-        space, adjoint.z_bar, wrt, value, inputs_bar if run.inputs is None else _summed_over_hold(
-            inputs_bar, run), adjoint.switched)
+    if run.inputs is not None:
+        inputs_bar = _summed_over_hold(inputs_bar, run.inputs.hold)
+    return Gradient.of_cotangent(space, adjoint.z_bar, wrt, value, inputs_bar, adjoint.switched)
 
 
 class _AdjointRun:
@@ -339,10 +373,10 @@ class _AdjointRun:
 
     Attributes
     ----------
-    z_bar : array
+    z_bar : array, shape (rows,)
         The cotangent of the start, parameters, Δt and t0 so far.
     inputs_bar : array, shape (steps, inputs)
-        Those of the inputs of each step; none if the run has no inputs.
+        The cotangents of the inputs of each step; no rows if the run has no inputs.
     switched : int
         Steps so far across a switch of H or the forces.
     """
@@ -362,63 +396,71 @@ class _AdjointRun:
         if len(cotangents.multipliers) or any(forces is not None for *_, forces in points):
             self.frame.refuse_rotating_multipliers(run)
         self.z_bar = self.own.new(self.binding.rows)
-        for name, slope in cotangents.parameters.items():
-            self.z_bar[2 * n + names.index(name)] = slope
+        for name, derivative in cotangents.parameters.items():
+            self.z_bar[2 * n + names.index(name)] = derivative
         # t_k = t0 + k Δt: the cotangents of times are those of t0, and k times those of Δt
         self.z_bar[-1] = cotangents.times.sum()
         self.z_bar[-2] = (cotangents.times * run.steps_of_rows(run.steps)).sum()
-        # a state behind the last whole step has inputs of its own
-        beyond = bool(len(points)) and int(self.steps_of_points.max()) == run.steps
+        # a point after the last whole step lies in one more step, which has inputs of its own
+        ends_within_step = bool(len(points)) and int(self.steps_of_points.max()) == run.steps
         self.inputs_bar: Array = self.own.new(
-            (run.steps + beyond) if input_names else 0, len(input_names))
+            (run.steps + ends_within_step) if input_names else 0, len(input_names))
         self.parameters = self.own.parameters(run.parameters, run.t0)
         self.switched = 0
 
     def advance(self, memory: int | None, end: tuple[Array, Array] | None) -> Array:
         """Take all steps backwards; return the cotangent of the start, which ``z_bar`` has too.
 
-        At each state the cotangents of its row and of the points in the step behind it are added.
+        At each state the cotangents of its row and of the points in the step after it are added.
+        ``memory`` is the bound of memory in bytes, or None to keep nothing; ``end`` is the state
+        that the run ends in, or None.
         """
         w: Array | None = None
         for kept_piece in backwards(self.stepper, self.run, memory, end):
             self.switched += self.binding.count_switches(self.run, self.parameters, kept_piece)
+            # the C takes many steps at once: a piece is cut where cotangents of points are added
             for steps in reversed(split(kept_piece, np.unique(self.steps_of_points))):
                 if w is None:
                     last_step = steps.first + steps.count
-                    w = _of_frame(self.frame, steps, last_step, self.cotangents.rows[-1]
-                                  + self._of_points(last_step, steps.q[-1], steps.p[-1]),
-                                  self.z_bar)
+                    w_in_space = self.cotangents.rows[-1] + self._cotangent_of_points(
+                        last_step, steps.q[-1], steps.p[-1])
+                    w = _cotangent_in_frame(self.frame, steps, last_step, w_in_space, self.z_bar)
                 w = self._take(steps, w)
         if w is None:  # a run of no steps
-            w = self.cotangents.rows[0] + self._of_points(0, self.run.q, self.run.p)
+            w = self.cotangents.rows[0] + self._cotangent_of_points(0, self.run.q, self.run.p)
         self.z_bar[: len(w)] = w
         return w
 
     def _take(self, steps: KeptSteps, w: Array) -> Array:
         """Return the cotangent of the state before some steps, from w of the state after them.
 
-        ``w`` is overwritten; ``z_bar`` and ``inputs_bar`` gain what the steps add.
+        Both are of states in the frame, shape (2 n,); ``w`` is overwritten. The cotangents of
+        parameters, times and inputs are added to ``z_bar`` and ``inputs_bar``.
         """
         run = self.run
-        row_cotangents = _of_stored(self.frame, run, steps, self.cotangents.rows, self.z_bar)
-        forces = _of_steps(self.stepper, run, steps, self.cotangents.multipliers)
+        row_cotangents = _cotangents_of_rows(self.frame, run, steps, self.cotangents.rows,
+                                             self.z_bar)
+        multipliers = _cotangents_of_multipliers(self.stepper, run, steps,
+                                                 self.cotangents.multipliers)
         has_inputs = len(self.inputs_bar) > 0
-        own_bar = self.own.new(steps.count if has_inputs else 0, len(self.input_columns))
-        status = self.binding.integrate_adjoint(run, self.parameters, steps, row_cotangents,
-                                                run.every, forces, w, self.z_bar, own_bar)
+        step_inputs_bar = self.own.new(steps.count if has_inputs else 0, len(self.input_columns))
+        status = self.binding.integrate_adjoint(
+            run, self.parameters, steps, row_cotangents, run.every, multipliers, w, self.z_bar,
+            step_inputs_bar)
         if status:
             raise singular(steps.first, status)
         if has_inputs:
-            self.inputs_bar[steps.first : steps.first + steps.count] += own_bar
+            self.inputs_bar[steps.first : steps.first + steps.count] += step_inputs_bar
         if (self.steps_of_points == steps.first).any():
-            w += _of_frame(self.frame, steps, steps.first, self._of_points(
-                steps.first, steps.q[0], steps.p[0]), self.z_bar)
+            of_points = self._cotangent_of_points(steps.first, steps.q[0], steps.p[0])
+            w += _cotangent_in_frame(self.frame, steps, steps.first, of_points, self.z_bar)
         return w
 
-    def _of_points(self, step: int, q: Array, p: Array) -> Array:
-        """Return the cotangent, in space, of a state of the frame by the points in the next step.
+    def _cotangent_of_points(self, step: int, q: Array, p: Array) -> Array:
+        """Return the cotangent of the state before a step by the points in this step, (2 n,).
 
-        What the points add to parameters and times goes to ``z_bar``, to inputs to ``inputs_bar``.
+        (q, p) is the state in the frame, the cotangent is of the state in space. Cotangents of
+        parameters and times are added to ``z_bar``, those of inputs to ``inputs_bar``.
         """
         cotangent: Array = self.own.new(self.binding.rows)
         z = np.concatenate([q, p])
@@ -435,13 +477,13 @@ class _AdjointRun:
         return cotangent[: len(z)]
 
 
-def _of_frame(
+def _cotangent_in_frame(
     frame: FrameMotion, steps: KeptSteps, k: int, cotangent: Array, z_bar: Array
 ) -> Array:
-    """Return the cotangent Sᵀ w of the state z̃ in the frame after k steps.
+    """Return the cotangent Sᵀ w, (2 n,), of the state z̃ in the frame after k steps.
 
-    ``cotangent`` is w, the cotangent of the state S z̃ in space. The part of S's own rates and of
-    Δt, (dS z̃)ᵀ w, is added to ``z_bar``.
+    ``cotangent`` is w, the cotangent of the state S z̃ in space; step k begins or ends one of
+    ``steps``. The cotangents of the frame's rates and of Δt, (dS z̃)ᵀ w, are added to ``z_bar``.
     """
     if not frame.moves:
         return cotangent
@@ -451,47 +493,54 @@ def _of_frame(
     return rotated
 
 
-def _of_stored(
+def _cotangents_of_rows(
     frame: FrameMotion, run: RunArguments, steps: KeptSteps, rows: Array, z_bar: Array
 ) -> Array:
-    """Return the cotangents of the stored states before these steps, in the frame.
+    """Return the cotangents of the stored states before these steps, in the frame, (·, 2 n).
 
-    ``rows`` has those of all stored states in space. ``z_bar`` gains the part of the frame's rates.
+    ``rows`` has the cotangents of all stored states in space. Those of the frame's rates are added
+    to ``z_bar``.
     """
     first_row = steps.first // run.every
-    of_piece = rows[first_row : (steps.first + steps.count - 1) // run.every + 1].copy()
+    # a copy, for it is changed below
+    cotangents = rows[first_row : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
-        of_piece[0] = 0  # the state is not stored: its row belongs to an earlier one
-    for i in range(len(of_piece) if frame.moves else 0):
+        cotangents[0] = 0  # the state is not stored: its row belongs to an earlier one
+    for i in range(len(cotangents) if frame.moves else 0):
         k = (first_row + i) * run.every
         if k >= steps.first:
-            of_piece[i] = _of_frame(frame, steps, k, of_piece[i], z_bar)
-    return of_piece
+            cotangents[i] = _cotangent_in_frame(frame, steps, k, cotangents[i], z_bar)
+    return cotangents
 
 
-def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers: Array) -> Array:
-    """Return the cotangents of the multipliers of each of these steps; empty if there are none.
+def _cotangents_of_multipliers(
+    stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers: Array
+) -> Array:
+    """Return the cotangents of the multipliers of each of these steps, (steps, multipliers).
 
-    ``multipliers`` has a row for each stored state, which has those of the step that ends there.
+    ``multipliers`` has a row for each stored state, with the cotangents of the multipliers of the
+    step that ends there, or no rows; then the result has none.
     """
-    step_multipliers: Array = stepper.binding.new(
+    cotangents: Array = stepper.binding.new(
         steps.count if len(multipliers) else 0, stepper.binding.multipliers)
     if len(multipliers):
+        # the start of these steps is the end of an earlier one
         ends = run.steps_of_rows(run.steps) - steps.first
-        is_stored = (ends > 0) & (ends <= steps.count)
-        step_multipliers[ends[is_stored] - 1] = multipliers[is_stored]
-    return step_multipliers
+        is_end = (ends > 0) & (ends <= steps.count)
+        cotangents[ends[is_end] - 1] = multipliers[is_end]
+    return cotangents
 
 
-def _summed_over_hold(inputs_bar: Array, run: RunArguments) -> Array:
+def _summed_over_hold(inputs_bar: Array, hold: int) -> Array:
     """Return the cotangent of each row of inputs: the sum over the steps that the row is held for.
 
-    ``inputs_bar`` has a row for each step.
+    ``inputs_bar`` has the shape (steps, inputs). Each row is held for ``hold`` steps; 0 stands for
+    all of them.
     """
-    hold = run.inputs.hold if run.inputs is not None else 1
-    if hold == 0:  # one row of inputs serves all steps
+    if hold == 0:
         sum_of_all: Array = inputs_bar.sum(axis=0, keepdims=True)
         return sum_of_all
+    # the last row may be held for fewer steps, which a reshape would not allow
     starts = np.arange(0, len(inputs_bar), hold)
     sums: Array = np.add.reduceat(inputs_bar, starts, axis=0) if len(starts) else inputs_bar
     return sums
@@ -505,9 +554,10 @@ def backwards(
 ) -> Iterator[KeptSteps]:
     """Yield the steps of a run in pieces, the last piece first.
 
-    Three ways: all steps are kept; checkpoints are, from which pieces run again; or, without
-    ``memory``, states come of steps of −Δt. ``end``, if given, is the state that the run ended in,
-    which it must lead to again.
+    All steps are kept where they fit into ``memory`` bytes; else checkpoints are, from which pieces
+    run again; without ``memory``, None, states come of steps of −Δt. ``end`` is the state (q, p)
+    that the run ended in and must lead to again, or None. Raises InputError for memory that is too
+    little or another end.
     """
     if run.steps == 0:
         return
@@ -515,31 +565,37 @@ def backwards(
                     and "a run with impacts")
     if memory is None:
         yield from _reversed(stepper, run, end)
-        return
-    if run.impact_steps:
+    elif run.impact_steps:
         yield from _back_through_impacts(stepper, run, memory, end)
-        return
-    binding = stepper.binding
-    width = 16 if binding.c_type not in ("float", "double") else np.dtype(binding.dtype).itemsize
-    step_bytes = (2 * binding.n + stepper.unknowns) * width
-    kept_run = stepper._derivative_binding().begin(run)
-    if run.steps * step_bytes <= memory:
+    elif run.steps * step_bytes(stepper) <= memory:
+        kept_run = stepper._derivative_binding().begin(run)
         steps, status = kept_run.keep(run.steps)
         _check(stepper, run, kept_run, status, end)
         yield steps
-        return
-    # two levels: checkpoints every s = ``piece_steps`` steps, and the steps of one piece. n/s
-    # checkpoints of c bytes and s steps of b bytes need the least memory with s = √(n c/b)
+    else:
+        yield from _back_from_checkpoints(stepper, run, memory, end)
+
+
+def _back_from_checkpoints(
+    stepper: Stepper, run: RunArguments, memory: int, end: tuple[Array, Array] | None
+) -> Iterator[KeptSteps]:
+    """Yield the steps of a run in pieces, the last first, each run again from its checkpoint.
+
+    Two levels: n steps of b bytes with a checkpoint of c bytes at each s-th step keep n/s
+    checkpoints and the s steps of one piece, least for s = √(n c/b).
+    """
+    kept_run = stepper._derivative_binding().begin(run)
     checkpoint_bytes = kept_run.state.nbytes(kept_run.binding.own)
-    piece_steps = max(1, math.isqrt(run.steps * checkpoint_bytes // step_bytes))
-    piece_count = -(-run.steps // piece_steps)
-    needed_bytes = piece_count * checkpoint_bytes + piece_steps * step_bytes
+    piece_steps = max(1, math.isqrt(run.steps * checkpoint_bytes // step_bytes(stepper)))
+    piece_count = -(-run.steps // piece_steps)  # rounded up
+    needed_bytes = piece_count * checkpoint_bytes + piece_steps * step_bytes(stepper)
     if needed_bytes > memory:
         raise InputError(f"memory = {memory:,} bytes are too few for {run.steps:,} steps; "
                          f"checkpoints need {needed_bytes:,}. Give these, or memory=\"none\".")
     checkpoints = list[RunState]()
     while kept_run.steps_done < run.steps:
         checkpoints.append(kept_run.state.copy(kept_run.binding.own))
+        # forwards the steps themselves are dropped: only the state after them is needed
         _, status = kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))
         if status:
             _check(stepper, run, kept_run, status, None)
@@ -557,10 +613,8 @@ def _back_through_impacts(
     A step keeps q, p and its unknowns; one with impacts also its matrix, (2 n, rows).
     """
     binding = stepper._derivative_binding()
-    number_bytes = np.dtype(stepper.binding.dtype).itemsize
-    step_bytes = (2 * binding.n + stepper.unknowns) * number_bytes
-    matrix_bytes = 2 * binding.n * binding.rows * number_bytes
-    needed_bytes = run.steps * step_bytes + len(run.impact_steps) * matrix_bytes
+    matrix_bytes = 2 * binding.n * binding.rows * number_bytes(stepper)
+    needed_bytes = run.steps * step_bytes(stepper) + len(run.impact_steps) * matrix_bytes
     if needed_bytes > memory:
         raise InputError(f"memory = {memory:,} bytes are too few: a run with impacts keeps all its "
                          f"steps, {needed_bytes:,} bytes; give these.")
@@ -574,21 +628,29 @@ def _back_through_impacts(
 def _check(
     stepper: Stepper, run: RunArguments, kept_run: Any, status: int, end: tuple[Array, Array] | None
 ) -> None:
-    """Raise where the run fails (``status``), or leads elsewhere than to ``end``, where it did."""
+    """Raise the error of a kept run that failed, or that does not end at ``end`` as it did before.
+
+    ``status`` is the C's, 0 for success; ``end`` is None where the end is not compared.
+    """
     if status:
         stepper._run(run)  # raises the error that says why, with the states before it
         raise singular(kept_run.steps_done, status)
+    # in a co-moving frame the kept state is in the frame, and ``end`` in space
     if end is not None and not stepper.symmetries:
         _refuse_mismatch((kept_run.state.q, kept_run.state.p), end, _OTHER_END)
 
 
 def _refuse_mismatch(end: tuple[Array, Array], stored_end: tuple[Array, Array], why: str) -> None:
-    """Refuse a gradient if the run, done again, does not end at ``stored_end``; ``why`` says it."""
-    for x, y in zip(end, stored_end, strict=True):
-        size = float(np.abs(y).max(initial=0)) or 1.0
-        off = float(np.abs(x - y).max(initial=0)) / size
-        if not off <= _MISMATCH:
-            raise InputError(f"There is no gradient: {why} (mismatch {off:.1e}).")
+    """Refuse a gradient if the run, done again, does not end at ``stored_end``, (q, p) both.
+
+    q and p are compared relative to their largest entry; ``why`` is for the error.
+    """
+    for x, stored_x in zip(end, stored_end, strict=True):
+        size = float(np.abs(stored_x).max(initial=0)) or 1.0
+        mismatch = float(np.abs(x - stored_x).max(initial=0)) / size
+        # "not <=" refuses NaN too
+        if not mismatch <= _MISMATCH:
+            raise InputError(f"There is no gradient: {why} (mismatch {mismatch:.1e}).")
 
 
 def _reversed(
@@ -608,7 +670,7 @@ def _reversed(
     while remaining:
         # a step of −Δt is the inverse of one of Δt to round-off for the symmetric schemes: states
         # run back, and each piece forward again for its unknowns
-        count = min(512, remaining)
+        count = min(PIECE, remaining)
         reverse_run = stepper._run(replace(
             run, q=state[0].copy(), p=state[1].copy(), dt=-run.dt, steps=count, every=count,
             t0=run.t0 + remaining * run.dt))
@@ -625,23 +687,29 @@ def _reversed(
 
 
 def value_of(loss: Callable[..., Any], run: Trajectory) -> tuple[Any, Mapping[str, Any]]:
-    """Return the value of a loss and its cotangents.
+    """Return the value of a loss at a run, and its cotangents, {"q": array, ...}.
 
-    Raises InputError where it returns anything but a number and cotangents.
+    Raises InputError where the loss returns anything but a number and a dict.
     """
     outcome = loss(run)
     if not isinstance(outcome, tuple) or len(outcome) != 2:
         raise InputError(f"The loss returned {shown(outcome)}; return its value and a dict of "
                          "cotangents, {'q': ..., 'p': ...}.")
     value, cotangents = outcome
-    if np.ndim(value) or exact(getattr(value, "item", lambda: value)()) is None:
+    # ``item`` turns numbers of NumPy, PyTorch and JAX into Python's; arrays have none to turn
+    is_number = np.ndim(value) == 0 and exact(
+        value.item() if hasattr(value, "item") else value) is not None
+    if not is_number:
         raise InputError(f"The loss returned the value {shown(value)}; return a number and a dict "
                          "of cotangents.")
     return value, as_mapping("the cotangents of the loss", cotangents, "{'q': ...}")
 
 
 def loss_of(loss: Any) -> Callable[..., Any]:
-    """Return a function of a run that gives its value and cotangents."""
+    """Return a loss as a function of a trajectory that returns its value and a dict of cotangents.
+
+    ``loss`` is such a function, or an expression of SymPy, which is summed over the states.
+    """
     if hasattr(loss, "free_symbols"):  # an expression of SymPy
         return partial(function_of("generator.systems.run_functions", "sum_over_states"), loss,
                        multipliers_at_states, cotangents_of_multipliers)

@@ -41,10 +41,22 @@ __all__ = ["hits_of", "impact_step"]
 
 @dataclass(frozen=True)
 class Hit:
-    """An impact ``since`` after the start of its step.
+    """An impact in a step.
 
-    ``before`` and ``after`` are p⁻ and p⁺, ``impulse`` is μ. ``gap`` is the index of the gap among
-    the quantities; ``parameter`` the row of a direction by which e changes, if e is a parameter.
+    Attributes
+    ----------
+    since : number
+        Time from the start of the step to the impact.
+    gap : int
+        Index of the gap φ among the quantities of the system.
+    impact : Impact
+        The user's impact, with its restitution e as a number.
+    parameter : int or None
+        Row of a direction that has de, where e is a parameter.
+    q, before, after : array, shape (n,)
+        q, p⁻ and p⁺ at the impact.
+    impulse : number
+        μ, the impulse of the gap.
     """
 
     since: Any
@@ -60,10 +72,10 @@ class Hit:
 def hits_of(
     stepper: Stepper, run: RunArguments, trajectory: Trajectory, impacts: Sequence[Impact]
 ) -> dict[int, list[Hit]]:
-    """Return the impacts of a trajectory, step → its impacts in the order of the run.
+    """Return the impacts of a trajectory, index of a step → its impacts in the order of the run.
 
-    Raises InputError for impacts at the start, at the end of a step, in the last part of one, and
-    several at once, which have no derivatives.
+    Raises InputError for impacts that have no derivatives: at the start of the run, at the end of
+    a step, in a last step shorter than Δt, and several at one time.
     """
     names, times = list(stepper.manifest.system.quantities), stepper.binding.times
     hits: dict[int, list[Hit]] = {}
@@ -75,8 +87,8 @@ def hits_of(
         crossings = trajectory.impacts[impact.name]
         times_in_step = crossings.elapsed - times(0 * run.t0, run.dt, crossings.steps)
         for i, step in enumerate(crossings.steps.tolist()):
-            # at the ends of a step its part before or behind the impact has length 0, and which
-            # step it belongs to changes with the start
+            # at the ends of a step the part before or after the impact has the length 0, and
+            # the step that the impact belongs to changes with the start of the run
             if not times_in_step[i] or step >= run.steps:
                 raise InputError(
                     f"The impact of {impact.name!r} at t = {float(crossings.t[i]):.9g} s is at the "
@@ -85,9 +97,10 @@ def hits_of(
             hits.setdefault(step, []).append(Hit(
                 times_in_step[i], names.index(impact.quantity), impact, parameter, crossings.q[i],
                 crossings.p_before[i], crossings.p[i], crossings.impulse[i]))
-    for step, of_step in hits.items():
-        of_step.sort(key=lambda hit: abs(hit.since))
-        for earlier, later in pairwise(of_step):
+    for step, hits_of_step in hits.items():
+        # |since|: Δt < 0 in a run backwards in time
+        hits_of_step.sort(key=lambda hit: abs(hit.since))
+        for earlier, later in pairwise(hits_of_step):
             if earlier.since == later.since:
                 raise InputError(
                     f"Impacts of {earlier.impact.name!r} and {later.impact.name!r} are at once in "
@@ -99,10 +112,10 @@ def hits_of(
 def impact_step(
     stepper: Stepper, run: RunArguments, step: int, q: Array, p: Array
 ) -> ImpactStep:
-    """Return a step with impacts from a state, with its derivatives.
+    """Return step number ``step`` of a run, which has impacts, from the state (q, p) before it.
 
-    Its parts are linearised in turn. ``directions`` has the derivatives of the present state, the
-    parameters, the length 0 and the present time, by all rows of a direction at the start.
+    Its ``matrix``, M = ∂(q₁, p₁)/∂(q, p, parameters, Δt, t₀), shape (2 n, rows), is the product of
+    the derivatives of the partial steps from impact to impact and of the jumps between them.
     """
     binding, n = stepper._derivative_binding(), stepper.binding.n
     start = run.t0 + step * run.dt
@@ -113,48 +126,145 @@ def impact_step(
     d_step, d_part_start = directions[-2].copy(), 0 * directions[-1]
     directions[-2], directions[-1] = 0, directions[-1] + step * d_step
     part_start, state = 0 * run.dt, (q, p)
-    hits: list[Hit | None] = [*(run.hits or {})[step], None]
-    for hit in hits:
-        length = (run.dt if hit is None else hit.since) - part_start
-        partial_step = SingleStep(stepper, replace(arguments, q=state[0], p=state[1], dt=length,
-                                                   t0=start + part_start))
-        # one more direction, the length h alone, gives v = ∂Φ_h/∂h
-        along_length = np.eye(binding.rows, dtype=q.dtype)[:, -2:-1]
-        ends = partial_step.tangent(np.concatenate([directions, along_length], axis=1))
-        end_directions, v = ends[:, :-1], ends[:, -1]
-        if hit is None:  # the last part ends with the step, whatever moves the impacts
-            d_length = d_step - d_part_start
-        else:
-            parameters = binding.own.parameters(arguments.parameters, start + hit.since)
-            quantity_rows = binding.quantity_derivatives(parameters, start + hit.since, hit.q,
-                                                         hit.before)
-            if quantity_rows is None:
-                raise _too_long(stepper)
-            # φ stays 0 at the end of this part: dh = −(φ_q dZ + φ_θ dθ + φ_t dt)/(φ_q v + φ_t)
-            normal = quantity_rows[hit.gap]
-            rate = rate_of(Point(step, hit.since, normal, hit.impact.name), v)
-            d_length = -(normal @ np.concatenate([end_directions, directions[2 * n :]])) / rate
-        directions[: 2 * n] = end_directions + np.outer(v, d_length)
+    for hit in (run.hits or {})[step]:
+        t = start + hit.since
+        part = replace(arguments, q=state[0], p=state[1], dt=hit.since - part_start,
+                       t0=start + part_start)
+        _, dZ, v = _linearised_part(stepper, part, directions)
+        # φ stays 0 at the end of this part: dh = −(φ_q dZ + φ_θ dθ + φ_t dt)/(φ_q v + φ_t)
+        normal = _gap_derivatives(stepper, arguments, t, hit)[hit.gap]
+        rate = rate_of(Point(step, hit.since, normal, hit.impact.name), v)
+        d_length = -(normal @ np.concatenate([dZ, directions[2 * n :]])) / rate
+        directions[: 2 * n] = dZ + np.outer(v, d_length)
         directions[-1], d_part_start = directions[-1] + d_length, d_part_start + d_length
-        state = partial_step.end[:n], partial_step.end[n:]
-        if hit is not None:
-            directions[: 2 * n] = _jump(stepper, arguments, start + hit.since, hit) @ directions
-            part_start, state = hit.since, (hit.q, hit.after)
-    return ImpactStep(step, np.array([q, state[0]]), np.array([p, state[1]]),
-                      binding.own.new(1, stepper.unknowns), directions[: 2 * n].copy())
+        directions[: 2 * n] = _jump(stepper, arguments, t, hit) @ directions
+        part_start, state = hit.since, (hit.q, hit.after)
+    # the last part ends with the step, however the impacts move: its length changes by the rest
+    part = replace(arguments, q=state[0], p=state[1], dt=run.dt - part_start, t0=start + part_start)
+    end, dZ, v = _linearised_part(stepper, part, directions)
+    return ImpactStep(step, np.array([q, end[:n]]), np.array([p, end[n:]]),
+                      binding.own.new(1, stepper.unknowns),
+                      dZ + np.outer(v, d_step - d_part_start))
+
+
+def _linearised_part(
+    stepper: Stepper, part: RunArguments, directions: Array
+) -> tuple[Array, Array, Array]:
+    """Return the end z = Φ_h of a partial step, dZ at fixed length h, and v = ∂Φ_h/∂h.
+
+    Their shapes are (2 n,), (2 n, k) and (2 n,). ``part`` is a run of this one step; ``directions``
+    has the directions at its start in k columns, (rows, k), whose row of the length is 0.
+    """
+    partial_step = SingleStep(stepper, part)
+    # one more direction, the length h alone, gives v
+    along_length = np.eye(len(directions), dtype=directions.dtype)[:, -2:-1]
+    ends = partial_step.tangent(np.concatenate([directions, along_length], axis=1))
+    return partial_step.end, ends[:, :-1], ends[:, -1]
+
+
+def _gap_derivatives(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
+    """Return the derivatives of all quantities, gaps among them, just before an impact at t.
+
+    Their shape is (quantities, rows). Raises InputError where the module was compiled without them.
+    """
+    binding = stepper._derivative_binding()
+    derivatives = binding.quantity_derivatives(binding.own.parameters(run.parameters, t), t, hit.q,
+                                               hit.before)
+    if derivatives is None:
+        raise _too_long(stepper)
+    return derivatives
 
 
 def _too_long(stepper: Stepper) -> InputError:
+    """Return the error of gaps whose derivatives were not compiled."""
     return InputError(f"The gaps of {stepper.name} are too many or too long for derivatives; use "
                       "differences of runs.")
+
+
+class _JumpEquations:
+    """Functions of a jump at q, from p⁻ to p⁺, and their derivatives.
+
+    A derivative has a column for each entry of (q, p⁻, parameters, Δt, t); the column of Δt is 0,
+    for a jump has no length. Without constraints, m = 0, f, y and λ are empty arrays.
+    """
+
+    def __init__(self, stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> None:
+        """Evaluate φ_q, G, f_p and W = f_p Gᵀ at (q, p⁻, t)."""
+        self._stepper, self._t, self._hit = stepper, t, hit
+        self._binding, n = stepper._derivative_binding(), stepper.binding.n
+        self.n, self._allocate, self._rows = n, self._binding.own.new, self._binding.rows
+        self._parameters = self._binding.own.parameters(run.parameters, t)
+        quantities = _gap_derivatives(stepper, run, t, hit)
+        self.phi_q, self._quantity_count = quantities[hit.gap, :n], len(quantities)
+        g, self.f_before = self._binding.constraint_derivatives(self._parameters, hit.q, hit.before)
+        self.G, self.f_p = g[:, :n], self.f_before[:, n : 2 * n]
+        self.W = self.f_p @ self.G.T
+        #: dq and dp⁻ are rows of the unit matrix.
+        unit = np.eye(2 * n, self._rows, dtype=self.phi_q.dtype)
+        self.dq, self.dp_before = unit[:n], unit[n:]
+
+    def constraint_impulses(self, run: RunArguments) -> tuple[Array, Array]:
+        """Return y of f(q, p⁻ − Gᵀ y) = 0 and λ of Gᵀ λ = p⁺ − p⁻ − φ_qᵀ μ, shape (m,) each."""
+        hit, primal = self._hit, self._stepper.binding
+        f = primal.defects(primal.parameters(run.parameters, self._t), hit.q[None],
+                           hit.before[None])[1][0]
+        # f is affine in p with the derivative W by −y; λ by the normal equations of Gᵀ
+        y = solved(self.W, f[: len(self.W)])
+        impulse = hit.after - hit.before - self.phi_q * hit.impulse
+        return y, solved(self.G @ self.G.T, self.G @ impulse)
+
+    def f_derivatives(self, p: Array) -> Array:
+        """Return the derivatives of f at (q, p), shape (m, rows)."""
+        return self._binding.constraint_derivatives(self._parameters, self._hit.q, p)[1]
+
+    def impulse_derivatives(self, p: Array, mu: Any, lam: Array) -> Array:
+        """Return the derivatives of φ_qᵀ μ + Gᵀ λ at fixed μ and λ, shape (n, rows)."""
+        return self._module_derivatives(p, mu, lam)[0]
+
+    def rate_derivatives(self, p: Array) -> Array:
+        """Return the derivatives of the rate r(q, p) of the gap, shape (1, rows)."""
+        return self._module_derivatives(p, 0, self._allocate(len(self.G)))[1]
+
+    def along(self, derivatives: Array, dp: Array) -> Array:
+        """Return f_q dq + f_p dp + f_θ dθ of a function f, where p is no p⁻ and moves by ``dp``.
+
+        ``derivatives`` are f_q, f_p and f_θ in columns; ``dp`` has the shape (n, rows).
+        """
+        at_fixed_p = derivatives.copy()
+        at_fixed_p[:, self.n : 2 * self.n] = 0
+        total: Array = at_fixed_p + derivatives[:, self.n : 2 * self.n] @ dp
+        return total
+
+    def _module_derivatives(self, p: Array, mu: Any, lam: Array) -> tuple[Array, Array]:
+        """Call the C: return ``impulse_derivatives`` and ``rate_derivatives``."""
+        n, gap = self.n, self._hit.gap
+        impulses = self._allocate(self._quantity_count)
+        impulses[gap] = mu
+        # columns of the C are q, p, parameters and t; impulses along φ_qᵀ and Gᵀ do not depend on p
+        forces = self._allocate(n, self._rows - n - 1)
+        rates = self._allocate(self._quantity_count, self._rows - 1)
+        self._stepper._jump_binding()(self._parameters, self._t, self._hit.q, p, impulses, lam,
+                                      forces, rates)
+        return self._padded(forces, n), self._padded(rates[gap : gap + 1], 2 * n)
+
+    def _padded(self, derivatives: Array, state_columns: int) -> Array:
+        """Return derivatives of the C with columns of 0 for those that it leaves out.
+
+        The first ``state_columns`` are by q (n), or by q and p (2 n); those of parameters and the
+        time follow.
+        """
+        complete: Array = self._allocate(len(derivatives), self._rows)
+        complete[:, :state_columns] = derivatives[:, :state_columns]
+        complete[:, 2 * self.n : -2] = derivatives[:, state_columns:-1]
+        complete[:, -1] = derivatives[:, -1]
+        return complete
 
 
 def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     """Return the derivatives of (q, p⁺) by q, p⁻, parameters, step and time, shape (2 n, rows).
 
-    The time step does not enter: its column is 0. With the gap φ and its rate r, the impulses μ of
-    the gap and λ of the constraints, the restitution e, and y of f(q, p⁻ − Gᵀ y) = 0, the
-    equations of the module, differentiated, are
+    With the gap φ and its rate r, the impulses μ of the gap and λ of the constraints, the
+    restitution e, and y of f(q, p⁻ − Gᵀ y) = 0, the equations of a jump, differentiated, are
 
         dp⁺ = dp⁻ + d(φ_qᵀ) μ + d(Gᵀ) λ + R (dμ, dλ),                      R = [φ_qᵀ Gᵀ]
         dr(q, p⁺ − Gᵀ y) + e dr(q, p⁻ − Gᵀ y) + r(q, p⁻ − Gᵀ y) de = 0
@@ -163,77 +273,28 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
 
     The two in the middle have residuals at dμ = dλ = 0, and (dμ, dλ) = −([r_p; f_p] R)⁻¹ residual.
     """
-    binding, n, m = stepper._derivative_binding(), stepper.binding.n, stepper.m
-    allocate, rows = binding.own.new, binding.rows
+    jump = _JumpEquations(stepper, run, t, hit)
+    n, G_T, along = jump.n, jump.G.T, jump.along
     e = as_real("restitution", hit.impact.restitution, stepper.binding.number)
-    parameters = binding.own.parameters(run.parameters, t)
-    quantity_rows = binding.quantity_derivatives(parameters, t, hit.q, hit.before)
-    assert quantity_rows is not None
-    phi_q, weights = quantity_rows[hit.gap, :n], allocate(len(quantity_rows))
-    # columns are q, p⁻, parameters, step and time; C leaves out the step, and p⁻ of forces too
-    columns_without_p = rows - n - 1
-
-    def all_columns(derivatives: Array, states: int) -> Array:
-        """Return derivatives with columns of 0 for those that C leaves out.
-
-        ``states`` is how many columns of (q, p⁻) there are: n without p⁻, else 2 n.
-        """
-        complete = allocate(len(derivatives), rows)
-        complete[:, :states] = derivatives[:, :states]
-        complete[:, 2 * n : -2], complete[:, -1] = derivatives[:, states:-1], derivatives[:, -1]
-        return complete
-
-    def gap_derivatives(p: Array, impulse: Any, forces: Array) -> tuple[Array, Array]:
-        """Return the derivatives of φ_qᵀ μ + Gᵀ λ at fixed μ and λ, and of the gap's rate r."""
-        weights[hit.gap] = impulse
-        of_forces, of_rates = allocate(n, columns_without_p), allocate(len(quantity_rows), rows - 1)
-        stepper._jump_binding()(parameters, t, hit.q, p, weights, forces, of_forces, of_rates)
-        return all_columns(of_forces, n), all_columns(of_rates[hit.gap : hit.gap + 1], 2 * n)
-
-    # y and λ, from p⁻ and p⁺; dq and dp⁻ are rows of the unit matrix
-    unit, no_force = np.eye(2 * n, rows, dtype=phi_q.dtype), allocate(m)
-    dp_before = unit[n:]
-    if m:
-        g_rows, f_before = binding.constraint_derivatives(parameters, hit.q, hit.before)
-        G, f_p = g_rows[:, :n], f_before[:, n : 2 * n]
-        W = f_p @ G.T
-        f = stepper.binding.defects(stepper.binding.parameters(run.parameters, t), hit.q[None],
-                                    hit.before[None])[1][0]
-        y = solved(W, f)
-        constraint_impulse = hit.after - hit.before - phi_q * hit.impulse
-        lam = solved(G @ G.T, G @ constraint_impulse)
-        G_T = G.T
-    else:
-        G_T, lam, y = allocate(n, 0), no_force, no_force
-    d_impulse, _ = gap_derivatives(hit.before, hit.impulse, lam)
+    y, lam = jump.constraint_impulses(run)
+    # dp⁺ at dμ = dλ = 0
+    dp_fixed = jump.dp_before + jump.impulse_derivatives(hit.before, hit.impulse, lam)
+    # r is taken at momenta that keep f = 0: p − Gᵀ y
     projected_before, projected_after = (p - G_T @ y for p in (hit.before, hit.after))
-    d_projection, r_before = gap_derivatives(projected_before, 0, y)  # d(Gᵀ) y
-    _, r_after = gap_derivatives(projected_after, 0, no_force)
-
-    def along(derivatives: Array, dp: Array) -> Array:
-        """Return derivatives by all rows where p moves by ``dp``: f_q dq + f_p dp + f_θ dθ."""
-        derivative: Array = (derivatives[:, :n] @ unit[:n] + derivatives[:, n : 2 * n] @ dp
-                             + derivatives[:, 2 * n :] @ np.eye(rows, dtype=phi_q.dtype)[2 * n :])
-        return derivative
-
-    # dp⁺ at fixed μ and λ, and d(Gᵀ y)
-    dp_fixed = dp_before + d_impulse
-    if m:
-        f_projected = binding.constraint_derivatives(parameters, hit.q, projected_before)[1]
-        f_after = binding.constraint_derivatives(parameters, hit.q, hit.after)[1]
-        d_projection = d_projection + G_T @ solved(W, along(f_projected,
-                                                                          dp_before - d_projection))
-    # the residuals at dμ = dλ = 0, and their derivatives by μ and λ
+    d_projection = jump.impulse_derivatives(projected_before, 0, y)
+    d_projection = d_projection + G_T @ solved(jump.W, along(
+        jump.f_derivatives(projected_before), jump.dp_before - d_projection))
+    r_before, r_after = (jump.rate_derivatives(p) for p in (projected_before, projected_after))
     r_p = r_after[:, n : 2 * n]
-    R = np.concatenate([phi_q[:, None], G_T], axis=1)
-    residual = (along(r_after, dp_fixed - d_projection)
-                + e * along(r_before, dp_before - d_projection))
+    rate_residual = (along(r_after, dp_fixed - d_projection)
+                     + e * along(r_before, jump.dp_before - d_projection))
     if hit.parameter is not None:
         # r de. C returns derivatives of r alone, but r is affine in p: its jump, −(1 + e) r, is
         # r_p (p⁺ − p⁻)
-        residual[0, hit.parameter] -= (r_p @ (hit.after - hit.before))[0] / (1 + e)
-    matrix = r_p @ R
-    if m:
-        residual = np.concatenate([residual, along(f_after, dp_fixed) - along(f_before, dp_before)])
-        matrix = np.concatenate([matrix, f_p @ R])
-    return np.concatenate([unit[:n], dp_fixed - R @ solved(matrix, residual)])
+        rate_residual[0, hit.parameter] -= (r_p @ (hit.after - hit.before))[0] / (1 + e)
+    f_residual = (along(jump.f_derivatives(hit.after), dp_fixed)
+                  - along(jump.f_before, jump.dp_before))
+    residual = np.concatenate([rate_residual, f_residual])
+    R = np.concatenate([jump.phi_q[:, None], G_T], axis=1)
+    by_impulses = np.concatenate([r_p, jump.f_p]) @ R
+    return np.concatenate([jump.dq, dp_fixed - R @ solved(by_impulses, residual)])

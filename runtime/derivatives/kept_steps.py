@@ -20,29 +20,29 @@ from .frame import FrameMotion
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["SingleStep", "multiplier_shape", "pieces", "refuse_run", "singular", "split",
-           "warn_of_growth", "warn_of_jumps"]
+__all__ = ["PIECE", "SingleStep", "multiplier_shape", "number_bytes", "pieces", "refuse_run",
+           "singular", "split", "step_bytes", "warn_of_growth", "warn_of_jumps"]
 
 #: Steps that are kept at a time.
-_PIECE = 512
+PIECE = 512
 #: Growth beyond which a derivative has lost its digits, in 1/ε.
 _LOST = 1e-3
 
 
 def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptSteps]:
-    """Yield the steps of a run from the first on, at most ``_PIECE`` at a time.
+    """Yield the steps of a run from the first on, at most ``PIECE`` at a time.
 
     ``kept_run`` is the run at its start, and is advanced. A step with impacts is a piece of its
     own, an ``ImpactStep``. Raises StepFailed as the run itself does.
     """
     for step in [*run.impact_steps, run.steps]:
         while kept_run.steps_done < step:
-            steps, status = kept_run.keep(min(_PIECE, step - kept_run.steps_done))
+            steps, status = kept_run.keep(min(PIECE, step - kept_run.steps_done))
             if status:
                 stepper._run(run)  # says why it fails, with everything before
                 raise singular(kept_run.steps_done, status)
             yield steps
-        # a step with an impact is parts of steps and a jump, which are linearised one by one
+        # a step with impacts consists of partial steps and jumps, which are linearised one by one
         if step < run.steps:
             impact_step = function_of("runtime.derivatives.impacts", "impact_step")(
                 stepper, run, step, kept_run.state.q.copy(), kept_run.state.p.copy())
@@ -51,11 +51,12 @@ def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptS
 
 
 def split(steps: KeptSteps, boundaries: Array) -> list[KeptSteps]:
-    """Return kept steps in parts: each of the rising ``boundaries``, steps of the run, begins one.
+    """Return kept steps in parts that begin at ``boundaries``, rising indices of the run's steps.
 
-    Parts share the memory of ``steps``, and the state between two of them is in both.
+    Boundaries outside are left out. Parts share the memory of ``steps``, and the state between two
+    of them is in both.
     """
-    if isinstance(steps, ImpactStep):
+    if isinstance(steps, ImpactStep):  # one step alone
         return [steps]
     inside = boundaries[(boundaries > steps.first)
                         & (boundaries < steps.first + steps.count)] - steps.first
@@ -70,8 +71,21 @@ def refuse_run(run: RunArguments) -> None:
                     tolerance=run.tolerance is not None and f"tolerance = {run.tolerance}")
 
 
+def number_bytes(stepper: Stepper) -> int:
+    """Return the bytes of a number of the stepper's type."""
+    binding = stepper.binding
+    # arrays of float128 hold Python objects, whose numbers have 16 bytes in C as long doubles have
+    is_wide = binding.c_type not in ("float", "double")
+    return 16 if is_wide else np.dtype(binding.dtype).itemsize
+
+
+def step_bytes(stepper: Stepper) -> int:
+    """Return the bytes of a kept step: q, p and the unknowns x."""
+    return (2 * stepper.binding.n + stepper.unknowns) * number_bytes(stepper)
+
+
 def multiplier_shape(stepper: Stepper) -> tuple[int, ...]:
-    """Return the shape of a step's multipliers.
+    """Return the shape of a step's multipliers: (nodes, m), or (nodes,) for one constraint.
 
     Raises InputError where the system has no constraints.
     """
@@ -90,7 +104,11 @@ def singular(step: int, status: int) -> GyrosparkError:
 
 
 def warn_of_growth(stepper: Stepper, subject: str, growth: float) -> None:
-    """Warn where derivatives have grown by so much that few of their digits are left."""
+    """Warn where derivatives have grown by so much that few of their digits are left.
+
+    ``growth`` is the ratio of their norms at the end and at the start, ``subject`` the beginning of
+    the sentence. Round-off grows with them, to growth · ε.
+    """
     lost = growth * float(stepper.binding.epsilon)
     if lost > _LOST:
         warn(f"{subject} grown {growth:.1e} times: of these derivatives at most "
@@ -99,7 +117,7 @@ def warn_of_growth(stepper: Stepper, subject: str, growth: float) -> None:
 
 
 def warn_of_jumps(stepper: Stepper, switched: int) -> None:
-    """Warn where steps cross places where forces jump."""
+    """Warn where ``switched`` steps, more than 0, cross places where forces jump."""
     jumps = stepper.manifest.system.jumps
     if switched and jumps:
         warn(f"{switched:,} steps end on another side of a switch than they begin, and forces jump "
@@ -119,23 +137,24 @@ class SingleStep:
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments) -> None:
-        """Take the one step of ``run``; in a moving frame, where its derivatives are taken too."""
+        """Take the one step of ``run``, and keep its end and unknowns for derivatives."""
         refuse_run(run)
         self._binding, self._run = stepper._derivative_binding(), run
         kept_run = self._binding.begin(run)
         (steps,) = pieces(stepper, run, kept_run)
         self.parameters = kept_run.parameters
         self.unknowns = steps.x[0].copy()
+        # the equations of the step are those of the frame; it moves by S = S(1) in one step
         self._in_frame = np.concatenate([steps.q[1], steps.p[1]])
         self._frame = FrameMotion(self._binding, stepper.symmetries, run)
         self.end = (self._frame.matrix(1) @ self._in_frame if self._frame.moves
                     else self._in_frame.copy())
 
     def tangent(self, dz: Array, multipliers: bool = False) -> Array:
-        """Return the directions of the end, shape (2 n, k), of directions dz of all rows.
+        """Return the directions of the end, shape (2 n, k), from directions dz, (rows, k).
 
-        In space the end is S z₁: its direction is S dz₁ + dS z₁. Those of the multipliers follow,
-        if ``multipliers`` asks for them.
+        In space the end is S z₁: its direction is S dz₁ + dS z₁. With ``multipliers`` the
+        directions of the step's multipliers follow, as further rows.
         """
         run, binding = self._run, self._binding.own
         forces = binding.new(binding.multipliers if multipliers else 0, dz.shape[1])
@@ -150,9 +169,10 @@ class SingleStep:
         return directions
 
     def adjoint(self, w: Array, multipliers: Array | None = None) -> Array:
-        """Return the cotangent of all rows, from cotangents of the end, w, and of multipliers.
+        """Return the cotangent z̄ = Φᵀ Sᵀ w + (dS z₁)ᵀ w, (rows,), by the transpose of ``tangent``.
 
-        The transpose of ``tangent``: z̄ = Φᵀ Sᵀ w + (dS z₁)ᵀ w.
+        ``w``, (2 n,), is the cotangent of the end in space; ``multipliers`` that of the step's
+        multipliers, or None.
         """
         run, end_cotangent = self._run, w
         if multipliers is None:

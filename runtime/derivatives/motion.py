@@ -42,17 +42,22 @@ class MotionBinding:
     """Calls into the module of accelerations."""
 
     def __init__(self, binding: Binding, manifest: Manifest) -> None:
+        """Take the compiled module, and the places of bodies and joints in a manifest."""
         self.own, self.layout = binding, Layout.of(manifest)
         self._size = int(binding.function("derivative_size")())
 
     def _memory(self) -> tuple[Any, Any]:
-        keep = aligned(self._size)
-        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(keep)), keep
+        """Return the address of work memory, and the array behind it, which must outlive a call."""
+        array = aligned(self._size)
+        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(array)), array
 
     def accelerations(
         self, parameters: ParameterStruct, q: Array, p: Array
     ) -> tuple[int, list[Array]]:
-        """Return the status, and v = H_p, ṗ, q̈, (n,), and the multipliers λ, (m,), of a state."""
+        """Return the status, and the arrays v = H_p, ṗ and q̈, (n,) each, and λ, (m,), of a state.
+
+        A status other than 0 says that W has no inverse; the arrays then have no meaning.
+        """
         binding, (memory, _keep) = self.own, self._memory()
         arrays = [binding.new(binding.n), binding.new(binding.n), binding.new(binding.n),
                   binding.new(binding.m)]
@@ -70,10 +75,11 @@ class MotionBinding:
         return H_pp.astype(float)
 
     def constraint_jacobian(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
-        """Return g_q, (m, n), of a state, in doubles: of ∂g by (q, p, parameters, dt, t)."""
+        """Return g_q, (m, n), of a state, in doubles."""
         binding, (memory, _keep) = self.own, self._memory()
-        g, f = (binding.new(binding.m, 2 * binding.n + len(binding.parameter_names) + 2)
-                for _ in range(2))
+        # the C returns ∂g and ∂f by (q, p, parameters, Δt, t)
+        columns = 2 * binding.n + len(binding.parameter_names) + 2
+        g, f = binding.new(binding.m, columns), binding.new(binding.m, columns)
         if binding.m:
             binding.function("constraint_derivatives")(
                 parameters, binding.pointer(q), binding.pointer(p), binding.pointer(g),
@@ -83,7 +89,10 @@ class MotionBinding:
     def quantity_rates(
         self, parameters: ParameterStruct, t: Any, q: Array, p: Array, dq: Array, dp: Array, dt: int
     ) -> dict[str, Any]:
-        """Return A_q dq + A_p dp + A_t dt of each quantity A(q, p, t), name → rate."""
+        """Return A_q dq + A_p dp + A_t dt of each quantity A(q, p, t), name → number.
+
+        dq and dp have the shape (n,); ``dt`` is 1 for a rate, and 0 at a fixed time.
+        """
         binding = self.own
         if not binding.quantity_names:
             return {}
@@ -106,7 +115,7 @@ class Layout:
     slides : frozenset of str
         The joints that slide and do not turn.
     measures : dict of str to str
-        Joint → the quantity of the system that is its rate.
+        Joint → the quantity of the system that is its rate, "hinge" → "hinge_rate".
     """
 
     bodies: dict[str, BodyAt]
@@ -118,15 +127,17 @@ class Layout:
     def of(cls, manifest: Manifest) -> Layout:
         """Return the layout that a manifest has."""
         system = manifest.system
+        # the generator names quantities JOINT_speed along a slide, and JOINT_rate about a hinge
         measures = {name.removesuffix(f"_{kind}"): name for kind in ("speed", "rate")
                     for name in system.quantities if name.endswith(f"_{kind}")}
+        # a slide is the joint whose constraints hold the rotation, or that has a speed
         slides = frozenset(name for name, joint in system.joints.items()
                            if f"{name}: turn" in joint.constraints
                            or measures.get(name, "").endswith("_speed"))
         return cls(bodies_of(manifest), joints_of(manifest), slides, measures)
 
     def is_joint(self, name: str) -> bool:
-        """Return whether it is the name of a joint, or else of a body.
+        """Return True for the name of a joint, False for the name of a body.
 
         Raises InputError for an unknown name, with the known ones.
         """
@@ -140,35 +151,45 @@ class Layout:
 
 
 class Kinematics:
-    """Rates of bodies and joints at one q as rows C of y = C(q) v, with (dC/dt) v."""
+    """Rates of bodies and joints at one q as rows C of y = C(q) v, with (dC/dt) v.
+
+    C has the shape (rates, n), and v = dq/dt the shape (n,). The body "" is the ground.
+    """
 
     def __init__(self, layout: Layout, parameters: Mapping[str, Any], q: Array) -> None:
+        """Take the places of bodies and joints, numbers of parameters, and q, shape (n,)."""
         self.bodies, self.joints, self._slides = layout.bodies, layout.joints, layout.slides
         self._parameters, self._q = parameters, q.astype(float)
 
     def _rotation(self, body: str) -> Array:
+        """Return R, (3, 3), from axes of the body to axes of space."""
         return rotation_matrix(self._q[self.bodies[body].q]) if body else np.eye(3)
 
     def _turning(self, body: str) -> Array:
-        """Return the rows of ω in space axes, ω = 2 Im(q̇ q̄); their rates do not add to Cq̈."""
+        """Return the rows of ω = 2 Im(q̇ q̄) in space axes, (3, n), by a body's quaternion q.
+
+        C is linear in q, so that its drift, 2 Im(q̇ q̇*), is 0 for the conjugate q̇*: ω' = C q̈.
+        """
         rows = np.zeros((3, len(self._q)))
-        if body:  # the ground, "", does not turn
+        if body:  # the ground does not turn
             columns = self.bodies[body].q
             w, x, y, z = self._q[columns]
+            # q̇ q̄ written as a matrix of q times q̇, without its real row, q·q̇ = 0
             rows[:, columns] = 2 * np.array([[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
         return rows
 
     def _point(self, body: str, r: Array, v: Array) -> tuple[Array, Array]:
-        """Return rows C of the velocity ẋ + ω × R r of the point r of a body, and its drift.
+        """Return rows C, (3, n), of the velocity ẋ + ω × R r of the point r of a body, and drift.
 
-        C v is the velocity at the rates v of the coordinates; the drift (dC/dt) v is ω × (ω × R r).
+        r, (3,), is in axes of the body. The drift (dC/dt) v is ω × (ω × R r), shape (3,).
         """
         rows, turning = np.zeros((3, len(self._q))), self._turning(body)
         if not body:
             return rows, np.zeros(3)
         columns, arm = self.bodies[body].x, self._rotation(body) @ r
-        if columns:
+        if columns:  # a body whose origin is held has no x
             rows[:, columns] = np.eye(3)
+        # the row of coordinate k is (∂ω/∂q̇_k) × R r
         rows += np.cross(turning.T, arm).T
         omega = turning @ v
         return rows, np.cross(omega, np.cross(omega, arm))
@@ -176,35 +197,37 @@ class Kinematics:
     def body(self, name: str, v: Array) -> tuple[Array, Array]:
         """Return rows C of a body's velocity and ω in space axes, and their drift (dC/dt) v.
 
-        Six rows of a body that moves freely, whose velocity is that of the origin of its axes;
-        three, of ω, of a body whose origin is held.
+        A body that moves freely has six rows, the first three of the velocity of its origin; a
+        body whose origin is held has the three rows of ω. The drift has as many entries.
         """
-        turning, still = self._turning(name), np.zeros(3)
+        turning, no_drift = self._turning(name), np.zeros(3)
         if not self.bodies[name].x:
-            return turning, still
+            return turning, no_drift
         rows, drift = self._point(name, np.zeros(3), v)
-        return np.vstack([rows, turning]), np.concatenate([drift, still])
+        return np.vstack([rows, turning]), np.concatenate([drift, no_drift])
 
     def joint(self, name: str, v: Array) -> tuple[Array, Array]:
-        """Return the row C of a joint's rate about its axis, or speed along it, and (dC/dt) v.
+        """Return the row C, (1, n), of a joint's rate about its axis, or speed along it, and drift.
 
-        With the axis a in space, which turns with body a's ω_a: the rate is a·u of the relative
-        angular or linear velocity u, and its drift a·(drift of u) + (ω_a × a)·u. Raises InputError
-        for a joint without an axis that its bodies keep in common.
+        The drift (dC/dt) v has the shape (1,). With the axis a in space, which turns with ω_a of
+        the joint's body a, and the relative angular or linear velocity u of its bodies, the rate is
+        a·u, and the drift a·(drift of u) + (ω_a × a)·u. Raises InputError for a joint without an
+        axis that its bodies keep in common.
         """
         layout = self.joints[name]
         if not layout.axis_b:
             raise InputError(f"Joint {name!r} has no axis that its bodies keep in common, so no "
                              "one acceleration; ask for those of its bodies.")
+        # the manifest has two unit vectors normal to the axis, in axes of body a
         normals = numbers(layout.axis_a, self._parameters)
         axis = self._rotation(layout.a) @ np.cross(normals[:3], normals[3:])
         axis_rate = np.cross(self._turning(layout.a) @ v, axis)
         if name not in self._slides:
             rows, drift = self._turning(layout.b) - self._turning(layout.a), np.zeros(3)
         else:
-            ends = [self._point(body, numbers(point, self._parameters), v)
-                    for body, point in ((layout.a, layout.on_a), (layout.b, layout.on_b))]
-            rows, drift = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
+            rows_a, drift_a = self._point(layout.a, numbers(layout.on_a, self._parameters), v)
+            rows_b, drift_b = self._point(layout.b, numbers(layout.on_b, self._parameters), v)
+            rows, drift = rows_b - rows_a, drift_b - drift_a
         return (axis @ rows)[None], np.array([axis @ drift + axis_rate @ (rows @ v)])
 
 
@@ -217,7 +240,7 @@ class StateMotion:
         """Solve for v, ṗ, q̈ and λ at (q, p, t); raise InputError if W is singular there."""
         self._binding, self._t, self._q, self._p = binding, t, q, p
         self._parameters = binding.own.parameters(dict(values), t)
-        self._at = Kinematics(binding.layout, values, q)
+        self._kinematics = Kinematics(binding.layout, values, q)
         status, (self.v, self.p_rate, self.acceleration, self.multipliers) = (
             binding.accelerations(self._parameters, q, p))
         if status:
@@ -226,35 +249,37 @@ class StateMotion:
                              "it, or leave some out.")
 
     def inverse_mass(self) -> Array:
-        """Return H_pp."""
+        """Return H_pp, shape (n, n), in doubles."""
         return self._binding.inverse_mass(self._parameters, self._q, self._p)
 
     def constraint_jacobian(self) -> Array:
-        """Return g_q."""
+        """Return g_q, shape (m, n), in doubles."""
         return self._binding.constraint_jacobian(self._parameters, self._q, self._p)
 
     def quantity_rates(self) -> dict[str, Any]:
-        """Return the time derivative of each quantity."""
+        """Return the time derivative of each quantity, name → number."""
         return self._along(self.v, self.p_rate, 1)
 
     def rate(self, name: str) -> tuple[Array, Array, bool]:
-        """Return rows of the rates y of a joint or a body, ÿ, and whether the rows are by p.
+        """Return the rows C of the rates y = C q̇ of a joint or a body, ẏ, and a flag.
 
-        Rows are C of y = C q̇. A joint without an axis that its bodies keep, but with a quantity of
-        the system as its rate, has the derivatives of that by p, C H_pp: then the flag is True.
-        Raises InputError for an unknown name, with the known ones, and a joint without an axis.
+        C has the shape (rates, n), ẏ the shape (rates,). A joint without an axis that its bodies
+        keep in common may have a quantity of the system as its rate: then the row is ∂y/∂p = C H_pp
+        in place of C, and the flag is True. Raises InputError for an unknown name, with the known
+        ones, and for a joint without an axis.
         """
         binding, layout = self._binding.own, self._binding.layout
         is_joint, v = layout.is_joint(name), self.v.astype(float)
         has_axis = name in layout.joints and bool(layout.joints[name].axis_b)
         if name in layout.measures and not has_axis:
-            no_change, row, measure = binding.new(binding.n), [], layout.measures[name]
+            no_dq, row, measure = binding.new(binding.n), [], layout.measures[name]
             for k in range(binding.n):
-                unit = binding.new(binding.n)
-                unit[k] += 1
-                row.append(float(self._along(no_change, unit, 0)[measure]))
+                dp = binding.new(binding.n)
+                dp[k] += 1
+                row.append(float(self._along(no_dq, dp, 0)[measure]))
             return np.array([row]), np.array([float(self.quantity_rates()[measure])]), True
-        rows, drift = self._at.joint(name, v) if is_joint else self._at.body(name, v)
+        kinematics = self._kinematics
+        rows, drift = kinematics.joint(name, v) if is_joint else kinematics.body(name, v)
         return rows, rows @ self.acceleration.astype(float) + drift, False
 
     def _along(self, dq: Array, dp: Array, dt: int) -> dict[str, Any]:
@@ -263,17 +288,18 @@ class StateMotion:
 
 
 def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, list[Array]]:
-    """Return the mass matrix M of the rates y of joints and bodies, and ÿ of each name.
+    """Return the mass matrix M of the rates y of joints and bodies, and ẏ of each name.
 
         M⁻¹ = C (H_pp − H_pp Gᵀ (G H_pp Gᵀ)⁻¹ G H_pp) Cᵀ
 
-    Raises InputError for unknown names, and for rates that depend on each other.
+    M has the shape (rates, rates), with the rates of all names one after another. Raises
+    InputError for unknown names, and for rates that depend on each other.
     """
     H_pp, G = motion.inverse_mass(), motion.constraint_jacobian()
-    parts = [motion.rate(name) for name in names]
-    # momenta as rates of their own: C q' = C H_pp p, so that rows of p are C = rows H_pp⁻¹
-    C = np.vstack([_solve(H_pp, rows.T, names).T if is_momentum else rows
-                   for rows, _, is_momentum in parts])
+    rates = [motion.rate(name) for name in names]
+    # rows by p are C H_pp, and H_pp is symmetric: C = rows H_pp⁻¹ = (H_pp⁻¹ rowsᵀ)ᵀ
+    C = np.vstack([_solve(H_pp, rows.T, names).T if is_by_momenta else rows
+                   for rows, _, is_by_momenta in rates])
     C_H = C @ H_pp
     C_H_G = C_H @ G.T
     mobility = C_H @ C.T
@@ -287,7 +313,8 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
                          "constraints, so that no force on them follows from accelerations; leave "
                          "one out.")
     mass = np.linalg.inv(scaled) / np.outer(scale, scale)
-    return (mass + mass.T) / 2, [accelerations for _, accelerations, _ in parts]
+    # symmetric but for round-off
+    return (mass + mass.T) / 2, [accelerations for _, accelerations, _ in rates]
 
 
 def _solve(A: Array, b: Array, names: Sequence[str]) -> Array:
@@ -363,12 +390,17 @@ class Accelerations:
         return (rows[..., :3] if rows.shape[-1] == 6 else 0 * angular), angular
 
     def _accelerations(self, name: str, kind: str) -> Array:
-        """Return C q̈ + (dC/dt) v of a joint (``kind`` "joint", 1 entry) or a body (6 or 3)."""
-        accelerations, width = [], 6 if kind == "body" else 1
-        n = self.q.shape[-1]
-        for q, v, a in zip(self._states, *(x.reshape(-1, n).astype(float) for x in (
-                self.velocities, self.q)), strict=True):
-            rows, drift = getattr(Kinematics(self._layout, self._parameters, q), kind)(name, v)
+        """Return C q̈ + (dC/dt) v of a joint or a body at each state, shape (..., rates).
+
+        ``kind`` is "joint", with 1 rate, or "body", with 6, or 3 where its origin is held.
+        """
+        n, accelerations = self.q.shape[-1], []
+        width = 6 if kind == "body" else 1  # of an array without states
+        velocities = self.velocities.reshape(-1, n).astype(float)
+        coordinate_accelerations = self.q.reshape(-1, n).astype(float)
+        for q, v, a in zip(self._states, velocities, coordinate_accelerations, strict=True):
+            kinematics = Kinematics(self._layout, self._parameters, q)
+            rows, drift = (kinematics.joint if kind == "joint" else kinematics.body)(name, v)
             accelerations.append(rows @ a + drift)
             width = len(drift)
         return np.array(accelerations).reshape(*self.q.shape[:-1], width)

@@ -51,11 +51,11 @@ class Point:
         Whole steps before it.
     tau : number
         In (0, Δt]; None at the start of the run.
-    normal : array, optional
-        The derivatives of an event's value by the rows of a direction, by the time in place of the
-        start time; None at a fixed time.
+    normal : array, shape (rows,), optional
+        c_z, c_θ and c_t of an event's value c, with c_t in the row of the start time; None at a
+        fixed time.
     name : str
-        Of the event.
+        The event's name; empty at a fixed time.
     """
 
     step: int
@@ -73,9 +73,9 @@ class RunRows:
     run : RunArguments
         The whole steps of the run, up to its end or a terminal event.
     points : list of Point
-        The rows that are within steps: all of them, or the last one.
+        The rows that are within steps: all rows, or the last one.
     at_times : bool
-        Whether all of them are.
+        Whether all rows are within steps.
     events : dict of str to list of Point
     refused : dict of str to str
         Events that have no derivatives, and why.
@@ -121,14 +121,9 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
     run = replace(run.until(step_count), stored_steps=None)
     if origin.impacts:
         run = replace(run, hits=_hits(stepper, trajectory, origin, run))
-    events: dict[str, list[Point]] = {}
-    refused: dict[str, str] = {}
     crossings = trajectory.events | trajectory._end_event
-    for event in origin.events:
-        try:
-            events[event.name] = _of_event(stepper, run, event, crossings[event.name])
-        except InputError as error:
-            refused[event.name] = str(error)
+    events, refused = _points_of_events(stepper, run, origin, crossings)
+    # the event that t_end makes in scaled time is none of the user's
     points_of_events = {name: points for name, points in events.items()
                         if name in trajectory.events}
     if origin.between:
@@ -139,13 +134,34 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
     terminal_name = first_terminal_event(origin.events, crossings, run.dt)
     if terminal_name is not None:
         return replace(run_rows, points=run_rows.event(terminal_name)[-1:], events=points_of_events)
+    # t_end between two steps: the last row is ``rest`` after the last whole step
     return replace(run_rows, points=[Point(step_count, origin.rest)]) if origin.rest else run_rows
+
+
+def _points_of_events(
+    stepper: Stepper, run: RunArguments, origin: Origin, crossings: Mapping[str, Crossings]
+) -> tuple[dict[str, list[Point]], dict[str, str]]:
+    """Return the points of each event by its name, and the errors of events that have none.
+
+    An event without derivatives is no error until its derivatives are asked for.
+    """
+    points: dict[str, list[Point]] = {}
+    refused: dict[str, str] = {}
+    for event in origin.events:
+        try:
+            points[event.name] = _of_event(stepper, run, event, crossings[event.name])
+        except InputError as error:
+            refused[event.name] = str(error)
+    return points, refused
 
 
 def _hits(
     stepper: Stepper, trajectory: Trajectory, origin: Origin, run: RunArguments
 ) -> Mapping[int, Any]:
-    """Return the impacts of a run by steps, or refuse rows that have no derivatives."""
+    """Return the impacts of a run, index of a step → list of ``impacts.Hit``.
+
+    Raises InputError for rows that have no derivatives in a run with impacts.
+    """
     if origin.between or run.steps < origin.run.steps:
         raise InputError("Derivatives of a run with impacts are those of its rows at whole steps: "
                          "leave t_eval out, and end the run before a gap stays closed.")
@@ -168,7 +184,7 @@ def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
 
 
 def _unit(stepper: Stepper, row: int) -> Array:
-    """Return the gradient of the row itself, 1 there and 0 elsewhere."""
+    """Return the derivatives, (rows,), of an entry of a direction: 1 by itself, 0 by others."""
     unit: Array = stepper.binding.new(stepper._derivative_binding().rows)
     unit[row] = 1
     return unit
@@ -186,12 +202,17 @@ def _point(run: RunArguments, step: int, tau: Any) -> Point:
 def _of_event(
     stepper: Stepper, run: RunArguments, event: Event, crossings: Crossings
 ) -> list[Point]:
-    """Return the points of an event, each with the gradient of the event's value."""
-    full_steps = stepper.binding.times(0 * run.t0, run.dt, crossings.steps)
-    taus = (crossings.elapsed - full_steps).tolist()
-    points = [replace(_point(run, int(step), tau), name=event.name, normal=_normal(
-                  stepper, run, event, crossings, i))
-              for i, (step, tau) in enumerate(zip(crossings.steps, taus, strict=True))]
+    """Return the points of an event, each with the derivatives of the event's value.
+
+    Raises InputError for an event at the start, or whose value has no compiled derivatives.
+    """
+    # zero in t0's type, so that τ has the type of the run
+    step_starts = stepper.binding.times(0 * run.t0, run.dt, crossings.steps)
+    taus = (crossings.elapsed - step_starts).tolist()
+    points = []
+    for i, (step, tau) in enumerate(zip(crossings.steps, taus, strict=True)):
+        normal = _normal(stepper, run, event, crossings, i)
+        points.append(replace(_point(run, int(step), tau), name=event.name, normal=normal))
     if any(point.tau is None for point in points):
         raise InputError(f"The event {event.name!r} happens at the start itself, where it has no "
                          "derivatives; start before it.")
@@ -201,12 +222,13 @@ def _of_event(
 def _normal(
     stepper: Stepper, run: RunArguments, event: Event, crossings: Crossings, i: int
 ) -> Array:
-    """Return c_z, c_θ and c_t of an event's value c at its crossing i, by the rows of a direction.
+    """Return c_z, c_θ and c_t of an event's value c at its crossing i, shape (rows,).
 
-    A coordinate or a momentum has the derivative 1 by itself alone.
+    Raises InputError for a quantity whose derivatives were not compiled.
     """
     binding, system = stepper._derivative_binding(), stepper.manifest.system
     quantities, n = list(system.quantities), stepper.binding.n
+    # rows of a direction; in scaled time t is the last coordinate
     row_of = {name: row for row, name in enumerate(system.coordinates)}
     row_of |= {name: n + row for row, name in enumerate(system.momenta)}
     if system.clock is not None:
@@ -243,8 +265,9 @@ def _refuse_other_times(stepper: Stepper, trajectory: Trajectory, run: RunArgume
 def single_step(
     stepper: Stepper, run: RunArguments, point: Point, z: Array
 ) -> SingleStep:
-    """Return the step from a state z, in space, that leads to a point."""
+    """Return the step of length τ from a state z, (2 n,), in space, that leads to a point."""
     n, parameters = stepper.binding.n, run.parameters
+    # the inputs of the point's step are constant in it: parameters of this step
     if run.inputs is not None:
         parameters = parameters | dict(zip(
             run.inputs.names, run.inputs.at(point.step).tolist(), strict=True))
@@ -261,9 +284,9 @@ def tangent_at(
 
         dz = Z + v dτ,   dt = dt_j + dτ   (with dτ as in the module docstring)
 
-    ``dz`` has all rows; its q and p are directions of z, the state before the point's step, both in
-    space. If ``multipliers`` asks for them, directions of the multipliers of the step follow in
-    rows; at the start of a run they are 0.
+    z, (2 n,), is the state before the point's step, in space; ``dz``, (rows, k), has directions of
+    z in its rows q and p. With ``multipliers``, directions of the multipliers of the step follow
+    in further rows; at the start of a run they are 0.
     """
     n, count = stepper.binding.n, dz.shape[1]
     if point.tau is None:
@@ -291,11 +314,11 @@ def cotangent_at(
     stepper: Stepper, run: RunArguments, point: Point, z: Array, w: Array, s: Any,
     multipliers: Array | None = None,
 ) -> Array:
-    """Return the cotangent of all rows, from w of a point's state and s of its time.
+    """Return the cotangent z̄, (rows,), from w, (2 n,), of a point's state and s of its time.
 
-    The transpose of ``tangent_at``, so that z̄·dz = w·(Z + v dτ) + s (dt_j + dτ) for all dz. Its
-    rows q and p are the cotangent of z, the state before the point's step, in space.
-    ``multipliers`` is the cotangent of the multipliers of that step.
+    The transpose of ``tangent_at``: z̄·dz = w·(Z + v dτ) + s (dt_j + dτ) for all dz. The rows q and
+    p of z̄ are the cotangent of z, the state before the point's step, in space. ``multipliers`` is
+    the cotangent of the multipliers of that step, or None.
     """
     if point.tau is None:
         cotangent = stepper.binding.new(stepper._derivative_binding().rows)
@@ -308,14 +331,14 @@ def cotangent_at(
         # τ = t − t_j, so the cotangent of τ counts against t_j; the time of the point is fixed
         of_start = cotangent[-1] - cotangent[-2]
     else:
-        unit = stepper.binding.new(stepper._derivative_binding().rows, 1)
-        unit[-2] = 1
-        v = step.tangent(unit, multipliers is not None)[:, 0]
-        # of dτ, which is −(c_z Z + c_θ dθ + c_t dt_j)/(c_z v + c_t): w·v + s
+        along_length = stepper.binding.new(stepper._derivative_binding().rows, 1)
+        along_length[-2] = 1
+        v = step.tangent(along_length, multipliers is not None)[:, 0]
+        # the cotangent of dτ = −(c_z Z + c_θ dθ + c_t dt_j)/(c_z v + c_t) is w·v + s
         end_cotangent = w if multipliers is None else np.concatenate([w, multipliers])
-        of_tau = point.normal * ((end_cotangent @ v + s) / rate_of(point, v[: len(w)]))
-        cotangent = step.adjoint(w - of_tau[: len(w)], multipliers)
-        cotangent[len(w) :] -= of_tau[len(w) :]
+        of_value = point.normal * ((end_cotangent @ v + s) / rate_of(point, v[: len(w)]))
+        cotangent = step.adjoint(w - of_value[: len(w)], multipliers)
+        cotangent[len(w) :] -= of_value[len(w) :]
         of_start = cotangent[-1] + s
     # t_j = t0 + j Δt
     cotangent[-2:] = point.step * of_start, of_start
@@ -323,13 +346,17 @@ def cotangent_at(
 
 
 def rate_of(point: Point, v: Array) -> Any:
-    """Return c_z v + c_t, or refuse an event whose value only touches its level."""
+    """Return c_z v + c_t, the rate of an event's value along the motion; v has the shape (2 n,).
+
+    Raises InputError for an event whose value only touches its level.
+    """
     assert point.normal is not None
     # the first entries are c_z, the last one c_t
     normal = np.concatenate([point.normal[: len(v)], point.normal[-1:]])
     rate = normal[:-1] @ v + normal[-1]
-    sizes = [float(np.linalg.norm(x.astype(float))) for x in (normal, v)]
-    if not abs(float(rate)) >= _GRAZING * sizes[0] * sizes[1]:
+    normal_size, v_size = (float(np.linalg.norm(x.astype(float))) for x in (normal, v))
+    # "not >=" refuses NaN too
+    if not abs(float(rate)) >= _GRAZING * normal_size * v_size:
         raise InputError(
             f"The event {point.name!r} has no derivatives: after step {point.step} its value only "
             f"touches its level, at a rate of {float(rate):.1e}. Take another level, or leave this "

@@ -29,7 +29,7 @@ from ..bindings.run_memory import ParameterStruct
 from ..integration.run_arguments import RunArguments
 from .binding import DerivativeBinding, KeptSteps
 from .gradient import Cotangents, as_bytes
-from .kept_steps import refuse_run, singular, split
+from .kept_steps import refuse_run, singular, split, step_bytes
 from .tangent_space import TangentSpace, solved
 
 if TYPE_CHECKING:
@@ -46,16 +46,16 @@ Slopes = Callable[[dict[str, Any]], Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class CotangentSlopes:
-    """Cotangents taken backwards through steps, each with its slope along one direction.
+    """Cotangents on their way back through steps, each with its slope along one direction.
 
     Attributes
     ----------
     w : tuple of 2 array, shape (2 n,)
-        Of the state, from the end of the steps to their start.
+        The cotangent of the present state, and its slope.
     z_bar : tuple of 2 array, shape (rows,)
-        Of start, parameters and Δt: what the steps add.
+        The cotangent of start, parameters and Δt so far, and its slope.
     inputs : tuple of 3 array, shape (steps, inputs)
-        Slopes of the inputs; the cotangents of these, and their slopes.
+        Slopes of the inputs; the cotangents of the inputs, and the slopes of these.
     """
 
     w: tuple[Array, Array]
@@ -64,17 +64,21 @@ class CotangentSlopes:
 
     @classmethod
     def at_end(cls, second: SecondBinding, w: Array, w_slope: Array, steps: int) -> Self:
-        """Return the cotangents of the last state, before any step; inputs have no slope."""
+        """Return the cotangents at the last state, w and its slope, (2 n,) each, and zeros.
+
+        The inputs of the ``steps`` steps before it do not move along the direction.
+        """
         new = second.own.new
         return cls((w.copy(), w_slope.copy()), (new(second.rows), new(second.rows)),
                    _inputs_of(second, steps))
 
     def before(self, second: SecondBinding, steps: int) -> Self:
-        """Return the same w and z_bar, for the ``steps`` steps before."""
+        """Return the same w and z_bar with arrays of inputs for the ``steps`` steps before."""
         return replace(self, inputs=_inputs_of(second, steps))
 
 
 def _inputs_of(second: SecondBinding, steps: int) -> tuple[Array, Array, Array]:
+    """Return zeros for the slopes, the cotangents and their slopes of the inputs of steps."""
     slopes, cotangents, cotangent_slopes = (
         second.own.new(steps, len(second.own.input_names)) for _ in range(3))
     return slopes, cotangents, cotangent_slopes
@@ -87,18 +91,20 @@ class SecondBinding:
         self.own, self.n, self.rows = binding, first.n, first.rows
         self._size = int(binding.function("second_size")())
 
-    def _memory(self) -> Any:
-        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(
-            keep := aligned(self._size))), keep
+    def _memory(self) -> tuple[Any, Any]:
+        """Return the address of work memory, and the array behind it, which must outlive a call."""
+        array = aligned(self._size)
+        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(array)), array
 
     def integrate_second(
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, tangents: Array,
         dz: Array, rows: tuple[Array, Array], every: int, cotangents: CotangentSlopes,
     ) -> int:
-        """Take ``cotangents`` backwards through kept steps; the arrays of these are overwritten.
+        """Take ``cotangents`` backwards through kept steps, in place; return the status.
 
-        The direction is ``dz``; its q and p at the start of each step are ``tangents``. ``rows``
-        are the cotangents of stored states, every ``every`` steps, and their slopes.
+        ``dz``, shape (rows,), is the direction at the start; its q and p before each step are
+        ``tangents``, (steps, 2 n). ``rows`` are the cotangents of the states before these steps
+        that are stored, at each ``every``-th step of the run, and their slopes, (·, 2 n) each.
         """
         binding, (memory, _keep) = self.own, self._memory()
         inputs = ([*binding.input_arguments(run.inputs)[:2],
@@ -125,13 +131,15 @@ def pulled_back_slope(
     second: SecondBinding, space: TangentSpace, parameters: ParameterStruct, q: Array, p: Array,
     dz: Array, z_bar: Array, z_bar_slope: Array,
 ) -> Array:
-    """Return the derivative of ``space.pulled_back(z_bar)`` along dz, which is tangent.
+    """Return the derivative of ``space.pulled_back(z_bar)`` along dz, shape (rows,) each.
 
-    With W = f_p Gᵀ it is the product rule, (A⁻¹ b)' = A⁻¹ (b' − A' A⁻¹ b), for
+    dz is tangent to the constraints at (q, p), and ``z_bar_slope`` the derivative of ``z_bar``
+    along it. By the product rule (A⁻¹ b)' = A⁻¹ (b' − A' A⁻¹ b), for A = W = f_p Gᵀ and A = G Gᵀ,
+    it follows from
 
-        z̄ ← z̄ − fᵀ W⁻ᵀ G p̄,   z̄ ← z̄ − gᵀ (G Gᵀ)⁻¹ G q̄,
+        z̄ ← z̄ − fᵀ W⁻ᵀ G p̄,   then   z̄ ← z̄ − gᵀ (G Gᵀ)⁻¹ G q̄,
 
-    where f and g are derivatives by all rows; ``z_bar_slope`` is the derivative of ``z_bar``.
+    where f and g are the derivatives of the constraints by all rows, (m, rows).
     """
     slope = z_bar_slope.copy()
     if not len(space.g):
@@ -143,7 +151,7 @@ def pulled_back_slope(
     def correction(
         rows: Array, rows_slope: Array, A: Array, A_slope: Array, z: Array, z_slope: Array
     ) -> tuple[Array, Array]:
-        """Return rowsᵀ A⁻¹ G z and its slope."""
+        """Return rowsᵀ A⁻¹ G z and its slope; rows, A and z come with their slopes."""
         y = solved(A, G @ z)
         y_slope = solved(A, G_slope @ z + G @ z_slope - A_slope @ y)
         return rows.T @ y, rows_slope.T @ y + rows.T @ y_slope
@@ -151,13 +159,13 @@ def pulled_back_slope(
     if space.binding.keeps_momentum:
         f_p, f_p_slope = f[:, n : 2 * n], f_slope[:, n : 2 * n]
         # the transposes of ``TangentSpace.projected`` in reverse order: first that of p
-        of_momentum, of_momentum_slope = correction(
-            f, f_slope, (f_p @ G.T).T, (f_p_slope @ G.T + f_p @ G_slope.T).T,
-            z_bar[n : 2 * n], z_bar_slope[n : 2 * n])
-        z_bar, slope = z_bar - of_momentum, slope - of_momentum_slope
-    GG_slope = G_slope @ G.T
-    return slope - correction(g, g_slope, G @ G.T, GG_slope + GG_slope.T, z_bar[:n],
-                              slope[:n])[1]
+        W, W_slope = f_p @ G.T, f_p_slope @ G.T + f_p @ G_slope.T
+        of_p, of_p_slope = correction(f, f_slope, W.T, W_slope.T, z_bar[n : 2 * n],
+                                      z_bar_slope[n : 2 * n])
+        z_bar, slope = z_bar - of_p, slope - of_p_slope
+    half_slope = G_slope @ G.T  # (G Gᵀ)' = G' Gᵀ + (G' Gᵀ)ᵀ
+    _, of_q_slope = correction(g, g_slope, G @ G.T, half_slope + half_slope.T, z_bar[:n], slope[:n])
+    return slope - of_q_slope
 
 
 @dataclass(frozen=True)
@@ -218,44 +226,26 @@ def hessian_of(
     if cotangents.points:
         raise InputError("A Hessian is of states at the ends of steps, and this function depends "
                          "on states within them; give cotangents of rows alone.")
-    first_order, second_order = stepper._derivative_binding(), stepper._second_binding()
-    binding, n = first_order.own, stepper.n
-    steps = _kept(stepper, run, memory)
-    parameters, parameter_pair = (b.own.parameters(run.parameters, run.t0)
-                                  for b in (first_order, second_order))
-    space = TangentSpace(first_order, parameters, run.q, run.p, stepper.constraint_names)
+    stored_run = _StoredRun(stepper, run, memory)
+    space = TangentSpace(stored_run.first_order, stored_run.parameters, run.q, run.p,
+                         stepper.constraint_names)
     names, D = _directions(stepper, space, wrt, run)
-    count = len(names)
-    blocks = split(steps, np.arange(0, run.steps, _BLOCK)) if run.steps else []
-    stored_tangents, block_tangents = _tangents(first_order, run, parameters, blocks, D)
+    stored_tangents, block_tangents = stored_run.tangents(D)
+    new = stored_run.first_order.own.new
     # t_k = t0 + k Δt of each stored state, along each direction: D[-2] are dΔt, D[-1] are dt0
-    stored_times = (binding.new(len(stored_tangents), count)
+    stored_times = (new(len(stored_tangents), len(names))
                     + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1])
     columns: list[Array] = []
-    gradient = binding.new(count)
+    gradient = new(len(names))
     # forward over reverse: the tangents of all directions once, then a pass back for each one
-    for j in range(count):
+    for j in range(len(names)):
         dz = np.ascontiguousarray(D[:, j])
         cotangent_slopes = _cotangent_slopes(stepper, stored_tangents[:, :, j], stored_times[:, j],
                                              dz, slopes, checked)
-        adjoint = CotangentSlopes.at_end(second_order, cotangents.rows[-1],
-                                         cotangent_slopes.rows[-1], 0)
-        _add_explicit(stepper, run, cotangents, adjoint.z_bar[0])
-        _add_explicit(stepper, run, cotangent_slopes, adjoint.z_bar[1])
-        for block, tangents in zip(reversed(blocks), reversed(block_tangents), strict=True):
-            rows = _tangents_before_steps(first_order, run, parameters, block, dz, tangents[:, j])
-            adjoint = adjoint.before(second_order, block.count)
-            status = second_order.integrate_second(
-                run, parameter_pair, block, rows, dz,
-                (_stored(run, block, cotangents.rows), _stored(run, block, cotangent_slopes.rows)),
-                run.every, adjoint)
-            if status:
-                raise singular(block.first, status)
-        z_bar, z_bar_slope = adjoint.z_bar
-        # the cotangents of q₀ and p₀, and their slopes, are what w is at the start
-        z_bar[: 2 * n], z_bar_slope[: 2 * n] = adjoint.w
-        start_slope = pulled_back_slope(second_order, space, parameter_pair, run.q, run.p, dz,
-                                        z_bar,
+        z_bar, z_bar_slope = stored_run.adjoint(
+            dz, [tangents[:, j] for tangents in block_tangents], cotangents, cotangent_slopes)
+        start_slope = pulled_back_slope(stored_run.second_order, space,
+                                        stored_run.second_parameters, run.q, run.p, dz, z_bar,
                                         z_bar_slope)
         columns.append(D.T @ start_slope)
         gradient[j] = dz @ space.pulled_back(z_bar)  # z̄ is the same in every pass
@@ -264,36 +254,105 @@ def hessian_of(
 
 
 def _symmetric_part(A: Array) -> tuple[Array, float]:
-    """Return ½ (A + Aᵀ), and max ½ |A − Aᵀ|, round-off, as a share of its largest entry."""
+    """Return S = ½ (A + Aᵀ), and the round-off max ½ |A − Aᵀ| / max |S|; 0 for S = 0."""
     matrix, defect = (A + A.T) / 2, np.abs(A - A.T) / 2
     size = float(np.abs(matrix).max(initial=0))
     return matrix, float(defect.max(initial=0)) / size if size > 0 else 0.0
 
 
-def _tangents_before_steps(
-    first_order: DerivativeBinding, run: RunArguments, parameters: ParameterStruct,
-    block: KeptSteps,
-    dz: Array, tangent: Array,
-) -> Array:
-    """Return the direction before each step of a block, shape (steps, 2 n), from that at its start.
+class _StoredRun:
+    """All steps of a run in blocks, for tangents forwards and cotangents with slopes backwards.
 
-    Directions are kept at the start of each block alone, and follow anew in the pass back.
+    Attributes
+    ----------
+    first_order, second_order : DerivativeBinding, SecondBinding
+        The compiled modules, with ``parameters`` and ``second_parameters`` of the run.
+    blocks : list of KeptSteps
+        At most ``_BLOCK`` steps each; tangents are stored at the start of each block alone.
     """
-    binding, size = first_order.own, 2 * first_order.n
-    rows, advanced = binding.new(block.count, size), tangent[:, None].copy()
-    first_order.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows,
-                                  binding.new(0),
-                                  advanced)
-    # C returns directions after each step
-    rows[1:], rows[0] = rows[:-1].copy(), tangent
-    return rows
+
+    def __init__(self, stepper: Stepper, run: RunArguments, memory: Any) -> None:
+        """Integrate the run; raise InputError if its steps do not fit in ``memory``."""
+        self.stepper, self.run = stepper, run
+        self.first_order, self.second_order = (stepper._derivative_binding(),
+                                               stepper._second_binding())
+        steps = _all_steps(stepper, run, memory)
+        self.parameters, self.second_parameters = (
+            module.own.parameters(run.parameters, run.t0)
+            for module in (self.first_order, self.second_order))
+        self.blocks = split(steps, np.arange(0, run.steps, _BLOCK)) if run.steps else []
+
+    def tangents(self, D: Array) -> tuple[Array, list[Array]]:
+        """Return the directions of the stored states, (stored states, 2 n, k), and of blocks.
+
+        ``D``, shape (rows, k), has the directions of the start in columns. The list has the
+        directions of the state at the start of each block, (2 n, k).
+        """
+        run, new = self.run, self.first_order.own.new
+        count, size = D.shape[1], 2 * self.first_order.n
+        tangents = D[:size].copy()
+        tangent_rows, block_tangents = [D[None, :size]], []
+        for block in self.blocks:
+            block_tangents.append(tangents.copy())
+            row_count = (block.first + block.count) // run.every - block.first // run.every
+            rows = new(row_count, size, count)
+            status = self.first_order.integrate_tangent(
+                run, self.parameters, block, np.ascontiguousarray(D), run.every, rows, new(0),
+                tangents)
+            if status:
+                raise singular(block.first, status)
+            tangent_rows.append(rows)
+        if run.steps % run.every:  # the last state is stored in any case
+            tangent_rows.append(tangents[None].copy())
+        stored_tangents: Array = np.concatenate(tangent_rows)
+        return stored_tangents, block_tangents
+
+    def adjoint(
+        self, dz: Array, block_tangents: list[Array], cotangents: Cotangents,
+        cotangent_slopes: Cotangents,
+    ) -> tuple[Array, Array]:
+        """Return the cotangent z̄ of the start and all parameters, and its slope, (rows,) each.
+
+        The slope is along the direction ``dz`` of the start, (rows,); ``block_tangents`` are its
+        q and p at the start of each block. ``cotangent_slopes`` are how ``cotangents`` change.
+        """
+        run, second_order = self.run, self.second_order
+        adjoint = CotangentSlopes.at_end(second_order, cotangents.rows[-1],
+                                         cotangent_slopes.rows[-1], 0)
+        _add_explicit(self.stepper, run, cotangents, adjoint.z_bar[0])
+        _add_explicit(self.stepper, run, cotangent_slopes, adjoint.z_bar[1])
+        for block, tangent in zip(reversed(self.blocks), reversed(block_tangents), strict=True):
+            adjoint = adjoint.before(second_order, block.count)
+            status = second_order.integrate_second(
+                run, self.second_parameters, block, self._tangents_before_steps(block, dz, tangent),
+                dz, (_stored(run, block, cotangents.rows),
+                     _stored(run, block, cotangent_slopes.rows)), run.every, adjoint)
+            if status:
+                raise singular(block.first, status)
+        z_bar, z_bar_slope = adjoint.z_bar
+        # at the start w is the cotangent of q₀ and p₀
+        size = 2 * self.first_order.n
+        z_bar[:size], z_bar_slope[:size] = adjoint.w
+        return z_bar, z_bar_slope
+
+    def _tangents_before_steps(self, block: KeptSteps, dz: Array, tangent: Array) -> Array:
+        """Return the direction before each step of a block, shape (steps, 2 n).
+
+        ``tangent``, (2 n,), is the direction at the start of the block, from which the others
+        follow anew; ``dz``, (rows,), the direction of the start of the run.
+        """
+        new, advanced = self.first_order.own.new, tangent[:, None].copy()
+        rows = new(block.count, len(tangent))
+        self.first_order.integrate_tangent(self.run, self.parameters, block, dz[:, None].copy(), 1,
+                                           rows, new(0), advanced)
+        # C returns directions after each step
+        rows[1:], rows[0] = rows[:-1].copy(), tangent
+        return rows
 
 
-def _kept(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
+def _all_steps(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
     """Return all steps of a run, kept; raise InputError if they do not fit in ``memory``."""
-    limit, binding = as_bytes(memory), stepper.binding
-    width = 16 if binding.c_type not in ("float", "double") else np.dtype(binding.dtype).itemsize
-    needed = run.steps * (2 * stepper.n + stepper.unknowns) * width
+    limit, needed = as_bytes(memory), run.steps * step_bytes(stepper)
     if limit is None or needed > limit:
         raise InputError(f"memory = {memory!r} is too little: a Hessian keeps all "
                          f"{run.steps:,} steps, {needed:,} bytes; give these.")
@@ -308,9 +367,10 @@ def _kept(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
 def _directions(
     stepper: Stepper, space: TangentSpace, wrt: tuple[str, ...], run: RunArguments
 ) -> tuple[tuple[str, ...], Array]:
-    """Return names of directions and the directions, in columns of D, tangent to the constraints.
+    """Return names of k directions, and D, shape (rows, k): the directions in columns.
 
-    "start" is a basis of the tangent space at the start; every other name is one direction.
+    They are tangent to the constraints at the start. For "start" in ``wrt`` they are a basis of the
+    tangent space; each other name, a parameter or a time, is one direction.
     """
     binding, n = space.binding, stepper.n
     labels = [*stepper.binding.parameter_names, "dt", "t0"]
@@ -331,41 +391,20 @@ def _directions(
             columns.append(binding.own.new(binding.rows))
             columns[-1][2 * n + labels.index(name)] = 1
     D = space.projected(np.ascontiguousarray(np.array(columns).T))
-    if run.inputs is not None:  # each step has its own, which parameters do not move
+    # inputs are parameters to the C; each step has its own, which the projection does not move
+    if run.inputs is not None:
         D[[2 * n + labels.index(u) for u in stepper.binding.input_names]] = 0
     return tuple(names), D
-
-
-def _tangents(
-    first_order: DerivativeBinding, run: RunArguments, parameters: ParameterStruct,
-    blocks: list[KeptSteps], D: Array
-) -> tuple[Array, list[Array]]:
-    """Return the directions of stored states, shape (rows, 2 n, k), and at each block's start."""
-    binding, count, size = first_order.own, D.shape[1], 2 * first_order.n
-    tangents = D[:size].copy()
-    tangent_rows, block_tangents = [D[None, :size]], []
-    for block in blocks:
-        block_tangents.append(tangents.copy())
-        row_count = (block.first + block.count) // run.every - block.first // run.every
-        rows = binding.new(row_count, size, count)
-        status = first_order.integrate_tangent(run, parameters, block, np.ascontiguousarray(D),
-                                               run.every, rows, binding.new(0), tangents)
-        if status:
-            raise singular(block.first, status)
-        tangent_rows.append(rows)
-    if run.steps % run.every:  # the last state is stored in any case
-        tangent_rows.append(tangents[None].copy())
-    stored_tangents: Array = np.concatenate(tangent_rows)
-    return stored_tangents, block_tangents
 
 
 def _cotangent_slopes(
     stepper: Stepper, tangents: Array, dt: Array, dz: Array,
     slopes: Slopes | None, checked: Callable[[Mapping[str, Any]], Cotangents],
 ) -> Cotangents:
-    """Return how cotangents change along a direction dz, as the user's ``slopes`` says.
+    """Return the derivatives of the cotangents along a direction dz, by the user's ``slopes``.
 
-    ``tangents``, shape (rows, 2 n), and ``dt`` are the direction at each stored state and its time.
+    ``tangents``, shape (rows, 2 n), and ``dt``, (rows,), are the direction at the stored states and
+    of their times; ``dz``, of the start, has the parameters. Without ``slopes`` they are 0.
     """
     n = stepper.n
     cotangents: Mapping[str, Any] = {}
@@ -394,7 +433,10 @@ def _add_explicit(
 
 
 def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
-    """Return the rows of the stored states before these steps; ``rows`` has one for each state."""
+    """Return the rows of those stored states that are before these steps, shape (·, 2 n).
+
+    ``rows`` has a row for each stored state of the run.
+    """
     first_row = steps.first // run.every
     step_rows: Array = rows[first_row : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
@@ -406,10 +448,10 @@ def step_slope(
     stepper: Stepper, run: RunArguments, space: TangentSpace, end: Array, unknowns: Array,
     dz: Array, w: Array,
 ) -> Array:
-    """Return the derivative along dz of D(z)ᵀ z̄, with z̄ = Φ_zᵀ w, for one step.
+    """Return the derivative along dz of D(z)ᵀ z̄, with z̄ = Φ_zᵀ w, for one step, (rows,).
 
-    z̄ is the cotangent of its start, w of its end. ``end`` and ``unknowns`` are the state after the
-    step and the solution of its equations.
+    z̄ is the cotangent of its start, w, (2 n,), of its end, which does not change along ``dz``,
+    (rows,). ``end`` is the state after the step, ``unknowns`` the solution of its equations.
     """
     refuse_run(run)
     second, n = stepper._second_binding(), stepper.n
@@ -417,12 +459,12 @@ def step_slope(
     parameters = binding.parameters(run.parameters, run.t0)
     steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])
     no_rows = binding.new(1, 2 * n)
-    sweep = CotangentSlopes.at_end(second, w, binding.new(2 * n), 1)
+    adjoint = CotangentSlopes.at_end(second, w, binding.new(2 * n), 1)
     status = second.integrate_second(
         run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz, (no_rows, no_rows), 1,
-        sweep)
+        adjoint)
     if status:
         raise singular(0, status)
-    z_bar, z_bar_slope = sweep.z_bar
-    z_bar[: 2 * n], z_bar_slope[: 2 * n] = sweep.w
+    z_bar, z_bar_slope = adjoint.z_bar
+    z_bar[: 2 * n], z_bar_slope[: 2 * n] = adjoint.w
     return pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar, z_bar_slope)

@@ -46,74 +46,87 @@ def tangents_of(
 
 
 def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Trajectory:
-    """Return a trajectory that ``integrate`` returned with its tangents.
+    """Return a trajectory that ``integrate`` returned, with the tangents of its rows and events.
 
     ``tangents`` are directions of the start, or tangents of the same run at other rows, whose
-    directions are taken. The run is taken once more, from its start to its last point.
+    directions are taken. The run is integrated once more, from its start to its last point.
     """
     if not isinstance(tangents, (Tangents, TangentRows)):
         raise InputError(f"tangents = {shown(tangents)} are none; give gyrospark.Tangents(...).")
     rows = rows_of(stepper, trajectory, trajectory._origin.run)
     events = [point for points in rows.events.values() for point in points]
-    stored_tangents, q, t = _followed(stepper, rows.run, tangents, [*rows.points, *events])
-    tangent_rows = stored_tangents.of_others(*_of_rows(rows, stored_tangents, q, t))
-    offset, tangents_by_event = len(rows.points), dict[str, TangentRows]()
-    refused = dict(rows.refused)
-    for name, points in rows.events.items():
-        event_rows = slice(offset, offset + len(points))
-        offset += len(points)
-        # one crossing without derivatives leaves the whole event without
-        errors = [str(x) for x in q[event_rows] if isinstance(x, InputError)]
-        if errors:
-            refused[name] = errors[0]
-        else:
-            states, of_times = _stacked(stored_tangents, q[event_rows], t[event_rows])
-            # the rows behind q and p are of multipliers, which an event has not
-            tangents_by_event[name] = tangent_rows.of_others(
-                states[:, : len(stored_tangents.start)], of_times)
-    at_events = EventTangents(tangents_by_event, refused)
+    stored_tangents, directions, times = _followed(stepper, rows.run, tangents,
+                                                   [*rows.points, *events])
+    count = len(rows.points)
+    tangent_rows = stored_tangents.of_others(*_of_rows(
+        rows, stored_tangents, directions[:count], times[:count]))
+    at_events = _of_events(rows, stored_tangents, directions[count:], times[count:])
     return changed(trajectory, tangents=replace(tangent_rows, events=at_events))
 
 
+def _of_events(
+    rows: RunRows, stored_tangents: TangentRows, directions: list[Any], times: list[Any]
+) -> EventTangents:
+    """Return the tangents at events, by their names, and the errors of events that have none.
+
+    ``directions`` and ``times`` have an entry for each point of all events, one event after
+    another: arrays of the shapes (2 n, k) and (k,), or the InputError of a point.
+    """
+    tangents, refused, first = dict[str, TangentRows](), dict(rows.refused), 0
+    for name, points in rows.events.items():
+        crossings = slice(first, first + len(points))
+        first += len(points)
+        # one crossing without derivatives leaves the whole event without
+        errors = [str(entry) for entry in directions[crossings] if isinstance(entry, InputError)]
+        if errors:
+            refused[name] = errors[0]
+            continue
+        states, of_times = _stacked(stored_tangents, directions[crossings], times[crossings])
+        # rows after q and p are of multipliers, which an event has not
+        tangents[name] = stored_tangents.of_others(
+            states[:, : len(stored_tangents.start)], of_times)
+    return EventTangents(tangents, refused)
+
+
 def _of_rows(
-    rows: RunRows, stored_tangents: TangentRows, q: list[Any], t: list[Any]
+    rows: RunRows, stored_tangents: TangentRows, directions: list[Any], times: list[Any]
 ) -> tuple[Array, Array]:
     """Return the directions (rows, 2 n, k) and times' derivatives (rows, k) of a trajectory's rows.
 
-    First the rows at ends of steps, then those within steps. Raises the error of a point that has
-    no derivatives.
+    First the rows at ends of steps, then those within steps, whose ``directions`` and ``times`` are
+    in lists. Raises the error of a point that has no derivatives.
     """
-    count = len(rows.points)
-    for error in q[:count]:
-        if isinstance(error, InputError):
-            raise error
+    for entry in directions:
+        if isinstance(entry, InputError):
+            raise entry
     of_steps = stored_tangents.together()[: len(rows.of_steps)]
-    directions, times = _stacked(stored_tangents, q[:count], t[:count])
-    return (np.concatenate([of_steps, directions]),
-            np.concatenate([stored_tangents.t[: len(of_steps)], times]))
+    of_points, point_times = _stacked(stored_tangents, directions, times)
+    return (np.concatenate([of_steps, of_points]),
+            np.concatenate([stored_tangents.t[: len(of_steps)], point_times]))
 
 
-def _stacked(stored_tangents: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
-    """Return the points' directions and times as arrays, shapes (points, ·, k) and (points, k).
+def _stacked(
+    stored_tangents: TangentRows, directions: list[Any], times: list[Any]
+) -> tuple[Array, Array]:
+    """Return lists of points' directions and times as arrays, (points, ·, k) and (points, k).
 
-    ``q`` and ``t`` have the arrays of each point; ``stored_tangents`` give widths and type, which
-    an empty list does not.
+    ``stored_tangents`` give widths and type, which an empty list does not.
     """
-    shape = stored_tangents.together().shape[1:]
-    directions, times = np.zeros((len(q), *shape), stored_tangents.q.dtype), np.zeros(
-        (len(q), shape[1]), stored_tangents.q.dtype)
-    for i, (row, time) in enumerate(zip(q, t, strict=True)):
-        directions[i], times[i] = row, time
-    return directions, times
+    shape, dtype = stored_tangents.together().shape[1:], stored_tangents.q.dtype
+    all_directions = np.zeros((len(directions), *shape), dtype)
+    all_times = np.zeros((len(times), shape[-1]), dtype)
+    for i, (direction, time) in enumerate(zip(directions, times, strict=True)):
+        all_directions[i], all_times[i] = direction, time
+    return all_directions, all_times
 
 
 def _followed(
     stepper: Stepper, run: RunArguments, request: Tangents | TangentRows, points: Sequence[Point]
 ) -> tuple[TangentRows, list[Any], list[Any]]:
-    """Return the tangents of the stored states, of the points, and of the points' times.
+    """Return the tangents of the stored states, and lists for the points and for their times.
 
-    The lists have an entry for each point; the tangent of a point that has none is the InputError
-    that says why.
+    The lists have an array for each point, (2 n, k) and (k,); the tangent of a point without
+    derivatives is the InputError that says why.
     """
     tangent_run = _TangentRun(stepper, run, request, points)
     tangent_run.advance()
@@ -121,7 +134,7 @@ def _followed(
 
 
 class _TangentRun:
-    """A run once more, step by step, with dΦ(z) dz of its steps along k directions dz.
+    """A run integrated once more, with dΦ(z) dz of its steps Φ along k directions dz.
 
     The state of the frame and its tangents go forward together; rows are stored in space.
     """
@@ -130,7 +143,9 @@ class _TangentRun:
         self, stepper: Stepper, run: RunArguments, request: Tangents | TangentRows,
         points: Sequence[Point],
     ) -> None:
-        """Take the directions of a request at the start of the run, projected onto the constraints.
+        """Project the directions of a request at the start of the run, and allocate the rows.
+
+        ``points`` are states within steps, whose tangents are computed too.
         """
         refuse_run(run)
         self.stepper, self.run = stepper, run
@@ -149,8 +164,10 @@ class _TangentRun:
         size = 2 * self.n
         #: Tangents of the present state, in the frame; C overwrites them.
         self.tangents = self.dz[:size].copy()
+        #: Tangents of the stored states and, after these rows, of the multipliers before them.
         self.stored = self.own.new(run.rows + 1, size + self.width, self.dz.shape[1])
         self.stored[0, :size] = self.tangents
+        #: Steps before each stored state.
         self.ends = run.steps_of_rows(run.steps)
         self.points = points
         self.steps_of_points = np.array([point.step for point in points], int)
@@ -161,9 +178,9 @@ class _TangentRun:
     def _directions(
         self, request: Tangents | TangentRows
     ) -> tuple[Array, list[str], bool]:
-        """Return the directions of the start in columns of all rows, and a name for each column.
+        """Return the directions of the start, (rows, k), a name for each column, and a flag.
 
-        The flag says whether multipliers are asked for.
+        The flag says whether derivatives of multipliers are asked for.
         """
         if not isinstance(request, Tangents):  # a run that goes on along the directions of another
             return request._directions, request.names, request.multipliers is not None
@@ -175,7 +192,7 @@ class _TangentRun:
         return np.ascontiguousarray(start.directions), start.names, request.multipliers
 
     def advance(self) -> None:
-        """Take all steps, piece by piece, with a stop at each step that has points behind it."""
+        """Take all steps, piece by piece, with a stop before each step that has points in it."""
         run, last_state = self.run, (self.run.q, self.run.p)
         point_steps = np.unique(self.steps_of_points)
         for kept_piece in pieces(self.stepper, run, self.kept_run):
@@ -184,10 +201,11 @@ class _TangentRun:
                 self._differentiate_points(steps.first, steps.q[0], steps.p[0])
                 self._take(steps)
                 last_state = steps.q[-1], steps.p[-1]
+        # points after the last whole step, at a terminal event or a t_end within a step
         self._differentiate_points(run.steps, *last_state)
 
     def _take(self, steps: KeptSteps) -> None:
-        """Advance the tangents by some steps, and store those of the rows that lie in them."""
+        """Advance the tangents by some steps, and store the tangents of the rows after them."""
         run, size, count = self.run, 2 * self.n, self.dz.shape[1]
         # rows ``first_row`` + 1, ... of the run are states after steps of this piece
         first_row, end = steps.first // run.every, steps.first + steps.count
@@ -208,17 +226,21 @@ class _TangentRun:
                                                                - steps.first]
 
     def _differentiate_points(self, step: int, q: Array, p: Array) -> None:
-        """Differentiate the points within a step; (q, p) is the state before it, in the frame.
+        """Fill ``point_tangents`` and ``point_times`` of the points within step number ``step``.
 
-        A point without derivatives keeps its error, which is raised only if its row is asked for.
+        (q, p) is the state before the step, (n,) each, and ``tangents`` its directions, (2 n, k),
+        both in the frame. A point without derivatives gets its InputError in place of a tangent,
+        which is raised only if its row is asked for.
         """
-        selected = np.flatnonzero(self.steps_of_points == step)
-        if not len(selected):
+        points_of_step = np.flatnonzero(self.steps_of_points == step)
+        if not len(points_of_step):
             return
         size = 2 * self.n
-        z, directions = np.concatenate([q, p]), self.dz.copy()
-        z, directions[:size] = self.frame.in_space(step, z, self.dz, self.tangents)
-        for i in selected.tolist():
+        # a point's step is taken in space, from z = S z̃ with the directions S dz̃ + dS z̃
+        directions = self.dz.copy()
+        z, directions[:size] = self.frame.in_space(step, np.concatenate([q, p]), self.dz,
+                                                   self.tangents)
+        for i in points_of_step.tolist():
             try:
                 tangent, time = tangent_at(self.stepper, self.run, self.points[i], z, directions,
                                            self.width > 0)
@@ -239,21 +261,30 @@ class _TangentRun:
         of_times = (self.stored[:, n - 1].copy() if binding.clocked else
                     dz[-1] + np.outer(self.run.steps_of_rows(self.run.steps), dz[-2]))
         warn_of_jumps(self.stepper, self.switched)
+        # the start is the end of no step, and has no multipliers
         multipliers = None if self.inner is None else self.stored[1:, 2 * n :].reshape(
             -1, *self.inner, dz.shape[1])
-        q, p = (self.stored[:, k : k + binding.shown] for k in (0, n))
+        q, p = self.stored[:, : binding.shown], self.stored[:, n : n + binding.shown]
         return TangentRows(q, p, self.names, dz[places], of_times, dz, multipliers=multipliers,
                            switched_steps=self.switched)
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:
-    """Return directions ``row`` of the frame's state after step k, one of ``steps``, in space."""
+    """Return the directions in space, (2 n, k), of the state after k steps of the run.
+
+    ``row`` has the directions of the frame's state, which is one of ``steps``; ``dz`` those of the
+    start, with the rates of the frame.
+    """
     z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
     return frame.in_space(k, z, dz, row)[1]
 
 
 def _growth(names: list[str], start: Array, end: Array) -> float:
-    """Return by how much the longest of the directions of the start has grown."""
+    """Return the largest growth |dz_end| / |dz_start| of the columns that are named "start[k]".
+
+    ``start`` and ``end`` have the shape (2 n, k); 0 without such columns. Directions of parameters
+    have other units, and their growth has no meaning.
+    """
     start_columns = [k for k, name in enumerate(names) if name.startswith("start[")]
     before, after = (np.linalg.norm(x[:, start_columns].astype(float), axis=0)
                      for x in (start, end))

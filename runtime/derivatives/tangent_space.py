@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ...core.arguments import as_flag, as_items, as_text, shown, unknown
 from ...core.arrays import Array
@@ -98,9 +97,9 @@ class TangentSpace:
         """
         self.binding, self.n = binding, binding.n
         self._names = constraint_names
-        sizes = [float(np.linalg.norm(x.astype(float))) for x in (q, p)]
-        # |q|/|p|: by which a change of p compares with one of q
-        self._shares = sizes[0] / (sizes[1] or sizes[0] or 1.0)
+        q_size, p_size = (float(np.linalg.norm(x.astype(float))) for x in (q, p))
+        # |q|/|p|, by which a change of p compares with one of q; 1 at rest
+        self._q_per_p = q_size / (p_size or q_size or 1.0)
         self.g, self.f = binding.constraint_derivatives(parameters, q, p)
         n, shown = self.n, binding.own.shown
         #: The rows of q and p that users see.
@@ -116,7 +115,8 @@ class TangentSpace:
 
             dq ← dq − Gᵀ (G Gᵀ)⁻¹ dg,   dp ← dp − Gᵀ (f_p Gᵀ)⁻¹ df
 
-        dg and df are the derivatives of g and f along all rows; in scaled time then e ← −dH.
+        dg and df are the derivatives of g and f along all rows of ``dz``, shape (rows, k); in
+        scaled time then de ← −dH.
         """
         n, G, directions = self.n, self._G, dz.copy()
         if len(G):
@@ -130,7 +130,7 @@ class TangentSpace:
         return directions
 
     def pulled_back(self, z_bar: Array) -> Array:
-        """Return the transpose of ``projected`` applied to a cotangent, or to columns of them.
+        """Return the transpose of ``projected`` applied to cotangents, shape (rows,) or (rows, k).
 
             z̄ ← z̄ − f_zᵀ (f_p Gᵀ)⁻ᵀ G p̄,   then   z̄ ← z̄ − g_zᵀ (G Gᵀ)⁻¹ G q̄
         """
@@ -156,16 +156,16 @@ class TangentSpace:
         return null_space(self.normals)
 
     def refuse_off(self, directions: Array) -> None:
-        """Refuse directions off g = 0, |G_μ dq| > bound, naming the constraint μ.
+        """Refuse directions of (q, p), (2 n, k), that leave g = 0: |G_μ dq| > bound for a row μ.
 
-        The bound is a share of |G_μ| |dq|, and the round-off of dq beside a change of p.
+        The bound is |G_μ| (1e-10 |dq| + 64 ε |dp| |q|/|p|): round-off of dq and of a change of p.
         """
         shown = len(self.places) // 2
         dq, dp = (block.astype(float) for block in (directions[:shown],
                                                     directions[shown : 2 * shown]))
         G = self._G[:, :shown].astype(float)
-        # A direction along momenta has a dq of round-off alone, where as much of q as of p changes.
-        round_off = _ROUNDING * self._shares * np.linalg.norm(dp, axis=0)
+        # a direction along momenta alone has a dq of round-off
+        round_off = _ROUNDING * self._q_per_p * np.linalg.norm(dp, axis=0)
         for mu, row in enumerate(G):
             rates = np.abs(row @ dq)
             bounds = np.linalg.norm(row) * (_OFF * np.linalg.norm(dq, axis=0) + round_off)
@@ -177,7 +177,7 @@ class TangentSpace:
 
 
 def solved(A: Array, b: Array) -> Array:
-    """Return A⁻¹b in the type of the arrays.
+    """Return A⁻¹ b in the type of the arrays; A has the shape (n, n), b (n,) or (n, k).
 
     LAPACK takes float and double; long double and float128 are eliminated here, with row pivots.
     """
@@ -185,6 +185,7 @@ def solved(A: Array, b: Array) -> Array:
         solution: Array = np.linalg.solve(A, b)
         return solution
     A, x = A.copy(), b.copy()
+    # Gauss: eliminate below the pivots, then substitute from the last row on
     for k in range(len(A)):
         pivot = k + int(np.argmax(np.abs(A[k:, k])))
         A[[k, pivot]], x[[k, pivot]] = A[[pivot, k]], x[[pivot, k]]
@@ -198,10 +199,10 @@ def solved(A: Array, b: Array) -> Array:
 
 
 def null_space(rows: Array) -> Array:
-    """Return an orthonormal basis of {x: rows x = 0}, in columns; of any type.
+    """Return an orthonormal basis of {x: rows x = 0}, shape (n, n − rank), for ``rows``, (m, n).
 
     Gram-Schmidt, done twice, on the rows; then on unit vectors, each time on the one that is
-    farthest from the span so far.
+    farthest from the span so far. Any floating-point type will do, which LAPACK does not take.
     """
     size, basis = rows.shape[1], list[Array]()
     units = [*np.eye(size, dtype=int).astype(rows.dtype)]
@@ -224,7 +225,10 @@ def null_space(rows: Array) -> Array:
 
 
 def _orthogonal(x: Array, basis: Sequence[Array]) -> Array | None:
-    """Return x without its parts along others, of length 1; None if nothing is left."""
+    """Return x less its projection on the orthonormal ``basis``, of length 1.
+
+    None if x is in the span of the basis: the remainder is below 1e-10 |x|.
+    """
     squared_norm = x @ x
     # twice is enough (Kahan, Parlett): once leaves parts of the size of round-off over |remainder|
     for _ in range(2):
@@ -239,17 +243,20 @@ def _orthogonal(x: Array, basis: Sequence[Array]) -> Array | None:
 
 
 class Start:
-    """Start directions of tangents: columns with their names."""
+    """Start directions of tangents: ``directions``, (rows, k), and ``names`` of its columns."""
 
     def __init__(self, space: TangentSpace, tangents: Tangents) -> None:
-        """Collect the columns: of q and p, then parameters, dt and t0, and project them."""
+        """Collect the columns of q and p, then of parameters, dt and t0, and project them.
+
+        Raises InputError for unknown names, for directions off the constraints, and for none.
+        """
         binding = space.binding
         derivative_module, n = binding.own, binding.n
         names = derivative_module.parameter_names
         columns: list[Array] = []
         self.names: list[str] = []
         if tangents.start is not None:
-            directions = _given_start(space, tangents, derivative_module, derivative_module.shown)
+            directions = _state_directions(space, tangents)
             for k in range(directions.shape[1]):
                 column = derivative_module.new(binding.rows)
                 column[space.places] = directions[:, k]
@@ -272,24 +279,28 @@ class Start:
         self.directions = space.projected(np.ascontiguousarray(np.array(columns).T))
 
 
-def _given_start(space: TangentSpace, tangents: Tangents, binding: Any, n: int) -> Array:
-    """Return the directions of q and p: the basis, or the user's, checked to be tangent."""
+def _state_directions(space: TangentSpace, tangents: Tangents) -> Array:
+    """Return the directions of q and p, shape (2 n, k): the basis for "all", or the user's array.
+
+    The user's directions are checked to be tangent to the constraints, unless they are projected.
+    """
     if isinstance(tangents.start, str):
         return space.basis()
-    start: ArrayLike = tangents.start
-    array = as_numbers("start", start)
-    if array.ndim == 1:
-        array = array[:, None]
-    if array.ndim != 2 or len(array) != 2 * n:
-        raise InputError(f"start has the shape {array.shape}; a direction has {2 * n} rows, those "
+    binding, start = space.binding.own, as_numbers("start", tangents.start)
+    if start.ndim == 1:
+        start = start[:, None]
+    n = binding.shown
+    if start.ndim != 2 or len(start) != 2 * n:
+        raise InputError(f"start has the shape {start.shape}; a direction has {2 * n} rows, those "
                          "of q and of p.")
-    directions: Array = binding.array("start", array, array.shape)
+    directions: Array = binding.array("start", start, start.shape)
     if not tangents.project:
         space.refuse_off(directions)
     return directions
 
 
 def _unit(binding: DerivativeBinding, index: int) -> Array:
+    """Return a direction, (rows,), of one parameter or time alone."""
     column: Array = binding.own.new(binding.rows)
     column[index] = 1
     return column

@@ -49,10 +49,12 @@ class Objective:
         self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
         self._start, self._inputs = start, inputs
         self._span, self._memory, self._options = span, memory, options
-        # the state that coordinates of the tangent space count from: the start, projected
-        input_values: Any
-        input_values, self._hold = (inputs.values, inputs.hold) if isinstance(inputs, Inputs) else (
-            inputs, 1)
+        input_values: Any = inputs
+        self._hold = 1  # an array has a row for each step
+        if isinstance(inputs, Inputs):
+            input_values, self._hold = inputs.values, inputs.hold
+        # the state that coordinates of the tangent space count from: the start, projected, as a run
+        # of no steps has it
         run_of_start = stepper._resolved(stepper._run_arguments(replace(
             start, parameters=stepper._parameters_with_inputs(start.parameters, inputs)),
             dt=dt, steps=0))
@@ -71,18 +73,22 @@ class Objective:
             "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}
 
     def __call__(self, x: ArrayLike) -> tuple[float, Array]:
-        """Return the value and its gradient at x."""
+        """Return the value and its gradient at x, shape (k,), in doubles."""
         start, arguments = self._arguments(x)
         run = self._stepper.integrate(start, **arguments, **self._span, **self._options)
         gradient = self._stepper.gradient(run, loss=self._loss, wrt=self._wrt, memory=self._memory,
                                           solver=as_solver(self._options["solver"]).kind)
-        parts = [np.ravel(self._basis.T @ np.concatenate([gradient.q, gradient.p])
-                          if name == "start" else np.asarray(gradient[name]))
-                 for name in dict.fromkeys(self._wrt)]
-        return float(gradient.value), np.concatenate(parts).astype(float)
+        # by coordinates of the basis at the first start: ``gradient.start`` has those of another
+        by_start = self._basis.T @ np.concatenate([gradient.q, gradient.p])
+        blocks = [by_start if name == "start" else np.ravel(np.asarray(gradient[name]))
+                  for name in dict.fromkeys(self._wrt)]
+        return float(gradient.value), np.concatenate(blocks).astype(float)
 
     def _arguments(self, x: ArrayLike) -> tuple[Start, dict[str, Any]]:
-        """Return the start of the run at x, and its parameters, inputs and dt."""
+        """Return the start of the run at x, and its other arguments: parameters, inputs and dt.
+
+        Raises InputError for an x of another shape.
+        """
         variables = as_numbers("x", x)
         sizes = [self._sizes[name] for name in self._wrt]
         if variables.shape != (sum(sizes),):
