@@ -70,8 +70,8 @@ def split(**options):
 
 def swept(real="double", **options):
     """Return a sweep of tops."""
-    return lambda: gs.sweep("fast-top", {"gamma": [1e-3, 2e-3]}, scheme="IMS", real=real,
-                            dt=1e-3, steps=2, **options)
+    return lambda: gs.sweep("fast-top", {"gamma": [1e-3, 2e-3]}, scheme="G-L", stages=2,
+                            real=real, dt=1e-3, steps=2, **options)
 
 
 def on_card(solver="auto", n=4, real="double", frame=(), rows=0, energy=False, reason=None,

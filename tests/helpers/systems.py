@@ -384,6 +384,12 @@ def _swing() -> Case:
     return _plane("swing", (0.3,), (0.0,), {}, u**2 / 2 + 9 * (1 - sp.cos(x)), dt=0.01)
 
 
+def _tilted() -> Case:
+    """A pendulum by its angle, in a field that leans, with a stop at −½."""
+    return _plane("tilted", (2.9,), (0.0,), {}, u**2 / 2 - sp.sin(x) - sp.cos(x) / 2, dt=0.02,
+                  quantities={"stop": x + sp.Rational(1, 2)})
+
+
 def _beam() -> Case:
     """Two free segments of a beam that stretches and shears, which move apart."""
     build = gs.Multibody("beams", gravity=(0, 0, 0))
@@ -462,7 +468,8 @@ def _very_eccentric() -> Case:
 #: Of these ``names`` returns none: single tests take them by name.
 _OTHERS: dict[str, Callable[[], Case]] = {
     "arm": _arm, "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
-    "quartic": _quartic, "swing": _swing, "tied": _tied, "very_eccentric": _very_eccentric}
+    "quartic": _quartic, "swing": _swing, "tied": _tied, "tilted": _tilted,
+    "very_eccentric": _very_eccentric}
 
 
 _CASES: dict[str, Callable[[], Case]] = {

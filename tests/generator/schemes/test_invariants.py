@@ -194,13 +194,13 @@ def test_reversibility(spec):
 @pytest.mark.parametrize("problem", [
     gs.problems.free_body(), gs.problems.regular_precession(1.5)], ids=["Jacobi", "precession"])
 def test_closed_forms_are_followed_to_round_off(problem):
-    """G-L 6, of order 12: 500 steps of |ΩΔt| = 0.06 turn the body many times.
+    """G-L 8, of order 16: 500 steps of |ΩΔt| = 0.06 turn the body many times.
 
     The rest is the rounding of p0, ε of Ω, times the angle |Ω|T it acts on, and the random walk.
     """
     steps = 500
     speed = np.linalg.norm(problem.exact.angular_velocity(0.0))
-    run = gs.stepper("G-L", 6).integrate(
+    run = gs.stepper("G-L", 8).integrate(
         problem.q0, problem.p0, dt=0.06 / speed, steps=steps, every=50,
         parameters=problem.parameters | {"gamma": gs.gamma(problem.inertia)})
     omega = problem.exact.angular_velocity(run.t)
@@ -263,10 +263,10 @@ FAST_TOP = {
 
 @pytest.mark.parametrize("column", COLUMNS)
 def test_table_4(column):
-    """The fast top, Δt = 0.001, 320 steps, against G-L 6 with 1e-13."""
+    """The fast top, Δt = 0.001, 320 steps, against G-L 8 with 1e-13."""
     top = gs.problems.fast_top()
     mean = gs.gamma(top.inertia)
-    exact = gs.stepper("G-L", 6).integrate(top.q0, top.p0, dt=1e-3, steps=320,
+    exact = gs.stepper("G-L", 8).integrate(top.q0, top.p0, dt=1e-3, steps=320,
                                            parameters=top.parameters | {"gamma": mean}).axis()
     for paper, weight in zip(FAST_TOP[column], (mean, gs.gamma(top.inertia, "h"), 100 * mean),
                              strict=True):

@@ -154,7 +154,7 @@ def test_order_of_compiled_steps_on_a_constrained_system(s):
     case = make_case("gamma", (1.0, 1.7, 0.6), 0.2, 0.9, (0.5, -0.3, 0.7, 0.4), (0.9, -1.4, 1.1),
                      1.0)
     step, errors = gs.stepper("Radau-L", s), []
-    exact = gs.stepper("G-L", 6).integrate(case.q, case.p, dt=0.02, steps=100,
+    exact = gs.stepper("G-L", 8).integrate(case.q, case.p, dt=0.02, steps=100,
                                            parameters=case.parameters).q[-1]
     for steps in (100, 200, 400):
         run = step.integrate(case.q, case.p, dt=2 / steps, steps=steps, parameters=case.parameters)

@@ -90,7 +90,7 @@ def test_compiled_order_and_constraints(name: str) -> None:
     assert verify_stepper(Spec.checked(tableau=FOLDER / f"{name}.json")).holds
     step, body = stepper_of(name), BODY
     parameters = body.parameters | {"gamma": 1.0}
-    exact = gs.stepper("G-L", 6).integrate(body.q0, body.p0, dt=0.01, steps=200,
+    exact = gs.stepper("G-L", 8).integrate(body.q0, body.p0, dt=0.01, steps=200,
                                            parameters=parameters).q[-1]
     errors = []
     for steps in (50, 100, 200):
