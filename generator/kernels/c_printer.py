@@ -137,6 +137,7 @@ class CPrinter:
         if denominator & (denominator - 1) == 0 and denominator <= 2**20:
             text = self.real.literal(ratio)
             return text, _PRODUCT if ratio < 0 else _ATOM
+        # the C compiler divides two literals once, correctly rounded
         numerator, divisor = Fraction(ratio.numerator), Fraction(denominator)
         return f"{self.real.literal(numerator)}/{self.real.literal(divisor)}", _PRODUCT
 
@@ -151,7 +152,10 @@ class CPrinter:
         return text
 
     def _term(self, e: sp.Expr, level: int) -> str:
-        """Return a term of a sum."""
+        """Return a term of a sum, in parentheses below the precedence ``level`` of its place.
+
+        MISRA C (``explicit``) asks for parentheses around products, too.
+        """
         text, precedence = self._text(e)
         bare = precedence == _ATOM or (precedence >= level and not self.explicit)
         return text if bare else f"({text})"
@@ -182,6 +186,7 @@ class CPrinter:
         return f"{text or self.real.literal(Fraction(1))}/{divisor}", _PRODUCT
 
     def _is_atom(self, e: sp.Expr) -> bool:
+        """Whether e needs no parentheses as a divisor: a symbol or a positive integer."""
         return bool(e.is_Symbol or (e.is_Integer and e > 0))
 
     def _power(self, base: sp.Expr, exponent: sp.Expr) -> tuple[str, int]:

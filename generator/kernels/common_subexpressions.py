@@ -48,6 +48,7 @@ def _has_minus(e: sp.Basic, arguments: Sequence[_Node]) -> bool:
     """Return whether e has more minus signs than −e: ``could_extract_minus_sign``."""
     if not e.is_Add:
         return has_minus(e)
+    # terms with a minus sign less terms without; in a tie, SymPy's order decides between e and −e
     surplus = 2 * sum(a.has_minus for a in arguments) - len(arguments)
     return surplus > 0 or (surplus == 0 and bool(e.sort_key() < negative(e).sort_key()))
 
@@ -75,32 +76,9 @@ def common_subexpressions(
     for root in roots:
         _mark_shared(root)
     names = {e.name for e in graph.nodes if e.is_Symbol}
-    new_symbols = (symbol for symbol in symbols if symbol.name not in names)
-    definitions: list[tuple[sp.Symbol, sp.Expr]] = []
-
-    def rebuild(node: _Node) -> sp.Expr:
-        """Return the expression of a node in temporaries, and define one if the node recurs."""
-        if not node.arguments:
-            return node.expression
-        if node.symbol is not None:
-            return node.symbol
-        form = node.form or node
-        arguments = graph.in_order(form) if sort else form.arguments
-        new_arguments = [rebuild(a) for a in arguments]
-        # an expression without temporaries is kept, in place of building an equal one
-        if form.expression is None or any(
-                a is not b.expression for a, b in zip(new_arguments, arguments, strict=True)):
-            expression = applied(form.function, new_arguments)
-        else:
-            expression = form.expression
-        if not node.is_shared:
-            return expression
-        node.symbol = next(new_symbols)
-        definitions.append((node.symbol, expression))
-        return node.symbol
-
-    reduced = [rebuild(root) for root in roots]
-    return definitions, reduced
+    temporaries = _Temporaries(graph, (s for s in symbols if s.name not in names), sort)
+    reduced = [temporaries.expression(root) for root in roots]
+    return temporaries.definitions, reduced
 
 
 class _Graph:
@@ -170,12 +148,42 @@ class _Graph:
         return ordered
 
 
+class _Temporaries:
+    """The temporaries of the nodes that recur, with their definitions in order."""
+
+    def __init__(self, graph: _Graph, new_symbols: Iterator[sp.Symbol], sort: bool) -> None:
+        """Take names from ``new_symbols``, in the canonical order of arguments if ``sort``."""
+        self._graph, self._new_symbols, self._sort = graph, new_symbols, sort
+        self.definitions: list[tuple[sp.Symbol, sp.Expr]] = []
+
+    def expression(self, node: _Node) -> sp.Expr:
+        """Return the expression of a node in temporaries, and define one if the node recurs."""
+        if not node.arguments:
+            return node.expression
+        if node.symbol is not None:
+            return node.symbol
+        form = node.form or node
+        arguments = self._graph.in_order(form) if self._sort else form.arguments
+        new_arguments = [self.expression(a) for a in arguments]
+        # an expression without temporaries is kept, in place of building an equal one
+        if form.expression is None or any(
+                a is not b.expression for a, b in zip(new_arguments, arguments, strict=True)):
+            expression = applied(form.function, new_arguments)
+        else:
+            expression = form.expression
+        if not node.is_shared:
+            return expression
+        node.symbol = next(self._new_symbols)
+        self.definitions.append((node.symbol, expression))
+        return node.symbol
+
+
 _SIZE = attrgetter("size")
 
 
 def _mark_shared(node: _Node) -> None:
-    """Mark the nodes that recur."""
-    if not node.arguments:
+    """Mark the nodes that recur among a node and its subexpressions."""
+    if not node.arguments:  # symbols and numbers need no temporary
         return
     if node.is_visited:
         node.is_shared = True
@@ -185,65 +193,89 @@ def _mark_shared(node: _Node) -> None:
         _mark_shared(argument)
 
 
+class _ArgumentSets:
+    """The arguments of sums, or of products, as sets of numbers, whose intersections are fast.
+
+    The sums, or products, are numbered, too; they are called functions below.
+
+    Attributes
+    ----------
+    arguments_of : list of set of int
+        For each function, the numbers of its arguments.
+    rewritten : set of int
+        The functions whose arguments have changed.
+    """
+
+    def __init__(self, nodes: Sequence[_Node]) -> None:
+        """Number the arguments of ``nodes``, the functions, in the order in which they occur."""
+        self._number_of: dict[_Node, int] = {}
+        self.arguments_of = [
+            {self._number_of.setdefault(a, len(self._number_of)) for a in node.arguments}
+            for node in nodes]
+        self._arguments = list(self._number_of)
+        # for each argument, the functions that contain it, without those that are finished
+        self._functions_of: list[set[int]] = [set() for _ in self._arguments]
+        for i, numbers in enumerate(self.arguments_of):
+            for a in numbers:
+                self._functions_of[a].add(i)
+        self.rewritten = set[int]()
+
+    def number(self, node: _Node) -> int:
+        """Return the number of an argument, a new one if it has none."""
+        if node not in self._number_of:
+            self._number_of[node] = len(self._arguments)
+            self._arguments.append(node)
+            self._functions_of.append(set())
+        return self._number_of[node]
+
+    def nodes(self, numbers: set[int]) -> list[_Node]:
+        """Return the arguments of these numbers, in order."""
+        return [self._arguments[a] for a in sorted(numbers)]
+
+    def replace(self, i: int, common: set[int], replacement: int) -> None:
+        """Replace the arguments ``common`` of function i by one argument."""
+        for a in common:
+            self._functions_of[a].discard(i)
+        self.arguments_of[i] = (self.arguments_of[i] - common) | {replacement}
+        self._functions_of[replacement].add(i)
+        self.rewritten.add(i)
+
+    def related(self, i: int) -> list[int]:
+        """Return the functions after i with two or more arguments of i, the fewest first."""
+        counts = Counter(j for a in self.arguments_of[i] for j in self._functions_of[a] if j > i)
+        return [j for count, j in sorted((count, j) for j, count in counts.items()) if count > 1]
+
+    def finish(self, i: int) -> None:
+        """Remove function i from the comparisons that follow."""
+        for a in self.arguments_of[i]:
+            self._functions_of[a].discard(i)
+
+
 def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
     """Set the forms of sums, or products, with common arguments: a + b + c = (a + b) + c.
 
     a + b + c and a + b + d become s + c and s + d with s = a + b. Short sums come first. The common
-    part of two is also taken out of all longer ones that have it. Sets of numbers stand for the
-    arguments, so that intersections are fast. This is SymPy's ``match_common_args``, whose order
-    is kept.
+    part of two is also taken out of all longer ones that have it. This is SymPy's
+    ``match_common_args``, whose order is kept.
     """
     nodes.sort(key=lambda node: len(node.arguments))
-    number_of: dict[_Node, int] = {}
-    # function → numbers of its arguments, and argument → numbers of the functions that contain it
-    arguments_of = [{number_of.setdefault(a, len(number_of)) for a in node.arguments}
-                    for node in nodes]
-    arguments = list(number_of)
-    functions_of: list[set[int]] = [set() for _ in arguments]
-    for i, numbers in enumerate(arguments_of):
-        for a in numbers:
-            functions_of[a].add(i)
-    rewritten = set[int]()  # functions whose arguments have changed
-
-    def number(node: _Node) -> int:
-        """Return the number of an argument, a new one if it has none."""
-        if node not in number_of:
-            number_of[node] = len(arguments)
-            arguments.append(node)
-            functions_of.append(set())
-        return number_of[node]
-
-    def replace(i: int, common: set[int], replacement: int) -> None:
-        """Replace the arguments ``common`` of function i by one argument."""
-        for a in common:
-            functions_of[a].discard(i)
-        arguments_of[i] = (arguments_of[i] - common) | {replacement}
-        functions_of[replacement].add(i)
-        rewritten.add(i)
-
-    def function_of(numbers: set[int]) -> _Node:
-        """Return the sum, or product, of the arguments of these numbers."""
-        return _Node(function, [arguments[a] for a in sorted(numbers)])
-
+    sets = _ArgumentSets(nodes)
     for i, node in enumerate(nodes):
-        # later functions with two or more arguments in common, the fewest first
-        counts = Counter(j for a in arguments_of[i] for j in functions_of[a] if j > i)
-        candidates = sorted((count, j) for j, count in counts.items() if count > 1)
-        for position, (_, j) in enumerate(candidates):
-            common = arguments_of[i] & arguments_of[j]
-            if len(common) < 2:  # an earlier candidate has taken arguments away from i
+        related = sets.related(i)
+        for position, j in enumerate(related):
+            common = sets.arguments_of[i] & sets.arguments_of[j]
+            if len(common) < 2:  # an earlier function has taken arguments away from i
                 continue
             # if j contains all arguments of i, i itself becomes an argument of j
-            if len(common) == len(arguments_of[i]):
-                replacement = number(node)
+            if len(common) == len(sets.arguments_of[i]):
+                replacement = sets.number(node)
             else:
-                replacement = number(function_of(common))
-                replace(i, common, replacement)
-            replace(j, common, replacement)
-            for _, k in candidates[position + 1:]:
-                if common <= arguments_of[k]:
-                    replace(k, common, replacement)
-        if i in rewritten:
-            node.form = function_of(arguments_of[i])
-        for a in arguments_of[i]:  # i is done: later functions are not compared with it
-            functions_of[a].discard(i)
+                replacement = sets.number(_Node(function, sets.nodes(common)))
+                sets.replace(i, common, replacement)
+            sets.replace(j, common, replacement)
+            for k in related[position + 1:]:
+                if common <= sets.arguments_of[k]:
+                    sets.replace(k, common, replacement)
+        if i in sets.rewritten:
+            node.form = _Node(function, sets.nodes(sets.arguments_of[i]))
+        sets.finish(i)

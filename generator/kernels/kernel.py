@@ -93,6 +93,7 @@ class Constants:
         return self._with_elapsed_time[e]
 
     def _constant(self, e: sp.Expr) -> sp.Expr:
+        """Return the constant of the run for an expression in the time at the start."""
         if e not in self.definitions:
             self.definitions[e] = sp.Symbol(next(self._free_names), real=True)
         return self.definitions[e]
@@ -118,6 +119,7 @@ class Constants:
         if not e.is_Add and self._has_piecewise(e):
             return e  # with constants hoisted, continuity at the switches could not be proved
         if e.is_Mul or e.is_Add:
+            # all constant arguments together are one constant
             constants = [a for a in e.args if self._is_constant(a)]
             varying = [self.hoist(a) for a in e.args if not self._is_constant(a)]
             return (e.func(self.hoist(e.func(*constants)), *varying) if constants
@@ -134,6 +136,7 @@ class Constants:
         return self._is_piecewise[e]
 
     def _is_constant(self, e: sp.Expr) -> bool:
+        """Whether e depends on parameters, and on nothing else; False of a number."""
         symbols = self._free_symbols(e)
         return bool(symbols) and symbols <= self._constant_symbols
 
@@ -223,25 +226,35 @@ def emit_kernel(
              for t, e in statements.shared]
     lines += map(wrap, _assignments(statements, printer))
     read_symbols = symbols_of(e for _, e in (*statements.shared, *statements.outputs))
-    # the templates print (void)a for arguments that a kernel does not read
-    unused = [a for a, symbols in kernel.inputs.items() if not read_symbols & set(symbols)]
     own_constants = read_symbols & set(constants.definitions.values())
     # functions of single lanes take the number of lanes from the constants
     lane_by_lane = printer.on_lanes and printer.functions - ON_LANES
-    if not (own_constants or read_symbols & {*target.names, *constants.clock} or lane_by_lane):
-        unused.insert(0, "c")
+    reads_constants = bool(
+        own_constants or read_symbols & {*target.names, *constants.clock} or lane_by_lane)
+    returns_number = not all(isinstance(output, list) for output in kernel.outputs.values())
     return EmittedKernel(
-        target.prefix + kernel.name,
-        kernel.doc,
-        "void" if all(isinstance(v, list) for v in kernel.outputs.values()) else target.value,
-        _signature(kernel, target),
-        lines,
-        len(statements.shared),
-        dict(sorted(printer.operations.items())),
-        unused,
-        frozenset(map(str, own_constants)),
-        frozenset(printer.functions),
+        name=target.prefix + kernel.name,
+        doc=kernel.doc,
+        returns=target.value if returns_number else "void",
+        signature=_signature(kernel, target),
+        lines=lines,
+        temporaries=len(statements.shared),
+        operations=dict(sorted(printer.operations.items())),
+        unused=_unused_arguments(kernel, read_symbols, reads_constants),
+        constants=frozenset(map(str, own_constants)),
+        functions=frozenset(printer.functions),
     )
+
+
+def _unused_arguments(
+    kernel: Kernel, read_symbols: set[sp.Symbol], reads_constants: bool
+) -> list[str]:
+    """Return the arguments of the C function that it does not read, the constants ``c`` first.
+
+    The templates print (void)a for each, as compilers warn of them otherwise.
+    """
+    arrays = [a for a, symbols in kernel.inputs.items() if read_symbols.isdisjoint(symbols)]
+    return arrays if reads_constants else ["c", *arrays]
 
 
 def _is_exact_polynomial(e: sp.Expr) -> bool:
@@ -279,21 +292,27 @@ def _emit_compensated(
         lines += [f"sum[0] = {zero};", f"sum[1] = {zero};"]
         for term in sp.Add.make_args(sp.expand(e)):
             coefficient, monomial = term.as_coeff_Mul()
+            # a factor 1 is left out, unless it is the whole term
             factors = [] if coefficient == 1 and monomial != 1 else [printer.number(coefficient)]
             for base, power in monomial.as_powers_dict().items():
-                factors += [] if base == 1 else [printer(base)] * int(power)
+                if base != 1:
+                    factors += [printer(base)] * int(power)
             lines.append(f"{{ const {target.value} factors[] = {{ {', '.join(factors)} }}; "
                          f"{target.prefix}add_product(sum, {len(factors)}, factors); }}")
         lines.append(f"{entry} = sum[0] + sum[1];")
     read_symbols = symbols_of(e for _, e in outputs)
     own_constants = read_symbols & set(constants.definitions.values())
-    unused = [a for a, symbols in kernel.inputs.items() if not read_symbols & set(symbols)]
+    reads_constants = bool(own_constants or read_symbols & {*constants.clock})
     return EmittedKernel(
-        target.prefix + kernel.name, f"{kernel.doc}, in twice the working precision", "void",
-        _signature(kernel, target), lines, 0,
-        {"product": sum("add_product" in line for line in lines)},
-        ([] if own_constants or read_symbols & {*constants.clock} else ["c"]) + unused,
-        frozenset(map(str, own_constants)),
+        name=target.prefix + kernel.name,
+        doc=f"{kernel.doc}, in twice the working precision",
+        returns="void",
+        signature=_signature(kernel, target),
+        lines=lines,
+        temporaries=0,
+        operations={"product": sum("add_product" in line for line in lines)},
+        unused=_unused_arguments(kernel, read_symbols, reads_constants),
+        constants=frozenset(map(str, own_constants)),
     )
 
 
@@ -333,9 +352,10 @@ def _assignments(statements: Statements, printer: CPrinter) -> Iterator[str]:
 def _signature(kernel: Kernel, target: Target) -> str:
     """Return the parameters of the C function: constants, inputs, outputs."""
     arguments = [f"const {target.constants} *c"]
-    arguments += [f"const {target.value} {a}[{len(s)}]" for a, s in kernel.inputs.items()]
+    arguments += [f"const {target.value} {array}[{len(symbols)}]"
+                  for array, symbols in kernel.inputs.items()]
     for array, output in kernel.outputs.items():
-        if isinstance(output, list):
+        if isinstance(output, list):  # the function returns an output that is no array
             columns = f"[{len(output[0])}]" if isinstance(output[0], list) else ""
             shape = f"[{len(output)}]{columns}"
             arguments.append(f"{target.value} {array}{shape}")

@@ -97,6 +97,7 @@ def statements_of(kernel: Kernel) -> Statements:
 def _paired(
     targets: list[tuple[str, sp.Expr]], reduced: list[sp.Expr]
 ) -> list[tuple[str, sp.Expr]]:
+    """Return the output entries with reduced expressions in place of their own."""
     return [(target, e) for (target, _), e in zip(targets, reduced, strict=True)]
 
 
@@ -105,13 +106,14 @@ def _name_recurring(
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
     """Name each subexpression that recurs, is ``Shared`` or the base of a power.
 
-    Linear time: each subexpression is visited once, and common factors are not sought.
+    Linear time: each subexpression is visited once, and common factors are not sought. Returns
+    the temporaries with their definitions, and the expressions in them.
     """
     subexpressions = list(parts_of(expressions))
     uses = Counter(a for e in subexpressions for a in e.args)
     uses.update(expressions)
-    uses.update(a for e in subexpressions for a in e.args[:1]
-                if isinstance(e, Shared) or _multiplies(e))
+    # a second use of the argument of ``Shared`` and of a base makes it a temporary
+    uses.update(e.args[0] for e in subexpressions if isinstance(e, Shared) or _multiplies(e))
     new_symbols = sp.numbered_symbols("_t", real=True)
     names: dict[sp.Basic, sp.Symbol] = {}
     replacement: dict[sp.Basic, sp.Basic] = {}
@@ -157,7 +159,10 @@ def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
 def _replace_shared(
     expressions: list[sp.Expr],
 ) -> tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]:
-    """Return the definitions of new symbols for ``Shared`` parts, and expressions in them."""
+    """Return the definitions of new symbols for ``Shared`` parts, and expressions in them.
+
+    Parts with equal definitions have one symbol; an atom, a symbol or a number, needs none.
+    """
     new_symbols = sp.numbered_symbols("_s", real=True)
     replacement: dict[sp.Basic, sp.Basic] = {}
     symbols: dict[sp.Basic, sp.Symbol] = {}  # by definition: different parts may become equal
@@ -177,12 +182,18 @@ def _replace_shared(
 def _sort_definitions(
     temporaries: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
 ) -> list[tuple[sp.Symbol, sp.Expr]]:
-    """Return temporaries and definitions in an order in which each uses earlier ones only."""
-    definition_of, ordered = dict(temporaries) | definitions, dict[sp.Symbol, sp.Expr]()
+    """Return temporaries and definitions in an order in which each uses earlier ones only.
+
+    A depth-first search, which lists a symbol after all symbols of its definition.
+    """
+    definition_of = dict(temporaries) | definitions
+    ordered: dict[sp.Symbol, sp.Expr] = {}
 
     def visit(symbol: sp.Symbol) -> None:
-        """Add a symbol's definition to ``ordered``, those that it uses first."""
+        """Add a symbol's definition to ``ordered``, the definitions that it uses first."""
+        # inputs and constants have no definition
         if symbol not in ordered and symbol in definition_of:
+            # by name: a set of symbols has another order in each process
             for operand in sorted(definition_of[symbol].free_symbols, key=name_of):
                 visit(operand)
             ordered[symbol] = definition_of[symbol]
@@ -195,7 +206,10 @@ def _sort_definitions(
 def _drop_unused(
     temporaries: list[tuple[sp.Symbol, sp.Expr]], outputs: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
-    """Drop unused temporaries and those equal to another symbol."""
+    """Return the temporaries and outputs without unused temporaries, and without other names.
+
+    A temporary that is defined as another symbol is another name; that symbol takes its place.
+    """
     alias_of: dict[sp.Symbol, sp.Expr] = {}
     distinct: list[tuple[sp.Symbol, sp.Expr]] = []
     for symbol, definition in temporaries:
@@ -222,26 +236,30 @@ def _name_bases(
     """
     new_symbols = sp.numbered_symbols("_u", real=True)
     definitions: list[tuple[sp.Symbol, sp.Expr]] = []
-    name_of_base: dict[sp.Expr, sp.Symbol] = {}
-    fourth_roots = {power.base for e in (*(e for _, e in temporaries), *outputs)
-                    for power in parts_of([e]) if power.is_Pow and _has_denominator(power, 4)}
+    symbol_of: dict[sp.Expr, sp.Symbol] = {}
+    expressions = [*(e for _, e in temporaries), *outputs]
+    # bases with a fourth root
+    fourth_roots = {power.base for power in parts_of(expressions)
+                    if power.is_Pow and _has_denominator(power, 4)}
 
-    def symbol_of(e: sp.Expr) -> sp.Symbol:
-        if e not in name_of_base:
-            name_of_base[e] = next(new_symbols)
-            definitions.append((name_of_base[e], e))
-        return name_of_base[e]
+    def temporary(base: sp.Expr) -> sp.Symbol:
+        """Return the temporary of a base, and define it if it is new."""
+        if base not in symbol_of:
+            symbol_of[base] = next(new_symbols)
+            definitions.append((symbol_of[base], base))
+        return symbol_of[base]
 
     def rename(e: sp.Expr) -> sp.Expr:
         """Return e with temporaries for the bases of its powers."""
         if e.is_Atom:
             return e
+        # before its arguments are renamed, as ``fourth_roots`` has the original bases
         by_root = e.is_Pow and e.base in fourth_roots and (
             _has_denominator(e, 2) or _has_denominator(e, 4))
         e = applied(e.func, [rename(a) for a in e.args])
         if by_root:
-            return symbol_of(sp.sqrt(e.base)) ** (2 * e.exp)
-        return symbol_of(e.base) ** e.exp if _multiplies(e) and not e.base.is_Atom else e
+            return temporary(sp.sqrt(e.base)) ** (2 * e.exp)
+        return temporary(e.base) ** e.exp if _multiplies(e) and not e.base.is_Atom else e
 
     for symbol, e in temporaries:
         # the temporaries of its bases come before it
@@ -251,4 +269,5 @@ def _name_bases(
 
 
 def _has_denominator(e: sp.Pow, q: int) -> bool:
+    """Whether the exponent is a fraction with the denominator q."""
     return bool(e.exp.is_Rational and e.exp.q == q)

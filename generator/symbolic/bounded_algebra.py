@@ -61,13 +61,16 @@ def _size(e: sp.Expr) -> tuple[int, int]:
     if e.is_Mul:
         return _cut(math.prod(t for t, _ in sizes)), _cut(sum(length for _, length in sizes))
     if e.is_Pow and e.exp.is_Rational:
-        terms, length = sizes[0]
+        base_terms, base_length = sizes[0]
         n = math.ceil(abs(e.exp))
         # (x_1 + … + x_t)ⁿ has C(t + n − 1, n) terms; beyond n = 200 the number itself takes long
-        power = _cut(math.comb(terms + n - 1, n)) if n <= 200 else MAX_SYMBOLS + 1, _cut(length * n)
-        return power if e.exp.is_Integer and e.exp > 0 else (1, _cut(power[0] * power[1]))
+        terms = _cut(math.comb(base_terms + n - 1, n)) if n <= 200 else MAX_SYMBOLS + 1
+        length = _cut(base_length * n)
+        is_expanded = e.exp.is_Integer and e.exp > 0
+        return (terms, length) if is_expanded else (1, _cut(terms * length))
     return 1, _cut(sum(t * length for t, length in sizes))
 
 
 def _cut(count: int) -> int:
+    """Return a count up to the limit: products of larger ones would be numbers of many digits."""
     return min(count, MAX_SYMBOLS + 1)

@@ -25,10 +25,12 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
     unusual terms go to SymPy.
     """
     number: sp.Expr = sp.S.Zero
-    remaining, summands, multiples = [*terms], list[sp.Expr](), set[object]()
+    remaining = [*terms]
+    summands: list[sp.Expr] = []
+    multiples = set[object]()
     for term in remaining:
         if term.is_Number:
-            if not term.is_Rational:
+            if not term.is_Rational:  # decimals, infinities
                 return sp.Add(*terms)
             number += term
             continue
@@ -37,12 +39,13 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
             continue
         multiple: object = term
         if term.is_Mul:
+            # 2 x y and 3 x y are multiples of (x, y); 2 x is one of x, which may be a term itself
             factors = term.args[1:] if term.args[0].is_Number else term.args
             if factors[0].is_Number:
                 return sp.Add(*terms)
             multiple = factors if len(factors) > 1 else factors[0]
         elif not (term.is_Symbol or term.is_Function or (term.is_Pow and not term.base.is_Number)):
-            return sp.Add(*terms)
+            return sp.Add(*terms)  # matrices, orders, roots of numbers
         summands.append(term)
         multiples.add(multiple)
     if len(multiples) < len(summands):  # like terms
@@ -56,21 +59,24 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
 def product_of(factors: Sequence[sp.Expr]) -> sp.Expr:
     """Return Π factors, ``Mul(*factors)``; factors of equal base, and unusual ones, go to SymPy."""
     number: sp.Expr = sp.S.One
-    remaining, powers, bases = [*factors], list[sp.Expr](), set[sp.Expr]()
+    remaining = [*factors]
+    powers: list[sp.Expr] = []
+    bases = set[sp.Expr]()
     for factor in remaining:
         if factor.is_Number:
-            if not factor.is_Rational or not factor:
+            if not factor.is_Rational or not factor:  # decimals, infinities, 0
                 return sp.Mul(*factors)
             number *= factor
             continue
         if factor.is_Mul:
-            remaining += factor.args
+            remaining += factor.args  # the loop takes its factors, too
             continue
         base = factor
         if factor.is_Pow:
             base = factor.base
             if not factor.exp.is_Rational:
                 return sp.Mul(*factors)
+        # roots of numbers have rules of their own; eᵃ eᵇ is eᵃ⁺ᵇ
         if not (base.is_Symbol or base.is_Add or base.is_Function) or isinstance(base, sp.exp):
             return sp.Mul(*factors)
         powers.append(factor)

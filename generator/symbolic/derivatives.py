@@ -22,7 +22,7 @@ __all__ = ["along", "derivative", "slopes"]
 
 @lru_cache(maxsize=2**14)
 def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
-    """Return ∂e/∂x."""
+    """Return ∂e/∂x, by the rules of sums, products, powers and functions in turn."""
     if e.is_Atom:
         return sp.Integer(int(e == x))
     if e.is_Add:
@@ -35,7 +35,7 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
         if 0 < e.exp < 1 and has_sides(e.base):  # (√max(x, 0))' = 0 for x < 0, not 0/0
             return Where(sp.Integer(0), sp.Abs(inner), rate, sp.Integer(0))
         return rate
-    if e.is_Pow:
+    if e.is_Pow:  # (u^v)' = u^v (v' log u + u' v/u)
         by_base, by_exponent = (derivative(argument, x) for argument in e.args)
         return e * (by_exponent * sp.log(e.base) + by_base * e.exp / e.base)
     if isinstance(e, Shared):
@@ -44,15 +44,17 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
         return sp.Integer(0)
     if isinstance(e, Switch):
         return e.pick(*(derivative(e.args[i], x) for i in e.branches))
-    if e.is_Function:
-        each = [derivative(argument, x) for argument in e.args]
-        return sp.Add(*(e.fdiff(i) * d for i, d in enumerate(each, 1) if d != 0))
+    if e.is_Function:  # the chain rule; SymPy counts arguments from 1
+        inner = [derivative(argument, x) for argument in e.args]
+        return sp.Add(*(e.fdiff(i) * d for i, d in enumerate(inner, 1) if d != 0))
     return sp.diff(e, x)
 
 
 def _product_terms(factors: tuple[sp.Expr, ...], x: sp.Symbol) -> list[sp.Expr]:
-    inner = [derivative(factor, x) for factor in factors]
-    return [product_of([*factors[:i], d, *factors[i + 1:]]) for i, d in enumerate(inner) if d != 0]
+    """Return the nonzero terms f_1 … f_i' … f_n of the derivative of a product."""
+    slopes_of_factors = [derivative(factor, x) for factor in factors]
+    return [product_of([*factors[:i], slope, *factors[i + 1:]])
+            for i, slope in enumerate(slopes_of_factors) if slope != 0]
 
 
 def along(
@@ -60,7 +62,7 @@ def along(
 ) -> list[sp.Expr]:
     """Return the directional derivatives Σ_k d_k ∂e/∂x_k, in forward mode.
 
-    Each shared subexpression is differentiated once.
+    Each shared subexpression is differentiated once: the result is d/dε e(x + ε d) at ε = 0.
     """
     step = sp.Symbol("_step", real=True)
     displaced = substitute(expressions, {x: x + step * d
@@ -77,11 +79,14 @@ def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
     symbols.
     """
     nodes = [node for node in parts_of([e]) if isinstance(node, Shared)]
+    # a symbol for each node: its body and e are short expressions in these
     names = {node: sp.Symbol(f"_r{i}", real=True) for i, node in enumerate(nodes)}
     *bodies, root = substitute([*(node.args[0] for node in nodes), e], names)
+    # symbol → terms of its adjoint
     terms: dict[sp.Symbol, list[sp.Expr]] = {}
 
     def add_products(adjoint: sp.Expr, body: sp.Expr) -> None:
+        """Add adjoint · ∂(body)/∂x to the terms of each symbol x in a body."""
         for term in sp.Add.make_args(body):
             for x in sorted(term.free_symbols, key=name_of):
                 terms.setdefault(x, []).append(adjoint * derivative(term, x))

@@ -153,6 +153,7 @@ class Residues:
         return self._unknown(e)
 
     def _number(self, x: sp.Rational) -> Residue:
+        """Return p q⁻¹ modulo the prime of a fraction p/q, at every point."""
         residue = int(x.p) * pow(int(x.q), -1, self.prime) % self.prime
         return np.full(self.size, residue)
 
@@ -173,10 +174,10 @@ class Residues:
     # ------------------------------------------------------------ powers and roots
 
     def _power(self, x: Residue, n: int) -> Residue:
-        """Return xⁿ; points with x = 0 and n < 0 are marked unusable."""
+        """Return xⁿ by repeated squaring; points with x = 0 and n < 0 are marked unusable."""
         if n < 0:
             self._usable &= x != 0
-            n %= self.prime - 1
+            n %= self.prime - 1  # Fermat: x^(p − 1) = 1
         power = np.ones_like(x)
         while n:
             if n & 1:
@@ -187,7 +188,8 @@ class Residues:
     def _power_of(self, e: sp.Expr, exponent: sp.Rational, base: Residue) -> Residue:
         """Return base^(p/q), by square roots and by one root of odd order.
 
-        A root of odd order r is unique, x^(1/r mod p − 1), if r and p − 1 are coprime.
+        ``base`` has the residues of e. A root of odd order r is unique, x^(1/r mod p − 1), if r
+        and p − 1 are coprime.
         """
         q = int(exponent.q)
         # q = 2^twos · odd
@@ -201,6 +203,7 @@ class Residues:
             root = self._power(base, pow(odd, -1, self.prime - 1)) if odd > 1 else base
             for _ in range(twos):
                 root = self._square_root(root)
+            # a number has no root at any point, however many are drawn
             if q > 1 and not (self._usable.any() or e.free_symbols):
                 raise UnsuitablePrimeError(f"{e} has no such root modulo {self.prime}")
         return self._power(root, int(exponent.p))
@@ -225,9 +228,11 @@ class Residues:
         p, circular = self.prime, e.func in _CIRCULAR
         z = np.ones(self.size, dtype=np.int64)
         for unit, n in _terms(e.args[0]):
+            # z_k stands for exp(u_k/d) with the common denominator d of all n_k: powers are whole
             steps = n * self._units[unit]
             z = z * self._power(self._unknown((unit, circular)), int(steps)) % p
         inverse = self._power(z, -1)
+        # sin = (z − 1/z)/2i and cos = (z + 1/z)/2 with i = √−1; sinh and cosh without i
         i = _eighth_root(p) ** 2 % p if circular else 1
         odd = (z - inverse) * pow(2 * i, -1, p) % p
         even = (z + inverse) * pow(2, -1, p) % p
@@ -276,6 +281,7 @@ def identically_zero(sums: Sequence[Sequence[sp.Expr]]) -> str:
     exact = [[exactly(e) for e in terms] for terms in sums]
     totals = [sp.Add(*terms, evaluate=False) for terms in exact]
     nonzero = [e for e in totals if e != 0]
+    # values refute fast; only sums without a nonzero value are expanded
     if nonzero and not vanish(nonzero):
         return ""
     proved = all(map(is_small, totals)) and all(

@@ -72,14 +72,17 @@ def is_refuted(
 def _differences(
     left: Sequence[sp.Expr], right: Sequence[sp.Expr], small: Sequence[sp.Symbol]
 ) -> tuple[list[tuple[sp.Expr, sp.Expr]], Iterator[Any]]:
-    """Return the pairs that differ in form, and their largest difference at each random point."""
+    """Return the pairs that differ in form, and their largest difference at each random point.
+
+    The differences are computed one by one, as the caller takes them.
+    """
     pairs = [(a, b) for a, b in zip(left, right, strict=True) if a != b]
     points = _points(pairs, set(small)) if pairs else iter(())
     return pairs, (max(_difference(a, b, values) for a, b in pairs) for values in points)
 
 
 def _is_equal(a: sp.Expr, b: sp.Expr, thorough: bool) -> bool:
-    """Whether algebra proves a = b."""
+    """Whether algebra proves a = b: polynomials by expansion, ratios of them by the numerator."""
     symbols = symbols_of([a, b])
     if all(e.is_polynomial(*symbols) for e in (a, b)):
         return bool(sp.expand(a - b) == 0)

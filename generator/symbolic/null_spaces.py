@@ -59,18 +59,20 @@ class NullSpace:
         Vectors with irrational entries, or with fractions of more than about a hundred digits, are
         omitted.
         """
-        entries, modulus, pivots = np.zeros((0, self.size), dtype=object), 1, [0] * (self.size + 1)
+        # entries of the basis modulo the product of the primes so far
+        entries, modulus = np.zeros((0, self.size), dtype=object), 1
+        pivots = [0] * (self.size + 1)  # more than any basis has: the first prime has fewer
         candidates: list[list[Fraction] | None] = []
         confirmed: list[bool] = []
         forms = islice(self._iterate_forms(), _MAX_PRIMES)
-        for prime_count, (prime, echelon, leading) in enumerate(forms, 1):
-            if not leading:
-                return []
+        for prime_count, (prime, echelon, prime_pivots) in enumerate(forms, 1):
+            if not prime_pivots:
+                return []  # the null space over the rationals has no larger dimension
             # the null space modulo a prime is never smaller: fewer vectors mean a better prime
-            if len(leading) < len(pivots):
-                entries, modulus, pivots = echelon.astype(object), prime, leading
-                confirmed = [False] * len(leading)
-            elif leading == pivots:
+            if len(prime_pivots) < len(pivots):
+                entries, modulus, pivots = echelon.astype(object), prime, prime_pivots
+                confirmed = [False] * len(pivots)
+            elif prime_pivots == pivots:
                 confirmed = [row is not None and _is_congruent(row, residues, prime)
                              for row, residues in zip(candidates, echelon, strict=True)]
                 if all(confirmed) and prime_count >= _MIN_PRIMES:
@@ -83,10 +85,12 @@ class NullSpace:
                 if row is not None and is_confirmed]
 
     def contains(self, vector: Sequence[Fraction]) -> bool:
-        """Whether a vector is in the space, modulo three primes."""
+        """Whether a vector of ℚⁿ is in the space, modulo three primes."""
         for prime, echelon, pivots in islice(self._iterate_forms(), _MIN_PRIMES):
             entries = np.array([_residue(x, prime) for x in vector])
-            if ((entries - _product(entries[None, pivots], echelon, prime)[0]) % prime).any():
+            # rows of the echelon form are unit vectors at the pivots: these give the combination
+            combination = _product(entries[None, pivots], echelon, prime)[0]
+            if ((entries - combination) % prime).any():
                 return False
         return True
 
@@ -125,13 +129,14 @@ class NullSpace:
 def _intersection(basis: Residue, rows: Residue, prime: int) -> Residue:
     """Return a basis of the subspace that ``rows`` annihilate, as columns.
 
-    Only the basis vectors with a nonzero image are combined; most rows have few of them.
+    ``basis`` has the vectors of a space in its columns, shape (n, dimension); ``rows`` has the
+    shape (conditions, n). Only the vectors with a nonzero image are combined; most rows have few.
     """
-    nonzero = rows.any(axis=0)
-    images = _product(rows[:, nonzero], basis[nonzero], prime)
-    touched = images.any(axis=0)
-    combined = _product(basis[:, touched], _null_space(images[:, touched], prime), prime)
-    return np.column_stack([basis[:, ~touched], combined])
+    has_entries = rows.any(axis=0)
+    images = _product(rows[:, has_entries], basis[has_entries], prime)
+    has_image = images.any(axis=0)
+    combined = _product(basis[:, has_image], _null_space(images[:, has_image], prime), prime)
+    return np.column_stack([basis[:, ~has_image], combined])
 
 
 def reduced(
@@ -161,7 +166,11 @@ def reduced(
 
 
 def _null_space(rows: Residue, prime: int) -> Residue:
-    """Return a basis of the null space, as columns."""
+    """Return a basis of the null space of ``rows``, as columns.
+
+    Each vector has 1 in one column without a pivot and 0 in the others; the echelon form gives its
+    entries at the pivots.
+    """
     form, pivots = reduced(rows, prime)
     free_columns = [k for k in range(rows.shape[1]) if k not in set(pivots)]
     basis = np.zeros((rows.shape[1], len(free_columns)), dtype=np.int64)
@@ -180,10 +189,12 @@ def _product(A: Residue, B: Residue, prime: int) -> Residue:
 
 
 def _residue(x: Fraction, prime: int) -> int:
+    """Return n d⁻¹ modulo a prime, for x = n/d."""
     return x.numerator * pow(x.denominator, -1, prime) % prime
 
 
 def _is_congruent(row: Sequence[Fraction], residues: Residue, prime: int) -> bool:
+    """Whether fractions have these residues; False if the prime divides a denominator."""
     return all(x.denominator % prime and _residue(x, prime) == residue
                for x, residue in zip(row, residues.tolist(), strict=True))
 
@@ -197,8 +208,9 @@ def _fractions(entries: Sequence[Any], modulus: int) -> list[Fraction] | None:
 def _fraction(x: int, modulus: int) -> Fraction | None:
     """Return n/d ≡ x with |n|, d ≤ √(modulus/2), by Euclid's algorithm; None if there is none."""
     bound = isqrt(modulus // 2)
-    (n_0, d0), (n1, d1) = (modulus, 0), (x, 1)
-    while n1 > bound:
-        quotient = n_0 // n1
-        (n_0, d0), (n1, d1) = (n1, d1), (n_0 - quotient * n1, d0 - quotient * d1)
-    return Fraction(n1, d1) if 0 < abs(d1) <= bound else None
+    # n ≡ d x holds in every step: the remainders n fall, and |d| grows
+    (n_before, d_before), (n, d) = (modulus, 0), (x, 1)
+    while n > bound:
+        quotient = n_before // n
+        (n_before, d_before), (n, d) = (n, d), (n_before - quotient * n, d_before - quotient * d)
+    return Fraction(n, d) if 0 < abs(d) <= bound else None

@@ -79,6 +79,7 @@ class Evaluator:
                          f"{str(e) if e.is_Symbol else e.func.__name__!r}.")
 
     def _number(self, e: sp.Expr) -> Any:
+        """Return a number, rational or irrational, to the digits of mpmath or as a double."""
         if self._mp is not None:
             return self._mp.mpmathify(e.evalf(self._mp.dps))
         return np.float64(float(e))
@@ -103,12 +104,12 @@ class Evaluator:
 
     def _angle(self, y: Any, x: Any) -> Any:
         """Return atan2(y, x), for complex numbers continued analytically from the real parts."""
-        functions = np if self._mp is None else self._mp
-        start = (np.arctan2 if self._mp is None else self._mp.atan2)(np.real(y), np.real(x))
+        real_angle = self._function("arctan2 atan2")(np.real(y), np.real(x))
         if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
-            return start
-        c, s = functions.cos(start), functions.sin(start)
-        return start + self._function("arctan atan")((y * c - x * s) / (x * c + y * s))
+            return real_angle
+        # (x, y) in axes that are rotated by the real angle: the angle that is left is imaginary
+        c, s = self._function("cos")(real_angle), self._function("sin")(real_angle)
+        return real_angle + self._function("arctan atan")((y * c - x * s) / (x * c + y * s))
 
     def _of_sign(self, function: type[sp.Function], u: Any) -> Any:
         """Return |u|, sign u or floor u; of complex u by the sign of Re u, so |u| is analytic."""
@@ -117,10 +118,10 @@ class Evaluator:
         sign = np.sign(np.real(u)) if self._mp is None else self._mp.sign(u.real)
         return sign if function is sp.sign else sign * u
 
-    def _function(self, names: str) -> Callable[[Any], Any]:
+    def _function(self, names: str) -> Callable[..., Any]:
         """Return NumPy's function, or mpmath's; ``names`` are both names if these differ."""
         numpy_name, mp_name = names.split()[0], names.split()[-1]
-        function: Callable[[Any], Any] = (
+        function: Callable[..., Any] = (
             getattr(np, numpy_name) if self._mp is None else getattr(self._mp, mp_name))
         return function
 

@@ -67,22 +67,50 @@ def since_start(
     constant : callable
         Returns the symbol of a constant expression.
     """
-    replacement: dict[sp.Basic, sp.Basic] = {}
+    shifted: sp.Expr = _TimeShift(time, constants, constant).shifted(e)
+    return shifted
 
-    def is_constant(x: sp.Basic) -> bool:
-        return bool(x.free_symbols <= constants)
 
-    def linear(x: sp.Expr, *, periodic: bool) -> sp.Expr | None:
+class _TimeShift:
+    """Expressions at t = t0 + τ; see ``since_start`` for the arguments."""
+
+    def __init__(
+        self, time: sp.Symbol, constants: frozenset[sp.Symbol],
+        constant: Callable[[sp.Expr], sp.Expr],
+    ) -> None:
+        self._time, self._constants, self._constant = time, constants, constant
+        self._replacement: dict[sp.Basic, sp.Basic] = {}
+
+    def shifted(self, x: Any) -> Any:
+        """Return x at t0 + τ; equal subexpressions are rebuilt once."""
+        if x not in self._replacement:
+            self._replacement[x] = self._rebuilt(x)
+        return self._replacement[x]
+
+    def _rebuilt(self, x: Any) -> Any:
+        """Return x at t0 + τ: the arguments of periodic functions as phases, linear sums with φ."""
+        if self._time not in x.free_symbols:
+            return x
+        if isinstance(x, _PERIODIC):
+            argument = self._linear(x.args[0], periodic=True)
+            return x.func(self.shifted(x.args[0]) if argument is None else argument)
+        if x == self._time or x.is_Add or x.is_Mul:
+            linear_sum = self._linear(x, periodic=False)
+            if linear_sum is not None:
+                return linear_sum
+        return x.func(*map(self.shifted, x.args))
+
+    def _linear(self, x: sp.Expr, *, periodic: bool) -> sp.Expr | None:
         """Return a sum a t + b + … as a τ + φ + …; None if no term is linear in the time.
 
         φ = a t0 + b is a constant of the run, reduced modulo 2π (``Phase``) if ``periodic``.
         """
         rates, offsets, other_terms = [], [], []
         for term in sp.Add.make_args(x):
-            rate, time_factor = term.as_independent(time, as_Add=False)
-            if time_factor == time and is_constant(rate):
+            rate, time_factor = term.as_independent(self._time, as_Add=False)
+            if time_factor == self._time and self._is_constant(rate):
                 rates.append(rate)
-            elif is_constant(term):
+            elif self._is_constant(term):
                 offsets.append(term)
             else:
                 other_terms.append(term)
@@ -90,31 +118,13 @@ def since_start(
             return None
         a, b = sp.Add(*rates), sp.Add(*offsets)
         if periodic:
-            # the number in a = number · symbols is given to ``phase`` with twice the digits
-            number, symbols = a.as_independent(*constants, as_Add=False)
-            phi = constant(Phase(number, symbols, START, b))
+            # the number in a = number · symbols is passed to ``phase`` with twice the digits
+            number, symbols = a.as_independent(*self._constants, as_Add=False)
+            phi = self._constant(Phase(number, symbols, START, b))
         else:
-            phi = constant(a * START + b)
-        return sp.Add(a * time, phi, *map(in_elapsed_time, other_terms))
+            phi = self._constant(a * START + b)
+        return sp.Add(a * self._time, phi, *map(self.shifted, other_terms))
 
-    def in_elapsed_time(x: Any) -> Any:
-        """Return x at t0 + τ; equal subexpressions are rebuilt once."""
-        if x not in replacement:
-            replacement[x] = rebuilt(x)
-        return replacement[x]
-
-    def rebuilt(x: Any) -> Any:
-        """Return x at t0 + τ: the arguments of periodic functions as phases, linear sums with φ."""
-        if time not in x.free_symbols:
-            return x
-        if isinstance(x, _PERIODIC):
-            argument = linear(x.args[0], periodic=True)
-            return x.func(in_elapsed_time(x.args[0]) if argument is None else argument)
-        if x == time or x.is_Add or x.is_Mul:
-            linear_sum = linear(x, periodic=False)
-            if linear_sum is not None:
-                return linear_sum
-        return x.func(*map(in_elapsed_time, x.args))
-
-    shifted: sp.Expr = in_elapsed_time(e)
-    return shifted
+    def _is_constant(self, x: sp.Basic) -> bool:
+        """Whether x has the same value during a whole run."""
+        return bool(x.free_symbols <= self._constants)

@@ -65,6 +65,7 @@ def selects_side(e: sp.Basic, symbols: set[sp.Symbol]) -> bool:
 
 
 def _has_sides(e: sp.Expr, symbols: set[sp.Symbol]) -> bool:
+    """Whether e contains a condition, a sign or a floor with an argument in the symbols."""
     return any(selects_side(node, symbols) for node in parts_of([e]))
 
 
@@ -96,18 +97,23 @@ def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
     limits = _sorted_limits(in_symbol, symbol)
     parts = [_between(in_symbol, symbol, limits, i) for i in range(len(limits) + 1)]
     for limit, (below, above) in zip(limits, pairwise(parts), strict=True):
-        limit_values = [piece.xreplace({symbol: limit}) for piece in (below, above)]
-        if any(limit_value.has(sp.nan, sp.zoo, sp.oo, -sp.oo) for limit_value in limit_values):
-            raise NotPiecewiseError(f"it has no value where {_short(variable)} = {_short(limit)}")
-        if not compare(limit_values[:1], limit_values[1:]).holds:
-            raise NotPiecewiseError(
-                f"it jumps from {_short(limit_values[0])} to {_short(limit_values[1])} where "
-                f"{_short(variable)} = {_short(limit)}")
+        _refuse_jump(below.xreplace({symbol: limit}), above.xreplace({symbol: limit}),
+                     f"where {_short(variable)} = {_short(limit)}")
+    # the sign of the difference does not decide these: their order follows from the nesting alone
     assumed = [pair for pair in pairwise(limits) if not _is_below(*pair, set())]
     return PiecewiseForm(variable, symbol, in_symbol, limits, parts, assumed)
 
 
+def _refuse_jump(below: sp.Expr, above: sp.Expr, place: str) -> None:
+    """Refuse values of neighbouring pieces at their limit that differ or are infinite."""
+    if any(limit_value.has(sp.nan, sp.zoo, sp.oo, -sp.oo) for limit_value in (below, above)):
+        raise NotPiecewiseError(f"it has no value {place}")
+    if not compare([below], [above]).holds:
+        raise NotPiecewiseError(f"it jumps from {_short(below)} to {_short(above)} {place}")
+
+
 def _short(e: sp.Expr) -> str:
+    """Return the first 40 characters of e for a message."""
     return shorten(str(e), 40)
 
 
@@ -122,7 +128,8 @@ def _comparisons(expressions: Iterable[sp.Expr], symbols: set[sp.Symbol]) -> Ite
 def _split(w: sp.Expr, symbols: set[sp.Symbol]) -> tuple[sp.Expr, sp.Expr, bool]:
     """Return (s, b, c > 0) for w = c (s − b), where the sign of c is known.
 
-    s has the terms of w with the symbols, divided by the coefficient c of the first.
+    s has the terms of w with the symbols, divided by the coefficient c of the first. Raises
+    NotPiecewiseError if the sign of c is not known.
     """
     terms = sp.Add.make_args(sp.expand(w))
     variable_terms = [t for t in terms if not t.free_symbols.isdisjoint(symbols)]
@@ -139,10 +146,11 @@ def _in_one_symbol(
     e: sp.Expr, variable: sp.Expr, symbols: set[sp.Symbol]
 ) -> tuple[sp.Symbol, sp.Expr]:
     """Return a symbol s for the variable, and e as an expression of s and parameters."""
-    root = variable.is_Pow and variable.exp == sp.Rational(1, 2)
-    symbol = sp.Symbol("_s", real=True, **({"nonnegative": True} if root else {}))
-    for replacements in _solutions(variable, symbol, symbols, root):
+    is_root = variable.is_Pow and variable.exp == sp.Rational(1, 2)
+    symbol = sp.Symbol("_s", real=True, **({"nonnegative": True} if is_root else {}))
+    for replacements in _solutions(variable, symbol, symbols, is_root):
         forms = {_without(e.xreplace(replacement), symbols) for replacement in replacements}
+        # one form, in s alone, whichever solution is taken
         if len(forms) == 1 and forms.isdisjoint({None}):
             return symbol, forms.pop()
     raise NotPiecewiseError(f"its pieces are no functions of {_short(variable)}, which its "
@@ -229,10 +237,11 @@ def _order_by_position(e: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.E
         # a product of steps that is compared with 0 is an interval: rising steps are its lower ends
         steps = [f for f in sp.Mul.make_args(b) if isinstance(f, Where)] if a == 0 else []
         if steps:
-            lower = [limit for f in steps for limit, rises in _step_limit(f, symbol) if rises]
-            upper = [limit for f in steps for limit, rises in _step_limit(f, symbol) if not rises]
-            pairs |= {(low, high) for low in lower for high in upper}
+            step_limits = [step_limit for f in steps for step_limit in _step_limit(f, symbol)]
+            pairs |= {(low, high) for low, rises in step_limits if rises
+                      for high, also_rises in step_limits if not also_rises}
             continue
+        # limits in the branch below a limit are below it, limits in the other branch above
         for limit, rises in _step_limit(Where(a, b, 0, 1), symbol):
             if not rises:
                 below, above = above, below
@@ -242,12 +251,16 @@ def _order_by_position(e: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.E
 
 
 def _limits_in(e: sp.Expr, symbol: sp.Symbol) -> Iterator[sp.Expr]:
+    """Yield the limits of the conditions in e on the variable."""
     for w in _comparisons([e], {symbol}):
         yield sp.expand(_split(w, {symbol})[1])
 
 
 def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, bool]]:
-    """Yield the limit of a step function, and whether it rises from 0 to 1 with the variable."""
+    """Yield the limit of a step function, and whether it rises from 0 to 1 with the variable.
+
+    Nothing is yielded for a step that does not depend on the variable, or on another step.
+    """
     switch = sides(step) if selects_side(step, {symbol}) else None
     if switch is None or _has_sides(switch[0], {symbol}):
         return

@@ -8,6 +8,8 @@ result become expressions. Exponents of symbols may be negative: 1/m is a power 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import reduce
 
 import sympy as sp
 
@@ -38,6 +40,7 @@ def expanded_polynomial(e: sp.Expr) -> sp.Expr | None:
     except _OtherExpressionError:
         return None
     symbols = list(places)
+    # half the range of an exponent is added to each, so that none is negative
     bias = sum(_HALF << (_BITS * k) for k in range(len(symbols)))
     rows = [(sp.Rational(a, denominator), _exponents(m + bias)) for m, a in terms.items() if a]
     powers = {(k, n) for _, exponents in rows for k, n in exponents}
@@ -48,6 +51,7 @@ def expanded_polynomial(e: sp.Expr) -> sp.Expr | None:
     products: list[tuple[sp.Expr, ...]] = []
     for a, exponents in rows:
         factors = sorted((power_of[power] for power in exponents), key=rank.__getitem__)
+        # a factor 1 is left out, unless it is the whole term
         products.append((*factors,) if a == 1 and factors else (a, *factors))
     products.sort(key=lambda factors: (len(factors), [rank[x] for x in factors]))
     summands = [factors[0] if len(factors) == 1 else sp.Mul._from_args(factors, True)
@@ -57,11 +61,13 @@ def expanded_polynomial(e: sp.Expr) -> sp.Expr | None:
     return sp.Add._from_args(summands, True)
 
 
-def _exponents(biased: int) -> list[tuple[int, int]]:
-    """Return the places and exponents of the symbols of a monomial."""
-    data = biased.to_bytes((biased.bit_length() + 7) // 8 + 1, "little")
-    numbers = (int.from_bytes(data[i:i + 2], "little") - _HALF for i in range(0, len(data) - 1, 2))
-    return [(k, n) for k, n in enumerate(numbers) if n]
+def _exponents(biased_monomial: int) -> list[tuple[int, int]]:
+    """Return (place, exponent) of the symbols of a monomial whose exponents have the bias."""
+    digits = biased_monomial.to_bytes((biased_monomial.bit_length() + 7) // 8 + 1, "little")
+    # two bytes, _BITS bits, are one exponent
+    exponents = (int.from_bytes(digits[i:i + 2], "little") - _HALF
+                 for i in range(0, len(digits) - 1, 2))
+    return [(k, n) for k, n in enumerate(exponents) if n]
 
 
 def _polynomial(
@@ -80,34 +86,36 @@ def _polynomial(
     if e in results:
         return results[e]
     if e.is_Add:
-        parts = [_polynomial(term, places, results) for term in e.args]
-        denominator = math.lcm(*(d for _, d in parts))
-        total: dict[int, int] = {}
-        for terms, d in parts:
-            for m, a in terms.items():
-                total[m] = total.get(m, 0) + a * (denominator // d)
-        results[e] = total, denominator
+        results[e] = _sum([_polynomial(term, places, results) for term in e.args])
     elif e.is_Mul:
-        # short factors first: intermediate products stay short
-        factors = sorted((_polynomial(factor, places, results) for factor in e.args),
-                         key=lambda factor: len(factor[0]))
-        product = factors[0]
-        for factor in factors[1:]:
-            product = _product(product, factor)
-        results[e] = product
+        factors = [_polynomial(factor, places, results) for factor in e.args]
+        factors.sort(key=lambda factor: len(factor[0]))  # intermediate products stay short
+        results[e] = reduce(_product, factors)
     elif e.is_Pow and e.exp.is_Integer and (e.base.is_Symbol or e.exp > 0):
-        base, d = _polynomial(e.base, places, results)
-        if len(base) == 1:  # a power of one term, the exponent of which may be negative
-            (m, a), = base.items()
-            results[e] = {m * int(e.exp): a ** abs(int(e.exp))}, d ** abs(int(e.exp))
-        else:
-            power = {0: 1}, 1
-            for _ in range(int(e.exp)):
-                power = _product(power, (base, d))
-            results[e] = power
+        results[e] = _power(_polynomial(e.base, places, results), int(e.exp))
     else:
         raise _OtherExpressionError
     return results[e]
+
+
+def _sum(polynomials: Sequence[_Polynomial]) -> _Polynomial:
+    """Return the sum of polynomials over their least common denominator."""
+    denominator = math.lcm(*(d for _, d in polynomials))
+    total: dict[int, int] = {}
+    for terms, d in polynomials:
+        for m, a in terms.items():
+            total[m] = total.get(m, 0) + a * (denominator // d)
+    return total, denominator
+
+
+def _power(base: _Polynomial, n: int) -> _Polynomial:
+    """Return baseⁿ; n < 0 only of a symbol."""
+    terms, denominator = base
+    if len(terms) == 1:
+        (m, a), = terms.items()
+        # of a symbol a = 1 and the denominator is 1: the inverse has the exponent alone
+        return {m * n: a ** abs(n)}, denominator ** abs(n)
+    return reduce(_product, [base] * n, ({0: 1}, 1))
 
 
 def _product(a: _Polynomial, b: _Polynomial) -> _Polynomial:

@@ -68,9 +68,10 @@ def _bound(e: sp.Expr, evaluate: Evaluator, bounds: Mapping[sp.Basic, Any]) -> A
     if e.is_Pow and e.exp.is_number:
         slope = evaluate(e.exp) * np.abs(evaluate(e.base)) ** (evaluate(e.exp) - 1)
         return size + np.abs(slope) * bounds[e.base]
-    if e.is_Pow:  # u^v = exp(v log u)
-        return size * (1 + np.abs(evaluate(e.exp) / evaluate(e.base)) * bounds[e.base]
-                       + np.abs(np.log(np.abs(evaluate(e.base)))) * bounds[e.exp])
+    if e.is_Pow:  # u^v = exp(v log u): |δ(u^v)|/|u^v| ≤ |v/u| |δu| + |log u| |δv|
+        u, v = evaluate(e.base), evaluate(e.exp)
+        return size * (1 + np.abs(v / u) * bounds[e.base]
+                       + np.abs(np.log(np.abs(u))) * bounds[e.exp])
     if isinstance(e, Switch):  # the larger error: round-off may select either branch
         return size + np.maximum(*(bounds[e.args[i]] for i in e.branches))
     if e.func in (sp.sign, sp.floor):

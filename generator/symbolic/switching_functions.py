@@ -85,6 +85,7 @@ class Where(Switch):
 def _condition_text(e: Where, printer: Any, *, holds: bool = True) -> str:
     """Return the text of the condition, or of its negation: a < b, or a product by ``every``."""
     a, b = e.args[:2]
+    # a conjunction is 0 < Π steps, whose values are 1 or 0
     steps = sp.Mul.make_args(b)
     if a != 0 or not all(isinstance(s, Where) and set(s.args[2:]) == {ZERO, ONE} for s in steps):
         return f"{printer.doprint(a)} {'<' if holds else '>='} {printer.doprint(b)}"
