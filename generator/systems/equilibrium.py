@@ -31,6 +31,8 @@ __all__ = ["equilibrium"]
 _ITERATIONS, _LARGEST_CHANGE = 500, 0.3
 #: Changes below may stagnate at round-off.
 _ROUNDING = 1e-9
+#: Coordinates below, in m or rad, are 0 with rounding.
+_NOTHING = 1e-14
 #: τ of the first step times the largest entry of its matrix.
 _FIRST_TAU = 1e3
 _EPS, _TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
@@ -138,12 +140,14 @@ def equilibrium(
                          "frame; it has no static equilibrium.")
     r, J = statics(x)
     size, change = float(np.linalg.norm(r)), np.inf
+    # changes are relative to the largest coordinate up to there, as equilibria may have q = 0
+    extent = float(np.abs(x[:n]).max())
     J_rows, _, J_values = J
     tau = _FIRST_TAU / max(float(np.abs(J_values[J_rows < n]).max(initial=0.0)), _TINY)
     for _ in range(_ITERATIONS):
         step, curvature = _implicit_step(x, r, J, tau, n)
         previous_change = change
-        change = float(np.abs(step[:n]).max()) / float(np.abs(x[:n]).max())
+        change = float(np.abs(step[:n]).max()) / (extent if extent > _NOTHING else 1.0)
         if not np.isfinite(change):
             break
         # negative curvature: along the step the potential would have a maximum
@@ -151,6 +155,7 @@ def equilibrium(
             tau *= min(max(_LARGEST_CHANGE / (2 * change), 1e-3), 0.3)
             continue
         x = np.concatenate([x[:n] - step[:n], -step[n:]])
+        extent = max(extent, float(np.abs(x[:n]).max()))
         r, J = statics(x)
         previous_size, size = size, float(np.linalg.norm(r))
         # converged: the change is round-off, which it is if it no longer falls by half

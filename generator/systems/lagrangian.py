@@ -210,7 +210,8 @@ class LagrangianSystem(System):
         velocity_of = dict(zip(self.velocities, velocities, strict=True))
         return System(self.q, self.p, self.parameters, self.H.subs(velocity_of), self.constraints,
                       name=self.name, constraint_names=self.constraint_names, time=self.time,
-                      forces=tuple(f.subs(velocity_of) for f in self.forces),
+                      forces=tuple(f.subs(velocity_of) for f in self.forces), inputs=self.inputs,
+                      quantities={k: e.subs(velocity_of) for k, e in self.quantities.items()},
                       velocity_constraints=self.velocity_constraints, velocities=self.velocities,
                       velocity_constraint_names=self.velocity_constraint_names)
 

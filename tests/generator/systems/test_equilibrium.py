@@ -52,6 +52,23 @@ def test_forces_without_a_potential_and_the_time():
     assert found == pytest.approx(np.linalg.solve([[2, 1], [-1, 2]], [3, 0]), abs=8 * EPS)
 
 
+@pytest.mark.parametrize(("start", "rest"), [(0.0, 1.0), (0.0, 0.0), (1.0, 0.0), (1e-16, 1.0)])
+def test_coordinates_of_zero(start, rest):
+    """V = k (x − rest)²/2 + y²/2: coordinates may be 0 at the start and at rest."""
+    system = gs.System(q, p, (k,), (p[0]**2 + p[1]**2) / 2
+                       + k * (q[0] - rest)**2 / 2 + q[1]**2 / 2, name="origin")
+    found, _ = equilibrium(system, {"k": 2.0}, np.array([start, 0.0]))
+    assert np.abs(found - [rest, 0]).max() <= 8 * EPS * max(rest, 1.0)
+
+
+def test_a_pendulum_in_its_angle():
+    """It hangs at angle 0, also from beside its upper equilibrium."""
+    system = gs.System(q[:1], p[:1], (g,), p[0]**2 / 2 - g * sp.cos(q[0]), name="pendulum")
+    for start in (0.0, 0.5, 3.0):
+        found, _ = equilibrium(system, {"g": 2.0}, np.array([start]))
+        assert abs(found[0]) <= 8 * EPS
+
+
 def test_refusals():
     falling = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1], name="falling")
     turning = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 - g * (q[0] * p[1] - q[1] * p[0]),

@@ -60,6 +60,19 @@ def test_energies_are_those_of_the_hamiltonian_written_out():
         assert abs(found - H(q, p, t)) <= 64 * EPS * (1 + abs(found))
 
 
+def test_the_hamiltonian_written_out_has_inputs_and_quantities():
+    """Of L = k v²/2 − x²/2 with p = k v, the quantity v² is p²/k², and u stays an input."""
+    x, v, u = sp.symbols("x v u", real=True)
+    k = sp.Symbol("k", positive=True)
+    system = gs.System.from_lagrangian(k * v**2 / 2 - x**2 / 2, [x], [v], [k], forces=[u - v],
+                                       inputs=[u], quantities={"square": v**2}, name="driven")
+    other = system.legendre()
+    (p,) = other.p
+    assert other.inputs == (u,)
+    assert other.quantities["square"].equals(p**2 / k**2)
+    assert other.forces[0].equals(u - p / k)
+
+
 @pytest.mark.slow  # a second stepper; test_lagrangian_time.py has closed forms
 def test_motion_is_that_of_the_hamiltonian_written_out():
     """M⁻¹ in symbols gives the same states: what differs is the rounding of a hundred steps.
