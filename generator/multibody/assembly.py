@@ -14,7 +14,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -74,11 +74,21 @@ from .rolling import Rolling
 
 __all__ = ["Assembly"]
 
-#: By which factor a radius of gyration exceeds the model, or falls below the body's own arms, that
-#: makes units in g or mm more likely than such a body.
+#: Factors by which a radius of gyration exceeds the model, or falls below the body's own arms, from
+#: which on units in g or mm are more likely than such a body.
 _LARGE, _SMALL = 30, 300
-#: How far a joint may be open, of the size of coordinates, where its latch closes.
+#: Largest opening of a joint whose latch closes, relative to the coordinates.
 _OPEN = 1e-8
+
+
+class _Formulas(NamedTuple):
+    """H, forces, quantities and time scale of a system in q, p, t and parameters."""
+
+    H: sp.Expr
+    forces: tuple[sp.Expr, ...]  # one for each momentum, or none
+    quantities: dict[str, sp.Expr]
+    time_scales: tuple[sp.Expr, ...]  # one or none
+    counted_joints: set[str]  # joints whose full turns count
 
 
 class Assembly:
@@ -102,25 +112,31 @@ class Assembly:
         self, components: Components, without: set[str], closed: Collection[str] = ()
     ) -> None:
         self.components = components
-        self.connections = copies(components.connections)  # completed by the initial poses
+        # copies, which the initial poses complete: the builder's joints stay as they were given
+        self.connections = copies(components.connections)
         latched = {joint for joints in components.latches.values() for joint in joints}
         self.links = [copy for link, copy in self.connections.items() if link not in latched]
         self.store = components.values | self._body_values()
         # products of given numbers may exceed the range of a double: that is an error of the model
         with in_range(f"Multibody {components.name!r}"):
-            self.poses = self._poses()  # of the description, which equations refer to
+            # the poses of the description, to which the equations refer
+            self.poses = self._poses()
             self._of_link = {link: list(link.equations(self.poses, self.store))
                              for link in self.links}
             self.equations, self.velocity_equations = self._equations(without)
             self.start = self._start()
             self.q0, self.p0 = self._coordinates_at(self.start), self._momenta_at(self.start)
-            # the joints of latches that are closed at the start
-            for joint in (joint for name in closed for joint in components.latches[name]):
-                self._close(self.connections[joint])
+            # latches that are closed: their joints hold at the start, not in the described pose
+            for name in closed:
+                for joint in components.latches[name]:
+                    self._close(self.connections[joint])
             self.equations, self.velocity_equations = self._equations(without)
 
     def _close(self, link: Connection) -> None:
-        """Add a joint that does not hold where the bodies are described."""
+        """Add the joint of a latch, which does not hold in the described pose.
+
+        Its points cannot follow from that pose, so that both must be given.
+        """
         if isinstance(link, Joint) and (link.on_a is None or link.on_b is None):
             raise InputError(f"Joint {link.name!r} of a latch is open at the start; give its "
                              "points, on_a= and on_b=.")
@@ -128,7 +144,7 @@ class Assembly:
         self._of_link[link] = list(link.equations(self.poses, self.store))
 
     def redundancy(self) -> Redundancy:
-        """Return which constraints depend on others at the start."""
+        """Return the constraints that depend on others at the start."""
         A, a = coefficients_of([e.expression for e in self.velocity_equations], self._velocities)
         return find_redundant(self.components.name, NumericConstraints(
             self._coordinate_symbols, [e.expression for e in self.equations],
@@ -139,7 +155,8 @@ class Assembly:
         """Warn of bodies whose radius of gyration is far from the lengths of the model.
 
         Inertia in kg mm², or a mass in g, is wrong by a factor of 1000 or more. A body may be small
-        on a long arm, so that its own arms are compared; one larger than the whole model is not.
+        on a long arm: the radius of gyration is compared with the body's own arms from below, and
+        with the extent of the whole model from above.
         """
         arms: dict[Frame, list[float]] = {body: [] for body in self.components.inertia}
         points = [np.zeros(3)]
@@ -167,10 +184,12 @@ class Assembly:
 
     @property
     def _coordinate_symbols(self) -> list[sp.Symbol]:
+        """q of the system, body by body."""
         return [x for body in self.components.bodies for x in body.coordinates]
 
     @property
     def _velocities(self) -> tuple[sp.Symbol, ...]:
+        """The symbols of q̇, body by body."""
         return tuple(v for body in self.components.bodies for v in body.velocities)
 
     def _poses(self) -> dict[Frame, Pose]:
@@ -198,12 +217,14 @@ class Assembly:
 
     @property
     def _coordinates(self) -> list[Coordinate | BallFlywheel]:
+        """Connections with coordinates of their own: flywheels and joints of chains."""
         return [link for link in self.links if isinstance(link, Coordinate | BallFlywheel)]
 
     def _start(self) -> dict[Frame, Pose]:
         """Return poses and velocities at the start, with the given angles, travels and rates.
 
-        The described poses move along a tree of joints, loops are closed, then rates propagate.
+        Three steps: the described poses move along a tree of joints, loops are closed, and
+        velocities propagate from body to body.
         """
         start_values = [value for link in self.links
                         for value in link.start_values(self.poses, self.store)]
@@ -230,9 +251,10 @@ class Assembly:
         return poses
 
     def _equations(self, without: set[str]) -> tuple[list[Equation], list[Equation]]:
-        """Return the constraints without those named, and the velocity constraints.
+        """Return the constraints and the velocity constraints, without those that are left out.
 
-        Constraints of a joint follow |q|² = 1 of the later of its bodies.
+        Constraints of a joint follow |q|² = 1 of the later of its bodies. Raises InputError for a
+        name in ``without`` that no constraint has.
         """
         order = {body: index for index, body in enumerate(self.components.bodies)}
         # |q|² − 1 = 0 first, then the joints of each body with bodies before it: G M⁻¹ Gᵀ of a
@@ -268,7 +290,8 @@ class Assembly:
         """Return the system without the constraints ``left_out``, such as redundant ones.
 
         Parameters that no expression of the system contains are deleted from the store: a model
-        asks for none of them.
+        asks for none of them. Raises InputError for a parameter without a value, an input that
+        acts nowhere, and a parameter with the name of a coordinate.
         """
         equations, velocity_equations = (
             [e for e in candidates if e.name not in left_out]
@@ -276,20 +299,7 @@ class Assembly:
         components, store = self.components, self.store
         q = tuple(x for body in components.bodies for x in body.coordinates)
         p = tuple(x for body in components.bodies for x in body.momenta)
-        forces_on = self._forces_on_momenta()
-        H = self._hamiltonian()
-        scales = [] if components.time_scale is None else [components.time_scale]
-        # symbols of the angles and rates of joints that formulas contain → their expressions
-        measures = {symbol: self.connections[joint].measure(measure, self.poses, store)
-                    for symbol, (joint, measure) in components.measures.items()}
-        # before the symbols are replaced: they tell which joints' angles formulas contain
-        counted = self._counted_joints(set().union(*(e.free_symbols for e in (
-            H, *(e for addends in forces_on.values() for e in addends),
-            *components.quantities.values(), *scales))))
-        H, *scales = (e.xreplace(measures) for e in (H, *scales))
-        quantities = {name: e.xreplace(measures) for name, e in components.quantities.items()}
-        forces = tuple(sp.Add(*forces_on.get(x, ())).xreplace(measures)
-                       for x in p) if forces_on else ()
+        formulas = self._formulas(p)
         clash = next((x for x in (*q, *p) if str(x) in store), None)
         if clash is not None:
             raise InputError(f"{str(clash)!r} in Multibody {components.name!r} is both a "
@@ -300,24 +310,50 @@ class Assembly:
         restitutions = {components.symbols[impact.restitution] for impact in components.impacts
                         if isinstance(impact.restitution, str)}
         symbols: set[sp.Symbol] = restitutions.union(*(e.free_symbols for e in (
-            H, *constraints, *velocity_constraints, *forces, *quantities.values(), *scales)))
+            formulas.H, *constraints, *velocity_constraints, *formulas.forces,
+            *formulas.quantities.values(), *formulas.time_scales)))
         # in the order in which the model was described, which names do not change
         parameters = tuple(sorted(symbols - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
         self._refuse_unused(parameters, symbols)
+        # layouts of bodies and joints need the deleted ones too, as numbers
         values = dict(store)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]
         return System(
-            q, p, parameters, H, constraints, name=components.name, forces=forces,
+            q, p, parameters, formulas.H, constraints, name=components.name,
+            forces=formulas.forces,
             constraint_names=tuple(equation.name for equation in equations),
             velocity_constraints=velocity_constraints, velocities=velocities,
             velocity_constraint_names=tuple(equation.name for equation in velocity_equations),
-            time=TIME if TIME in symbols else None, quantities=quantities,
-            time_scale=scales[0] if scales else None,
+            time=TIME if TIME in symbols else None, quantities=formulas.quantities,
+            time_scale=formulas.time_scales[0] if formulas.time_scales else None,
             inputs=tuple(components.inputs),
             bodies=tuple(body_at(body, {*parameters}, values) for body in components.bodies
                          if body.q),
-            joints=self._joint_layouts({*equations}, {*parameters}, values, counted))
+            joints=self._joint_layouts({*equations}, {*parameters}, values,
+                                       formulas.counted_joints))
+
+    def _formulas(self, p: Sequence[sp.Symbol]) -> _Formulas:
+        """Return H, forces on the momenta p, quantities and the time scale.
+
+        Users write the angles and rates of joints as symbols; these are replaced by expressions of
+        q and p. Values of parameters go into the store.
+        """
+        components = self.components
+        forces_on = self._forces_on_momenta()
+        H = self._hamiltonian()
+        scales = () if components.time_scale is None else (components.time_scale,)
+        measures = {symbol: self.connections[joint].measure(measure, self.poses, self.store)
+                    for symbol, (joint, measure) in components.measures.items()}
+        # before the symbols are replaced: they tell which joints' angles formulas contain
+        force_terms = [e for addends in forces_on.values() for e in addends]
+        counted = self._counted_joints(set().union(*(e.free_symbols for e in (
+            H, *force_terms, *components.quantities.values(), *scales))))
+        forces = tuple(sp.Add(*forces_on.get(x, ())).xreplace(measures)
+                       for x in p) if forces_on else ()
+        quantities = {name: e.xreplace(measures) for name, e in components.quantities.items()}
+        return _Formulas(H.xreplace(measures), forces, quantities,
+                         tuple(e.xreplace(measures) for e in scales), counted)
 
     def _forces_on_momenta(self) -> dict[sp.Symbol, list[sp.Expr]]:
         """Return momentum → the generalised forces on it, in the order of the connections.
@@ -335,8 +371,8 @@ class Assembly:
     def _counted_joints(self, symbols: Collection[sp.Symbol]) -> set[str]:
         """Return the joints whose full turns are counted: their angle is used beyond ±π.
 
-        These are measured in H, forces or quantities with these ``symbols``, start at an angle, or
-        are driven or coupled by their angle.
+        Such a joint has its angle among the ``symbols`` of H, forces and quantities, starts at an
+        angle, or is driven or coupled by its angle.
         """
         # an arm of a universal joint has no hinge, and its angle no full turns
         counted = {joint.name for symbol, (joint, measure) in self.components.measures.items()
@@ -371,12 +407,14 @@ class Assembly:
         self, equations: Collection[Equation], parameters: set[sp.Symbol],
         values: Mapping[str, Any], counted: Collection[str],
     ) -> tuple[JointLayout, ...]:
-        """Return where the joints are in the arrays of a run, aliases of joints last.
+        """Return the layouts of the joints, aliases of joints last.
 
-        Travels along a body's own axis and joints with points that are no bodies have no layout:
-        they have neither an angle nor a reaction to show.
+        ``equations`` are the system's constraints, ``counted`` the names of joints whose full
+        turns count. Travels along a body's own axis and joints with points that are no bodies have
+        no layout: they have neither an angle nor a reaction to show.
         """
         def layout(link: Connection, *, is_counted: bool) -> JointLayout:
+            """Return the layout of a joint with those of its constraints that the system has."""
             return joint_at(link, self.poses, [e for e in self._of_link[link] if e in equations],
                             parameters, values, is_counted=is_counted)
 
@@ -390,11 +428,12 @@ class Assembly:
         return tuple(layouts)
 
     def closed_state(self, numbers: NumericSystem) -> Projection:
-        """Return the state with latches closed: p is projected, a plastic impact.
+        """Return the state with latches closed: p is projected onto g_q H_p = 0, a plastic impact.
 
         Raises InputError for coordinates at which a joint of a latch is open.
         """
-        with np.errstate(all="ignore"):  # what is not finite ends in a refusal
+        # numbers that are not finite end in a refusal
+        with np.errstate(all="ignore"):
             g = numbers.g(self.q0)
             worst = int(np.abs(g).argmax())
             if not abs(g[worst]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
@@ -411,9 +450,11 @@ class Assembly:
         Raises InputError for velocities that the constraints do not allow, with the nearest
         possible ones.
         """
-        with np.errstate(all="ignore"):  # what is not finite ends in a refusal
+        # numbers that are not finite end in a refusal
+        with np.errstate(all="ignore"):
             q = project_coordinates(numbers, self.q0)
             poses, p = self.start, self.p0
+            # the projection moved the bodies: momenta 2 L(q)ᵀ J Ω are computed at the new q
             if np.abs(q - self.q0).max() > ROUNDING * np.abs(q).max():
                 poses = self._poses_at(q, self.start)
                 warn_of_moved_bodies(self.components.bodies, self.start, poses)
@@ -492,13 +533,17 @@ class Assembly:
 
 
 def _by_first_use(store: Mapping[str, float]) -> Any:
-    """Return a key that sorts symbols in the order in which their values were stored."""
+    """Return a sort key for symbols: the order in which their values were stored, then names."""
     order = {name: index for index, name in enumerate(store)}
     return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
 
 
 def body_at(body: Body, parameters: set[sp.Symbol], values: Mapping[str, float]) -> BodyLayout:
-    """Return the layout of a body; ``parameters`` are the system's, ``values`` those of all."""
+    """Return the layout of a body.
+
+    ``parameters`` are the system's; ``values`` has also the values of parameters that no expression
+    of the system contains: these become numbers in the layout.
+    """
     origin: dict[str, Any] = {} if body.x else {"origin": _entries(body.origin, parameters, values)}
     return BodyLayout(body.name, body.q, body.inverse or body.inertia, body.x, **origin,
                   centre=_entries(body.centre, parameters, values),
@@ -527,7 +572,7 @@ def joint_at(
     return JointLayout(
         link.name, _name(link.a), _name(link.b), entries(on_a), entries(on_b), entries(axis_a),
         entries(axis_b),
-        # where no expression has the angle, its zero may have no values but those in ``store``
+        # where no expression contains the angle, the constants of its zero are in ``store`` alone
         _entries(zero, parameters, {**values, **store} if zero else values),
         constraint_forces, _section(link, parameters, values))
 
@@ -537,7 +582,7 @@ def _section(
 ) -> SectionLayout | None:
     """Return the section of a joint of a beam with parameters or numbers; None for other joints.
 
-    Parameters that no expression has become numbers.
+    Parameters that no expression of the system contains become numbers.
     """
     if not isinstance(link, BeamJoint):
         return None
@@ -561,7 +606,7 @@ def _name(frame: Frame) -> str:
 def _force_entries(
     force: ConstraintForce | None, parameters: set[sp.Symbol], values: Mapping[str, float]
 ) -> ConstraintForce | None:
-    """Return how a constraint acts on a body with entries that are parameters or numbers."""
+    """Return a constraint force with entries that are parameters or numbers; None for None."""
     return force and ConstraintForce(force.kind, _entries(force.on_a, parameters, values),
                                      _entries(force.on_b, parameters, values))
 

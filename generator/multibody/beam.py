@@ -48,7 +48,7 @@ from .rigid_body import rotation_matrix
 __all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along",
            "moments_of_segment", "section_of", "strain_between"]
 
-#: Of the tube that a beam is drawn as: one for all segments.
+#: Colour of the tube that a beam is drawn as.
 COLOUR = "#7d8794"
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 #: Differences of lengths and components of unit vectors below this are round-off.
@@ -98,7 +98,7 @@ class BeamEnd(Frame):
         return self.segment.point_velocity(self._shifted(r))
 
     def _shifted(self, r: Sequence[object]) -> list[Any]:
-        """Return a point from the end as one from the origin of the segment."""
+        """Return a point, given from the end, from the origin of the segment."""
         return [as_expression(x) + d for x, d in zip(r, self.on.tolist(), strict=True)]
 
 
@@ -109,13 +109,17 @@ class Beam:
     Attributes
     ----------
     name : str
-        Begins the names of its parameters, segments (``cable_1``, …) and joints.
+        Begins the names of the beam's parameters, segments (``cable_1``, …) and joints.
     segments : tuple of Body
         Rigid segments; their third axes are tangents, the others the axes of the section.
     first, last : BeamEnd
-        Its ends, which model files call ``NAME_first`` and ``NAME_last``.
+        The ends, which model files call ``NAME_first`` and ``NAME_last``.
     spacing : float
         h in m, the length of a segment along the curve.
+    bending, twisting : two floats, and a float
+        (EI₁, EI₂) and GJ in N m².
+    damping : float
+        Retardation time τ in s.
     """
 
     name: str
@@ -137,8 +141,9 @@ class Beam:
     def rest_strain(self, a: Array, b: Array, factor: int) -> Array:
         """Return u (3,) at which a joint has no moment, where κ = (factor/h) u is the curvature.
 
-        u is the vector part of the relative unit quaternion ā b: of ``rest``, or else of the
-        attitudes ``a`` and ``b`` at the start. |u| is the sine of half the angle, below 1.
+        u is the vector part of the relative unit quaternion ā b, with |u| the sine of half the
+        angle, below 1: (h/factor) ``rest`` where the beam has a rest curvature, else u of the
+        attitudes ``a`` and ``b`` at the start. Raises InputError for a curvature with |u| ≥ 1.
         """
         u = strain_between(a, b) if self.rest is None else self.spacing / factor * self.rest
         if not np.linalg.norm(u) < 1:
@@ -148,6 +153,7 @@ class Beam:
 
     def stiffness(self, store: Store) -> Vector:
         """Return EI₁, EI₂ and GJ; their values go into ``store``."""
+        # equal stiffnesses are one parameter, NAME_bending
         names = ("bending",) * 2 if len({*self.bending}) == 1 else ("bending1", "bending2")
         EI1, EI2, GJ = (
             named_number(f"{self.name}_{name}", value, store, ()) for name, value in
@@ -160,9 +166,9 @@ class BeamJoint(Joint):
     """A joint between two segments of a beam, or a clamp of one of its ends.
 
     ``factor`` is f in κ = (f/h) u: 2, and 4 at a clamp; ``relative`` is the attitude of the section
-    at a clamp in the axes of the frame that holds it; ``rest`` is u without moment; ``arc`` its
-    distance from the start along the beam; ``gap`` the length that a joint with stretching stands
-    for, 0 of one without.
+    at a clamp in the axes of the frame that holds it; ``rest`` is u without moment; ``arc`` is the
+    distance of the joint from the start along the beam, in m; ``gap`` is the length in m whose
+    stretching the joint has, 0 for a joint without stretching.
     """
 
     beam: Beam = field(kw_only=True)
@@ -174,12 +180,19 @@ class BeamJoint(Joint):
 
     @property
     def sides(self) -> tuple[Frame, Frame]:
-        """The frames before and after it along the beam."""
+        """The frames before and after the joint along the beam.
+
+        A clamp holds the start, arc = 0, or the end of the beam; its segment is a or b.
+        """
+        # a is before the joint, but where a is the segment at the start, or the holder at the end
         holder_is_last = self.factor == 4 and (self.a in self.beam.segments) != bool(self.arc)
         return (self.b, self.a) if holder_is_last else (self.a, self.b)
 
     def turns(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
-        """Return the attitudes of the section in the axes of both sides: of a clamp, one is given.
+        """Return the quaternions of the section in the axes of both sides.
+
+        Between two segments, and on the segment of a clamp, it is the identity; on the holder's
+        side of a clamp it is ``relative``.
         """
         relative = [named_number(f"{self.name}_turn{k}", x, store, UNIT)
                     for k, x in enumerate(self.relative)]
@@ -192,14 +205,14 @@ class BeamJoint(Joint):
         return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
 
     def local_points(self, store: Store) -> tuple[Vector, Vector]:
-        """Return both points; segments of one length share their parameters."""
+        """Return both points in the axes of their frames; full segments share their parameters."""
         if self.factor == 4:
             return super().local_points(store)
         points = []
         for frame, r, end in ((self.a, self.on_a, "front"), (self.b, self.on_b, "back")):
             assert isinstance(frame, Body)
             assert r is not None
-            # chords of a polygon may be shorter than the arc h: these have points of their own
+            # a chord of a polygon may be shorter than the arc h: such a segment has its own points
             is_full = abs(2 * abs(r[2]) - self.beam.spacing) <= _ROUNDING * self.beam.spacing
             name = self.beam.name if is_full else frame.name
             points.append(named_vector(f"{name}_{end}", r.tolist(), store))
@@ -241,7 +254,7 @@ class BeamJoint(Joint):
             named_number(f"{self.beam.name}_spacing", self.beam.spacing, store),
             self.beam.stiffness(store),
             named_vector(f"{self.name}_rest", self.rest.tolist(), store), holder,
-            # the turn of the holder: it is behind the last segment, or before the first
+            # the turn on the holder's side, which is behind the last segment or before the first
             tuple(end_turn if self.arc else start_turn) if holder else (),
             self._stretched(store) if self.gap else (),
             named_number(f"{self.beam.name}_damping", self.beam.damping, store))
@@ -249,8 +262,8 @@ class BeamJoint(Joint):
     def _stretched(self, store: Store) -> Vector:
         """Return GA, EA and the length that the joint stands for.
 
-        The length is h, and h/2 more of the first and of the last joint: the halves of the outer
-        segments next to the ends have no joint.
+        The length is h, and h/2 more for the first and for the last joint: the outer halves of the
+        segments at both ends have no joint.
         """
         shearing, stretching = self.beam.extension
         GA = EA = named_number(f"{self.beam.name}_shearing", shearing, store, ())
@@ -276,17 +289,18 @@ class BeamJoint(Joint):
         return V + sum(((along - across) * dot(d, t) ** 2 / 4 for t in tangents), sp.Integer(0))
 
     def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
-        """Yield the damping: −2τ (f/h) B u̇ and −τ C Γ̇."""
+        """Yield the damping: torques of −2τ (f/h) B u̇ on both sides, and −τ C Γ̇."""
         if not self.beam.damping:
             return
         tau = named_number(f"{self.beam.name}_damping", self.beam.damping, store)
         w, u = self.strain(store)
         sides = [(frame, rotation_matrix(turn)) for frame, turn in
                  zip(self.sides, self.turns(store), strict=True)]
-        spins = [list(R.T * sp.Matrix(frame.angular_velocity)) for frame, R in sides]
-        # u̇ = ½ (w (Ω_b − Ω_a) + u × (Ω_a + Ω_b)), angular velocities in the section's axes
-        relative_spin, spin_sum = (
-            [y - sign * x for x, y in zip(*spins, strict=True)] for sign in (1, -1))
+        # angular velocities in the section's axes
+        spin_a, spin_b = (list(R.T * sp.Matrix(frame.angular_velocity)) for frame, R in sides)
+        # u̇ = ½ (w (Ω_b − Ω_a) + u × (Ω_a + Ω_b))
+        relative_spin = [y - x for x, y in zip(spin_a, spin_b, strict=True)]
+        spin_sum = [y + x for x, y in zip(spin_a, spin_b, strict=True)]
         strain_rate = [(w * x + y) / 2
                        for x, y in zip(relative_spin, cross(u, spin_sum), strict=True)]
         ratio, B = self.stiffness_by_strain(store)
@@ -330,9 +344,10 @@ class BeamJoint(Joint):
 def curve_of(
     name: str, start: Any, end: Any, points: Any, count: int
 ) -> tuple[Array, Array, float]:
-    """Return count + 1 points along a polygon, its first and last directions, and its length.
+    """Return points along a polygon, (count + 1, 3), its first and last edge, (2, 3), its length.
 
-    Raises InputError for another description than two ends or points, and for points that coincide.
+    The polygon has two ends, ``start`` and ``end``, or ``points``. Raises InputError for another
+    description, and for points that coincide.
     """
     if (points is None) == (start is None) or (start is None) != (end is None):
         raise InputError(f"Beam {name!r} has {'points and' if points is not None else 'neither'} "
@@ -359,7 +374,10 @@ def curve_of(
 def frames_along(
     name: str, tangents: Array, arc: Array, normal: ArrayLike | None, twist: float
 ) -> list[Array]:
-    """Return the attitudes of sections by parallel transport.
+    """Return the unit quaternions of k sections by parallel transport along the beam.
+
+    From section to section the attitude turns by the shortest rotation from tangent to tangent,
+    and by its part of ``twist`` about the tangent. The third axis of a section is its tangent.
 
     Parameters
     ----------
@@ -380,6 +398,7 @@ def frames_along(
     q = onto(t[0])
     if normal is not None:
         x, y, z = (rotation(q).T @ vector(f"normal of {name!r}", normal)).tolist()
+        # (x, y) is the part across the tangent, whose direction becomes the first axis
         if math.hypot(x, y) <= 1e-9 * math.hypot(x, y, z):
             raise InputError(f"The normal of beam {name!r} is {shown(normal)}, which has no part "
                              "across its tangent; give a direction across the beam.")
@@ -389,6 +408,7 @@ def frames_along(
         # the quaternion of the shortest rotation from a to b, not normalised; 0 for opposite ones
         shortest = np.array([1 + a @ b, *np.cross(a, b)])
         angle = twist * (arc[k + 1] - arc[k])
+        # the strain u has the sine of half an angle: more than 90° a segment is no small strain
         if shortest[0] < 1e-6 or abs(angle) > math.pi / 2:
             raise InputError(f"Beam {name!r} turns back, or twists by more than 90°, at segment "
                              f"{max(k, 1)}; give more segments, or a smoother curve.")
@@ -398,12 +418,12 @@ def frames_along(
 
 
 def _twist(q: Array, angle: float) -> Array:
-    """Return the attitude after a rotation about its third axis."""
+    """Return the quaternion after a rotation by an angle about the section's third axis."""
     return np.array(product(q, [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]))
 
 
 def strain_between(a: Array, b: Array) -> Array:
-    """Return u of two attitudes; components at round-off level are 0."""
+    """Return u, (3,), of ā b = w + u for two unit quaternions; components at round-off are 0."""
     u = np.array(product(conjugate(a), b)[1:])
     return np.where(np.abs(u) <= _ROUNDING, 0.0, u)
 
@@ -428,7 +448,7 @@ def section_of(
     name: str, count: Any, bending: Any, twisting: Any, stretching: Any, shearing: Any,
     damping: Any,
 ) -> tuple[int, tuple[float, float], float, tuple[float, ...], float]:
-    """Return the checked number of segments and stiffnesses of a beam.
+    """Return the checked arguments of a beam: count, (EI₁, EI₂), GJ, (GA, EA) or (), and τ.
 
     Raises InputError for less than two segments, stiffnesses that are not above 0, only one of
     stretching and shearing, and a damping below 0.

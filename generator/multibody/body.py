@@ -44,7 +44,10 @@ _AXES = "xyz"
 
 
 class Frame:
-    """A frame of reference for joints and springs: a body, or the ground, which is space."""
+    """A frame of reference for joints and springs; the base class is the ground, which is space.
+
+    Bodies and moving points are subclasses.
+    """
 
     def __repr__(self) -> str:
         return "<Frame: space>"
@@ -59,16 +62,16 @@ class Frame:
 
     @property
     def attitude(self) -> tuple[sp.Expr, ...]:
-        """Its quaternion."""
+        """Unit quaternion of the frame's axes in space, scalar first: the identity."""
         return (sp.Integer(1), *[sp.Integer(0)] * 3)
 
     @property
     def angular_velocity(self) -> Vector:
-        """Angular velocity in its own axes."""
+        """Angular velocity in the axes of the frame: 0."""
         return _vector([sp.Integer(0)] * 3)
 
     def point_velocity(self, r: Sequence[object]) -> Vector:
-        """Return the velocity in space of a point of the frame."""
+        """Return the velocity in space of a point of the frame: 0."""
         return _vector([sp.Integer(0)] * 3)
 
     def force_at(self, r: Sequence[object], force: Vector) -> list[GeneralisedForce]:
@@ -76,7 +79,7 @@ class Frame:
         return []
 
     def torque_on(self, torque: Sequence[object]) -> list[GeneralisedForce]:
-        """Return the generalised forces of a torque in the axes of the frame."""
+        """Return the generalised forces of a torque in the axes of the frame: none."""
         return []
 
 
@@ -188,17 +191,17 @@ class Body(Frame):
 
     @property
     def coordinates(self) -> tuple[sp.Symbol, ...]:
-        """Its part of q of the system: quaternion first, then position."""
+        """The body's part of q of the system: quaternion first, then position."""
         return (*self.q, *self.x)
 
     @property
     def momenta(self) -> tuple[sp.Symbol, ...]:
-        """Its part of p of the system."""
+        """The body's part of p of the system."""
         return (*self.p, *self.p_x)
 
     @property
     def velocities(self) -> tuple[sp.Symbol, ...]:
-        """The symbols of the rates of its coordinates, for velocity constraints."""
+        """The symbols of the coordinates' rates, for velocity constraints."""
         return tuple(sp.Symbol(f"{x}_t", real=True) for x in self.coordinates)
 
     @property
@@ -211,12 +214,12 @@ class Body(Frame):
 
     @property
     def origin_rate(self) -> Vector:
-        """The velocity of the origin in terms of the rates."""
+        """The velocity of the origin in space, in terms of the rates; 0 for a fixed point."""
         return _vector(self.velocities[4:] or [sp.Integer(0)] * 3)
 
     @property
     def attitude(self) -> tuple[sp.Expr, ...]:
-        """Its quaternion."""
+        """The symbols of the unit quaternion, scalar first."""
         return self.q
 
     @cached_property
@@ -278,15 +281,16 @@ class Body(Frame):
         return sum((x**2 for x in self.q), sp.Integer(-1))
 
     def torque_force(self, torque: Sequence[object]) -> list[sp.Expr]:
-        """Return 2 L(q)ᵀ τ, the force on the quaternion of a torque τ in body axes.
+        """Return 2 L(q)ᵀ τ, four entries: the force on the quaternion of a torque τ in body axes.
 
-        Its power is that of the torque: Ω = 2 L q̇ gives τ·Ω = (2 Lᵀτ)·q̇.
+        Force and torque have one power: Ω = 2 L q̇ gives τ·Ω = (2 Lᵀτ)·q̇.
         """
         return [2 * e for e in _times(left_matrix(self.q).T.tolist(), torque)]
 
     def force_at(self, r: Sequence[object], force: Vector) -> list[GeneralisedForce]:
         """Return the generalised forces of a force (space axes) at the point r of the body."""
         moment = cross(r, _times(self.rotation.T.tolist(), force))
+        # a body with a fixed point has no momenta p_x: the point bears the force
         return [(self.p_x, force if self.p_x else ()), *self.torque_on(moment)]
 
     def torque_on(self, torque: Sequence[object]) -> list[GeneralisedForce]:
@@ -298,7 +302,7 @@ class Body(Frame):
 class Particle(Body):
     """A point with mass and no attitude, 3 coordinates; made by ``Multibody.point_mass``.
 
-    Vectors in its axes are in those of space.
+    Its axes are the axes of space.
     """
 
     def __repr__(self) -> str:
@@ -350,23 +354,25 @@ def cross(a: Sequence[object], b: Sequence[object]) -> Vector:
 
 
 def dot(a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> sp.Expr:
-    """Return a · b; most vectors of a model are along an axis, and zeros are left out."""
+    """Return a · b without the products of exact zeros: most vectors are along an axis."""
     return sum((x * y for x, y in zip(a, b, strict=True)
                 if x is not sp.S.Zero and y is not sp.S.Zero), sp.Integer(0))
 
 
 def _times(rows: Sequence[Sequence[sp.Expr]], v: Sequence[object]) -> list[sp.Expr]:
+    """Return the product of a matrix, row by row, with a vector of three entries."""
     entries = expressions("vector", v, 3)
     return [dot(row, entries) for row in rows]
 
 
 def _vector(entries: Sequence[sp.Expr]) -> Vector:
+    """Return three entries as a ``Vector``, whose length type checkers know."""
     x, y, z = entries
     return x, y, z
 
 
 def three_expressions(label: str, values: Any) -> Vector:
-    """Return three expressions given by a caller, or raise InputError."""
+    """Return a user's argument as three expressions; ``label`` is its name in InputError."""
     if callable(values):
         raise InputError(f"The {label} is the function {shown(values)}; write three expressions of "
                          "the body's symbols, such as body.angular_velocity, time and parameters.")

@@ -35,7 +35,7 @@ class Components:
     Attributes
     ----------
     gravity : vector
-        Its acceleration in space.
+        Acceleration of gravity in space.
     bodies, inertia : dict
         Body → its initial state; rigid body → its moments or tensor of inertia.
     symbols, values : dict
@@ -43,7 +43,7 @@ class Components:
     measures : dict
         Symbol of a joint's coordinate or rate → the joint, and the name of the measure.
     placed : set of Connection
-        Joints of a robot's file, whose rates are the default of the file, not given.
+        Joints of a robot's file: their rates are defaults of the file, which loops may change.
     """
 
     name: str
@@ -66,11 +66,11 @@ class Components:
     contacts: dict[str, tuple[Impact, ...]] = field(default_factory=dict)
     #: Name of a latch → the joints that it closes.
     latches: dict[str, list[Connection]] = field(default_factory=dict)
-    #: Name of a joint that others hold in one → that one.
+    #: Name of a joint of a robot's file that one joint replaces together with others → that joint.
     aliases: dict[str, Connection] = field(default_factory=dict)
 
     def claim(self, name: str, kind: Literal["body", "joint", "parameter"]) -> None:
-        """Refuse a name that another part of the kind has, or no identifier."""
+        """Refuse a name that another body, joint or parameter has, and one that C cannot have."""
         as_text(f"a name in Multibody {self.name!r}", name)
         names_of: Mapping[str, Collection[str]] = {
             "body": [*(body.name for body in self.bodies), *(p.name for p in self.moving_points),
@@ -95,7 +95,7 @@ class Components:
         return {end.name: end for beam in self.beams for end in (beam.first, beam.last)}
 
     def end(self, frame: Any) -> BeamEnd | None:
-        """Return the end of a beam, given itself or by name, and None for other frames."""
+        """Return an end of a beam, given as an object or by name; None for other frames."""
         ends = self.ends
         return ends.get(frame) if isinstance(frame, str) else next(
             (end for end in ends.values() if end is frame), None)
@@ -108,7 +108,10 @@ class Components:
         return ends[0], ends[1]
 
     def frame(self, frame: Any, label: str) -> Frame:
-        """Return the ground, a moving point or a body, given itself or by name."""
+        """Return the ground, a moving point or a body, given as an object or by name.
+
+        ``label`` begins the message for anything else.
+        """
         if frame is GROUND or (isinstance(frame, str) and frame == "ground"):
             return GROUND
         moving = {point.name: point for point in self.moving_points}
@@ -119,7 +122,10 @@ class Components:
         return self.body(frame, label)
 
     def body(self, body: Any, label: str) -> Body:
-        """Return a body, given itself or by name."""
+        """Return a body, given as an object or by name; an end of a beam stands for its segment.
+
+        ``label`` begins the message for anything else.
+        """
         names = {candidate.name: candidate for candidate in self.bodies
                  if not isinstance(candidate, FlywheelBody)}
         names |= {end.name: end.segment for end in self.ends.values()}
@@ -135,7 +141,7 @@ class Components:
             f"{proposal(body, names)}.")
 
     def joint(self, joint: Any, label: str) -> Connection:
-        """Return a joint, given itself or by name."""
+        """Return a joint, given as an object or by name; ``label`` begins the message."""
         names = {link.name: link for link in self.connections}
         if isinstance(joint, str) and joint in names:
             return names[joint]
@@ -146,7 +152,7 @@ class Components:
                          f"{', '.join(names) or 'there is none yet'}{proposal(joint, names)}.")
 
     def turning_joint(self, name: str, joint: Connection | str) -> Connection:
-        """Return a joint that has an angle."""
+        """Return a joint with a hinge or a flywheel's angle, for the gear or drive ``name``."""
         turning = self.joint(joint, f"Gear {name!r}")
         self.refuse_measure(turning, "angle")
         if isinstance(turning, Arm):
@@ -161,11 +167,11 @@ class Components:
                              f"{listed(joint.MEASURES) if joint.MEASURES else 'no coordinate'}.")
 
     def start_of_point(self, point: MovingPoint) -> list[tuple[float, float]]:
-        """Return position and velocity of a moving point at t = 0, axis by axis."""
+        """Return (position, velocity) of a moving point at t = 0 along each of the three axes."""
         return [self.initial_value_and_rate(f"path of {point.name!r}", e) for e in point.path]
 
     def initial_value_and_rate(self, label: str, law: sp.Expr) -> tuple[float, float]:
-        """Return the value and the rate of a law at t = 0."""
+        """Return f(0) and f'(0) of a law f of the time, with the parameters' values."""
         substitution = {symbol: self.values[name] for name, symbol in self.symbols.items()
                         if name in self.values}
         with np.errstate(all="ignore"):

@@ -1,6 +1,6 @@
 """Coordinates with an inertia of their own, and what joins them to bodies: flywheels and chains.
 
-    flywheel   T = p²/(2a) of the angle φ = nθ that a joint's gear turns it by, without gyroscopic
+    flywheel   T = p²/(2a) of the angle φ = nθ by which a joint's gear turns it, without gyroscopic
                effect; sin(φ/n − θ) = 0, on a joint that slides φ/n − s = 0            one
                on a ball T = p·p/(8a) of four coordinates z with z = q̄_a q_b, |ω|² = 4|ż|²  four
     chain      joints in a row without bodies between: R_b = R_a Π R(φ_i), x_b = …      six
@@ -12,7 +12,8 @@ the start, a chain is the product of exponentials (Brockett 1984)
 
     vec(q̄_b q_a Q(δ) q̄_a(0) q_b(0)) = 0,    x_a + R(q_a) D(δ) − x_b − R(q_b) r = 0
 
-Q(δ) is the product of the quaternions of its hinges, D(δ) where they and the slides move r to.
+Q(δ) is the product of the quaternions of the hinges, D(δ) the point to which hinges and slides
+move r. The numbers at the right count the constraints.
 """
 
 from __future__ import annotations
@@ -55,11 +56,15 @@ __all__ = ["Arm", "BallFlywheel", "Chain", "Coordinate", "Flywheel", "FlywheelBo
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FlywheelBody(Particle):
-    """One coordinate φ with p = a φ', or four; they have no place in space."""
+    """One coordinate φ with p = a φ̇, or four; they have no place in space.
+
+    They stand as the position of a point whose mass is the inertia a.
+    """
 
     @classmethod
     def of(cls, name: str, numbers: Sequence[str] = ("",)) -> FlywheelBody:
-        """Return the coordinates ``name_phi`` with the inertia ``name_inertia``."""
+        """Return coordinates ``name_phi``, one for each suffix, with the inertia ``name_inertia``.
+        """
         zero = (sp.Integer(0),) * 3
         x, p = (tuple(sp.Symbol(f"{name}_{prefix}{k}", real=True) for k in numbers)
                 for prefix in ("phi", "pphi"))
@@ -73,17 +78,18 @@ class FlywheelBody(Particle):
 
     @property
     def rate(self) -> sp.Expr:
-        """φ' = p/a."""
+        """φ̇ = p/a, for one coordinate."""
         return self.p_x[0] / self.mass
 
 
 @dataclass(eq=False, repr=False)
 class Coordinate(Connection):
-    """The coordinate ``b`` as that of a joint: motors and springs may act on it."""
+    """A joint with a coordinate of its own, ``b``, on which motors and springs may act."""
 
     kind: str = field(kw_only=True)  # "angle" or "travel"
     value: float = field(kw_only=True, default=0.0)  # in the pose of the description
-    start_value: float | None = field(kw_only=True, default=None)
+    start_value: float | None = field(kw_only=True, default=None)  # at the start, if it is given
+    #: Rate at the start, if it is given.
     speed: float | None = field(kw_only=True, default=None)
 
     @property
@@ -103,7 +109,7 @@ class Coordinate(Connection):
         return body.x[0] if quantity == self.kind else body.rate
 
     def multiple_angle(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
-        """Return cos kθ and sin kθ of its turn θ since the start."""
+        """Return cos kθ and sin kθ of the turn θ = c − c₀ since the described pose."""
         begin = named_number(f"{self.name}_start", self.value, store)
         angle = count * (self.measure(self.kind, poses, store) - begin)
         return sp.cos(angle), sp.sin(angle)
@@ -116,14 +122,14 @@ class Coordinate(Connection):
         yield self.b.p_x, (effort,)
 
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
-        """Yield the coordinate."""
+        """Yield the coordinate, if it is given: the difference c − c₀ − fraction · (c₁ − c₀)."""
         if self.start_value is not None:
             coordinate = self.measure(self.kind, poses, store)
             yield StartValue(self.name, self.kind, self.start_value,
                              coordinate - self.value - FRACTION * self.displacement)
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
-        """Yield the rate."""
+        """Yield the rate, if it is given."""
         if self.speed is not None:
             yield StartRate(self.name, self.speed, {self.b: (np.ones(1), np.zeros(0))})
 
@@ -138,7 +144,10 @@ class Coordinate(Connection):
 
 @dataclass(eq=False, repr=False)
 class Flywheel(Coordinate):
-    """Flywheel on a joint: its angle is ``ratio`` times the coordinate of the joint."""
+    """Flywheel on a joint: its angle is ``ratio`` times the coordinate of the joint.
+
+    On a joint that slides the coordinate counts as a travel, too.
+    """
 
     ratio: float = field(kw_only=True)
 
@@ -161,7 +170,7 @@ class Flywheel(Coordinate):
 
     @property
     def displacement(self) -> float:
-        """The difference of the coordinate: ``ratio`` times that of its joint."""
+        """The coordinate's change from the described pose to the start: ratio × the joint's."""
         (joint,) = self.joints
         travel = joint.travel_to_start if isinstance(joint, Cylindrical) else 0.0
         return self.ratio * (joint.displacement if self.kind == "angle" else travel)
@@ -176,8 +185,9 @@ class Flywheel(Coordinate):
     def begin_rate(self, poses: Poses) -> None:
         """Set the velocity v of the flywheel's one coordinate at the start.
 
-        With the axis e of the joint, v = ratio e·(ω_b − ω_a), or of a travel v = ratio s e·u, where
-        u is the velocity of the point of b relative to a, and s the scale of a ``Slide`` or 1.
+        With the axis e of the joint, v = ratio e·(ω_b − ω_a). On a joint that slides v = ratio s
+        e·u, where u is the velocity of the point of b relative to a, and s the scale of a ``Slide``
+        or 1.
         """
         (joint,) = self.joints
         a, b = poses[joint.a], poses[joint.b]
@@ -197,7 +207,7 @@ class BallFlywheel(Connection):
     """Flywheel on a ball joint, with any axis: T = ½ a |ω_b − ω_a|²."""
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield z = q̄_a q_b."""
+        """Yield the four constraints z − q̄_a q_b = 0."""
         (joint,) = self.joints
         assert isinstance(self.b, FlywheelBody)
         relative_attitude = product(conjugate(joint.a.attitude), joint.b.attitude)
@@ -205,7 +215,7 @@ class BallFlywheel(Connection):
             yield Equation(f"{self.name}: {k}", z - e)
 
     def begin(self, poses: Poses) -> None:
-        """Set z, the relative attitude of its joint's bodies."""
+        """Set z = q̄_a q_b, the relative attitude of the joint's bodies in the described pose."""
         (joint,) = self.joints
         poses[self.b].x = np.array(product(conjugate(poses[joint.a].q), poses[joint.b].q))
 
@@ -220,7 +230,10 @@ class BallFlywheel(Connection):
 
 
 def _slip(joint: Joint, a: Pose, b: Pose) -> Array:
-    """Return v_b + ω_b × R_b r_b − v_a − ω_a × (x_P − x_a): how P, the point of b, moves on a."""
+    """Return the velocity of P, the joint's point of b, relative to a, in space, shape (3,).
+
+    v_b + ω_b × R_b r_b − v_a − ω_a × (x_P − x_a), with r_b the point in the axes of b.
+    """
     arm_b, point = b.R @ joint.on_b, b.space(np.asarray(joint.on_b))
     assert a.x is not None
     slip: Array = b.v + np.cross(b.spin, arm_b) - a.v - np.cross(a.spin, point - a.x)  # type: ignore[arg-type,operator]
@@ -249,8 +262,9 @@ class Translation(Fixed):
 class Slide(Cylindrical):
     """A coordinate of a point of b in the ground's axes: ``scale`` · axis · d, no constraint.
 
-    d is from the point of the ground, where that of b is at the start. Of slides along s_i that are
-    not perpendicular, d = Σ c_i s_i, the axes are those of the reciprocal vectors.
+    d leads from the point of the ground to the point of b, which coincide at the start. For slides
+    along s_i that are not perpendicular, d = Σ c_i s_i, the axes are the directions of the
+    reciprocal vectors, and the scales their lengths.
     """
 
     scale: float = field(kw_only=True, default=1.0)
@@ -261,7 +275,7 @@ class Slide(Cylindrical):
         yield from ()
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
-        """Return travel or speed."""
+        """Return the travel c = c₀ + scale · e·d, or the speed ċ."""
         k = named_number(f"{self.name}_scale", self.scale, store, UNIT)
         if quantity == "speed":
             return k * super().measure(quantity, poses, store)
@@ -280,8 +294,8 @@ class Slide(Cylindrical):
 class Arm(Connection):
     """The angle about one arm of a universal joint, within half a turn of the start.
 
-    With e₁ in a and e₂ in b at right angles, Ω_b − Ω_a = q₁' e₁ + q₂' e₂. Both are in space at the
-    start; ``own`` is 0 for the first arm, 1 for the second.
+    With e₁ fixed in a and e₂ fixed in b at right angles, Ω_b − Ω_a = φ̇₁ e₁ + φ̇₂ e₂. ``arms`` has
+    e₁ and e₂ in space at the start; ``own`` is the index, 0 or 1, of the arm whose angle this is.
     """
 
     arms: tuple[Array, Array] = field(kw_only=True)
@@ -315,7 +329,10 @@ class Arm(Connection):
         return named_number(f"{self.name}_begin", self.angle, store) + turn
 
     def _in(self, frame: Frame, name: str, axis: Array, poses: Poses, store: Store) -> Vector:
-        """Return an axis, which is in space, as a unit vector in the axes of a frame."""
+        """Return an axis, given in space, as a unit vector in the axes of a frame.
+
+        ``name`` begins the names of the parameters of its components.
+        """
         return unit_vector(name, direction(poses[frame].R.T @ axis), store)
 
     def generalised_forces(
@@ -332,14 +349,20 @@ class Arm(Connection):
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One joint of a chain: a hinge or a slide, with its axis in space in the described pose."""
+    """One joint of a chain: a hinge or a slide.
+
+    ``axis`` and a point ``at`` of it are in space in the described pose.
+    """
 
     coordinate: Coordinate
     axis: Array
     at: Array
 
     def motion(self, change: float) -> RigidMotion:
-        """Return the motion of the bodies beyond the joint for a change of the coordinate."""
+        """Return the motion of the bodies beyond the joint for a change of the coordinate.
+
+        A translation by change · e, or a rotation about e through ``at`` by the change in rad.
+        """
         if self.coordinate.kind == "travel":
             return RigidMotion.along(change * self.axis)
         return RigidMotion.about(self.axis, change, self.at)
@@ -347,25 +370,25 @@ class Link:
 
 @dataclass(eq=False, repr=False)
 class Chain(Joint):
-    """Joints in a row without bodies between them; ``on_b`` is the last one's point."""
+    """Joints in a row without bodies between them; ``on_b`` is the point of the last joint."""
 
     links: Sequence[Link] = field(kw_only=True)
     MEASURES: ClassVar[tuple[str, ...]] = ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """Its bodies and its coordinates."""
+        """The two bodies, and the coordinates of all joints of the chain."""
         return (self.a, self.b, *(link.coordinate.b for link in self.links))
 
     def motion(self, poses: Poses) -> RigidMotion:
-        """Return the motion by all its joints."""
+        """Return the motion of b against a to the start: the product of the joints' motions."""
         motion = RigidMotion.along(np.zeros(3))
         for link in self.links:
             motion = motion @ link.motion(link.coordinate.displacement)
         return motion
 
     def _links_at(self, poses: Poses) -> Iterator[tuple[Coordinate, Array, Array]]:
-        """Yield each joint with its axis and a point of it in space at the start."""
+        """Yield the coordinate of each joint, its axis and a point of it in space at the start."""
         # axes and points are those of the description: the joints before each one move them
         motion = poses[self.a].motion
         for link in self.links:
@@ -375,7 +398,7 @@ class Chain(Joint):
             motion = motion @ link.motion(float(x[0]) - link.coordinate.value)
 
     def propagate_spin(self, poses: Poses) -> bool:
-        """Propagate the angular velocity: Ω_b = Ω_a + Σ rate · axis."""
+        """Propagate the angular velocity: ω_b = ω_a + Σ φ̇_i e_i of the hinges."""
         relative: Array = sum(((coordinate.speed or 0.0) * axis
                                for coordinate, axis, _ in self._links_at(poses)
                                if coordinate.kind == "angle"), np.zeros(3))
@@ -416,7 +439,7 @@ class Chain(Joint):
                 continue
             half = displacement / 2
             attitude = product((sp.cos(half), *(sp.sin(half) * x for x in e)), attitude)
-            # a hinge through the point of b, which no later joint moved, leaves it where it is
+            # a hinge through the point of b, which no joint behind it moved, does not move it
             if np.abs(link.at - np.asarray(self.at)).max() <= 1e-15 and point == list(on_a):
                 continue
             c = named_vector(f"{self.name}_point{k}", (a.R.T @ (link.at - a.x)).tolist(), store)

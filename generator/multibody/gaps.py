@@ -29,9 +29,11 @@ __all__ = ["gaps_of_plane", "gaps_of_spheres", "points_of"]
 
 
 def points_of(name: str, on_a: Any, box: ArrayLike | None) -> Array:
-    """Return the points of a contact in the axes of a: rows, eight of a box.
+    """Return the points of a contact in the axes of a, shape (points, 3).
 
-    Raises InputError for values that are no points, and a box without extent.
+    ``on_a`` is one point or rows of points; with a ``box``, half the lengths of its edges, the
+    points are its eight corners about ``on_a``. Raises InputError for values that are no points,
+    and for a box without extent.
     """
     points = real_array(on_a)
     if points is None or points.ndim not in (1, 2) or points.shape[-1] != 3 or not (
@@ -53,9 +55,11 @@ def gaps_of_plane(
     name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, normal: ArrayLike,
     radius: Any, store: Store,
 ) -> list[sp.Expr]:
-    """Return the gap of each point of a, or sphere about it, to a plane of b.
+    """Return the gap φ = R_b n · d − ϱ of each point of a, or sphere about it, to a plane of b.
 
-    Raises InputError for a normal without direction and a radius that is none.
+    ``ends`` are the frames a and b; ``on_b`` is a point of the plane, and ``normal`` n, in axes of
+    b. Values of parameters go into ``store``. Raises InputError for a normal of length 0 and for a
+    negative radius.
     """
     direction = vector(f"normal of {name!r}", normal)
     if not direction.any():
@@ -68,9 +72,10 @@ def gaps_of_plane(
 def gaps_of_spheres(
     name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, radius: Any, store: Store
 ) -> list[sp.Expr]:
-    """Return the gap of each sphere of a to one of b; ``radius`` is of both, or one of each.
+    """Return the gap φ = |d| − ϱ_a − ϱ_b of each sphere of a to a sphere of b.
 
-    Raises InputError for radii that are none, or both 0.
+    ``radius`` is one number for both bodies, or ϱ_a and ϱ_b. Values of parameters go into
+    ``store``. Raises InputError for negative radii, and where both are 0.
     """
     radii = _radii(name, radius, 2, store)
     if not any(radii):
@@ -83,18 +88,24 @@ def gaps_of_spheres(
 def _distances(
     name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, store: Store
 ) -> list[Sequence[sp.Expr]]:
-    """Return d = x_a + R_a r_a − x_b − R_b r_b of each point r_a."""
-    base = ends[1].point(named_vector(f"{name}_b", on_b.tolist(), store))
+    """Return d = x_a + R_a r_a − x_b − R_b r_b, three expressions, for each point r_a."""
+    a, b = ends
+    point_b = b.point(named_vector(f"{name}_b", on_b.tolist(), store))
+    # NAME_a of a single point, NAME_a1, NAME_a2, … of several
     labels = [f"{name}_a{i}" for i in range(1, len(points) + 1)] if len(points) > 1 else [
         f"{name}_a"]
-    return [[x - y for x, y in zip(ends[0].point(named_vector(label, r.tolist(), store)), base,
-                                   strict=True)] for label, r in zip(labels, points, strict=True)]
+    distances: list[Sequence[sp.Expr]] = []
+    for label, r in zip(labels, points, strict=True):
+        point_a = a.point(named_vector(label, r.tolist(), store))
+        distances.append([x - y for x, y in zip(point_a, point_b, strict=True)])
+    return distances
 
 
 def _radii(name: str, radius: Any, count: int, store: Store) -> list[sp.Expr]:
     """Return ``count`` radii as parameters: NAME_radius of all, or NAME_radius_a and NAME_radius_b.
 
-    Raises InputError for other than one number or ``count`` numbers, and below 0.
+    ``radius`` is one number for all, or ``count`` numbers. Raises InputError for anything else and
+    for negative numbers.
     """
     is_common = is_number(radius)
     radii = finite(f"radius of {name!r}", [radius] * count if is_common else radius, (count,))

@@ -5,12 +5,13 @@ bodies are moved from there along a spanning tree of the joints. Loops that this
 
     min |r(q)|   subject to  g(q) = 0            r: how far given angles and travels are off
 
-in steps along the way, so that the assembly mode of the description is kept. Velocities solve
+in steps from the description to the start, so that its assembly mode is kept. Velocities solve
 
     min |D u − d|,  then  min |S (u − u₀)|,   subject to  g_q H_p(q, B u) + g_t = 0,  A H_p + a = 0
 
-with u the velocities of all bodies, D u = d the given ones, u₀ those along the tree, and |S u|²
-twice the kinetic energy. Both are Gauss-Newton steps in the null space of the constraints.
+with u the velocities of all bodies, D u = d the given velocities, u₀ the velocities along the tree,
+p = B u, and |S u|² twice the kinetic energy. Both problems are solved by Gauss-Newton steps in the
+null space of the constraints.
 """
 
 from __future__ import annotations
@@ -48,14 +49,13 @@ __all__ = ["Velocities", "close_loops", "move_bodies", "warn_of_moved_bodies",
 
 EPS = float(np.finfo(float).eps)
 
-#: Round-off of a solution, relative to its size: of equations with a condition of some thousands.
+#: Round-off of a solution, relative to its size, for equations with a condition of some thousands.
 ROUNDING = 4096 * EPS
-#: Given numbers are corrected by this part of themselves with a warning, and refused beyond: they
-#: were typed with three digits or more.
+#: Largest relative correction of given numbers, with a warning: they have three digits or more.
 TYPED = 1e-3
-#: Parts of the way from the description to the start in which loops are closed, steps of each,
-#: and the largest change of a coordinate in a step.
+#: Stages from the description to the start, after each of which loops are closed.
 _PARTS = 32
+#: Gauss-Newton steps of a stage at most, and the largest change of a coordinate in a step.
 _STEPS = 60
 _LONGEST = 0.3
 #: Gauss-Newton steps for velocities at most.
@@ -83,7 +83,7 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
         joint = next((link for link in (*joints, *rods) if (link.a in start) != (link.b in start)),
                      None)
         if joint is None:
-            # a floating body, or the first of several that are joined, stays as described
+            # no joint leads on: a floating body, or the first of a group, stays as described
             root = next(body for body in bodies if body not in start)
             start[root] = replace(poses[root])
             continue
@@ -92,6 +92,7 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
             motion, origin, body = motion.inverse(), joint.b, joint.a
         assert isinstance(body, Body)
         start[body] = poses[body].after(start[origin].motion @ motion, is_held=not body.x)
+    # flywheels and joints of chains have a coordinate in place of a pose
     for link in links:
         if isinstance(link, Coordinate):
             x = poses[link.b].x
@@ -106,10 +107,12 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
 def close_loops(
     constraints: NumericConstraints, targets: Sequence[StartValue], described: Array, start: Array
 ) -> Array:
-    """Return coordinates on the constraints with the given angles and travels.
+    """Return coordinates q, shape (n,), on the constraints with the given angles and travels.
 
     Parameters
     ----------
+    targets : sequence of StartValue
+        The given angles and travels; there is at least one.
     described, start : ndarray, shape (n,)
         Coordinates of the described pose, and after ``move_bodies``.
 
@@ -137,9 +140,10 @@ def close_loops(
     if max(map(abs, offsets)) <= size:
         return q
     nearest = _listed(targets, offsets)
-    # numbers typed with few digits are moved to the nearest consistent ones with a warning
-    if all(abs(d) <= max(size, TYPED * (abs(e.value) if e.cosine is None else 1))
-           for e, d in zip(targets, offsets, strict=True)):
+    # numbers typed with few digits are moved to the nearest consistent ones with a warning: a
+    # travel by a part of itself, an angle by a part of a radian
+    allowed = [max(size, TYPED * (abs(e.value) if e.cosine is None else 1)) for e in targets]
+    if all(abs(d) <= bound for d, bound in zip(offsets, allowed, strict=True)):
         warn(f"The given angles and travels of joints do not meet the constraints; the nearest "
              f"ones that do are taken: {nearest}.")
         return q
@@ -151,9 +155,10 @@ def close_loops(
 def _numbers_of(
     symbols: Sequence[sp.Symbol], values: Mapping[str, float], targets: Sequence[StartValue]
 ) -> tuple[NumericConstraints, NumericConstraints]:
-    """Return the sines of the differences from the given values, and their cosines, as g(q).
+    """Return sin and cos of (angle − given value) of all targets, each as a g(q) with numbers.
 
-    A travel has its difference itself in place of a sine, and no cosine.
+    A travel has its difference itself in place of the sine, and no cosine. ``FRACTION`` is 1: the
+    values are those of the start.
     """
     constants = {**values, str(FRACTION): 1.0}
     sines = NumericConstraints(
@@ -166,7 +171,7 @@ def _numbers_of(
 def _offsets(
     targets: Sequence[StartValue], sines: NumericConstraints, cosines: NumericConstraints, q: Array
 ) -> list[float]:
-    """Return by how much each coordinate exceeds its given value: an angle in ±π, or a travel."""
+    """Return the difference of each coordinate at q from its given value: a travel, or ±π."""
     cosine = iter(cosines.g(q).tolist() if cosines.expressions else [])
     return [sine if e.cosine is None else float(np.arctan2(sine, next(cosine)))
             for e, sine in zip(targets, sines.g(q).tolist(), strict=True)]
@@ -182,7 +187,10 @@ def warn_of_moved_joints(
     symbols: Sequence[sp.Symbol], values: Mapping[str, float], links: Sequence[Connection],
     poses: Mapping[Frame, Pose], q: Array
 ) -> None:
-    """Warn of angles and travels of a robot's file, other than 0, that q does not have."""
+    """Warn of angles and travels of a robot's file, other than 0, that q does not have.
+
+    ``links`` are the joints of the file, ``poses`` the poses in which it describes the bodies.
+    """
     store = dict(values)
     targets = [e for link in links for e in _with_targets(link).start_values(poses, store)]
     if not targets:
@@ -195,7 +203,7 @@ def warn_of_moved_joints(
 
 
 def _with_targets(link: Connection) -> Connection:
-    """Return a joint with its angle and travel in the description, but for 0, as start values."""
+    """Return a joint whose described angle and travel, unless 0, are targets of the start."""
     if isinstance(link, Cylindrical):
         link = replace(link, start_travel=link.travel or None)
     if isinstance(link, HingedJoint):
@@ -210,7 +218,7 @@ def _minimise_on_constraints(
 ) -> Array:
     """Return the q with g(q) = 0 and the least |r(q)|, by Gauss-Newton steps; r are the sines.
 
-    Each step δ has G δ = −g and, of these, the least |r_q δ + r|.
+    Each step δ satisfies G δ = −g, and has the least |r_q δ + r| among all such steps.
     """
     for _ in range(_STEPS):
         step = nearest_step(as_dense(constraints.G(q)), constraints.g(q),
@@ -218,14 +226,14 @@ def _minimise_on_constraints(
         largest = float(np.abs(step).max())
         # a longer step could leave the assembly mode of q
         q = q + min(1.0, _LONGEST / (largest or 1.0)) * step
-        # round-off of the least squares: no step is smaller for long
+        # the step is round-off of the least squares
         if largest <= 16 * EPS * float(np.abs(q).max()):
             break
     return q
 
 
 def nearest_step(G: Array, g: Array, R: Array, r: Array) -> Array:
-    """Return the x with the least |R x + r| of those with G x = −g; of several, the shortest.
+    """Return the x, (n,), with G x = −g and the least |R x + r|; the shortest if there are several.
 
     G is (m, n), R (k, n). Dependent rows of G are allowed: its null space comes from a singular
     value decomposition.
@@ -266,26 +274,26 @@ def warn_of_moved_bodies(
 
 
 def _largest(corrections: Sequence[tuple[float, str]]) -> str:
-    """Return the text of the largest of corrections (change, text), and how many others there are.
+    """Return the text of the largest correction, and the number of others; entries (change, text).
     """
     suffix = f", and {len(corrections) - 1} more like it" if len(corrections) > 1 else ""
     return f"{max(corrections)[1]}{suffix}"
 
 
 def _text(vector: Array) -> str:
-    """Return a vector as text, components at round-off of the largest as 0."""
+    """Return a vector as text with nine digits; components at round-off of the largest are 0."""
     vector = np.where(np.abs(vector) > ROUNDING * np.abs(vector).max(), vector, 0.0)
     return "[" + ", ".join(f"{x:.9g}" for x in vector.tolist()) + "]"
 
 
 @dataclass(frozen=True)
 class _Target:
-    """A given velocity: its name in messages, rows of D, and the value of D u = d."""
+    """A given velocity D u = d: its name in messages, rows of D, and their value d."""
 
     label: str
-    rows: Array
-    value: Array
-    axes: Array  # from space to the axes in which it is given
+    rows: Array  # shape (k, velocities), k = 3 for a vector, 1 for a rate
+    value: Array  # shape (k,), in space
+    axes: Array  # (k, k): from space to the axes in which the velocity is given
 
 
 class Velocities:
@@ -311,12 +319,13 @@ class Velocities:
         self, bodies: Mapping[Body, InitialState], poses: Mapping[Frame, Pose],
         inertia: Mapping[Body, Inertia], masses: Mapping[Body, float],
     ) -> None:
-        """Collect u from the poses, and the blocks of B and S, which momenta and lengths need."""
+        """Collect u from the poses, and the blocks of p = B u and of S, body by body."""
         self.bodies, self.poses = bodies, poses
         self.slots: dict[tuple[Body, str], slice] = {}
         # p = B u, and S = Lᵀ of M = L Lᵀ, so that |S u|² = uᵀ M u is twice the kinetic energy;
         # a quaternion has four momenta for three rates, so that B has a column for each unit spin
-        self._blocks: list[tuple[slice, slice, Array, Array]] = []  # rows of p, of u, B, S
+        # rows of p, rows of u, block of B, block of S
+        self._blocks: list[tuple[slice, slice, Array, Array]] = []
         u, count, row_count = [], 0, 0
         for body in bodies:
             pose = poses[body]
@@ -374,7 +383,9 @@ class Velocities:
         return targets
 
     def _rate(self, rate: StartRate) -> _Target:
-        """Return the row of D of a given rate, and its value less the share of prescribed motions.
+        """Return the row of D of a given rate Σ (c_v·v + c_ω·ω), and its value d.
+
+        Frames with a prescribed motion, which are no part of u, have their share subtracted from d.
         """
         name, value, coefficients = rate
         row = np.zeros((1, len(self.u)))
@@ -384,8 +395,7 @@ class Velocities:
                 prescribed = getattr(self.poses[frame], quantity)
                 if columns is not None:
                     row[0, columns] = gradient
-                # a frame whose velocity is prescribed is no unknown: its share goes to the right
-                # side
+                # the ground and moving points; a body with a fixed point has no velocity v
                 elif len(gradient) == len(prescribed):
                     value = value - float(gradient @ prescribed)
         return _Target(f"The rate of {name!r}", row, np.array([value]), np.eye(1))
@@ -393,11 +403,11 @@ class Velocities:
     def keep(
         self, numbers: NumericSystem, links: Sequence[Connection], q: Array, p: Array
     ) -> Array:
-        """Return momenta on the constraints with the given velocities and rates.
+        """Return momenta p = B u on the constraints with the given velocities and rates.
 
-        With y = S u, |y|² is twice the kinetic energy. Of the u that satisfy the constraints
-        A y + … = 0, the result has the least |D u − d| and, of these, the least |y − S u₀|, where
-        u₀ are the velocities along the tree.
+        With y = S u, |y|² is twice the kinetic energy. Among the u that satisfy the constraints
+        g_q H_p + g_t = 0 and A H_p + a = 0, the result has the least |D u − d| and, among several,
+        the least |y − S u₀|, where u₀ are the velocities along the tree.
 
         Raises
         ------
@@ -406,26 +416,42 @@ class Velocities:
         """
         targets = self.list_targets(links)
         projected = project_momenta(numbers, q, p)
-        # R = D S⁻¹ with rows of length 1: velocities and angular velocities then compare
-        R = np.concatenate([np.zeros((0, len(self.u))), *(target.rows for target in targets)])
-        for _, columns, _, root in self._blocks:
-            R[:, columns] = R[:, columns] @ np.linalg.inv(root)
-        sizes = np.linalg.norm(R, axis=1)
-        R = R / sizes[:, None]
-        d = np.concatenate([np.zeros(0), *(target.value for target in targets)]) / sizes
-
+        R, d = self._scaled_targets(targets)
         y = self._scaled(self.u)
         scale = ROUNDING * max(float(np.linalg.norm(y)), float(np.abs(d).max(initial=0.0)))
         # usually the projected momenta have the given velocities already
         shift = self._scaled(self._velocities(projected - self._momenta(self.u)))
         if np.abs(R @ (y + shift) - d).max(initial=0.0) <= scale:
             return projected
-        G, solution = as_dense(numbers.rows(q)), y
+        solution = self._constrained(numbers, q, R, d)
+        u = self._unscaled(solution)
+        self._refuse_missed(targets, u, R @ solution - d, d, scale)
+        return self._momenta(u)
+
+    def _scaled_targets(self, targets: Sequence[_Target]) -> tuple[Array, Array]:
+        """Return R and d of R y = d for the given velocities D u = d, with y = S u.
+
+        R = D S⁻¹ has rows of length 1: velocities and angular velocities then compare.
+        """
+        R = np.concatenate([np.zeros((0, len(self.u))), *(target.rows for target in targets)])
+        for _, columns, _, root in self._blocks:
+            R[:, columns] = R[:, columns] @ np.linalg.inv(root)
+        sizes = np.linalg.norm(R, axis=1)
+        d = np.concatenate([np.zeros(0), *(target.value for target in targets)])
+        return R / sizes[:, None], d / sizes
+
+    def _constrained(self, numbers: NumericSystem, q: Array, R: Array, d: Array) -> Array:
+        """Return the y = S u on the constraints with the least |R y − d|, nearest to y₀ = S u₀.
+
+        Gauss-Newton steps, each from y₀: one is enough if H_p is linear in p.
+        """
+        y = solution = self._scaled(self.u)
+        G = as_dense(numbers.rows(q))
         momenta_by_y = self._momenta(self._unscaled(np.eye(len(y))))
-        # Gauss-Newton steps, each from u₀: one is enough if H_p is linear in p, and f(q, p) in u
         for _ in range(_VELOCITY_STEPS):
             momenta = self._momenta(self._unscaled(solution))
             rates = numbers.H_pp_times(q, momenta, momenta_by_y)
+            # the constraints' rates f are A (y − solution) more at y; rows get the length 1
             A, terms = G @ rates, np.abs(G) @ np.abs(rates)
             lengths = np.linalg.norm(A, axis=1)
             # Rotations keep |q| = 1: that row is 0, but for its round-off.
@@ -437,12 +463,13 @@ class Velocities:
             change, solution = float(np.abs(y + step - solution).max()), y + step
             if change <= 16 * EPS * float(np.abs(solution).max()):
                 break
-        u = self._unscaled(solution)
-        self._refuse_missed(targets, u, R @ solution - d, d, scale)
-        return self._momenta(u)
+        return solution
 
     def warn_of_moved(self, p: Array) -> None:
-        """Warn of velocities, other than 0, by rates of a robot's joints that p does not have."""
+        """Warn of bodies of a robot's file whose velocities by its joints' rates are not kept.
+
+        A velocity of 0 by the rates may change without a warning: it is the file's default.
+        """
         u = self._velocities(p)
         size = ROUNDING * max(np.abs(self.u).max(), np.abs(u).max())
         u = np.where(np.abs(u) > size, u, 0.0)
@@ -462,9 +489,9 @@ class Velocities:
     def _refuse_missed(
         self, targets: Sequence[_Target], u: Array, residual: Array, d: Array, scale: float
     ) -> None:
-        """Refuse velocities off the constraints; warn where rounding of input explains it.
+        """Refuse given velocities that u does not have; warn where rounding of input explains it.
 
-        ``residual`` is D u − d in the scale of ``keep``, of which ``scale`` is round-off.
+        ``residual`` is R y − d of ``keep``; an entry up to ``scale`` is round-off.
         """
         ends = np.cumsum([len(target.value) for target in targets])
         corrections = []

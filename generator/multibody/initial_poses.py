@@ -42,12 +42,15 @@ class RigidMotion:
 
     @classmethod
     def along(cls, x: Array) -> RigidMotion:
-        """Return a translation."""
+        """Return the translation by x."""
         return cls(np.array([1.0, 0, 0, 0]), x)
 
     @classmethod
     def about(cls, axis: Array, angle: float, point: Array) -> RigidMotion:
-        """Return the rotation about an axis through a point; whole turns are in the sign of q."""
+        """Return the rotation by an angle about an axis through a point.
+
+        q has half the angle: one whole turn changes its sign.
+        """
         if not angle:
             return cls.along(np.zeros(3))
         q = np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
@@ -58,16 +61,16 @@ class RigidMotion:
         return RigidMotion(np.array(product(self.q, first.q)), self.point(first.x))
 
     def inverse(self) -> RigidMotion:
-        """Return the motion back."""
+        """Return the inverse motion r ↦ R(q)ᵀ (r − x)."""
         turn = RigidMotion(np.array(conjugate(self.q)), np.zeros(3))
         return RigidMotion(turn.q, -turn.direction(self.x))
 
     def point(self, r: Array) -> Array:
-        """Return where a point is moved to."""
+        """Return the image R(q) r + x of a point."""
         return self.direction(r) + self.x
 
     def direction(self, v: Array) -> Array:
-        """Return a vector, turned."""
+        """Return R(q) v, the image of a vector."""
         # a translation keeps the bits of v
         direction: Array = v if not self.q[1:].any() else rotation(self.q) @ v
         return direction
@@ -111,8 +114,12 @@ class Pose:
         return position
 
     def after(self, motion: RigidMotion, is_held: bool = False) -> Pose:
-        """Return the pose after a motion, of a frame whose origin may be held."""
+        """Return the pose after a motion; a frame that ``is_held`` keeps its origin.
+
+        The angular velocity turns with the body, the velocity keeps its direction in space.
+        """
         assert self.x is not None
+        # the translation is replaced by the one that leaves the origin where it is
         if is_held:
             motion = RigidMotion(motion.q, self.x - motion.direction(self.x))
         q = np.array(product(motion.q, self.q))
@@ -129,9 +136,9 @@ class Pose:
 
 @dataclass
 class InitialState:
-    """Initial state of a body as given; None where it follows from joints.
+    """Initial state of a body as its user gave it; None where it follows from joints.
 
-    ``is_turned``: its attitude is given. ``is_placed``: a robot's file placed it, by its joints.
+    ``is_turned``: the attitude is given. ``is_placed``: a robot's file gives it, by joints.
     """
 
     q: Array
@@ -142,7 +149,7 @@ class InitialState:
     is_placed: bool = False
 
     def pose(self) -> Pose:
-        """Return the pose, unknown where nothing is given."""
+        """Return the pose, with None for positions and velocities that are not given."""
         R = rotation(self.q)
         return Pose(self.q, R, self.x, self.v, None if self.omega is None else R @ self.omega)
 
@@ -150,7 +157,7 @@ class InitialState:
 def initial_state(
     name: str, quaternion: Any, rotation: Any, position: Any, velocity: Any, omega: Any
 ) -> InitialState:
-    """Return the initial state of a body as given."""
+    """Return the initial state of a body from its checked arguments; None for those not given."""
     return InitialState(
         attitude(f"body {name!r}", quaternion, rotation),
         optional_vector(f"position of {name!r}", position),
@@ -243,12 +250,12 @@ def in_range(label: str) -> Iterator[None]:
 
 
 def vector(label: str, value: Any) -> Array:
-    """Return three finite numbers."""
+    """Return three finite numbers, shape (3,); ``label`` names the argument in InputError."""
     return finite(label, value, (3,))
 
 
 def finite(label: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return finite numbers of a shape as floats."""
+    """Return finite numbers of a shape as floats; ``label`` names the argument in InputError."""
     array = real_array(value)
     if array is None or array.shape != shape or not np.isfinite(array).all():
         count = math.prod(shape)
@@ -281,7 +288,7 @@ def propagate_all(
     step does, one of the ``fallbacks`` sets a value, and if none does, an unknown one becomes 0.
     """
     while True:
-        # a sum takes all steps, any() only up to the first that sets something
+        # a sum runs all steps, any() only those up to the first fallback that sets something
         while sum(step(poses) for step in steps) or any(step(poses) for step in fallbacks):
             pass
         incomplete = next((p for p in poses.values() if getattr(p, attribute) is None), None)
@@ -322,7 +329,7 @@ def product(x: Any, y: Any) -> list[Any]:
 
 
 def conjugate(q: Any) -> list[Any]:
-    """Return the conjugate, the inverse rotation."""
+    """Return the conjugate of a unit quaternion, its inverse rotation, scalar first."""
     return [q[0], *(-x for x in q[1:])]
 
 
@@ -342,6 +349,6 @@ def clean(v: Array, *sizes: Array) -> Array:
 
 
 def direction(v: Array) -> Array:
-    """Return a unit vector or quaternion without round-off: along an axis it is 1 or −1 there."""
+    """Return a unit vector or quaternion with round-off removed: along an axis its entry is ±1."""
     v = clean(v)
     return np.sign(v) if np.count_nonzero(v) == 1 else v

@@ -99,13 +99,14 @@ Poses = Mapping[Frame, Pose]
 #: The values of a model's parameters by name.
 Store = dict[str, float]
 
-#: How much of the way from the described pose to the start has been gone, 0 to 1.
+#: Position between the described pose, 0, and the start, 1, at which given angles are evaluated.
 FRACTION = sp.Dummy("fraction", real=True)
 #: Coordinate of a joint → its rate.
 RATE_OF = {"angle": "rate", "travel": "speed"}
 #: Angles in a ratio of such whole numbers are coupled over any number of turns.
 _FEW_TEETH = 12
-UNIT = (0.0, 1.0, -1.0)  # components of unit vectors that stay numbers
+#: Components of unit vectors that stay numbers.
+UNIT = (0.0, 1.0, -1.0)
 
 
 @dataclass(frozen=True)
@@ -119,11 +120,11 @@ class Equation:
 
 @dataclass(frozen=True)
 class StartValue:
-    """A coordinate of a joint that is given at the start, and how far off it a state is.
+    """A coordinate of a joint that is given at the start, and the difference of a state from it.
 
-    ``sine`` and ``cosine`` are those of the difference of an angle; of a travel, which has no
-    ``cosine``, ``sine`` is the difference. ``FRACTION`` is how much of the way from the
-    description to the start has been gone.
+    ``sine`` and ``cosine`` are sin and cos of the difference of an angle; for a travel, which has
+    no ``cosine``, ``sine`` is the difference. The target is the described coordinate plus
+    ``FRACTION`` times the displacement to the start.
     """
 
     joint: str
@@ -134,9 +135,9 @@ class StartValue:
 
 
 class StartRate(NamedTuple):
-    """A rate given at the start: Σ (c_v·v + c_ω·ω) of bodies = ``value``.
+    """A rate given at the start: Σ (c_v·v + c_ω·ω) over bodies = ``value``.
 
-    ``coefficients`` has (c_v, c_ω) of each body, ω being its angular velocity in space.
+    ``coefficients`` has (c_v, c_ω), shape (3,) each, of each body; v and ω are in space.
     """
 
     joint: str
@@ -147,14 +148,17 @@ class StartRate(NamedTuple):
 def named_vector(
     prefix: str, values: Sequence[float], store: Store, literals: Sequence[float] = (0.0,)
 ) -> Vector:
-    """Return symbols prefix_x, … for a vector and store their values; ``literals`` stay numbers."""
+    """Return symbols PREFIX_x, PREFIX_y, PREFIX_z for a vector, and store their values.
+
+    Components in ``literals`` stay numbers, so that they cost no arithmetic.
+    """
     x, y, z = (named_number(f"{prefix}_{axis}", value, store, literals)
                for axis, value in zip("xyz", values, strict=True))
     return x, y, z
 
 
 def propagate(quantity: str, a: Pose, b: Pose, difference: Array) -> bool:
-    """Propagate a quantity of poses by b = a + ``difference``; return whether a value was set.
+    """Set an unknown quantity of a or b by b = a + ``difference``; return whether it was set.
 
     ``quantity`` is "spin" or "v". Nothing is set where both values are known, or neither is.
     """
@@ -181,14 +185,14 @@ class Connection:
     name: str
     a: Frame
     b: Frame
-    #: Joints it acts on, as a motor does.
+    #: Joints on whose coordinates the connection acts: of a motor, a spring, a gear, ….
     joints: tuple[Connection, ...] = field(default=(), kw_only=True)
-    #: Names of its measures.
+    #: Names of the measures: "angle", "rate", "travel" and "speed".
     MEASURES: ClassVar[tuple[str, ...]] = ()
 
     @property
     def displacement(self) -> float:
-        """The difference of its coordinate from the described pose to the start: none is given."""
+        """Change of the coordinate from the described pose to the start: 0 unless it is given."""
         return 0.0
 
     def __repr__(self) -> str:
@@ -196,24 +200,23 @@ class Connection:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """All frames it acts on."""
+        """All frames that the constraints and forces contain."""
         return (self.a, self.b, *(frame for joint in self.joints for frame in joint.frames))
 
     def motion(self, poses: Poses) -> RigidMotion:
-        """Return the motion of b against a from the pose of the description to the start."""
+        """Return the motion of b against a from the described pose to the start: none."""
         return RigidMotion.along(np.zeros(3))
 
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
-        """Yield the coordinates that users gave for the start; a connection without any has none.
-        """
+        """Yield the coordinates that are given for the start: none."""
         yield from ()
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
-        """Yield the rates that users gave for the start; a connection without any has none."""
+        """Yield the rates that are given for the start: none."""
         yield from ()
 
     def propagate_spin(self, poses: Poses) -> bool:
-        """Propagate angular velocity to a frame without one; return whether it was set."""
+        """Set the angular velocity of a or b from the other one's; return whether it was set."""
         return False
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
@@ -225,11 +228,11 @@ class Connection:
         return sp.Integer(0)
 
     def local_points(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
-        """Return its point in the axes of a and in those of b, () without a point."""
+        """Return the point of the connection in the axes of a and of b, () without a point."""
         return (), ()
 
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
-        """Return n₁ and n₂ in a's axes and n₁ × n₂ in b's, () without a common axis."""
+        """Return n₁ and n₂ in a's axes, six entries, and n₁ × n₂ in b's; () without an axis."""
         return (), ()
 
     def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
@@ -237,17 +240,20 @@ class Connection:
         yield from ()
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
-        """Return one of its ``MEASURES`` as an expression."""
+        """Return one of ``MEASURES`` as an expression in q and p."""
         raise InputError(f"{self.name!r} has no {quantity}.")
 
     def multiple_angle(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
-        """Return cos kθ and sin kθ of its turn θ since the start, of a joint with an angle."""
+        """Return cos kθ and sin kθ of the turn θ since the described pose, k = ``count``."""
         return multiple(count, *cosine_and_sine(hinge_of(self), poses, store))
 
     def generalised_forces(
         self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
-        """Yield generalised forces of a torque or force on a measure: on b, opposite on a."""
+        """Yield the generalised forces of an effort on a measure: on b, its opposite on a.
+
+        The effort is a torque in N m on an angle, a force in N on a travel.
+        """
         raise InputError(f"{self.name!r} has no {quantity}.")
 
 
@@ -267,7 +273,7 @@ class PointConnection(Connection):
         for frame, r in ((self.a, self.on_a), (self.b, self.on_b)):
             assert r is not None
             suffix = frame.name if isinstance(frame, Body) else ""
-            # of a joint named as its body, NAME_x would be a coordinate of the body as well
+            # a joint on the ground with the name of a body: NAME_x is a coordinate of the body
             if not suffix and self.name in (getattr(e, "name", "") for e in self.frames):
                 suffix = "ground"
             prefix = f"{self.name}_{suffix}" if suffix else self.name
@@ -280,7 +286,7 @@ class PointConnection(Connection):
         return self.a.point(on_a), self.b.point(on_b)
 
     def square(self, store: Store) -> sp.Expr:
-        """Return the squared distance of the points."""
+        """Return |P_a − P_b|², the squared distance of the points."""
         point_a, point_b = self.points(store)
         return sum(((x - y) ** 2 for x, y in zip(point_a, point_b, strict=True)), sp.Integer(0))
 
@@ -294,9 +300,9 @@ class PointConnection(Connection):
 
 @dataclass(eq=False, repr=False)
 class Joint(PointConnection):
-    """A ball joint: two points coincide, at the position ``at`` in space at the start.
+    """A ball joint: two points coincide, at the position ``at`` in space in the described pose.
 
-    Two of at, on_a and on_b are enough, one where both positions are known.
+    Two of at, on_a and on_b determine the third; one is enough if both bodies have a position.
     """
 
     at: Array | None = None
@@ -335,7 +341,7 @@ class Joint(PointConnection):
         arm_a, arm_b = a.R @ self.on_a, b.R @ self.on_b
         assert a.x is not None
         assert b.x is not None
-        # of a joint that slides, the point of b is away from that of a
+        # the points of a joint that slides may be apart
         separation = b.x + arm_b - a.x - arm_a
         turning = np.cross(a.spin, arm_a + separation) - np.cross(b.spin, arm_b)
         return propagate("v", a, b, turning + self.relative_velocity(poses))
@@ -353,9 +359,10 @@ class Joint(PointConnection):
 
 @dataclass(eq=False, repr=False)
 class Align(Connection):
-    """One axis of a stays one of b; ``axis`` is a unit vector in space in the described pose.
+    """A and b keep an axis in common; ``axis`` is a unit vector in space in the described pose.
 
-    ``angle`` is the angle there, ``start_angle`` and ``rate`` are given at the start.
+    ``angle`` is the angle of b against a there; ``start_angle`` and ``rate`` are the values given
+    for the start, None where they follow.
     """
 
     axis: Array
@@ -380,7 +387,7 @@ class Align(Connection):
         return RigidMotion.about(self.axis, self.displacement, x)
 
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
-        """Yield the angle."""
+        """Yield the angle, if it is given for the start."""
         if self.start_angle is not None:
             c, s = cosine_and_sine(self, poses, store)
             # sin and cos of θ − target: polynomials of the coordinates, so that the closing of
@@ -391,13 +398,13 @@ class Align(Connection):
                              c * sp.cos(target) + s * sp.sin(target))
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
-        """Yield the rate."""
+        """Yield the rate e·(ω_b − ω_a), if it is given for the start."""
         if self.rate is not None:
             e, zero = self.axis_at(poses), np.zeros(3)
             yield StartRate(self.name, self.rate, {self.a: (zero, -e), self.b: (zero, e)})
 
     def propagate_spin(self, poses: Poses) -> bool:
-        """Propagate the angular velocity: Ω_b = Ω_a + rate · axis."""
+        """Propagate the angular velocity in space: ω_b = ω_a + rate · axis."""
         rate = (self.rate or 0.0) * self.axis_at(poses)
         return propagate("spin", poses[self.a], poses[self.b], rate)
 
@@ -424,9 +431,9 @@ class Align(Connection):
                 unit_vector(f"{self.name}_axis", in_b, store))
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
-        """Return the angle 2 atan2(e·v, w), (w, v) = q̄_a q_b c, or the rate e·Ω_b − e·Ω_a.
+        """Return the angle 2 atan2(e·v, w), (w, v) = q̄_a q_b c, or the rate e_b·Ω_b − e_a·Ω_a.
 
-        c is the quaternion of ``zero``, e the axis in the axes of the body of which Ω is.
+        c is the quaternion of ``zero``; e_a and e_b are the axis in the axes of a and b.
         """
         in_a, in_b = self.ends(poses, store)
         if quantity == "rate":
@@ -446,15 +453,15 @@ class Align(Connection):
 
     @property
     def _full_turns(self) -> float:
-        """The multiple of 2π next to the angle at the start."""
+        """The multiple of 2π nearest to the angle at the start, in rad."""
         angle = self.angle if self.start_angle is None else self.start_angle
         return 2 * math.pi * round(angle / (2 * math.pi))
 
     def zero(self, poses: Poses, store: Store) -> tuple[sp.Expr, ...]:
-        """Return the four entries of c, and the full turns in rad.
+        """Return the four entries of c, and the full turns in rad, as parameters or numbers.
 
-        q̄_a q_b c is the rotation of b against a by the angle: in the described pose it is that by
-        ``angle`` about the axis, so that c = q̄_b q_a (cos φ/2, e sin φ/2) there.
+        q̄_a q_b c is the rotation of b against a by the joint's angle φ. In the described pose
+        φ = ``angle``, so that c = q̄_b q_a (cos φ/2, e sin φ/2) there.
         """
         pose_a, pose_b = poses[self.a], poses[self.b]
         # the quaternion has the angle but for full turns, which are a parameter of their own
@@ -468,7 +475,7 @@ class Align(Connection):
 
 @dataclass(eq=False, repr=False)
 class HingedJoint(Joint):
-    """A joint with an axis in common, that of ``hinge``, about which b turns."""
+    """A joint whose bodies have an axis in common, the axis of ``hinge``, about which b turns."""
 
     hinge: Align = field(kw_only=True)
     MEASURES: ClassVar[tuple[str, ...]] = Align.MEASURES
@@ -522,12 +529,12 @@ class Revolute(HingedJoint):
 
 @dataclass(eq=False, repr=False)
 class Fixed(Joint):
-    """b does not move against a; ``relative`` is its rotation in a's axes, or that at the start."""
+    """b does not move against a; ``relative`` is R_aᵀ R_b, by default as in the described pose."""
 
     relative: Array | None = field(kw_only=True, default=None)
 
     def propagate_spin(self, poses: Poses) -> bool:
-        """Propagate the angular velocity: Ω_b = Ω_a."""
+        """Propagate the angular velocity in space: ω_b = ω_a."""
         return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
@@ -547,7 +554,7 @@ class Fixed(Joint):
 
 @dataclass(eq=False, repr=False)
 class Rod(PointConnection):
-    """Two points at a constant distance, by default that of the start."""
+    """Two points at a constant distance, by default their distance at the start."""
 
     length: float | None = None
 
@@ -561,7 +568,10 @@ class Rod(PointConnection):
 
 @dataclass(eq=False, repr=False)
 class Spring(PointConnection):
-    """V = ½ k (|d| − l)² between two points, ½ k d·d for l = 0; a damper, c d|d|/dt."""
+    """V = ½ k (|d| − l)² between two points, ½ k d·d for l = 0, and a damper with force c d|d|/dt.
+
+    ``stiffness`` k in N/m, ``length`` l in m, ``damping`` c in N s/m.
+    """
 
     stiffness: float = 0.0
     length: float = 0.0
@@ -622,14 +632,14 @@ def unit_vector(name: str, unit: Array, store: Store) -> Vector:
 
 
 def coordinate_axis(k: int) -> tuple[float, ...]:
-    """Return the k-th coordinate axis."""
+    """Return the unit vector along coordinate axis k = 0, 1, 2."""
     return tuple(map(float, np.eye(3)[k]))
 
 
 def perpendicular(
     name: str, a: Frame, n: Sequence[sp.Expr], b: Frame, e: Sequence[sp.Expr]
 ) -> Equation:
-    """Return the constraint that a direction of a stays perpendicular to one of b."""
+    """Return the constraint (R_a n)·(R_b e) = 0: a direction of a is perpendicular to one of b."""
     return Equation(name, dot(a.direction(n), b.direction(e)),
                     ConstraintForce("torque", tuple(n), tuple(e)))
 
@@ -644,19 +654,23 @@ class Planar(HingedJoint):
         yield Equation(f"{self.name}: distance", self.along(poses, store))
 
     def along(self, poses: Poses, store: Store) -> sp.Expr:
-        """Return R(q_a) e · d."""
+        """Return R(q_a) e · d, with the axis e and the vector d between the points."""
         in_a, _ = self.hinge.ends(poses, store)
         return dot(self.a.direction(in_a), self.offset(store))
 
     def offset(self, store: Store) -> Vector:
-        """Return d."""
+        """Return d, in space, from the point of a to the point of b."""
         point_a, point_b = self.points(store)
         return difference(point_b, point_a)
 
 
 @dataclass(eq=False, repr=False)
 class Cylindrical(Planar):
-    """b turns about an axis of a and slides along it, at ``speed`` to begin with."""
+    """b turns about an axis of a and slides along it.
+
+    ``travel`` in m is the travel in the described pose; ``start_travel`` and ``speed`` are given
+    for the start, None where they follow.
+    """
 
     speed: float | None = None
     travel: float = 0.0
@@ -669,11 +683,11 @@ class Cylindrical(Planar):
         return 0.0 if self.start_travel is None else self.start_travel - self.travel
 
     def motion(self, poses: Poses) -> RigidMotion:
-        """Return the motion along the axis and about it."""
+        """Return the translation along the axis after the rotation about it."""
         return RigidMotion.along(self.travel_to_start * self.hinge.axis) @ super().motion(poses)
 
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
-        """Yield angle and travel."""
+        """Yield angle and travel, if they are given for the start."""
         yield from super().start_values(poses, store)
         if self.start_travel is not None:
             travel = self.measure("travel", poses, store)
@@ -683,9 +697,8 @@ class Cylindrical(Planar):
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
         """Yield the equations of ``rate`` and ``speed`` for the velocities v and ω of the bodies.
 
-        Speed: e·(v_b + ω_b × r_b) − e·(v_a + ω_a × r_a) = speed, with r from a centre of mass to
-        the point of b. A row has a name, the right-hand side, and for each body the factors of
-        (v, ω), as e·(ω × r) = (r × e)·ω.
+        Speed: e·(v_b + ω_b × r_b) − e·(v_a + ω_a × r_a) = speed, with r from a body's origin to
+        the point of b. The factors of (v, ω) are (e, r × e), as e·(ω × r) = (r × e)·ω.
         """
         yield from super().start_rates(poses)
         if self.speed is not None:
@@ -708,7 +721,7 @@ class Cylindrical(Planar):
             yield Equation(f"{self.name}: across {k}", dot(self.a.direction(n), d))
 
     def triad(self, poses: Poses) -> tuple[Array, Array]:
-        """Return n₁ and n₂ in the axes of a."""
+        """Return n₁ and n₂ in the axes of a, unit vectors perpendicular to the joint's axis."""
         return normals(direction(poses[self.a].R.T @ self.hinge.axis))
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
@@ -793,14 +806,15 @@ class Screw(Cylindrical):
 class Universal(Joint):
     """A ball joint whose cross keeps an axis of a perpendicular to one of b: Cardan's joint.
 
-    ``arms`` are both at the start, in space; about them b turns against a at ``rates``.
+    ``arms`` are the axes of a and of b in space in the described pose; ``rates`` are the rates
+    about them at the start, None where they follow.
     """
 
     arms: tuple[Array, Array] = field(kw_only=True)
     rates: tuple[float | None, float | None] = (None, None)
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
-        """Yield both rates."""
+        """Yield the rates e·(ω_b − ω_a) about both arms that are given for the start."""
         zero = np.zeros(3)
         for frame, arm, rate in zip((self.a, self.b), self.arms, self.rates, strict=True):
             if rate is not None:
@@ -834,11 +848,11 @@ class Gear(Connection):
         cosine, sine = sum_of_angles(*(
             joint.multiple_angle(z, poses, store)
             for z, joint in zip(self.teeth, self.joints, strict=True)))
-        start = sum(z * joint.displacement for z, joint in zip(
+        phase = sum(z * joint.displacement for z, joint in zip(
             self.teeth, self.joints, strict=True))
-        phi = named_number(f"{self.name}_phase", start, store)
+        phi = named_number(f"{self.name}_phase", phase, store)
         yield Equation(f"{self.name}: mesh", sine * sp.cos(phi) - cosine * sp.sin(phi)
-                       if start else sine)
+                       if phase else sine)
 
 
 @dataclass(eq=False, repr=False)
@@ -877,13 +891,13 @@ class Coupling(Connection):
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield c₂ − k c₁ − offset = 0; values of its parameters go into ``store``."""
-        # For a ratio z/n of few teeth it is a condition on sines of multiples of the angles, which
-        # full turns do not change. Any other ratio needs the angle itself, which the coordinates
-        # determine only within a full turn.
+        # For a ratio z/n of small numbers it is a condition on sines of multiples of the angles,
+        # which full turns do not change. Any other ratio needs the angle itself, which the
+        # coordinates determine only within a full turn.
         ratio = Fraction(repr(self.ratio)).limit_denominator(_FEW_TEETH)
+        has_few_teeth = float(ratio) == self.ratio and 0 < abs(ratio.numerator) <= _FEW_TEETH
         are_hinges = all(isinstance(joint, Align | HingedJoint) for joint in self.joints)
-        if are_hinges and self.quantities == ("angle", "angle") and float(ratio) == self.ratio and (
-                0 < abs(ratio.numerator) <= _FEW_TEETH):
+        if are_hinges and self.quantities == ("angle", "angle") and has_few_teeth:
             yield Equation(f"{self.name}: ratio", self._sine_of_turns(ratio, poses, store))
             return
         c1, c2 = (joint.measure(quantity, poses, store)
@@ -906,7 +920,7 @@ class Coupling(Connection):
 
 @dataclass(eq=False, repr=False)
 class Motor(Connection):
-    """A torque, or a force, on the coordinate of a joint; ``effort`` an expression."""
+    """A torque in N m, or a force in N, on the coordinate of a joint: the expression ``effort``."""
 
     quantity: str = field(kw_only=True)
     effort: sp.Expr = field(kw_only=True)
@@ -918,9 +932,10 @@ class Motor(Connection):
 
 @dataclass(eq=False, repr=False)
 class JointSpring(Connection):
-    """V = ½ k d² of the coordinate of a joint, d being how far it is from rest, and a damper.
+    """V = ½ k d² with the distance d of a joint's coordinate from rest, and a damper.
 
-    ``rest`` is a number, or an interval, in which the spring is slack.
+    ``rest`` is a number, or an interval (lower, upper), in which the spring is slack: d is the
+    distance from the interval.
     """
 
     quantity: str = field(kw_only=True)
@@ -978,7 +993,7 @@ def sum_of_angles(
 
 
 def hinge_of(joint: Connection) -> Align:
-    """Return the hinge of a joint; of a rheonomic constraint, that of its joint."""
+    """Return the hinge of a joint; for a rheonomic constraint, the hinge of the driven joint."""
     if isinstance(joint, RheonomicConstraint):
         return hinge_of(joint.joints[0])
     assert isinstance(joint, (Align, HingedJoint))
@@ -986,9 +1001,9 @@ def hinge_of(joint: Connection) -> Align:
 
 
 def multiple(count: int, cosine: sp.Expr, sine: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """Return cos kθ and sin kθ of cos θ and sin θ: smooth for any number of turns.
+    """Return cos kθ and sin kθ from cos θ and sin θ, k = ``count``: smooth for any number of turns.
 
-    The jump of 2π of atan2 is one of 2πk of kθ, which neither function sees.
+    Where atan2 jumps by 2π, kθ jumps by 2πk, which changes neither function.
     """
     if abs(count) == 1:
         return cosine, count * sine

@@ -81,7 +81,7 @@ class Model:
     units: Mapping[str, str] = field(default_factory=dict)
     visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
 
-    #: The digest of a system that is not made yet.
+    #: The digest of the system, where it comes from a cache and is not made yet.
     system_digest: ClassVar[str | None] = None
 
     @classmethod
@@ -91,13 +91,14 @@ class Model:
         Parameters
         ----------
         numbers : RunDefaults
-            Those of the model that ``make`` returns, with its name and description.
+            Numbers, name and description of the model that ``make`` returns.
         system_digest : str
-            The digest of its system.
+            The digest of the system.
         """
         q0, p0 = np.array(numbers.q0), np.array(numbers.p0)
         for state in (q0, p0):
             state.setflags(write=False)
+        # without __init__, whose checks need the system
         model = object.__new__(cls)
         model.__dict__.update(
             parameters=FrozenDict(numbers.parameters), q0=q0, p0=p0,
@@ -114,13 +115,16 @@ class Model:
 
     if not TYPE_CHECKING:
         def __getattr__(self, name: str) -> Any:
-            """Return the system of a model from its numbers, made now."""
+            """Return the system of a model made by ``of_numbers``, at its first use.
+
+            Python calls this for missing attributes only.
+            """
             if name != "system" or "_make" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             return self.__dict__.setdefault("system", self._make().system)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickle: the system replaces the function that makes it."""
+        """Return the fields for pickle, with the system in place of the function that makes it."""
         state = {**self.__dict__, "system": self.system}
         state.pop("_make", None)
         return state
@@ -153,7 +157,7 @@ class Model:
         self._refuse_wrong_parameters()
 
     def _checked_rules(self) -> Mapping[str, Any]:
-        """Return the rules of γ and α: each is of an inertia parameter that has no value."""
+        """Return the rules of γ and α; refuse one for a parameter with a value, or of no body."""
         rules = as_mapping("rules", self.rules, "{'gamma': 'auto'}")
         for name, rule in rules.items():
             choose(f"rules[{name!r}]", rule, RULES)
@@ -175,7 +179,7 @@ class Model:
         return visuals
 
     def _checked_units(self) -> Mapping[str, Any]:
-        """Return the units of parameters, coordinates, momenta and quantities."""
+        """Return the units by name; refuse unknown names and units."""
         units = as_mapping("units", self.units, "{'mgl': 'N.m'}")
         named = [*map(str, (*self.system.parameters, *self.system.q, *self.system.p)),
                  *self.system.quantities]
@@ -248,7 +252,7 @@ class Model:
         return replace(self, q0=q, p0=np.zeros(len(q)))
 
     def in_type(self, number: Callable[[Fraction], Any]) -> Model:
-        """Return the model with all its numbers rounded once, to the type of ``number``."""
+        """Return the model with all numbers rounded once, by ``number``: Fraction → type."""
         def rounded(value: Any) -> Any:
             """Return a number, or a tuple of numbers, rounded to the type."""
             if isinstance(value, tuple):
@@ -269,15 +273,15 @@ class Model:
             raise InputError(f"{name} of model {self.name!r} is {shown(values)}; give "
                              f"{count} finite numbers.")
         fractions = [exact(x) for x in np.array(values, dtype=object).flat]
-        if None not in fractions and fractions != [Fraction(x)
-                                                   for x in state]:  # doubles lose digits
+        # numbers that doubles would round keep their digits, for steppers of wider types
+        if None not in fractions and fractions != [Fraction(x) for x in state]:
             is_long = isinstance(values, np.ndarray) and values.dtype == np.longdouble
             state = np.array(values, dtype=np.longdouble if is_long else object)
         state.setflags(write=False)
         return state
 
     def _number(self, name: str, value: Any) -> Any:
-        """Return a finite number as it is given: wide steppers take all its digits."""
+        """Return a finite number in its own type: steppers of wide types use all its digits."""
         number = real_array(value)
         if number is None or number.ndim or not np.isfinite(number):
             raise InputError(f"{name} of model {self.name!r} is {shown(value)}; give a finite "

@@ -36,7 +36,7 @@ __all__ = [
     "satellite", "stewart_platform",
 ]
 
-#: Of a chain: deriving it takes minutes.
+#: Rods of a chain at most, whose derivation takes minutes.
 MOST_RODS = 1000
 #: Chains from this length on take so long that their numbers are cached.
 _MANY_RODS = 50
@@ -268,7 +268,7 @@ def build_chain(rods: int, rep: RepName = "gamma") -> Model:
 
 
 def turn(axis: tuple[float, float, float], angle: float) -> Array:
-    """Return the quaternion of a turn about a unit axis."""
+    """Return the unit quaternion of a rotation by an angle in rad about a unit axis."""
     half = angle / 2
     return np.array([math.cos(half), *(math.sin(half) * x for x in axis)])
 
@@ -281,7 +281,7 @@ def multiply(x: Array, y: Array) -> Array:
 
 
 def _bar(build: Multibody, name: str, start: Array, end: Array, rep: RepName) -> Body:
-    """Add a uniform bar between two points of the plane z = 0, 1 kg/m and 3 cm thick."""
+    """Add a uniform bar between two points of the plane z = 0, 1 kg/m and a square of 3 cm."""
     along = end - start
     length = float(np.linalg.norm(along))
     e = along / length
@@ -294,7 +294,10 @@ def _bar(build: Multibody, name: str, start: Array, end: Array, rep: RepName) ->
 
 
 def _loop_rates(points: Array, rate: float) -> tuple[float, float, float]:
-    """Return the bars' angular velocities: ω₁ d₁ + ω₂ d₂ + ω₃ d₃ = 0 for the bars' vectors d."""
+    """Return the bars' angular velocities about z: ω₁ d₁ + ω₂ d₂ + ω₃ d₃ = 0 for their vectors d.
+
+    The velocities ω e_z × d of the bars' ends add up to 0 around the closed loop; ω₁ = ``rate``.
+    """
     d1, d2, d3 = np.diff(points[:, :2], axis=0)
     second, third = np.linalg.solve(np.stack([d2, d3], axis=1), -rate * d1)
     return rate, float(second), float(third)

@@ -1,7 +1,7 @@
 """Multibody models in Python: a builder with a method for each kind of body, joint and force.
 
-``JOINTS`` are those that a model file may have as ``type``; its keys are the arguments.
-Coordinates of joints are symbols until the model is made.
+``JOINTS`` are the methods that a model file may name as ``type``; its keys are their arguments.
+Coordinates of joints are symbols until ``model()`` replaces them by expressions.
 """
 
 from __future__ import annotations
@@ -352,7 +352,10 @@ class Multibody:
     def _uniform_rod(
         self, name: str, start: Array, end: Array, mass: float, rep: RepName, radius: float = 0.01
     ) -> Body:
-        """Add a uniform rod between two points, along its axis 1."""
+        """Add a uniform rod of length l between two points in space, along its axis 1.
+
+        Moments: m r²/2 about the rod, m (l²/12 + r²/4) across it.
+        """
         m, r = positive(f"mass of {name!r}", mass), positive(f"radius of {name!r}", radius)
         length = float(np.linalg.norm(end - start))
         e = (end - start) / length
@@ -499,7 +502,7 @@ class Multibody:
                                    omega)
             body = Body.of_beam(f"{name}_{k}", rep, name)
             segments.append(self._add(body, state, m, moments, None))
-            # without a radius, one that looks slender
+            # a beam without a radius is drawn slender
             self.visual(body, Shape.bar((0, 0, -half), (0, 0, half), checked_radius or h / 8,
                                         COLOUR))
         beam = Beam(
@@ -510,15 +513,23 @@ class Multibody:
                     nodes[-1], False),
             h, EI, GJ, extension, tau, None if rest is None else vector(f"rest of {name!r}", rest))
         self._components.beams.append(beam)
+        self._join_segments(beam, frames[1:-1], halves)
+        return beam
+
+    def _join_segments(self, beam: Beam, attitudes: Sequence[Array], halves: Array) -> None:
+        """Join the N segments of a beam, which have these attitudes and half lengths, shape (N,).
+
+        Joint k is between the segments k and k + 1, at the distance k h from the start.
+        """
+        h, number = beam.spacing, len(beam.segments)
         for k in range(1, number):
-            # the half segments at both ends have no joint: the next one stretches for them
+            # the half segments at both ends have no joint: the next joint stretches for them
             outer_count = (k == 1) + (k == number - 1)
             self._join(BeamJoint(
-                f"{name}_joint_{k}", segments[k - 1], segments[k],
+                f"{beam.name}_joint_{k}", beam.segments[k - 1], beam.segments[k],
                 np.array([0, 0, halves[k - 1]]), np.array([0, 0, -halves[k]]), beam=beam,
-                rest=beam.rest_strain(frames[k], frames[k + 1], 2), arc=k * h,
-                gap=(1 + outer_count / 2) * h if extension else 0.0))
-        return beam
+                rest=beam.rest_strain(attitudes[k - 1], attitudes[k], 2), arc=k * h,
+                gap=(1 + outer_count / 2) * h if beam.extension else 0.0))
 
     # ------------------------------------------------------------ joints
 
@@ -574,7 +585,9 @@ class Multibody:
     ) -> BeamJoint:
         """Return the clamp of an end of a beam: half a segment that bends against the holder.
 
-        ``q`` is the attitude of b in the axes of a; by default the section stays as it starts.
+        ``frames`` are a and b as the user gave them, one of them the end of a beam; ``pair`` has
+        the arguments of the joint's points. ``q`` is the attitude of b in the axes of a; by
+        default the section keeps its attitude at the start.
         """
         ends = [self._components.end(frame) for frame in frames]
         end = ends[0] or ends[1]
@@ -930,7 +943,10 @@ class Multibody:
         return self._join(Chain(name, frame_a, frame_b, None, None, point, links=links))
 
     def _chain_link(self, chain: str, a: Frame, description: Any) -> Link:
-        """Return one joint of a chain by its description: a coordinate, its axis and point."""
+        """Return one joint of a chain from its keys: a coordinate, its axis and point.
+
+        "travel" or "speed" makes it a slide; any other joint is a hinge.
+        """
         keys = as_mapping(f"joints of {chain!r}", description, "{'name': 'hip', 'axis': (1, 0, 0)}")
         name = as_text(f"name of a joint of {chain!r}", keys.get("name"))
         kind, rate = ("travel", "speed") if {"travel", "speed"} & keys.keys() else ("angle", "rate")
@@ -1411,7 +1427,7 @@ class Multibody:
     # ------------------------------------------------------------ inside
 
     def _join(self, link: Joined) -> Joined:
-        """Add a connection; refuse one that needs axes of a point mass."""
+        """Add a connection; refuse a name in use, and a joint that needs axes of a point mass."""
         point = next((frame for frame in link.frames if isinstance(frame, Particle)), None)
         if point is not None and type(link) not in (Joint, Rod, Spring) and (
                 not isinstance(point, FlywheelBody)):
@@ -1427,7 +1443,11 @@ class Multibody:
         self, name: str, gaps: Sequence[sp.Expr], restitution: Any,
         labels: Sequence[str] | None = None,
     ) -> tuple[Impact, ...]:
-        """Add gaps, which are quantities, and their impacts."""
+        """Add gaps φ as quantities, and return their impacts.
+
+        They are called NAME if there is one gap, NAME_LABEL with ``labels``, else NAME_1, ….
+        ``restitution`` is a number, a parameter's symbol or its name.
+        """
         self._components.claim(name, "joint")
         e = str(restitution) if isinstance(restitution, sp.Symbol) else restitution
         if isinstance(e, str) and not (e in self._components.symbols
@@ -1447,9 +1467,9 @@ class Multibody:
     def _pair(
         self, name: str, a: Frame | str, b: Frame | str, at: Any, on_a: Any, on_b: Any
     ) -> dict[str, Any]:
-        """Return the arguments a, b, on_a, on_b and at of a joint with a common point.
+        """Return the arguments a, b, on_a, on_b and at of a joint with a common point, by name.
 
-        Without any point, a joint at an end of a beam is where that end is at the start.
+        A joint at an end of a beam that has no point is where that end is at the start.
         """
         frame_a, frame_b = self._components.frames(name, a, b)
         point_a, point_b = self._points(name, (a, b), (on_a, on_b))
@@ -1462,7 +1482,7 @@ class Multibody:
     def _points(
         self, name: str, frames: Sequence[Frame | str], points: Sequence[Any]
     ) -> tuple[Array | None, Array | None]:
-        """Return the points of a connection in the axes of its bodies."""
+        """Return the points of a connection in the axes of its two frames; None where none is."""
         on_a, on_b = (self._point(f"{label} of {name!r}", frame, r) for label, frame, r in
                       zip(("on_a", "on_b"), frames, points, strict=True))
         return on_a, on_b
@@ -1478,7 +1498,10 @@ class Multibody:
         self, name: str, a: Frame | str, b: Frame | str, axes: Axes, rate: float | None = None,
         angle: float | None = None,
     ) -> Align:
-        """Return the hinge of a joint: its axis, and its angle and rate if they are given."""
+        """Return the hinge of a joint: its axis, and its angle and rate if they are given.
+
+        ``axes`` has the arguments axis, axis_on_body and axis_in_space; ``angle`` is in rad.
+        """
         frame_a, frame_b = self._components.frames(name, a, b)
         described, start = self._value(_number_or_none(f"angle of {name!r} in rad", angle))
         if start is not None:
@@ -1493,10 +1516,10 @@ class Multibody:
         return {"travel": described, "start_travel": start}
 
     def _value(self, value: float | None) -> tuple[float, float | None]:
-        """Return a coordinate of a joint in the described pose, and at the start if it is given.
+        """Return (coordinate of a joint in the described pose, coordinate given for the start).
 
-        A robot's file places its bodies with all angles and travels; elsewhere these move bodies
-        from where they are described, with all of them 0.
+        A robot's file describes its bodies at the start, with all angles and travels. Elsewhere
+        the description has coordinates 0, and given ones move the bodies from there.
         """
         return (value or 0.0, None) if self._describes_start else (0.0, value)
 
@@ -1504,7 +1527,8 @@ class Multibody:
         """Return the unit vector of an axis in space at the start.
 
         ``axes`` has the arguments axis, axis_on_body and axis_in_space, of which one is given.
-        ``axis`` is in space, too, but may be meant on the body: if that is tilted, it warns.
+        ``axis`` is in space, too, but a user may mean components on the body: a warning is given
+        if these differ.
         """
         entries = {key: e for key, e in zip(AXES, axes, strict=True) if e is not None}
         if len(entries) != 1:
@@ -1576,12 +1600,12 @@ def _segment_state(
 
 
 def _matrix(q: Array) -> Array:
-    """Return the rotation matrix of a quaternion, where an argument is named rotation."""
+    """Return R(q), for methods in which ``rotation`` is the name of an argument."""
     return rotation(q)
 
 
 def _direction(name: str, label: str, entry: ArrayLike) -> Array:
-    """Return a direction, given in any length, as a unit vector."""
+    """Return a direction, given in any length but 0, as a unit vector; ``label`` names it."""
     direction = vector(f"{label} of {name!r}", entry)
     if not direction.any():
         raise InputError(f"The {label} of {name!r} is zero; give its direction.")
@@ -1589,7 +1613,7 @@ def _direction(name: str, label: str, entry: ArrayLike) -> Array:
 
 
 def _rest(label: str, entry: Any) -> float | tuple[float, float]:
-    """Return where a spring is at rest: a number, or an interval."""
+    """Return the rest of a spring: a number, or an interval (lower, upper)."""
     array = real_array(entry)
     if array is None or array.shape != (2,):
         return float(finite(label, entry, ()))
@@ -1605,7 +1629,7 @@ def _number_or_none(label: str, entry: Any) -> float | None:
 
 
 def _coordinate(joint: Connection) -> str:
-    """Return which measure of a joint is its coordinate: its travel where it slides."""
+    """Return the measure of a joint that is its coordinate: "travel" if it slides, or "angle"."""
     if not joint.MEASURES:
         raise InputError(f"Joint {joint.name!r} has no coordinate, neither an angle nor a travel.")
     return "travel" if "travel" in joint.MEASURES else "angle"

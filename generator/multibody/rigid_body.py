@@ -60,7 +60,10 @@ def left_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:
 
 
 def rotation_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:
-    """Return R(x) of (3), 3 × 3; maps body to space axes (erratum 1)."""
+    """Return R(x) of (3), 3 × 3, for a quaternion, scalar first: it maps body to space axes.
+
+    Erratum 1: the paper does not say in which direction.
+    """
     entries = expressions("quaternion", x, 4)
     # a model asks for the matrices of its bodies again and again
     return sp.Matrix(_rotation_of_symbols(*entries) if all(e.is_Symbol for e in entries)
@@ -68,7 +71,7 @@ def rotation_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:
 
 
 def _rotation(x0: sp.Expr, x1: sp.Expr, x2: sp.Expr, x3: sp.Expr) -> list[list[sp.Expr]]:
-    """Return the rows of R(x)."""
+    """Return the rows of R(x) = (x₀² − |v|²) 1 + 2 v vᵀ + 2 x₀ [v×], v = (x₁, x₂, x₃)."""
     return [
         [x0**2 + x1**2 - x2**2 - x3**2, 2 * (x1 * x2 - x0 * x3), 2 * (x1 * x3 + x0 * x2)],
         [2 * (x1 * x2 + x0 * x3), x0**2 - x1**2 + x2**2 - x3**2, 2 * (x2 * x3 - x0 * x1)],
@@ -91,11 +94,15 @@ def kinetic_energy(
     inertia: Sequence[sp.Expr] = moments,
     weight: sp.Expr | None = None,
 ) -> sp.Expr:
-    """Return T(q, p): original (20), α-type (22) or γ-type (26); ``weight`` is α or γ.
+    """Return T(q, p): original (20), α-type (22) or γ-type (26), with w = L(q)p.
 
-    ``inertia`` is I1, I2, I3, or K11, K12, K13, K22, K23, K33 of J⁻¹. The components of L(q)p stay
-    unexpanded: derivatives and discrete gradients then come out in terms of them, and common
-    subexpressions are found where a reader would put them.
+        original   ⅛ wᵀJ⁻¹w
+        α-type     ⅛ wᵀJ⁻¹w + (qᵀp)²/(8α)
+        γ-type     ⅛ wᵀ(J⁻¹ − γ⁻¹)w + |p|²/(8γ)
+
+    ``inertia`` is I1, I2, I3, or K11, K12, K13, K22, K23, K33 of J⁻¹; ``weight`` is α or γ. The
+    components of w stay unexpanded: derivatives and discrete gradients are then expressions in
+    them, which are computed once.
     """
     w = double_momentum(x, y)
     if rep == "original":
@@ -114,7 +121,7 @@ def kinetic_energy(
 def squares(
     w: Sequence[sp.Expr], inertia: Sequence[sp.Expr], less: sp.Expr | int = 0
 ) -> list[sp.Expr]:
-    """Return the terms of wᵀ(J⁻¹ − less)w."""
+    """Return the terms of wᵀ(J⁻¹ − less · 1)w, three for principal moments, six for a tensor."""
     if len(inertia) == 3:
         return [(1 / Ii - less) * wi**2 for wi, Ii in zip(w, inertia, strict=True)]
     K = symmetric_matrix(inertia)
@@ -221,6 +228,7 @@ def body_system(
         raise InputError(f"The torque has {len(torques)} entries; give three, in body axes, or "
                          "none at all.")
     inertia = INVERSE if as_flag("tensor", tensor) else moments
+    has_time = any(as_expression(e).has(time) for e in (potential, time_scale) if e is not None)
     return System(
         q,
         p,
@@ -229,9 +237,8 @@ def body_system(
         (sum(x**2 for x in q) - 1,),
         name=name,
         forces=tuple(body_force(torques)) if torques else (),
-        time=time if torques or quantities or any(
-            as_expression(e).has(time) for e in (potential, time_scale)
-            if e is not None) else None,
+        # torques and quantities may contain t; a potential without it has no explicit time
+        time=time if torques or quantities or has_time else None,
         quantities=quantities,
         time_scale=time_scale,
         rigid_body=True,

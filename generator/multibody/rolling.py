@@ -41,7 +41,7 @@ from .rigid_body import left_matrix
 
 __all__ = ["Rolling"]
 
-#: Of its size, how far a shape may be from the plane at the start.
+#: Largest distance of a shape from the plane at the start, relative to its size.
 _OFF_GROUND = 1e-3
 
 
@@ -49,16 +49,16 @@ _OFF_GROUND = 1e-3
 class Rolling(Connection):
     """A shape of b that rolls on a plane of the ground.
 
-    ``sizes`` is the radius of a disc or a sphere, or the three semi-axes of an ellipsoid.
+    ``sizes`` is the radius in m of a disc or a sphere, or the three semi-axes of an ellipsoid.
     """
 
-    shape: str = field(kw_only=True)
+    shape: str = field(kw_only=True)  # "disc", "sphere" or "ellipsoid"
     sizes: tuple[float, ...] = field(kw_only=True)
-    axis: Array = field(kw_only=True)  # of a disc, on the body
-    middle: Array = field(kw_only=True)  # of the shape, on the body
-    normal: Array = field(kw_only=True)
-    at: Array = field(kw_only=True)
-    turning: float = field(kw_only=True)
+    axis: Array = field(kw_only=True)  # axis of a disc, on the body
+    middle: Array = field(kw_only=True)  # middle of the shape, on the body
+    normal: Array = field(kw_only=True)  # unit normal of the plane, in space
+    at: Array = field(kw_only=True)  # a point of the plane, in space
+    turning: float = field(kw_only=True)  # rate of the plane about its normal, rad/s
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the height; values of its parameters go into ``store``."""
@@ -72,10 +72,14 @@ class Rolling(Connection):
             yield Equation(f"{self.name}: slip {k}", dot(t, slip))
 
     def set_position(self, store: Store, poses: Poses) -> bool:
-        """Set a body without a position on the plane; return whether it was set."""
+        """Set the position of a body without one so that the shape touches the plane.
+
+        Return whether it was set.
+        """
         pose = poses[self.b]
         if pose.x is not None:
             return False
+        # the height with the origin at the plane's point, which is then subtracted
         pose.x = self.at
         pose.x = self.at - self._at_start([self._height(store)], store, pose)[0] * self.normal
         return True
@@ -85,6 +89,7 @@ class Rolling(Connection):
         pose = poses[self.b]
         if pose.v is not None:
             return False
+        # the slip of a body whose origin is at rest, with the opposite sign
         pose.v = -self._at_start(self._slip(store), store, pose)
         return True
 
@@ -129,11 +134,12 @@ class Rolling(Connection):
         return self.body.direction(named_vector(f"{self.name}_middle", self.middle.tolist(), store))
 
     def _point(self, arm: Sequence[sp.Expr], store: Store) -> list[sp.Expr]:
-        """Return a point of the body relative to that of the plane."""
+        """Return x + arm − c: a point at ``arm`` from the body's origin, from the plane's point."""
         plane_point = named_vector(f"{self.name}_at", self.at.tolist(), store)
         return [x + a - c for x, a, c in zip(self.body.origin, arm, plane_point, strict=True)]
 
     def _normal(self, store: Store) -> Vector:
+        """Return the unit normal of the plane in space, as parameters or numbers."""
         return unit_vector(f"{self.name}_normal", self.normal, store)
 
     def _support(self, store: Store) -> tuple[sp.Expr, list[sp.Expr]]:
@@ -165,9 +171,13 @@ class Rolling(Connection):
         return h, [-e / h for e in self.body.direction(Mu)]
 
     def _at_start(self, expressions: Sequence[sp.Expr], store: Store, pose: Pose) -> Array:
-        """Return values where the body is at the start and turns, its origin at rest."""
+        """Return expressions at the body's pose at the start, with its spin, its origin at rest.
+
+        Parameters have their values of ``store``.
+        """
         body, omega = self.body, pose.R.T @ (np.zeros(3) if pose.spin is None else pose.spin)
-        rates = numbers(left_matrix(pose.q.tolist())).T @ omega / 2  # q̇ = ½ L(q)ᵀ Ω
+        # q̇ = ½ L(q)ᵀ Ω
+        rates = numbers(left_matrix(pose.q.tolist())).T @ omega / 2
         assert pose.x is not None
         values = zip((*body.q, *body.velocities, *body.x),
                      (*pose.q, *rates, 0, 0, 0, *pose.x) if body.x else (*pose.q, *rates),
