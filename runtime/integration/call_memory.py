@@ -103,16 +103,17 @@ class CallMemory:
         self, stepper: Stepper, start: Any, arguments: tuple[Any, ...], parameters: Any,
         state: StartNumbers, plan: Integration,
     ) -> None:
-        """Keep a call for the next one, if nothing of it depends on its state.
+        """Store a call for the next one, if no check of it depends on its state.
 
-        ``arguments`` are dt, dtau, t_end, steps and others; ``state`` has all parameters.
+        ``arguments`` are dt, dtau, t_end, steps and others; ``state`` has all parameters; ``plan``
+        is the checked run.
         """
         run, binding = plan.run, stepper.binding
         of_start = as_start(start) if has_start(start) else None
         dicts = [] if of_start is None else _dicts_of(of_start)
         limits = stepper.rotations.limits(run.parameters, run.dt)
-        # refused: checks that depend on the state or on its time, and arguments or parameters that
-        # may change though they stay the same object
+        # not stored: runs with checks that depend on the state or on its time, and arguments or
+        # parameters that may change though they stay the same object
         if (limits is None or plan.events or arguments[2] is not None  # events has impacts, too
                 or depends_on_time(binding) or binding.clocked
                 or stepper.manifest.system.velocity_names
@@ -129,24 +130,26 @@ class CallMemory:
 
 
 def _dicts_of(start: Start) -> tuple[Mapping[str, Any], ...]:
+    """Return the dicts of a start on which a run depends beside its state."""
     return start.parameters, start.inputs, start._inertias, start._rules
 
 
-def _entries(values: Mapping[str, Any] | None) -> tuple[list[str], list[Any]] | None:
-    return None if values is None else ([*values], [*values.values()])
+def _entries(mapping: Mapping[str, Any] | None) -> tuple[list[str], list[Any]] | None:
+    """Return the names and the objects of a dict; None of None."""
+    return None if mapping is None else ([*mapping], [*mapping.values()])
 
 
-def _are_same(values: Any, last_entries: tuple[list[str], list[Any]] | None) -> bool:
-    """Return whether a dict has the names kept, in their order, and the same objects."""
-    if values is None or last_entries is None:
-        return values is last_entries
+def _are_same(mapping: Any, last_entries: tuple[list[str], list[Any]] | None) -> bool:
+    """Return whether a dict has the names of ``_entries``, in their order, and the same objects."""
+    if mapping is None or last_entries is None:
+        return mapping is last_entries
     names, objects = last_entries
-    return (isinstance(values, dict) and len(values) == len(names)
-            and all(map(operator.is_, values.values(), objects)) and [*values] == names)
+    return (isinstance(mapping, dict) and len(mapping) == len(names)
+            and all(map(operator.is_, mapping.values(), objects)) and [*mapping] == names)
 
 
 def _is_same(value: Any, kept: Any) -> bool:
-    """Return whether two arguments are one object, or equal numbers of Python of one type.
+    """Return whether two arguments are one object, or equal numbers of Python's float or int.
 
     Two solvers are the same if their fields are.
     """

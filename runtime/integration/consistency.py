@@ -54,7 +54,7 @@ _USUAL = 1e-200, 1e200
 
 @dataclass(frozen=True)
 class Defects:
-    """|g| and |f| of states, and their bounds; arrays with one entry a state."""
+    """|g| and |f| of states, and the bounds of these; arrays with one entry a state."""
 
     g: Array
     f: Array
@@ -63,20 +63,21 @@ class Defects:
 
     @property
     def consistent(self) -> Array:
-        """Whether each state is consistent; NaN counts as such, and its first step fails."""
+        """Whether each state is consistent; NaN counts as consistent, and its first step fails."""
         return ~((self.g > self.g_bound) | (self.f > self.f_bound))
 
 
 def defects_of_starts(
     binding: Binding, keeps_f: bool, parameters: ParameterStruct, q: Array, p: Array, dt: Array
 ) -> Defects:
-    """Return |g| and |f| of rows of q and p with their bounds; there must be a constraint.
+    """Return |g| and |f| of rows of q and p, (rows, n), with their bounds.
 
-    ``parameters`` are those of all rows, or ``Binding.parameter_sets`` with one set for each.
-    ``keeps_f`` says whether the scheme keeps the momentum constraint; ``dt`` is used if not.
+    There must be a constraint. ``parameters`` are one struct for all rows, or
+    ``Binding.parameter_sets`` with a struct for each. ``keeps_f`` says whether the scheme keeps the
+    momentum constraint; ``dt``, (rows,), is used if it does not.
 
     If all rows are within lower bounds, which take O(n) numbers, the bounds are these; otherwise
-    the sums over all coordinates, which take O(n²) and are left out for thousands of coordinates.
+    sums over all coordinates, which take O(n²) numbers and are left out for thousands of them.
     """
     for moves_of in (_draws, _each):
         defects = _defects_and_bounds(binding, keeps_f, parameters, q, p, dt, moves_of(binding.n))
@@ -89,31 +90,32 @@ def defects_of_starts(
 def moved_onto_constraints(
     stepper: Evaluation, q: Any, p: Any, parameters: Mapping[str, Any], t: Any
 ) -> tuple[Any, Any, str]:
-    """Return the start of a model on the constraints of a run, and a text if it moved far.
+    """Return the start (q, p) of a model on the constraints of a run, and a sentence or "".
 
-    A consistent start keeps its bits. One that cannot be projected is returned unchanged: the
-    check of the run refuses it, after the checks of the other arguments.
+    The sentence says how far the start has moved, if by more than round-off. A consistent start
+    keeps its bits. A start that cannot be projected is returned unchanged: the check of the run
+    refuses it, after the checks of the other arguments.
     """
     binding = stepper.binding
     if not binding.conditions:
         return q, p, ""
-    # constraints depend on no input and on no γ: any number serves for those not known yet
-    values = dict.fromkeys(binding.input_names, 0.0) | {
-        name: (number_or_rule if not isinstance(number_or_rule, Rule)
-               or number_or_rule.name in MEANS
-               else Rule("m", number_or_rule.inertia))
-        for name, number_or_rule in parameters.items()
-        if not isinstance(number_or_rule, Rule) or is_inertia_parameter(name)}
+    # constraints depend on no input, γ or rate of a frame: any number serves for those that a
+    # search is to find
+    values: dict[str, Any] = dict.fromkeys(binding.input_names, 0.0)
+    for name, number_or_rule in parameters.items():
+        is_search = isinstance(number_or_rule, Rule) and number_or_rule.name not in MEANS
+        if not isinstance(number_or_rule, Rule) or is_inertia_parameter(name):
+            values[name] = Rule("m", number_or_rule.inertia) if is_search else number_or_rule
     try:
         state = stepper._state(q, p)
         t0 = as_real("t", t, binding.number)
         compiled_parameters = binding.parameters(stepper.check_parameters(values), t0)
-        begun = binding.start_in_scaled_time(compiled_parameters, *state, t0)
+        full_state = binding.start_in_scaled_time(compiled_parameters, *state, t0)
         # the bits of a start that is consistent stay: a projection would round them anew
-        if is_plainly_consistent(binding, compiled_parameters, *begun):
+        if is_plainly_consistent(binding, compiled_parameters, *full_state):
             return q, p, ""
         with np.errstate(all="ignore"):
-            projected_state = stepper._projected(*begun, compiled_parameters)
+            projected_state = stepper._projected(*full_state, compiled_parameters)
     except GyrosparkError:
         return q, p, ""
     system = stepper.manifest.system
@@ -123,7 +125,10 @@ def moved_onto_constraints(
 
 
 def text_of_move(binding: Binding, start: Array, end: Array, names: Sequence[str]) -> str:
-    """Return a sentence on how far a projection moved a start; empty if by round-off alone."""
+    """Return a sentence on how far a projection moved q or p, (n,); empty if by round-off alone.
+
+    ``names`` are those of the entries.
+    """
     start, end = (np.asarray(x, dtype=float) for x in (start, end))
     distances = np.abs(end - start)
     furthest = int(np.argmax(distances))
@@ -205,9 +210,11 @@ def refuse_singular_mass(binding: Binding, manifest: Manifest, run: RunArguments
     if not system.velocity_names:
         return
     n = binding.n
-    moving = np.concatenate([np.zeros((1, n)), np.eye(n)]).astype(binding.dtype)
+    # velocities 0 and e_i, a row each, all at the same q
+    velocities = np.concatenate([np.zeros((1, n)), np.eye(n)]).astype(binding.dtype)
     at_rest, *columns = binding.momenta(
-        binding.parameters(run.parameters, run.t0), np.repeat(run.q[None], n + 1, axis=0), moving)
+        binding.parameters(run.parameters, run.t0), np.repeat(run.q[None], n + 1, axis=0),
+        velocities)
     M = (np.array(columns) - at_rest).astype(float)
     sizes = np.sqrt(np.abs(M).max(axis=1, initial=0))
     if not np.isfinite(M).all():
@@ -230,22 +237,33 @@ def refuse_singular_mass(binding: Binding, manifest: Manifest, run: RunArguments
 
 @dataclass(frozen=True)
 class _Moves:
-    """Parts of |q| and |p| by which states are moved, shape (moves, n); the first of them is 0."""
+    """Parts of |q| and |p| by which states are moved, shape (moves, n); the first move is 0.
+
+    Attributes
+    ----------
+    change : callable
+        From g or f after each move, shape (rows, moves, m), to changes, shape (rows, ·), of which
+        the largest is compared.
+    euler : float
+        Factor of an explicit Euler step that is used as a move.
+    """
 
     q: Array
     p: Array
-    #: The change of g or f, shape (rows, entries), of its values at each move.
     change: Callable[[Array], Array]
-    #: What an explicit Euler step is multiplied by.
     euler: float
 
 
 def _added(values: Array) -> Array:
+    """Return Σₖ |d(xₖ) − d(x₀)| over the moves, shape (rows, m), of d with (rows, moves, m)."""
     sums: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
     return sums
 
 
 def _forth_and_back(values: Array) -> Array:
+    """Return |d(x + w) − d(x − w)|/2 of each draw w, shape (rows, draws · m), as ``_Moves.change``.
+    """
+    # moves are 0, then the draws, then the draws with the other sign
     plus, minus = values[:, 1 : _DRAWS + 1], values[:, _DRAWS + 1 :]
     half_differences: Array = np.abs(plus - minus).reshape(len(values), -1) / 2
     return half_differences
@@ -254,29 +272,32 @@ def _forth_and_back(values: Array) -> Array:
 @lru_cache(maxsize=8)
 def _each(n: int) -> _Moves:
     """Return moves of each q and each p by itself, whose changes are added up."""
-    unit, still = np.eye(n), np.zeros((n + 1, n))
-    return _Moves(np.vstack([still[:1], unit, still[1:]]), np.vstack([still, unit]), _added, 1.0)
+    unit, zeros = np.eye(n), np.zeros((n + 1, n))
+    # 2 n + 1 moves: none, each q, each p
+    return _Moves(np.vstack([zeros[:1], unit, zeros[1:]]), np.vstack([zeros, unit]), _added, 1.0)
 
 
 @lru_cache(maxsize=8)
 def _draws(n: int) -> _Moves:
-    """Return few moves that change g and f less, up to terms of second order.
+    """Return a few moves whose changes of g and f are below those of ``_each``, to second order.
 
     |Σ wₖ aₖ| ≤ Σ |aₖ| if no |wₖ| exceeds 1: all q and p are moved at once, by fixed random
     fractions, forth and back. The difference has no term of second order, where moves of several
     coordinates would add to each other. No fraction is near 0.
     """
     rng = np.random.default_rng(0)
-    drawn = rng.choice([-1.0, 1.0], (2, _DRAWS, n)) * rng.uniform(0.5, 0.99, (2, _DRAWS, n))
-    # An Euler step is no small move: half of it leaves room for terms of third order.
-    q_moves, p_moves = (np.vstack([np.zeros((1, n)), w, -w]) for w in drawn)
+    # for q and for p: one row a draw
+    draws = rng.choice([-1.0, 1.0], (2, _DRAWS, n)) * rng.uniform(0.5, 0.99, (2, _DRAWS, n))
+    q_moves, p_moves = (np.vstack([np.zeros((1, n)), w, -w]) for w in draws)
+    # an Euler step is no small move: half of it leaves room for terms of third order
     return _Moves(q_moves, p_moves, _forth_and_back, 0.5)
 
 
 @lru_cache(maxsize=8)
 def _entries_of_draws(n: int) -> tuple[list[list[float]], list[list[float]]]:
-    """Return three moves of ``_draws`` as lists of q and of p: 0, the last one forth and back."""
+    """Return three moves of ``_draws`` as lists of q and of p: 0, the last draw forth and back."""
     moves = _draws(n)
+    # rows 0, _DRAWS and 2 _DRAWS of 1 + 2 _DRAWS
     return moves.q[::_DRAWS].tolist(), moves.p[::_DRAWS].tolist()
 
 
@@ -324,7 +345,7 @@ def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p
 def _is_within_bounds_of_arrays(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array
 ) -> bool:
-    """Return the same with all moves, and of any type of numbers."""
+    """Return as ``_is_within_bounds`` with all moves of ``_draws``, for any type of numbers."""
     moves, nudge, epsilons = _draws(binding.n), *_move_scales(binding)
     double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):
@@ -344,9 +365,10 @@ def _is_within_bounds_of_arrays(
 
 
 def _is_small(entries: list[float], count: int, epsilons: float) -> bool:
-    """Return whether the first ``count`` entries, of the state itself, are within their bound.
+    """Return whether g or f of a state is within its bound, (64 ε/ν) max |d⁺ − d⁻|/2.
 
-    The others are those of the moves forth, and then back.
+    The first ``count`` of ``entries`` are of the state itself; d⁺ after moves forth and d⁻ after
+    moves back follow. ``epsilons`` is 64 ε/ν.
     """
     middle = (len(entries) + count) // 2
     plus, minus = entries[count:middle], entries[middle:]
@@ -366,19 +388,20 @@ def _defects_and_bounds(
 ) -> Defects:
     """Return |g| and |f| of each row, and their bounds by these moves.
 
-    The bound of g is its change by a move of 64 ε |q|, computed with a larger move and scaled down;
-    that of f likewise, with what forces add to p in a step (``keeps_f``), or with the change of f
-    in an explicit Euler step. Only rows beyond the first bound take the second, which costs a call.
+    The bound of g is its change by a move of 64 ε |q|, computed with a larger move and scaled down.
+    The bound of f is the like change of f; for rows beyond it, p also moves by 64 ε of the kick of
+    forces in a step (``keeps_f``), or the change of f in an explicit Euler step is added.
     """
     nudge, epsilons = _move_scales(binding)
     dq, dp = (nudge * np.sqrt(np.einsum("ij,ij->i", x, x))
               for x in (x.astype(float, copy=False) for x in (q, p)))
     g, f, *changes = _sizes(binding, parameters, q, p, dq, dp, moves)
     g_bound, f_bound = (epsilons * change for change in changes)
+    has_sets = binding.sets(parameters) > 1
     for i in np.flatnonzero(f > f_bound):
         row = slice(i, i + 1)
-        own_parameters = binding.set_of(parameters,
-                                        int(i)) if binding.sets(parameters) > 1 else parameters
+        own_parameters = binding.set_of(parameters, int(i)) if has_sets else parameters
+        # the unknowns of an explicit step: stage increments, or rates, among them the kicks of p
         x = binding.guess(own_parameters, dt[i], q[i].copy(), p[i].copy(), binding.work())
         if keeps_f:  # near rest a step rounds what forces add to p, and constraints take away
             kick = float(np.abs(x[binding.kicks]).max(initial=0))
@@ -397,11 +420,16 @@ def _sizes(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array, dq: Array, dp: Array,
     moves: _Moves
 ) -> list[Array]:
-    """Return the largest |g|, |f|, and changes of g and of f in each row, in one compiled call."""
-    states = [np.ascontiguousarray((x[:, None] + step[:, None, None] * move).reshape(-1, binding.n),
-                                   dtype=binding.dtype)
-              for x, step, move in ((q, dq, moves.q), (p, dp, moves.p))]
-    values = [d.reshape(len(q), len(moves.q), d.shape[1])
-              for d in binding.defects(parameters, *states)]
-    changes = [np.abs(d[:, 0]) for d in values] + [moves.change(d) for d in values]
-    return [d.max(axis=1, initial=0).astype(float, copy=False) for d in changes]
+    """Return max |g|, max |f| and the largest changes of g and of f, shape (rows,) each.
+
+    One compiled call evaluates all. ``dq`` and ``dp``, (rows,), are sizes of the moves of each row.
+    """
+    states = []
+    for x, size, move in ((q, dq, moves.q), (p, dp, moves.p)):
+        moved = x[:, None] + size[:, None, None] * move  # (rows, moves, n)
+        states.append(np.ascontiguousarray(moved.reshape(-1, binding.n), dtype=binding.dtype))
+    defects = [d.reshape(len(q), len(moves.q), d.shape[1])
+               for d in binding.defects(parameters, *states)]
+    # the first move is 0: the state itself
+    entries = [np.abs(d[:, 0]) for d in defects] + [moves.change(d) for d in defects]
+    return [x.max(axis=1, initial=0).astype(float, copy=False) for x in entries]

@@ -41,7 +41,10 @@ _AT_ONCE = 2**22
 
 @dataclass(frozen=True)
 class Places:
-    """Places of times in a run: the stored row before each, then whole steps, then a part of one.
+    """Places of times in a run: the known state before each, then whole steps, then a part of one.
+
+    ``rows`` are indices of known states, ``steps`` numbers of whole steps from there, and ``rest``
+    the remaining parts of a step in s, in scaled time δτ; an entry for each time.
     """
 
     rows: Array
@@ -101,11 +104,11 @@ def _states_at(
 
 
 def _targets_at(trajectory: Trajectory, known_states: _KnownStates, rows: Array) -> _Targets:
-    """Return copies of the known states of these rows, and the results of the steps to them."""
+    """Return copies of the known states ``rows``, with multipliers of the steps that end there."""
     multipliers_of_steps = flat_multipliers(trajectory)
     multipliers = np.zeros((len(rows), multipliers_of_steps.shape[1]), trajectory.q.dtype)
     iterations = np.zeros(len(rows), dtype=np.intc)
-    # 0 is the start or an impact, where no step of the run ends
+    # row 0 of the run stands for the start and for impacts, where no step of the run ends
     stored_rows = known_states.ends_of[rows]
     ends_step = stored_rows > 0
     multipliers[ends_step] = multipliers_of_steps[stored_rows[ends_step] - 1]
@@ -118,10 +121,10 @@ def _finish_impact_steps(
     stepper: Stepper, trajectory: Trajectory, t: Array, known_states: _KnownStates, places: Places,
     targets: _Targets, fill: Callable[[EnsembleStates], None],
 ) -> None:
-    """Advance targets from an impact to the end of its step, where t lies behind it.
+    """Advance targets from an impact to the end of its step, where t is at that end or after it.
 
-    From there they go on by the steps of the run: the steps and the rest of ``places`` are set to
-    what is left. A target within the step of its impact is one part of a step away.
+    From there they take the steps of the run: ``places`` gets the steps and the rest from there. A
+    target within the step of its impact is one part of a step away.
     """
     impacts = np.flatnonzero(known_states.is_impact[places.rows])
     if not len(impacts):
@@ -150,8 +153,9 @@ def _finish_impact_steps(
 class _KnownStates:
     """Rows of a run, and the states after its impacts, in the order of time.
 
-    ``begin`` are their times, in scaled time τ, ``steps`` the whole steps before each; ``ends_of``
-    is the stored row that a state is, 0 for the start and for impacts.
+    An entry for each state: ``begin`` its time, in scaled time τ; ``elapsed`` the time since the
+    start; ``steps`` the whole steps of the run before it; ``ends_of`` its row in the trajectory, 0
+    for the start and for impacts. q and p have the shape (states, n).
     """
 
     begin: Array
@@ -175,28 +179,37 @@ def _known_states(trajectory: Trajectory, clocked: bool) -> _KnownStates:
     if not trajectory.impacts:
         return _KnownStates(*columns)
     for impacts in trajectory.impacts.values():
+        # a trajectory of a file has no elapsed times
         elapsed_of_impacts = (impacts.t - trajectory.t[0] if trajectory._states is None
                               else impacts.elapsed)
-        columns = [np.concatenate(columns_of_both) for columns_of_both in zip(columns, (
-            impacts.t, elapsed_of_impacts, impacts.q, impacts.p, impacts.work,
-            np.floor((elapsed_of_impacts / trajectory.dt).astype(float)).astype(int),
-            np.zeros(len(impacts), int), np.ones(len(impacts), bool)), strict=True)]
-    # Of gaps that close at once, the last jump leads to a state that no other begins with.
+        steps_of_impacts = np.floor((elapsed_of_impacts / trajectory.dt).astype(float)).astype(int)
+        count = len(impacts)
+        impact_columns = (impacts.t, elapsed_of_impacts, impacts.q, impacts.p, impacts.work,
+                          steps_of_impacts, np.zeros(count, int), np.ones(count, bool))
+        columns = [np.concatenate(columns_of_both)
+                   for columns_of_both in zip(columns, impact_columns, strict=True)]
+    known_states = _KnownStates(*columns)
+    # of gaps that close at once, the last jump leads to a state that no other begins with
     starts_of_jumps = {(t, p.tobytes()) for impacts in trajectory.impacts.values()
                        for t, p in zip(impacts.t.tolist(), impacts.p_before, strict=True)}
-    distinct_rows = [row for row in range(len(columns[0])) if row < rows or (
-        float(columns[0][row]), columns[3][row].tobytes()) not in starts_of_jumps]
-    order = np.argsort((1 if trajectory.dt > 0 else -1) * columns[1][distinct_rows], kind="stable")
-    return _KnownStates(*(column[np.array(distinct_rows)[order]] for column in columns))
+    is_last = [not known_states.is_impact[i]
+               or (float(t), known_states.p[i].tobytes()) not in starts_of_jumps
+               for i, t in enumerate(known_states.begin)]
+    distinct = np.flatnonzero(is_last)
+    # stable: an impact at the time of a row follows the row
+    direction = 1 if trajectory.dt > 0 else -1
+    order = np.argsort(direction * known_states.elapsed[distinct], kind="stable")
+    return _KnownStates(*(column[distinct[order]] for column in columns))
 
 
 def stored_steps_at(
     stepper: Stepper, run: RunArguments, times: ArrayLike, remainder: Any = 0
 ) -> Array | None:
-    """Return the steps of a run that lie just before the times, rising, and its last one.
+    """Return numbers of steps, rising: those just before the times, and that of the whole run.
 
-    None in scaled time, where any step may be. The run ends ``remainder`` seconds after its last
-    step. Raises InputError for times outside of the run, and for ``every`` other than 1.
+    Only the states after these steps need be stored. None in scaled time, where any step may be one
+    of them. The run ends ``remainder`` seconds after its last step. Raises InputError for times
+    outside of the run, and for ``every`` other than 1.
     """
     if run.every != 1:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
@@ -205,6 +218,7 @@ def stored_steps_at(
     ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps]))
     ends[1] += remainder
     places = places_of(stepper, run.t0, ends, run.dt, _times(stepper, times))
+    # row 1 of ``ends`` is the end of the run; a time there counts no steps from the start
     stored_steps = np.unique(np.append(places.steps[places.rows == 0], run.steps))
     return stored_steps[stored_steps > 0]
 
@@ -213,7 +227,8 @@ def stored_steps_at(
 class _Targets:
     """States on their way to the times asked for, a row each; they are advanced in place.
 
-    ``t`` are their times, in scaled time τ, ``steps`` the whole steps of the run before them.
+    ``t`` are their times, in scaled time τ, ``steps`` the whole steps of the run before them. q and
+    p have the shape (times, n). ``multipliers`` and ``iterations`` are of the last step to a state.
     """
 
     t: Array
@@ -229,10 +244,11 @@ def _advance(
     stepper: Stepper, trajectory: Trajectory, fill: Callable[[EnsembleStates], None],
     targets: _Targets, group: Array, dt: Array, *, steps: Array, step_limit: int,
 ) -> None:
-    """Advance the targets with the indices ``group`` by ``steps`` steps of dt each, in place.
+    """Advance the targets with the indices ``group`` by ``steps`` steps of dt, in place.
 
-    They have the inputs of their steps of the run. All take ``step_limit`` steps together; each
-    target keeps the state after its own number of steps. Their times and steps stay.
+    ``dt`` and ``steps`` have an entry for each target. All take ``step_limit`` steps together, with
+    the inputs of their steps of the run, and each target gets the state after its own number of
+    steps. Their times and steps are not changed.
     """
     input_rows, step_counts = trajectory._inputs, targets.steps[group]
     inputs = None if input_rows is None else input_rows.taken(0 * step_counts, step_counts,
@@ -241,12 +257,13 @@ def _advance(
                for name, number in trajectory.parameters.items()}
     ensemble = run_together(stepper, targets.q[group], targets.p[group], targets.t[group], dt,
                             columns, fill, step_limit, inputs)
-    row = np.arange(len(group))
+    # rows of the ensemble have the axes (target, step)
+    own_rows = np.arange(len(group)), steps
     rows = ensemble.rows
-    targets.q[group], targets.p[group] = rows.q[row, steps], rows.p[row, steps]
-    targets.work[group] += rows.work[row, steps]
-    targets.multipliers[group] = rows.multipliers[row, steps]
-    targets.iterations[group] = rows.iterations[row, steps]
+    targets.q[group], targets.p[group] = rows.q[own_rows], rows.p[own_rows]
+    targets.work[group] += rows.work[own_rows]
+    targets.multipliers[group] = rows.multipliers[own_rows]
+    targets.iterations[group] = rows.iterations[own_rows]
 
 
 def run_together(
@@ -255,10 +272,9 @@ def run_together(
 ) -> EnsembleStates:
     """Return runs of ``steps`` steps, each stored, from states that are on their constraints.
 
-    Run i begins at row i of q and p, (runs, n), at t0[i], with steps of dt[i]; ``fill`` integrates.
-
-    Raises InputError if one of them finds no step, though the run that they belong to has found its
-    own.
+    Run i begins at row i of q and p, (runs, n), at t0[i], with steps of dt[i] and the i-th entries
+    of ``parameters``; ``fill`` integrates an ensemble in place. Raises InputError if a step of one
+    of them has no solution, though the steps of the run that they belong to have.
     """
     number = stepper.binding.number_type
     parameters_of_first = {name: column[0] for name, column in parameters.items()}
@@ -279,9 +295,10 @@ def partial_steps(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
     fill: Callable[[EnsembleStates], None], inputs: InputRows | None = None,
 ) -> tuple[Array, Array]:
-    """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing.
+    """Return the states (q, p), (rows, n) each, one step of dt after rows of q and p.
 
-    ``t0``, ``dt`` and the columns of ``parameters`` have an entry for each row, ``inputs`` a run.
+    ``t0``, ``dt`` and the columns of ``parameters`` have an entry for each row, ``inputs`` a run. A
+    dt of 0 leaves its row unchanged.
     """
     q, p = q.copy(), p.copy()
     indices = np.flatnonzero(dt != 0)
@@ -295,9 +312,10 @@ def partial_steps(
 
 
 def _parts(trajectory: Trajectory, places: Places) -> list[tuple[int, Array]]:
-    """Return groups of times that whole steps lead to: (most steps in the group, its indices).
+    """Return groups of the times that whole steps lead to: (most steps in the group, its indices).
 
-    A group is as large as the memory for all its steps allows; the longest come first.
+    All members of a group store the most steps of the group: members of similar length, the longest
+    first, and at most ``_AT_ONCE`` numbers together.
     """
     order = np.argsort(places.steps, kind="stable")
     order = order[places.steps[order] > 0]
@@ -311,10 +329,10 @@ def _parts(trajectory: Trajectory, places: Places) -> list[tuple[int, Array]]:
 
 
 def places_of(stepper: Stepper, t0: Any, stored_times: Array, dt: Any, t: Array) -> Places:
-    """Return where the times t are, or refuse those outside of the run.
+    """Return the places of the times t in a run; raise InputError for times outside of the run.
 
     ``stored_times`` are the times of stored rows since the start t0, which keep their digits at
-    large t.
+    large t. A time within rounding of a row, or of the end of a step, is there.
     """
     ahead, t = 1 if dt > 0 else -1, t - t0
     rounding = _rounding_of_times(stepper, t0, stored_times[-1])
@@ -329,7 +347,7 @@ def places_of(stepper: Stepper, t0: Any, stored_times: Array, dt: Any, t: Array)
 
 
 def _rounding_of_times(stepper: Stepper, t0: Any, elapsed: Any) -> Any:
-    """Return the rounding of times up to ``elapsed`` after t0: so near, a time is a step's end."""
+    """Return the rounding in s of times up to ``elapsed`` after t0, two units in the last place."""
     return 2 * epsilon_of_times(stepper) * max(abs(t0), abs(t0 + elapsed))
 
 
@@ -342,7 +360,7 @@ def _counted(
     """
     ahead, times = 1 if dt > 0 else -1, stepper.binding.times
     steps = np.array([int(x) for x in (t - start_times) / dt], dtype=int)
-    # a quotient rounds either way
+    # a quotient rounds either way: below a whole number, one more step may lead up to t
     steps += ahead * times(start_times, dt, steps + 1) <= ahead * t + rounding
     remainders = t - times(start_times, dt, steps)
     return steps, np.where(abs(remainders) <= rounding, 0 * remainders, remainders)
@@ -351,13 +369,18 @@ def _counted(
 def _places_in_scaled_time(
     stepper: Stepper, trajectory: Trajectory, t: Array, fill: Callable[[EnsembleStates], None]
 ) -> Places:
-    """Return where the times t are, or refuse those outside of the run; the rest is δτ."""
-    binding, ahead = stepper.binding, 1 if trajectory.dt > 0 else -1
+    """Return the places of the times t in a run in scaled time; ``rest`` is δτ.
+
+    The clock t(τ) is the last coordinate. The stored row before t is known from its clock; whole
+    steps from there are taken until the clock has passed t; δτ solves t(δτ) = t. Raises InputError
+    for times outside of the run.
+    """
+    binding, direction = stepper.binding, 1 if trajectory.dt > 0 else -1
     q, p = full_states(trajectory)
     clock = trajectory.t
     rounding = 2 * epsilon_of_times(stepper) * np.abs(clock).max()
-    rows = np.searchsorted(ahead * clock, ahead * t + rounding, side="right") - 1
-    outside = (rows < 0) | (ahead * (t - clock[-1]) > rounding)
+    rows = np.searchsorted(direction * clock, direction * t + rounding, side="right") - 1
+    outside = (rows < 0) | (direction * (t - clock[-1]) > rounding)
     if outside.any():
         raise InputError(
             f"The time {float(t[outside][0])} is outside of the run, which goes from "
@@ -366,41 +389,64 @@ def _places_in_scaled_time(
                for name, number in trajectory.parameters.items()}
     dt, zeros = np.full(len(t), trajectory.dt), np.zeros(len(t), binding.number_type)
     q, p = q[rows], p[rows]
-    # Whole steps from the stored state to the last one that is not behind.
-    gaps = np.append(np.diff(trajectory.tau), 0 * trajectory.dt)[rows] / trajectory.dt
-    step_limit = max(int(np.ceil(gaps.max().astype(float) - 1e-3)) - 1, 0) if len(t) else 0
+    # steps from each row to the next; the last row has none
+    steps_to_next = np.append(np.diff(trajectory.tau), 0 * trajectory.dt)[rows] / trajectory.dt
+    # one less: the last of them ends at the next row, which is not before t; a quotient that is a
+    # whole number but for round-off is that number
+    step_limit = (max(int(np.ceil(steps_to_next.max().astype(float) - 1e-3)) - 1, 0) if len(t)
+                  else 0)
     steps = np.zeros(len(t), int)
     if step_limit:
         states = run_together(stepper, q, p, zeros, dt, columns, fill, step_limit).rows
-        # the last coordinate is t
-        passed = ahead * states.q[:, :, -1].astype(t.dtype) <= ahead * t[:, None] + rounding
-        steps = np.where(gaps > 1, passed.sum(axis=1) - 1, 0)
-        indices = np.arange(len(t))
-        q, p = states.q[indices, steps], states.p[indices, steps]
-    remainders, ends = zeros.copy(), (q, p)
-    parameters = binding.parameters(trajectory.parameters)
-    # Newton's method for t(τ) = t, with dt/dτ = σ at the end so far; δτ stays within one step
+        # the axes of rows are (time, step, coordinate)
+        clocks = states.q[:, :, -1].astype(t.dtype)
+        is_before = direction * clocks <= direction * t[:, None] + rounding
+        # the start of the steps is before t, and is no step
+        steps = np.where(steps_to_next > 1, is_before.sum(axis=1) - 1, 0)
+        own_rows = np.arange(len(t)), steps
+        q, p = states.q[own_rows], states.p[own_rows]
+    return Places(rows, steps, _partial_scaled_steps(stepper, trajectory, t, (q, p), columns,
+                                                     rounding, fill))
+
+
+def _partial_scaled_steps(
+    stepper: Stepper, trajectory: Trajectory, t: Array, states: tuple[Array, Array],
+    parameters: dict[str, Array], rounding: Any, fill: Callable[[EnsembleStates], None],
+) -> Array:
+    """Return the part δτ of a step from each state at which its clock shows t, shape (times,).
+
+    Newton's method for t(δτ) = t, with dt/dτ = σ at the end of the part: δτ ← δτ + (t − t(δτ))/σ,
+    within 0 and Δτ. ``states`` are (q, p), (times, n) each, within a step before t.
+    """
+    binding, direction = stepper.binding, 1 if trajectory.dt > 0 else -1
+    q, p = states
+    dt, zeros = np.full(len(t), trajectory.dt), np.zeros(len(t), binding.number_type)
+    remainders, ends = zeros.copy(), states
+    structs = binding.parameters(trajectory.parameters)
     for _ in range(_NEWTON):
-        missing = t - ends[0][:, -1].astype(t.dtype)
-        open_ = np.abs(missing) > rounding
-        if not open_.any():
+        clock_errors = t - ends[0][:, -1].astype(t.dtype)
+        is_open = np.abs(clock_errors) > rounding
+        if not is_open.any():
             break
-        new_remainders = remainders + np.where(
-            open_, missing / binding.time_scales(parameters, *ends), 0)
-        remainders = np.where(ahead * new_remainders > ahead * dt, dt,
-                              np.where(ahead * new_remainders > 0, new_remainders, zeros))
-        ends = partial_steps(stepper, q, p, zeros, remainders, columns, fill)
-    return Places(rows, steps, remainders)
+        updated = remainders + np.where(
+            is_open, clock_errors / binding.time_scales(structs, *ends), 0)
+        is_beyond, is_inside = direction * updated > direction * dt, direction * updated > 0
+        remainders = np.where(is_beyond, dt, np.where(is_inside, updated, zeros))
+        ends = partial_steps(stepper, q, p, zeros, remainders, parameters, fill)
+    return remainders
 
 
 def epsilon_of_times(stepper: Stepper) -> float:
-    """Return the precision of times, which for ``real="float"`` are doubles."""
+    """Return ε of the type of times, which for ``real="float"`` is double."""
     number = stepper.binding.number_type
     return stepper.binding.epsilon if number is object else float(np.finfo(number).eps)
 
 
 def _times(stepper: Stepper, times: ArrayLike) -> Array:
-    """Return the times as a row of the stepper's own numbers."""
+    """Return the times, a number or a row, as an array (times,) of the stepper's numbers.
+
+    Raises InputError for what is no number, and for more than one axis.
+    """
     rows = np.atleast_1d(as_numbers("times", times))
     if rows.ndim != 1:
         raise InputError(f"times has shape {rows.shape}; give one row of times.")

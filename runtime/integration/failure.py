@@ -19,6 +19,7 @@ from ..bindings.binding import REASONS, Binding, CompiledConstraints
 
 __all__ = ["Diagnosis", "diagnose"]
 
+#: Status codes of the C.
 _NOT_CONVERGED, _SINGULAR, _NOT_FINITE, _STAGNATED, _DIVERGED, _TIME_STOPPED = 1, 2, 3, 4, 5, 7
 #: Of a parameter beyond it the square, as of momenta, leaves the range of doubles.
 _LARGE = 1e150
@@ -30,7 +31,11 @@ _DEPENDENT = 1e-7
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The reason, details and cure of a ``StepFailed``."""
+    """The reason, details and cure of a ``StepFailed``, as parts of its sentence.
+
+    ``increment`` is Newton's last increment relative to the state, ``dt`` a step that succeeds;
+    None where there is none.
+    """
 
     reason: str
     detail: str
@@ -52,9 +57,11 @@ def diagnose(
     In turn: constraints that depend on each other there, a smaller step that succeeds, parameters
     out of range.
     """
-    # The step once more by Newton's method: its increments say more than the iteration's.
-    newton_status, increment = _tried_by_newton(binding, run, q, p, t) \
-        if run.solver != "fixed-point" and binding.solves else (status, None)
+    # the step once more by Newton's method: its increments say more than those of the fixed-point
+    # iteration
+    newton_status, increment = status, None
+    if run.solver != "fixed-point" and binding.solves:
+        newton_status, increment = _tried_by_newton(binding, run, q, p, t)
     if newton_status in (_NOT_CONVERGED, _STAGNATED, _DIVERGED):
         status = newton_status
     diagnosis = Diagnosis(REASONS[status], _detail(status, increment, run.max_iterations), "",
@@ -84,7 +91,7 @@ def diagnose(
 
 
 def _detail(status: int, increment: float | None, iterations: int) -> str:
-    """Return the reason with its measured figures."""
+    """Return the reason of a status, with Newton's last increment if it is known."""
     reason = REASONS[status]
     if increment is None:
         return reason
@@ -99,7 +106,8 @@ def _detail(status: int, increment: float | None, iterations: int) -> str:
 def _tried_by_newton(
     binding: Binding, run: Any, q: Array, p: Array, t: Any
 ) -> tuple[int, float | None]:
-    """Return how full Newton ends, and its last increment relative to the state."""
+    """Return the status of the step by full Newton, and its last increment relative to the state.
+    """
     options = binding.options(run.tolerance, run.max_iterations, "newton")
     return binding.first_half(binding.parameters(run.parameters, t), options, run.dt, q, p,
                               binding.work())
@@ -108,7 +116,7 @@ def _tried_by_newton(
 def _smaller_step(
     binding: Binding, run: Any, q: Array, p: Array, t: Any
 ) -> tuple[float | None, float]:
-    """Return the first of ever halved time steps that succeeds, or None, and the last tried."""
+    """Return the first of Δt/2, Δt/4, ... that succeeds, or None, and the smallest one tried."""
     parameters, dt = binding.parameters(run.parameters, t), run.dt
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
     for _ in range(_HALVINGS):
@@ -129,9 +137,9 @@ def _dependent_constraints(
     """
     if binding.m < 2:
         return ""
-    numeric = CompiledConstraints(binding, manifest, binding.parameters(run.parameters, run.t0),
+    constraints = CompiledConstraints(binding, manifest, binding.parameters(run.parameters, run.t0),
                                   q[-1])
-    G = numeric.G(q[: binding.shown].astype(float))
+    G = constraints.G(q[: binding.shown].astype(float))
     lengths = np.linalg.norm(G, axis=1, keepdims=True)
     if not np.all(np.isfinite(G)) or not np.all(lengths > 0):
         return ""
@@ -140,5 +148,6 @@ def _dependent_constraints(
         return ""
     # the combination of the gradients that vanishes
     weights = np.abs(U[:, -1])
-    names = [name for name, w in zip(numeric.constraint_names, weights, strict=True) if w > 0.01]
+    names = [name for name, weight in zip(constraints.constraint_names, weights, strict=True)
+             if weight > 0.01]
     return ", ".join(repr(name) for name in names)

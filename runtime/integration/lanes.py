@@ -40,11 +40,15 @@ _TOGETHER = 16
 
 @dataclass(frozen=True)
 class EnsembleStates:
-    """The stored states of many runs, their ends, records and statuses."""
+    """The stored states of many runs, their ends, records and statuses.
+
+    Axes of ``rows`` are (run, stored state, ...); q and p, (runs, n), are the last states, and
+    ``status``, (runs,), is 0 for a run that has not failed.
+    """
 
     binding: Binding
     runs: EnsembleArguments
-    #: Whether batches lie in lanes, and how many trajectories are a batch.
+    #: Whether batches lie in lanes, and the number of trajectories in a batch.
     in_lanes: bool
     batch: int
     rows: Rows
@@ -68,17 +72,18 @@ class EnsembleStates:
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
         if in_lanes:
             binding = stepper._binding_of_many
-        # detectors look at the states of a batch after each call: one batch a call, else several
-        batch = binding.lanes * (
-            1 if detectors else _batches_in_a_call(binding, runs.first)) if in_lanes else 1
-        reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)
-                   ] if in_lanes else [binding.report() for _ in range(count)]
-        states = cls(
-            binding, runs, in_lanes, batch,
-            Rows.allocate(binding, count, rows), runs.q.copy(), runs.p.copy(),
-            np.zeros(count, dtype=np.intc),
-            reports, binding.parameter_rows(runs.parameters, runs.t0) if in_lanes else runs.dt,
-            runs.dt.astype(binding.dtype), tuple(detectors))
+        reports: list[Any]
+        if in_lanes:
+            # detectors take the states of a batch after each call: one batch a call, else several
+            batch = binding.lanes * (1 if detectors else _batches_in_a_call(binding, runs.first))
+            reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)]
+            parameters = binding.parameter_rows(runs.parameters, runs.t0)
+        else:
+            batch, parameters = 1, runs.dt  # parameters are not used
+            reports = [binding.report() for _ in range(count)]
+        states = cls(binding, runs, in_lanes, batch, Rows.allocate(binding, count, rows),
+                     runs.q.copy(), runs.p.copy(), np.zeros(count, dtype=np.intc), reports,
+                     parameters, runs.dt.astype(binding.dtype), tuple(detectors))
         states.rows.q[:, 0], states.rows.p[:, 0] = runs.q, runs.p
         return states
 
@@ -95,7 +100,7 @@ class EnsembleStates:
 
     @property
     def stored(self) -> list[int]:
-        """The stored states of each trajectory, its start among them; once all are done."""
+        """Number of stored states of each trajectory, with its start; once all are done."""
         step_counts = [int(self.report(i).steps) for i in range(len(self.runs))]
         rows = {steps: self.runs.first.stored(steps) + 1 for steps in set(step_counts)}
         return [rows[steps] for steps in step_counts]
@@ -166,7 +171,10 @@ class EnsembleStates:
 
 
 def _batches_in_a_call(binding: Binding, first: RunArguments) -> int:
-    """Return how many batches compiled code may integrate in one call, which takes all steps."""
+    """Return how many batches compiled code may integrate in one call, which takes all steps.
+
+    Only short runs that store at multiples of ``every``: a call is not interrupted by signals.
+    """
     short = first.steps <= FIRST_STEPS and (
         first.every >= first.steps or first.steps % first.every == 0)
     return _TOGETHER if short and binding.dtype is not object else 1
@@ -199,11 +207,12 @@ def fill_ensemble(
             report(computed.steps_done)
         return
     batches, broken = SimpleQueue[int | None](), threading.Event()
-    # behind the batches one None for each thread, which ends it
+    # after the batches one None for each thread, which ends it
     for batch in (*range(len(computed.reports)), *[None] * workers):
         batches.put(batch)
 
     def work() -> None:
+        """Take batches from the queue until it gives None."""
         computed.fill(iter(batches.get, None), lambda: broken.is_set() or stop())
 
     with ThreadPoolExecutor(workers) as pool:
@@ -217,5 +226,5 @@ def fill_ensemble(
                     future.result()
                 if report is not None:
                     report(computed.steps_done)
-        finally:  # after an error, such as full memory, nobody takes what the others compute
+        finally:  # after an error, such as full memory, the other threads stop too
             broken.set()

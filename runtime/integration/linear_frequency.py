@@ -32,6 +32,8 @@ _PART = 2.0**-10
 _NUDGE = float(np.finfo(float).eps) ** (1 / 3)
 #: Fast modes with less than this part of the motion, such as stiff springs at rest, are no loss.
 _SHARE = 0.1
+#: Singular values of a projection are 1 for tangents; below this one they are round-off.
+_REMOVED = 0.1
 
 
 def warn_of_frequency(binding: Binding, run: RunArguments, order: int) -> None:
@@ -39,6 +41,7 @@ def warn_of_frequency(binding: Binding, run: RunArguments, order: int) -> None:
     omega = fastest_frequency(binding, run, order)
     if omega is None:
         return
+    # the phase error falls with dt: the largest dt that loses no phase, to a tenth
     dt = abs(float(run.dt))
     bound = dt * omega
     while phase_error(order, bound) > LOST:
@@ -50,62 +53,88 @@ def warn_of_frequency(binding: Binding, run: RunArguments, order: int) -> None:
 
 
 def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float | None:
-    """Return the largest ω of modes that move and are not followed; None where there is none.
+    """Return the largest frequency ω in rad/s of modes that move and that steps do not follow.
 
-    With z' ≈ M z of a short step, in coordinates of the tangent space: M = V diag(exp(iωδ)) V⁻¹,
-    δ = 2^−10 Δt. The rates of the start in the modes V say how much of the motion each one has.
+    None where all such modes are followed, or cannot be computed. With z' ≈ M z for a short step in
+    coordinates of the tangent space, M = V diag(exp(iωδ)) V⁻¹ and δ = 2⁻¹⁰ Δt; the rates of the
+    start in the modes V say how much of the motion each mode has.
     """
     n = binding.n
     if n > _MOST_COORDINATES or binding.dtype is not np.float64 or binding.rows:
         return None
-    parameters = binding.parameters(run.at_step(0).parameters, run.t0)
-    work, dt = binding.work(), float(run.dt) * _PART
-    options = binding.options(None, 50, "newton")
-
-    def end(z: Array) -> Array:
-        """Return the state after a short step."""
-        status, q, p = binding.step(parameters, options, dt, z[:n].copy(), z[n:].copy(), work)
-        return np.concatenate([q, p]) if status == 0 else np.full(2 * n, math.nan)
-
-    def projected(z: Array) -> Array:
-        """Return a state, moved onto the constraints."""
-        q, p = z[:n].copy(), z[n:].copy()
-        return np.concatenate([q, p]) if not binding.project(parameters, q, p) else z * math.nan
-
+    short_step = _ShortStep(binding, run)
     start = np.concatenate([run.q, run.p]).astype(float)
-    velocity = end(start) - start
-    # Momenta of a motion that starts from rest are those of some steps.
-    sizes = [np.abs(start[half]).max() + np.abs(velocity[half]).max() / _PART
+    change = short_step.end(start) - start
+    # one scale for q and one for p: their sizes, and those that the motion reaches in a step of Δt,
+    # for momenta of a motion that starts from rest
+    sizes = [np.abs(start[half]).max() + np.abs(change[half]).max() / _PART
              for half in (slice(0, n), slice(n, 2 * n))]
     scale = np.repeat([size or 1.0 for size in sizes], n)
-    basis = _tangent_basis(projected, start, scale)
+    basis = _tangent_basis(short_step.projected, start, scale)
     if basis is None:
         return None
-    M = np.array([basis.T @ ((end(projected(start + _NUDGE * scale * e))
-                              - end(projected(start - _NUDGE * scale * e))) / scale / (2 * _NUDGE))
-                  for e in basis.T]).T
+    M = short_step.derivative(start, scale, basis)
     if not np.isfinite(M).all():
         return None
     factors, modes = np.linalg.eig(M)
-    omega = np.abs(np.angle(factors)) / abs(dt)
-    fast = np.array([phase_error(order, w * abs(float(run.dt))) > LOST for w in omega])
-    if not fast.any():
+    omega = np.abs(np.angle(factors)) / abs(short_step.dt)
+    is_fast = np.array([phase_error(order, w * abs(float(run.dt))) > LOST for w in omega])
+    if not is_fast.any():
         return None
-    rates = np.linalg.lstsq(modes, (basis.T @ (velocity / scale)).astype(complex), rcond=None)[0]
+    rates = np.linalg.lstsq(modes, (basis.T @ (change / scale)).astype(complex), rcond=None)[0]
     # amplitude = rate/|exp(iωδ) − 1|; a mode that drifts, ω = 0, is counted over the run
-    parts = modes * (rates / np.maximum(np.abs(factors - 1), _PART / run.steps))
-    if np.linalg.norm(parts[:, fast].sum(axis=1)) < _SHARE * np.linalg.norm(parts, axis=0).sum():
+    motions = modes * (rates / np.maximum(np.abs(factors - 1), _PART / run.steps))
+    fast_size = np.linalg.norm(motions[:, is_fast].sum(axis=1))
+    if fast_size < _SHARE * np.linalg.norm(motions, axis=0).sum():
         return None
-    return float(omega[fast].max())
+    return float(omega[is_fast].max())
+
+
+class _ShortStep:
+    """A step of 2⁻¹⁰ Δt from states z = (q, p), shape (2 n,), near the start of a run."""
+
+    def __init__(self, binding: Binding, run: RunArguments) -> None:
+        """Take the parameters and inputs of the first step, and full Newton iterations."""
+        self._binding, self._work = binding, binding.work()
+        self._parameters = binding.parameters(run.at_step(0).parameters, run.t0)
+        self._options = binding.options(None, 50, "newton")
+        self.dt = float(run.dt) * _PART
+
+    def end(self, z: Array) -> Array:
+        """Return the state after the step; NaN where it fails."""
+        n = self._binding.n
+        status, q, p = self._binding.step(self._parameters, self._options, self.dt, z[:n].copy(),
+                                          z[n:].copy(), self._work)
+        return np.concatenate([q, p]) if status == 0 else np.full(2 * n, math.nan)
+
+    def projected(self, z: Array) -> Array:
+        """Return the state moved onto the constraints; NaN where that fails."""
+        n = self._binding.n
+        q, p = z[:n].copy(), z[n:].copy()  # projected in place
+        failed = self._binding.project(self._parameters, q, p)
+        return z * math.nan if failed else np.concatenate([q, p])
+
+    def derivative(self, start: Array, scale: Array, basis: Array) -> Array:
+        """Return M = ∂(end)/∂(start) in the columns of ``basis``, (2 n, k), shape (k, k).
+
+        Central differences of scaled states z/scale, each moved onto the constraints.
+        """
+        columns = []
+        for e in basis.T:
+            move = _NUDGE * scale * e
+            forth = self.end(self.projected(start + move))
+            back = self.end(self.projected(start - move))
+            columns.append(basis.T @ ((forth - back) / scale / (2 * _NUDGE)))
+        return np.array(columns).T
 
 
 def _tangent_basis(
     projected: Callable[[Array], Array], start: Array, scale: Array
 ) -> Array | None:
-    """Return an orthonormal basis of dz/scale tangent to the constraints, (2n, k); None if none.
+    """Return an orthonormal basis of dz/scale tangent to the constraints, shape (2 n, k).
 
     P = ∂(projected z)/∂z by central differences, each entry moved by a part of its scale; the range
-    of P = U Σ Vᵀ is spanned by the columns of U.
+    of P = U Σ Vᵀ is spanned by the columns of U. None where a projection fails.
     """
     moves = _NUDGE * np.diag(scale)
     tangents = np.array([(projected(start + e) - projected(start - e)) / (2 * _NUDGE * scale)
@@ -114,4 +143,4 @@ def _tangent_basis(
         return None
     U, lengths, _ = np.linalg.svd(tangents)
     # directions that the projection removes have singular values of round-off
-    return np.asarray(U[:, lengths > _SHARE * lengths[0]])
+    return np.asarray(U[:, lengths > _REMOVED * lengths[0]])

@@ -53,8 +53,8 @@ __all__ = ["IMMUTABLE", "OPEN", "EnsembleArguments", "Integration", "Origin", "P
 
 #: Steps of a run whose end is that of an event, at most: more than any run takes.
 OPEN = 2**62
-#: Numbers of moved states that are judged at a time: what a cache holds.
-_JUDGED = 2**16
+#: Numbers of moved states that are checked at a time: as many as a cache of the CPU holds.
+_CHECKED = 2**16
 #: Types of parameters that are the same as long as they are the same object.
 IMMUTABLE = {float, np.float64, int, Rule, Rounded}
 
@@ -85,7 +85,7 @@ class RunArguments:
     excess: Any = 0.0
     #: Whether an event alone ends the run: its steps are not counted beforehand.
     open_end: bool = False
-    #: The impacts that its derivatives go through: by step, those within it, in their order.
+    #: For derivatives: index of a step → its impacts, in the order of time.
     hits: Mapping[int, Sequence[Any]] | None = None
     #: Time of the last state where it lies between two steps, and the part of a step to it.
     t_end: Any = None
@@ -349,7 +349,7 @@ class RawArguments:
     common: Mapping[str, Any]
 
     def parameters_of(self, i: int) -> dict[str, Any]:
-        """Return the parameters of one run."""
+        """Return the parameters of run i, name → number or rule."""
         if isinstance(self.parameters, list):
             return self.parameters[i]
         shared, columns = self.parameters
@@ -373,8 +373,9 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
             raise InputError(f"Trajectory {i}: {error}") from error
 
     first_run, size = checked_run(0), len(arguments.q)
-    runs = _plain(stepper, arguments,
-                  first_run) if size > 1 and not stepper.binding.clocked else None
+    # in scaled time a start has an energy of its own, which columns have not
+    has_columns = size > 1 and not stepper.binding.clocked
+    runs = _plain(stepper, arguments, first_run) if has_columns else None
     if runs is None or not _consistent(stepper, runs):
         number = stepper.binding.number_type
         runs = EnsembleArguments.of([first_run, *(checked_run(i) for i in range(1, size))], number)
@@ -384,16 +385,19 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
 def _plain(
     stepper: Stepper, arguments: RawArguments, first_run: RunArguments
 ) -> EnsembleArguments | None:
-    """Return the runs if all their numbers are finite and of plain types, else None.
+    """Return the runs as columns if all their numbers are finite and of plain types, else None.
 
-    ``first_run`` is the checked first run, with what all have in common.
+    ``first_run`` is the checked first run, with the arguments that all have in common. None sends
+    the runs to the check of single runs, whose errors name the run.
     """
     binding, size = stepper.binding, len(arguments.q)
-    if binding.number_type is object or {arguments.q.dtype.kind, arguments.p.dtype.kind} - {*"fiu"}:
+    number = binding.number_type
+    # floats, integers and unsigned integers of NumPy
+    has_objects = {arguments.q.dtype.kind, arguments.p.dtype.kind} - {*"fiu"}
+    if number is object or has_objects:
         return None
     q, p = binding.converted(arguments.q), binding.converted(arguments.p)
-    dt, t0 = _numbers(arguments.dt, binding.number_type), _numbers(arguments.t0,
-                                                                   binding.number_type)
+    dt, t0 = _numbers(arguments.dt, number), _numbers(arguments.t0, number)
     parameters = _parameters(stepper, arguments, first_run, size)
     if dt is None or t0 is None or parameters is None or not dt.all():
         return None
@@ -406,6 +410,7 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
     """Return a column in the type ``number``; None if an entry is not finite or not plain."""
     if isinstance(column, list):
         kinds = {*map(type, column)}
+        # NumPy would turn bools, texts and mixed lists into numbers
         if not (kinds <= {float, np.float64} or kinds == {int}):
             return None
         column = np.array(column)
@@ -419,13 +424,16 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
 def _parameters(
     stepper: Stepper, arguments: RawArguments, first_run: RunArguments, size: int
 ) -> dict[str, Array] | None:
-    """Return a column for each parameter; None if one of them is to be checked run by run."""
+    """Return a column (runs,) for each parameter; None if one must be checked run by run.
+
+    ``size`` is the number of runs, ``first_run`` the first of them, checked.
+    """
     column_of: dict[str, Array] = {}
     number = stepper.binding.number_type
     rates = {symmetry.name for symmetry in stepper.symmetries}
     if isinstance(arguments.parameters, tuple):
         columns: Mapping[str, Any] = arguments.parameters[1]
-        if not columns:  # the first are those of all
+        if not columns:  # all runs have the parameters of the first
             return {name: np.full(size, value, number)
                     for name, value in first_run.parameters.items()}
     elif any({*run, *rates} != first_run.parameters.keys() for run in arguments.parameters):
@@ -436,7 +444,7 @@ def _parameters(
             return None
         column_of[name] = column
     if not all(symmetry.holds_plainly(column_of) for symmetry in stepper.symmetries):
-        return None  # a look at each, in exact arithmetic
+        return None  # the check of single runs decides, in exact arithmetic
     try:
         refuse_impossible_inertias(stepper._inertias, column_of)
     except InputError:
@@ -447,9 +455,10 @@ def _parameters(
 def _column_of(
     arguments: RawArguments, name: str, first_run: RunArguments, size: int, rates: Collection[str]
 ) -> Array | list[Any]:
-    """Return a parameter of all runs as a column; γ and α by their rules, where these apply.
+    """Return a parameter of all runs as a column, (runs,); γ and α by their rules.
 
-    The ``rates`` of a co-moving frame are 0 where they are left out.
+    The ``rates`` of a co-moving frame are 0 where they are left out. A rule that does not apply
+    stays in the column, which is then no column of numbers.
     """
     if isinstance(arguments.parameters, list):
         numbers_or_rules = [run.get(name, 0.0) if name in rates else run[name]
@@ -460,6 +469,7 @@ def _column_of(
             return columns[name]
         if name in rates and name not in common_values:
             return np.zeros(size)
+        # a rule gives one number for all runs unless moments of inertia differ between them
         inertia = itertools.chain(*inertia_names(name))
         if not isinstance(common_values[name], Rule) or columns.keys().isdisjoint(inertia):
             return np.full(size, first_run.parameters[name])
@@ -475,7 +485,10 @@ def _column_of(
 
 
 def _in_domain(column: Array, domain: str) -> bool:
-    """Whether all are above 0, or other than 0, where that is asked."""
+    """Whether all entries of a column are above 0 ("positive"), or other than 0 ("nonzero").
+
+    Any other domain holds all numbers.
+    """
     usable = {"positive": column > 0, "nonzero": column != 0}
     return bool(usable[domain].all()) if domain in usable else True
 
@@ -486,9 +499,11 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     if not binding.conditions:
         return True
     keeps_f = stepper.manifest.scheme.keeps_momentum_constraint
+    # one struct of parameters serves all runs that have equal ones
     varied = any((column != column[0]).any() for column in (runs.t0, *runs.parameters.values()))
     common_parameters = binding.parameters(runs.first.parameters, runs.first.t0)
-    at_once = max(_JUDGED // (binding.n * (2 * binding.n + 1)), 1)
+    # each start of n coordinates is moved up to 2 n + 1 times
+    at_once = max(_CHECKED // (binding.n * (2 * binding.n + 1)), 1)
 
     def is_consistent(block: slice) -> bool:
         """Return whether all starts of a block are on their constraints."""
@@ -497,7 +512,7 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
         return bool(defects_of_starts(binding, keeps_f, parameters, runs.q[block], runs.p[block],
                                       runs.dt[block]).consistent.all())
 
-    with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
+    with np.errstate(over="ignore", invalid="ignore"):  # a step of what is not finite fails
         return all(is_consistent(slice(i, i + at_once)) for i in range(0, len(runs), at_once))
 
 
@@ -544,7 +559,7 @@ def as_parameters(
 
 
 def with_rules(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> Mapping[str, Any]:
-    """Return parameters in which each γ and α that is left out is to be the mean of its moments."""
+    """Return parameters with the rule γ_m, the mean of the moments, for each γ and α left out."""
     missing = [name for name in _names_with_inertia(tuple(domains)) if name not in parameters]
     return {**parameters, **dict.fromkeys(missing, GAMMA_M)} if missing else parameters
 
@@ -556,7 +571,7 @@ class ParameterCheck:
     """
 
     def __init__(self, *checks: Any) -> None:
-        """Take the arguments of ``as_parameters`` behind the first, the same for each call."""
+        """Take the arguments of ``as_parameters`` after the first, the same for each call."""
         self._checks = checks
         #: Of the last call: names, values as they came, and the checked parameters.
         self._last: tuple[list[str], list[Any], dict[str, Any]] = [], [], {}
@@ -575,7 +590,7 @@ class ParameterCheck:
         checked = as_parameters(parameters, *self._checks)
         # an array may be changed in place between two calls: only immutable numbers are remembered
         if type(parameters) is dict and {*map(type, parameters.values())} <= IMMUTABLE:
-            # One assignment, so that other threads see all three of one call.
+            # one assignment, so that other threads see all three of one call
             self._last = [*parameters], [*parameters.values()], checked.copy()
         return checked
 
@@ -606,7 +621,7 @@ def _as_plain_parameters(
 
 @lru_cache(maxsize=16)
 def _constrained(domains: tuple[str, ...]) -> tuple[list[bool], list[bool]]:
-    """Return which parameters must be positive, and which must not be 0."""
+    """Return two flags a parameter: whether it must be positive, and whether it must not be 0."""
     return [x == "positive" for x in domains], [x == "nonzero" for x in domains]
 
 
@@ -630,7 +645,10 @@ def refuse_texts(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> N
 def _as_parameter(
     name: str, domain: str, parameters: Mapping[str, Any], number: Callable[[Fraction], Any]
 ) -> Any:
-    """Return one parameter in the stepper's type; refuse one outside its domain."""
+    """Return one parameter in the stepper's type, γ and α by their rules.
+
+    Raises InputError for a number outside its domain.
+    """
     number_or_rule = parameters[name]
     if isinstance(number_or_rule, Rule):
         number_or_rule = gamma_by_rule(name, number_or_rule, parameters)
@@ -666,13 +684,19 @@ def warn_of_negative(parameters: Mapping[str, Any]) -> None:
 
 
 def negative_means(parameters: Mapping[str, Any]) -> dict[str, float]:
-    """Return the γ and α below 0, of columns the least number."""
-    smallest = {name: x if type(x := parameters[name]) is float else float(np.min(x))
-                for name in _names_with_inertia(tuple(parameters))}
-    return {name: x for name, x in smallest.items() if x < 0}
+    """Return the γ and α below 0, name → number; of a column the least number."""
+    negative: dict[str, float] = {}
+    for name in _names_with_inertia(tuple(parameters)):
+        number_or_column = parameters[name]
+        # floats alone are the usual case, and NumPy's minimum takes microseconds
+        smallest = (number_or_column if type(number_or_column) is float
+                    else float(np.min(number_or_column)))
+        if smallest < 0:
+            negative[name] = smallest
+    return negative
 
 
-#: A start is late if it is that many durations of the run.
+#: A start is late if it is that many durations of the run after t = 0.
 _LATE = 1000
 
 
@@ -682,11 +706,11 @@ def depends_on_time(binding: Binding) -> bool:
 
 
 def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
-    """Warn if ε |t0|/|dt| > √ε in a system that depends on time.
+    """Warn if ε |t0|/|dt| > √ε in a system that depends on time, and the start is late.
 
-    The rounding of times is then no small part of a step.
-    ``t0`` and ``dt`` are numbers, or one for each of many runs. A start is looked at if it is late,
-    ``_LATE`` durations of the run after t = 0.
+    The rounding of times is then no small part of a step. ``t0`` and ``dt`` are numbers, or arrays
+    with an entry for each of many runs. A start is late if it is ``_LATE`` durations of the run
+    after t = 0.
     """
     if not steps or not depends_on_time(binding):
         return
@@ -699,7 +723,7 @@ def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
              "at t = 0 to avoid them.")
 
 
-#: What t_end, t0 and dt may be off by, in parts of their sizes: two roundings of a double each.
+#: Rounding of t_end, t0 and dt, in parts of their sizes: two roundings of a double each.
 _ROUNDING = Fraction(1, 2**52)
 
 
@@ -769,4 +793,5 @@ def _fraction(name: str, value: Any) -> Fraction:
 
 
 def _text(value: Fraction) -> str:
+    """Return the shortest decimal of the nearest double."""
     return repr(as_double(value))

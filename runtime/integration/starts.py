@@ -89,6 +89,7 @@ def events_or_own(
 
 
 def _impacts_of(start: Start) -> tuple[Impact, ...]:
+    """Return the impacts among the events of a start's model."""
     return tuple(event for event in start._events if isinstance(event, Impact))
 
 
@@ -100,9 +101,10 @@ def span_or_own(
     Raises InputError as ``step_argument``.
     """
     own_dt, own_steps = start.start._span if has_start(start) else (None, None)
+    # a model's own step is a dt, which a stepper in scaled time does not take
     dt = own_dt if span.dt is None and not binding.clocked else span.dt
-    return step_argument(binding, dt, span.dtau), (
-        own_steps if span.steps is None is span.t_end else span.steps)
+    steps = own_steps if span.steps is None and span.t_end is None else span.steps
+    return step_argument(binding, dt, span.dtau), steps
 
 
 def _refuse_second_state(start: Any, p: Any) -> None:
@@ -128,11 +130,12 @@ def start_parameters(
     ``names`` are the parameters of the system. Raises InputError for parameters that are the
     inertia of no body, where the model's own are those of one.
     """
-    start_values: dict[str, Any] = {name: number_or_rule
-                                    for name, number_or_rule in start.parameters.items()
-                                    if name in names or name not in start._spare}
-    values = {**start_values, **start.inputs, **as_mapping(
-        "parameters", {} if parameters is None else parameters, "{'m': 1.0}")}
+    # ``_spare`` are parameters that a stepper may ignore
+    values: dict[str, Any] = {name: number_or_rule
+                              for name, number_or_rule in start.parameters.items()
+                              if name in names or name not in start._spare}
+    values |= start.inputs
+    values |= as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}")
     for name, inertia in start._inertias.items():
         if name in names and name not in values:
             values[name] = Rule(start._rules.get(name, "m"), inertia)
@@ -179,7 +182,11 @@ def _body_of(name: str, inertia: Any) -> tuple[str, Sequence[Sequence[str]]]:
 def _refuse_impossible(
     bodies: Mapping[str, Sequence[str]], values: Mapping[str, Any], changes: Mapping[str, Any]
 ) -> None:
-    """Refuse impossible moments where some have changed; other checks refuse non-numbers."""
+    """Refuse moments of inertia that no body has, if ``changes`` has one of its body.
+
+    ``bodies`` are label → names of moments, ``values`` all parameters. Moments that are no numbers
+    or not positive are left to other checks.
+    """
     for label, moment_names in bodies.items():
         if changes.keys().isdisjoint(moment_names) or not {*moment_names} <= values.keys():
             continue
@@ -198,9 +205,10 @@ def _refuse_impossible(
 
 
 def after_start(names: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return p, or None after a start, and the arguments of these names.
+    """Return (p, *arguments) of a call by q and p, (None, *arguments) of a call by a start.
 
-    Raises InputError for another number of arguments.
+    ``arguments`` are those without a name after the first, ``names`` is such as "dq, dp". Raises
+    InputError for another number of arguments.
     """
     count = len(names.split(", "))
     if len(arguments) == count:
@@ -262,7 +270,7 @@ def _rows_of_start(stepper: Evaluation, start: Start, parameter_sets: Any) -> St
     if isinstance(parameter_sets, Sequence) and all(
             isinstance(own_parameters, Mapping) for own_parameters in parameter_sets):
         parameter_rows = [start_parameters(stepper.parameter_domains, start, own_parameters)
-                  for own_parameters in parameter_sets]
+                          for own_parameters in parameter_sets]
         size = len(parameter_rows)
     else:
         parameter_rows = start_parameters(stepper.parameter_domains, start, parameter_sets)
@@ -278,30 +286,38 @@ def _rows_of_start(stepper: Evaluation, start: Start, parameter_sets: Any) -> St
 def _rows_on_constraints(
     stepper: Evaluation, q: Array, p: Array, parameters: Any, t: Any
 ) -> tuple[Array, Array]:
-    """Return rows of q and p of a model's start, each moved onto its constraints.
+    """Return rows of q and p, (rows, n) each, of a model's start, moved onto their constraints.
 
-    These depend on the parameters and the time of the row. One projection serves all rows if
+    Constraints depend on the parameters and the time of the row. One projection serves all rows if
     nothing that constraints depend on differs between them.
     """
-    size, deciding = len(q), stepper.manifest.system.start_parameters
+    size, constraint_parameters = len(q), stepper.manifest.system.start_parameters
     if isinstance(parameters, list):
         varied = any(row.get(name) != parameters[0].get(name)
-                     for name in deciding for row in parameters)
+                     for name in constraint_parameters for row in parameters)
     else:
-        varied = any(np.ndim(parameters.get(name, 0.0)) for name in deciding)
+        varied = any(np.ndim(parameters.get(name, 0.0)) for name in constraint_parameters)
     varied = varied or bool(np.ndim(t) and stepper.binding.is_timed)
     times = np.broadcast_to(np.asarray(t, dtype=object), size)
-    projected_starts = [moved_onto_constraints(
-        stepper, q[i], p[i], parameters[i] if isinstance(parameters, list)
-        else _row(parameters, i, size), times[i]) for i in range(size if varied else 1)]
-    if change := next((change for *_, change in projected_starts if change), ""):
-        warn(change)
-    q_rows, p_rows = (np.array([row[k] for row in projected_starts]) for k in (0, 1))
-    return np.broadcast_to(q_rows, q.shape), np.broadcast_to(p_rows, p.shape)
+    q_rows, p_rows, moves = [], [], []
+    for i in range(size if varied else 1):
+        row_parameters = (parameters[i] if isinstance(parameters, list)
+                          else _row(parameters, i, size))
+        q_row, p_row, move = moved_onto_constraints(stepper, q[i], p[i], row_parameters, times[i])
+        q_rows.append(q_row)
+        p_rows.append(p_row)
+        moves.append(move)
+    if any(moves):  # one warning, of the first row that has moved
+        warn(next(filter(None, moves)))
+    return (np.broadcast_to(np.array(q_rows), q.shape),
+            np.broadcast_to(np.array(p_rows), p.shape))
 
 
 def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
-    """Return the parameters of one trajectory, of numbers and columns."""
+    """Return the parameters of trajectory i of ``size``, from numbers and columns (size,).
+
+    Raises InputError for a column of another length.
+    """
     for name, column in columns.items():
         if np.ndim(column) and np.shape(column) != (size,):
             raise InputError(f"Parameter {name} has shape {np.shape(column)}; give one number or "
@@ -312,16 +328,21 @@ def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
 def steps_of_all(
     steps: Any, t_end: Any, t: Any, dt: Any, *, whole_steps: bool = True
 ) -> tuple[int, list[Fraction]]:
-    """Return the number of whole steps of an ensemble, and what is left of a step up to t_end.
+    """Return the number of whole steps of an ensemble, and the times from there to t_end.
 
-    The remainders are one for all trajectories, or one for each; 0 with ``whole_steps``. Raises
-    the errors of ``step_count``, and InputError if trajectories need different numbers of steps.
+    t and dt are numbers, or arrays with an entry for each trajectory. The list has one time for all
+    trajectories, or one for each; with ``whole_steps`` they are 0. Raises the errors of
+    ``step_count``, and InputError if trajectories need different numbers of steps.
     """
+    # (t, dt) of each trajectory; without t_end they do not count
     starts_and_steps = [(0.0, dt)] if t_end is None else [
         *np.broadcast(np.asarray(t, dtype=object), np.asarray(dt, dtype=object))]
-    spans = [(step_count(steps, t_end, *start_and_step), Fraction(0))
-             if whole_steps or t_end is None
-             else span_of(steps, t_end, *start_and_step) for start_and_step in starts_and_steps]
+    spans: list[tuple[int, Fraction]] = []
+    for start_time, step in starts_and_steps:
+        if whole_steps or t_end is None:
+            spans.append((step_count(steps, t_end, start_time, step), Fraction(0)))
+        else:
+            spans.append(span_of(steps, t_end, start_time, step))
     if len({(count, bool(remainder)) for count, remainder in spans}) > 1:
         totals = [count + bool(remainder) for count, remainder in spans]
         low, high = min(totals), max(totals)

@@ -32,32 +32,35 @@ __all__ = ["FIRST_STEPS", "ChunkSize", "advance_and_detect", "course", "ended_at
 #: Takes steps as ``Binding.integrate`` does.
 StepOn = Callable[[RunConstants, int, int, RunState, Rows], int]
 
-#: Steps between two looks at the progress bar and at signals: at first, at most.
+#: Steps of the first chunk, and of a chunk at most: between chunks signals and progress are polled.
 FIRST_STEPS, _CHUNK = 16, 4096
-#: The same, where what is seen between is looked at: that takes a while for a piece.
+#: Steps of a chunk at most, where events are sought in its states after it.
 _CHUNK_WITH_EVENTS = 2**14
-#: Seconds between two looks, where a step does not take longer.
-_LOOK = 0.1
+#: Seconds that a chunk takes, where a step does not take longer.
+_CHUNK_SECONDS = 0.1
 
 
 class ChunkSize:
-    """How many steps compiled code does between two looks at signals: some tenths of a second.
+    """Number of steps that compiled code takes between two polls of signals: some 0.1 s of them.
 
-    CPU seconds of this thread, unless ``clock`` says otherwise: a machine that is busy elsewhere
+    The time is CPU time of this thread, unless there is another ``clock``: load of the machine
     changes nothing.
     """
 
     def __init__(
         self, has_events: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
-        """Begin with few steps; with events a chunk has fewer at most, as its states are kept."""
+        """Begin with few steps; the largest chunk depends on whether events are sought."""
         self._clock = clock or thread_seconds
         self._largest = _CHUNK_WITH_EVENTS if has_events else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
         self._began: float | None = None
 
     def begin(self, remaining: int | None = None) -> int:
-        """Return how many steps to do at most; the clock runs, unless no more are ``remaining``."""
+        """Return the largest number of steps of the next chunk, and start the clock.
+
+        The clock does not run for the last chunk, which no other one follows.
+        """
         self._began = None if remaining is not None and remaining <= self.most else self._clock()
         return self.most
 
@@ -66,9 +69,10 @@ class ChunkSize:
         if self._began is None:
             return
         seconds = self._clock() - self._began
-        if seconds > _LOOK:
-            self.most = max(1, int(steps * _LOOK / seconds))
-        elif 2 * steps > self.most and seconds < _LOOK / 2:  # whole multiples of ``every`` fit in
+        if seconds > _CHUNK_SECONDS:
+            self.most = max(1, int(steps * _CHUNK_SECONDS / seconds))
+        # a chunk of whole multiples of ``every`` may have taken fewer steps than it might have
+        elif 2 * steps > self.most and seconds < _CHUNK_SECONDS / 2:
             self.most = min(2 * self.most, self._largest)
 
 
@@ -91,7 +95,7 @@ def integrate(
     Stopped
         After Ctrl-C, with everything computed until then.
     """
-    # One step is done or not: there is nothing to lose.
+    # a single step is not interrupted: there are no states before it to return
     with catch_ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
         trajectory, status, state = course(binding, manifest, run, lambda: interrupts.requested,
                                            progress, observer, constants)
@@ -102,7 +106,10 @@ def finished(
     binding: Binding, manifest: Manifest, run: RunArguments, trajectory: Trajectory, status: int,
     state: RunState, interrupts: Interrupts,
 ) -> Trajectory:
-    """Return a trajectory that came to its end, or raise the error of one that did not."""
+    """Return a trajectory that came to its end, or raise StepFailed or Stopped.
+
+    ``status`` is the C's, 0 for success; ``state`` the last state, from which a step failed.
+    """
     if status:
         report = trajectory.report
         diagnosis = diagnose(binding, manifest, run.at_step(report.steps), status, state.q, state.p,
@@ -129,7 +136,7 @@ def course(
     """Return the trajectory of a run, its status (0, or that of a failed step) and its last state.
 
     The run goes up to its end, to a step that fails, to the event that ends it, or until
-    ``stop()`` is true.
+    ``stop()`` is true, which is called between chunks.
     """
     # how many steps an open end takes is not known: ``fill`` makes room as they come
     rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
@@ -137,7 +144,7 @@ def course(
     state = RunState.at_start(binding, run.q, run.p, binding.works.take())
     if (observer is None and progress is None and run.stored_steps is None
             and 0 < run.steps <= FIRST_STEPS and not run.steps % run.every and not stop()):
-        # what ``fill`` does of a run that is one piece
+        # a run of one chunk, without the bookkeeping of ``fill``: it takes microseconds
         status = binding.integrate(constants or run.constants(binding), run.steps, run.every, state,
                                    rows, 1)
     elif observer is None:
@@ -146,7 +153,7 @@ def course(
         status, rows = fill(binding, run, rows, state,
                             lambda: observer.end is not None or stop(), progress, observer.advance)
         observer.close(state)
-        if observer.end is not None:  # a step that fails behind it is none of the run's
+        if observer.end is not None:  # a step that fails after the end is none of the run's
             status = 0
     binding.works.give_back(state.work)
     trajectory = trajectory_of(binding, manifest, run, rows, state.record, state.q, state.p)
@@ -164,7 +171,8 @@ def fill(
     """
     constants, pace = run.constants(binding), ChunkSize(step_on is not None)
     status = 0
-    if not run.steps or step_on is not None or stop():  # else the first steps start the record
+    # 0 steps initialise record and work memory, which the first steps otherwise do
+    if not run.steps or step_on is not None or stop():
         status = binding.integrate(constants, 0, 1, state, rows[:0])
     step_on = step_on or binding.integrate
     while state.steps < run.steps and status == 0 and not stop():
@@ -196,10 +204,13 @@ def advance_and_detect(
     detector: EventDetector, binding: Binding, constants: RunConstants, steps: int, every: int,
     state: RunState, rows: Rows,
 ) -> int:
-    """Advance as ``binding.integrate`` does, with an event detector on every state."""
+    """Advance as ``binding.integrate`` does, and pass every state to an event detector.
+
+    ``rows`` get each ``every``-th state; the status is returned.
+    """
     first_step, start = state.steps, (state.q.copy(), state.p.copy())
     visited = rows if every == 1 else detector.scratch_rows(steps)
-    # every state is seen, also those between two stored ones
+    # events are sought in every state, also between two stored ones
     status = binding.integrate(constants, steps, 1, state, visited)
     count = state.steps - first_step
     detector.detect(first_step, start[0][None], start[1][None])
@@ -226,9 +237,10 @@ def next_chunk(
 ) -> tuple[int, int]:
     """Return (steps, every) of the next call of compiled code, after ``step_count`` steps.
 
-    At most ``limit`` steps at once, and ``rows`` stored states if given; the last step of the run
-    is stored, too. A call stores whole multiples of ``run.every``; if one of these takes more steps
-    than a call may, its pieces are stored in its row one after another, and the last one stays.
+    A call takes at most ``limit`` steps, and stores at most ``rows`` states, unless None; the last
+    state of the run is stored, too. A call stores each ``run.every``-th state; if there are more
+    steps between two stored states than a call may take, the states after its pieces are stored in
+    one row one after another, and the last one stays.
     """
     remaining = run.steps - step_count
     to_row = min(run.every - step_count % run.every, remaining)
@@ -240,6 +252,7 @@ def next_chunk(
         piece_steps = min(to_row, limit)
         return piece_steps, piece_steps
     count = limit // run.every if rows is None else min(limit // run.every, rows)
+    # a remainder of the run that is shorter than ``every`` takes a call of its own
     return min(run.every * count, remaining - remaining % run.every), run.every
 
 
@@ -249,9 +262,9 @@ def trajectory_of(
 ) -> Trajectory:
     """Return the trajectory of rows that were filled, which are read when they are asked for.
 
-    ``record``, q and p are those of the last state, for the report. Nothing is copied.
+    ``record``, q and p are of the last state, for the report. Nothing is copied.
     """
-    own_parameters = run.parameters.copy()  # those of the trajectory are its owner's
+    own_parameters = run.parameters.copy()  # a user may change the trajectory's dict
 
     def states() -> States:
         """Return the rows that are filled when this is called first."""
