@@ -100,12 +100,15 @@ class Section:
     def _quantity(self, column: int) -> Array:
         """Return a quantity at each point, with the parameters of the point's trajectory."""
         binding = self._stepper.binding
-        quantity, t = np.empty_like(self.q[:, 0]), self.t.astype(binding.dtype)
+        quantity, t, q, p = (np.empty_like(self.q[:, 0]), self.t.astype(binding.dtype), self.q,
+                             self.p)
+        if binding.clocked:  # C has the time among q; quantities do not depend on its momentum
+            q, p = np.column_stack([q, t]), np.column_stack([p, 0 * t])
         ends = np.searchsorted(self.trajectory, np.arange(len(self._parameters) + 1))
         for parameters, start, end in zip(self._parameters, ends[:-1], ends[1:], strict=True):
             points = slice(start, end)
             quantity[points] = binding.quantities(binding.parameters(parameters), t[points],
-                                                  self.q[points], self.p[points])[:, column]
+                                                  q[points], p[points])[:, column]
         return quantity
 
     def plot(self, x: str, y: str, path: str | os.PathLike[str] | None = None) -> Any:
@@ -153,8 +156,10 @@ def section(
         count, _ = steps_of_all(steps, t_end, state.t, step)
         span = {"steps": count, "every": max(count, 1)}
     # crossings are found in every step, stored or not
+    begin = Start(state.q, state.p, t=state.t)
+    begin._excess = state.excess
     ensemble = stepper.integrate_ensemble(
-        Start(state.q, state.p, t=state.t), dt=dt, dtau=dtau, **span,
+        begin, dt=dt, dtau=dtau, **span,
         parameters=state.parameters, solver=solver, workers=workers, events=event,
         tangents=tangents, progress=progress)
     crossings = [ensemble.events[event.name][i] for i in range(len(ensemble))]

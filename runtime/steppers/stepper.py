@@ -172,7 +172,8 @@ class Stepper(Dynamics):
             state = changed(state, parameters={name: value for name, value in as_mapping(
                 "parameters", state.parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names})
-        arguments = (dt, solver, state.parameters)
+        # the names of inputs are compared too: a call without them does not hold the last ones
+        arguments = (dt, solver, input_rows is None, state.parameters)
         # one for each thread: threads share a stepper, and not the memory of its solver
         previous_step: ContinuedStep | None = getattr(self._local, "previous_step", None)
         # gone until this step has succeeded: a step that fails leaves no memory to go on from

@@ -453,3 +453,16 @@ def test_a_section_takes_steps_of_scaled_time(span):
     assert np.abs(found.q - [0.4, 0]).max() < 1e-7
     with pytest.raises(gs.InputError, match="dtau"):
         gs.section(step, start, event=event, dt=0.2, parameters={"k": 1.0}, **span)
+
+
+def test_points_of_a_section_know_their_time_and_the_energy_of_their_start():
+    """A quantity of q and t, and a start whose H + e is an earlier run's error."""
+    step, numbers = stepper("scaled_pendulum"), case("scaled_pendulum")
+    start = timed_start("scaled_pendulum", step).replace(parameters=numbers.parameters)
+    event, span = gs.Event("x", direction=1), {"dtau": numbers.dt, "steps": 200}
+    later = step.integrate(start, dtau=numbers.dt, steps=20)[-1]
+    points = gs.section(step, [start, later], event=event, **span)
+    alone = [step.integrate(begin, events=event, **span).events["x"].t for begin in (start, later)]
+    assert np.abs(points.t - np.concatenate(alone)).max() < 1e-11
+    along = points.values("x") * np.cos(points.t) + points.values("y")
+    assert np.abs(points.values("along") - along).max() < 1e-15

@@ -86,6 +86,15 @@ def test_time_goes_on_with_the_steps():
     assert np.array_equal(anew[0], alone.q[-1])
 
 
+def test_inputs_of_one_call_are_not_those_of_the_next():
+    step = systems.stepper("pushed_pendulum")
+    q, p = systems.start("pushed_pendulum", step)
+    numbers = {"dt": 0.02, "parameters": {"k": 2.0}}
+    q, p = step.step(q, p, inputs={"push": 0.5, "pull": -0.2}, **numbers)
+    with pytest.raises(gs.InputError, match="push"):
+        step.step(q, p, **numbers)
+
+
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_failed_call_holds_nothing(gl3):
     loop(gl3, 3)
