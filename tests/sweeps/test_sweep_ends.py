@@ -118,15 +118,16 @@ def test_no_scheduler_answers(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_tile_that_kills_every_worker_is_left_and_done_later(tmp_path):
+def test_a_tile_that_kills_every_worker_is_left_and_done_later(tmp_path, monkeypatch):
     """All others are done, whatever the scheduler blames for the deaths."""
-    path = study_file(tmp_path, STUDY.replace("count = 40", "count = 400"))
-    study = load_study(path).study
+    monkeypatch.setattr(tiles, "_LEAST_STORED", WORK)
+    study = load_study(study_file(tmp_path)).study
+    every = {tile.place for tile in tiles.tiles_of(study)}
+    assert (1, 0) in every
     run_study(study, out=tmp_path / "threads.zarr")
-    said = on_a_cluster(tmp_path, "deadly")
+    said = on_a_cluster(tmp_path, "deadly", KILLING_WORK=str(WORK))
     assert "Workers died" in said
     assert "--resume" in said
-    every = {tile.place for tile in tiles.tiles_of(study)}
     assert every - done_tiles(tmp_path / "cluster.zarr") == {(1, 0)}
     run_study(study, out=tmp_path / "cluster.zarr", resume=True)
     assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
