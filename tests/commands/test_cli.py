@@ -719,19 +719,3 @@ def test_help_of_run_lists_every_option_once_under_a_heading(gyrospark):
     assert len(headings) >= 5
     for word in (".urdf", "ignore=", "base=floating"):
         assert word in said
-
-
-def test_a_run_in_which_nothing_moves_says_so(gyrospark, tmp_path):
-    """A robot that hangs, at rest; not one that is turned, or has a speed, or a top that stands."""
-    robot = tmp_path / "arm.urdf"
-    robot.write_text(
-        '<robot name="arm"><link name="base"/><link name="bar"><inertial><origin xyz="0 0 -0.5"/>'
-        '<mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
-        '</inertial></link><joint name="elbow" type="continuous"><parent link="base"/>'
-        '<child link="bar"/><axis xyz="1 0 0"/></joint></robot>', encoding="utf-8")
-    how = ("--scheme", "IMS", "--dt", "1e-2", "--steps", "20", "--json")
-    assert "elbow" not in (said := gyrospark("run", robot, *how).stderr)
-    assert "JOINT.rate" in said
-    for setting in ("elbow=0.1", "elbow.rate=0.1"):
-        assert gyrospark("run", robot, *how, "--set", setting).stderr == ""
-    assert gyrospark("run", "fast-top", *how[:2], "--dt", "1e-3", *how[4:]).stderr == ""

@@ -18,7 +18,7 @@ TWO = ("--scheme", "G-L", "--stages", "2")
 
 
 @pytest.mark.parametrize("name", [
-    name if name == "lagrange_top"
+    name if name == "double_top"
     else pytest.param(name, marks=pytest.mark.slow) for name in MODELS])
 def test_every_model_runs_by_its_name(name, gyrospark):
     """With its own dt; the same bits as from Python."""
@@ -37,7 +37,7 @@ def test_every_model_runs_by_its_name(name, gyrospark):
 
 def test_a_model_that_ran_needs_no_sympy(gyrospark):
     """By its name, and by its file."""
-    models = ["lagrange-top", str(PENDULUM)]
+    models = ["double-top", str(PENDULUM)]
     for model in models:
         gyrospark("run", model, *TWO, "--steps", "1")
     code = (f"import sys\nfrom gyrospark.commands import main\nfor model in {models}:\n"
@@ -177,7 +177,7 @@ def test_what_depends_on_a_setting_follows(gyrospark, tmp_path):
 def test_settings_that_do_not_fit_are_refused(setting, fragments, gyrospark, tmp_path):
     path = tmp_path / "settled.toml"
     path.write_text(FILE, encoding="utf-8")
-    refused(gyrospark("run", path, "--scheme", "IMS", "--set", setting), *fragments)
+    refused(gyrospark("run", path, *TWO, "--set", setting), *fragments)
 
 
 @pytest.mark.slow  # the derivation of two bodies

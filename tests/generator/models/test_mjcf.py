@@ -471,7 +471,10 @@ def test_bad_starts_are_refused(tmp_path, options, said):
 
 
 def test_the_command_runs_it(tmp_path, gyrospark):
-    """An actuator is an input, the keyframe a setting; what is wrong ends in one line."""
+    """An actuator is an input, the keyframe a setting; what is wrong ends in one line.
+
+    Where nothing moves, for the robot hangs at rest and no input turns it, this is said.
+    """
     path = written(tmp_path, hinged(
         '<geom size=".1" pos="0 0 -.3"/>', '<joint name="b" axis="0 1 0"/>',
         after='<actuator><motor name="b" joint="b"/></actuator>'
@@ -482,6 +485,9 @@ def test_the_command_runs_it(tmp_path, gyrospark):
     document = done.document
     assert document["parameters"]["b"] == 2
     assert document["quantities"]["b_angle"] == pytest.approx(0.5 + 2 * 5 * 0.002, rel=1e-2)
+    assert "JOINT.rate" in gyrospark(*run).stderr
+    for setting in ("b=0.1", "b.rate=0.1"):
+        assert gyrospark(*run, "--set", setting).stderr == ""
     for setting, said in (("keyframe=x", "'x'"), ("i=3", "'i'"), ("ignore=all the rest", "limits")):
         failed = gyrospark(*run, "--set", setting)
         assert failed.code == 2
