@@ -152,27 +152,36 @@ class HamiltonianTerms:
 
         An addend, derived or original, that contains terms of two regions joins them.
         """
+        derived = self._derived_addends()
         original = list(split(self.forms, self.H, self._is_irreducible))
-        both_addends = [self._derived_addends(), original]
         node_of = self._nodes(moving)
-        # the nodes of each addend, derived and original: regions are what these connect
-        nodes_of = [[frozenset(node_of(m) for m in terms if not is_constant(m))
-                     for _, terms in addends] for addends in both_addends]
-        regions = connected(nodes for node_sets in nodes_of for nodes in node_sets)
+
+        def nodes_of(addend: Addend) -> frozenset[int]:
+            """Return the nodes of the terms of an addend; none of a constant."""
+            return frozenset(node_of(m) for m in addend.terms if not is_constant(m))
+
+        regions = connected(map(nodes_of, [*derived, *original]))
         region_of = {node: i for i, region in enumerate(regions) for node in region}
         terms: list[Terms] = [{} for _ in regions]
         for m, a in moving.items():
             terms[region_of[node_of(m)]][m] = a
-        addends_of: list[tuple[list[Addend], list[Addend]]] = [([], []) for _ in regions]
-        for kind, (addends, node_sets) in enumerate(zip(both_addends, nodes_of, strict=True)):
-            for addend, nodes in zip(addends, node_sets, strict=True):
-                if nodes:  # constants belong to no region
-                    addends_of[region_of[min(nodes)]][kind].append(addend)
-        for region_terms, (derived, original) in zip(terms, addends_of, strict=True):
-            yield region_terms, derived, original
+
+        def by_region(addends: Iterable[Addend]) -> list[list[Addend]]:
+            """Return the addends of each region; constants belong to none."""
+            addends_of: list[list[Addend]] = [[] for _ in regions]
+            for addend in addends:
+                nodes = nodes_of(addend)
+                if nodes:
+                    addends_of[region_of[min(nodes)]].append(addend)
+            return addends_of
+
+        yield from zip(terms, by_region(derived), by_region(original), strict=True)
 
     def _nodes(self, moving: Terms) -> Callable[[Monomial], int]:
-        """Return a function term → number; coupled terms have the same number."""
+        """Return a function term → number; coupled terms have the same number.
+
+        Kinetic blocks have the numbers below n, groups of blocks of potentials those from n on.
+        """
         n = len(self.support.p)
         groups = connected(self.support.blocks(m) for m in moving if not self.support(m)[0])
         group_of = {a: n + min(group) for group in groups for a in group}
@@ -214,12 +223,16 @@ class HamiltonianTerms:
         potential: Terms = {}
         constant: Terms = {}
         for m, a in remainder.items():
-            kind = kinetic[self.support.kinetic_block(m)] if self.support(m)[0] else (
-                constant if is_constant(m) else potential)
-            kind[m] = a
-        addends += [Addend(self.forms.short(kind), kind) for kind in kinetic.values()]
-        for kind in self._potentials(potential):
-            potential_addends, constant = self._potential(kind, constant)
+            if self.support(m)[0]:
+                kinetic[self.support.kinetic_block(m)][m] = a
+            elif is_constant(m):
+                constant[m] = a
+            else:
+                potential[m] = a
+        addends += [Addend(self.forms.short(terms), terms) for terms in kinetic.values()]
+        # each potential takes a share of the constant, and leaves the others to the next
+        for terms in self._potentials(potential):
+            potential_addends, constant = self._potential(terms, constant)
             addends += potential_addends
         return addends
 
@@ -249,14 +262,18 @@ class HamiltonianTerms:
         addends = [self._with_terms(sp.Mul(term(constants, a), sp.Add(*sums)))
                    for (constants, a, _), sums in by_factor.items()]
         with_powers = self._bundles(addends, remainder)
-        if powers and all(base.is_Symbol for m in terms for base, _ in m):
+        is_polynomial = all(base.is_Symbol for m in terms for base, _ in m)
+        if powers and is_polynomial:
             without_powers = self._bundles([], total_of(terms, constant))
             if costs_less([total(without_powers[0])], [total(with_powers[0])]):
                 return without_powers
         return with_powers
 
     def _bundles(self, addends: list[Addend], terms: Terms) -> tuple[list[Addend], Terms]:
-        """Return ``addends`` and the addends of ``terms``, and the unused part of the constant."""
+        """Return ``addends`` and the addends of ``terms``, and the unused part of the constant.
+
+        Terms with the same classes of coordinates are a bundle, which becomes one addend or two.
+        """
         bundles: dict[Hashable, Terms] = defaultdict(dict)
         constant = {m: a for m, a in terms.items() if is_constant(m)}
         for m, a in terms.items():
@@ -285,6 +302,7 @@ class HamiltonianTerms:
         return list(parts.values())
 
     def _is_linear(self, m: Monomial) -> bool:
+        """Whether the variable factors of a term are one symbol to the power 1."""
         return [(x.is_Symbol, n) for x, n in self.forms.compact.split(m)[0]] == [(True, 1)]
 
     def _bundle(self, terms: Terms, constant: Terms) -> tuple[Addend, Terms]:
@@ -297,13 +315,15 @@ class HamiltonianTerms:
         outer, factor, inner = without_common(terms)
         root, remainder = square_root(inner)
         completion = {merged(outer, m)[0]: -a * factor for m, a in remainder.items()}
+        # the share a of a term b of the constant: 0 < a/b ≤ 1; a missing term gives a/(−a) = −1
         if root and all(0 < quotient(a, constant.get(m, -a)) <= 1 for m, a in completion.items()):
-            e = sp.Mul(term(outer, factor), self.forms.short(root) ** 2)
-            return Addend(e, total_of(terms, completion)), total_of(constant,
-                                                                    scaled(completion, -1))
+            square = sp.Mul(term(outer, factor), self.forms.short(root) ** 2)
+            unused = total_of(constant, scaled(completion, -1))
+            return Addend(square, total_of(terms, completion)), unused
         return Addend(self.forms.short(terms), terms), constant
 
     def _with_terms(self, e: sp.Expr) -> Addend:
+        """Return an expression as an addend."""
         return Addend(e, self.forms.terms(e))
 
 
@@ -325,6 +345,14 @@ class ForceTerms:
         Summands that share a set of classes are selected together. For the joints of a chain they
         are equal up to the names of symbols: their addends are derived once.
         """
+        addends: list[list[sp.Expr]] = [[] for _ in self.F]
+        for group in self._groups():
+            for row, e in zip(group, self._rows_of(list(group.values())), strict=True):
+                addends[row].append(e)
+        return [sp.Add(*row_addends) for row_addends in addends]
+
+    def _groups(self) -> Iterable[dict[int, list[sp.Expr]]]:
+        """Return groups of summands of F, row → summands, that share sets of classes."""
         summands = [(row, e) for row, f in enumerate(self.F) for e in sp.Add.make_args(f)]
         # each set of classes has a number, so that ``connected`` joins summands that share a set
         numbers: dict[frozenset[int], int] = {}
@@ -332,16 +360,11 @@ class ForceTerms:
                        for _, e in summands]
         group_of = {number: i for i, group in enumerate(connected(set_numbers))
                     for number in group}
-        # group → row of F → summands
         groups: dict[int, dict[int, list[sp.Expr]]] = defaultdict(lambda: defaultdict(list))
         for (row, e), sets in zip(summands, set_numbers, strict=True):
-            if sets:
+            if sets:  # a summand that is 0 has no terms
                 groups[group_of[min(sets)]][row].append(e)
-        addends: list[list[sp.Expr]] = [[] for _ in self.F]
-        for group in groups.values():
-            for row, e in zip(group, self._rows_of(list(group.values())), strict=True):
-                addends[row].append(e)
-        return [sp.Add(*row_addends) for row_addends in addends]
+        return groups.values()
 
     def _classes_in(self, e: sp.Expr) -> Iterator[frozenset[int]]:
         """Yield, for each term of an expression, the set of classes of coordinates in it."""
@@ -375,6 +398,7 @@ class ForceTerms:
 
         One kind of addends is selected for all rows together, as rows share subexpressions.
         """
+        # set of classes → row → terms, and → addends
         derived: dict[Hashable, dict[int, Terms]] = defaultdict(lambda: defaultdict(dict))
         original: dict[Hashable, dict[int, list[Addend]]] = defaultdict(lambda: defaultdict(list))
         for row, row_summands in enumerate(summands):
@@ -403,4 +427,5 @@ class ForceTerms:
         return original_rows if is_cheaper else derived_rows
 
     def _is_irreducible(self, terms: Terms) -> bool:
+        """Whether all terms have the same set of classes."""
         return len(set(map(self.support.classes, terms))) <= 1

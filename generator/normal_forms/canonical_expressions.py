@@ -80,6 +80,7 @@ class CanonicalForms:
         renaming = local_names(symbols_in(terms))
 
         def renamed(m: Monomial) -> Monomial:
+            """Return a monomial in local symbols; an exponent may contain symbols, too."""
             return frozenset((base.xreplace(renaming),
                               n if isinstance(n, int) else n.xreplace(renaming)) for base, n in m)
 
@@ -103,6 +104,7 @@ class CanonicalForms:
                 shortest = self.compact(terms)
         except TooLongError:
             shortest = expression_of(terms)
+        # exponents with symbols are sums of terms: these are shortened, too
         powers = [x for x in shortest.atoms(sp.Pow, sp.exp) if not x.exp.is_Rational]
         return shortest.xreplace({x: x.as_base_exp()[0] ** self.expression(x.exp) for x in powers})
 
@@ -126,8 +128,9 @@ class CanonicalForms:
         base, exponent = self.expression(base), self.expression(exponent)
         if not (base.is_Add and exponent.is_Integer):
             return base**exponent
+        n = int(exponent)
         factor, coprime_sum = primitive(base)
-        factor, n = quotient(Fraction(factor) ** int(exponent), 1), int(exponent)
+        factor = quotient(Fraction(factor) ** n, 1)
         # 2ⁿ (x y)ⁿ becomes (2 x y)ⁿ, as in ``common_factors.doubled``
         if n > 0 and factor.numerator % 2**n == 0 and all(map(is_bilinear, coprime_sum.args)):
             factor, coprime_sum = quotient(factor, 2**n), 2 * coprime_sum

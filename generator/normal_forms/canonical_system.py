@@ -38,43 +38,73 @@ def canonical(system: System) -> System:
 
     Symbols are ordered by their indices in q, p and the parameters, not by their names.
     """
-    variables = (*system.q, *system.p, *filter(None, (system.time,)))
-    placeholders = {
-        x: placeholder(index, symbols is variables, frozenset(x.assumptions0.items()))
-        for symbols in (variables, system.parameters) for index, x in enumerate(symbols)}
-    symbol_of = {stand_in: x for x, stand_in in placeholders.items()}
-    forms = CanonicalForms()
-
-    def with_symbols(e: sp.Expr, original: sp.Expr) -> sp.Expr:
-        return substitute([with_floats(e, original)], symbol_of)[0]
-
-    def canonical_expression(e: sp.Expr) -> sp.Expr:
-        return with_symbols(forms.expression(substitute([e], placeholders)[0]), e)
-
-    v = system.velocities
-    velocity_constraints = tuple(  # A v + a
-        sp.Add(canonical_expression(affine),
-               *(canonical_expression(e) * x for e, x in zip(row, v, strict=True)))
-        for row, affine in zip(system.A, system.a, strict=True))
-    g = tuple(map(canonical_expression, system.constraints))
+    forms = _SystemForms(system)
+    g = tuple(map(forms.expression, system.constraints))
+    velocity_constraints = forms.velocity_constraints()
     # T keeps its original form: expanded, it would lose its short sums of velocities
     if isinstance(system, LagrangianSystem):
         return replace(system, constraints=g, velocity_constraints=velocity_constraints)
-    q, p = ([placeholders[x] for x in symbols] for symbols in (system.q, system.p))
-    hamiltonian, *forces = substitute([system.H, *system.forces], placeholders)
-    H = HamiltonianTerms(forms, q, p, hamiltonian)
-    F = ForceTerms(forms, H.support, forces)
+    H, forces = forms.hamiltonian_and_forces()
     return replace(
         system,
-        H=with_symbols(H.sum(), system.H),
+        H=H,
         constraints=g,
         velocity_constraints=velocity_constraints,
-        forces=tuple(with_symbols(e, original)
-                     for e, original in zip(F.rows(), system.forces, strict=True)),
-        quantities={name: canonical_expression(e) for name, e in system.quantities.items()},
-        time_scale=(None if system.time_scale is None
-                    else canonical_expression(system.time_scale)),
+        forces=forces,
+        quantities={name: forms.expression(e) for name, e in system.quantities.items()},
+        time_scale=None if system.time_scale is None else forms.expression(system.time_scale),
     )
+
+
+class _SystemForms:
+    """Canonical forms of the expressions of a system, in its symbols.
+
+    They are derived in placeholders, whose order is the order of the symbols in q, p, t and the
+    parameters.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Number the variables q, p, t, and the parameters, from 0 each."""
+        self.system = system
+        variables = (*system.q, *system.p, *filter(None, (system.time,)))
+        self.placeholders: dict[sp.Symbol, sp.Symbol] = {}
+        for symbols, is_variable in ((variables, True), (system.parameters, False)):
+            for index, x in enumerate(symbols):
+                self.placeholders[x] = placeholder(index, is_variable,
+                                                   frozenset(x.assumptions0.items()))
+        self.symbol_of = {stand_in: x for x, stand_in in self.placeholders.items()}
+        self.forms = CanonicalForms()
+
+    def with_symbols(self, e: sp.Expr, original: sp.Expr) -> sp.Expr:
+        """Return e in the symbols of the system, with decimals if the original has some."""
+        return substitute([with_floats(e, original)], self.symbol_of)[0]
+
+    def expression(self, e: sp.Expr) -> sp.Expr:
+        """Return the canonical form of an expression as a whole."""
+        in_placeholders, = substitute([e], self.placeholders)
+        return self.with_symbols(self.forms.expression(in_placeholders), e)
+
+    def velocity_constraints(self) -> tuple[sp.Expr, ...]:
+        """Return the velocity constraints A v + a, with each entry of A and a canonical."""
+        system = self.system
+        constraints: list[sp.Expr] = []
+        for row, affine in zip(system.A, system.a, strict=True):
+            terms = [self.expression(affine)]
+            terms += [self.expression(e) * x for e, x in zip(row, system.velocities, strict=True)]
+            constraints.append(sp.Add(*terms))
+        return tuple(constraints)
+
+    def hamiltonian_and_forces(self) -> tuple[sp.Expr, tuple[sp.Expr, ...]]:
+        """Return H and the rows of F, split into additive terms."""
+        system = self.system
+        q, p = ([self.placeholders[x] for x in symbols] for symbols in (system.q, system.p))
+        hamiltonian, *forces = substitute([system.H, *system.forces], self.placeholders)
+        H = HamiltonianTerms(self.forms, q, p, hamiltonian)
+        # the coupling of coordinates in H decides how forces are split
+        F = ForceTerms(self.forms, H.support, forces)
+        return self.with_symbols(H.sum(), system.H), tuple(
+            self.with_symbols(e, original)
+            for e, original in zip(F.rows(), system.forces, strict=True))
 
 
 def with_floats(e: sp.Expr, original: sp.Expr) -> sp.Expr:
@@ -84,6 +114,7 @@ def with_floats(e: sp.Expr, original: sp.Expr) -> sp.Expr:
     the same in any order.
     """
     bits = max((x._prec for x in original.atoms(sp.Float)), default=0)
-    return e if not bits else e.xreplace({
-        x: sp.Float(x, precision=bits) for x in e.atoms(sp.Rational)
-        if max(abs(x.p), x.q) > _LONGEST})
+    if not bits:
+        return e
+    long_fractions = [x for x in e.atoms(sp.Rational) if max(abs(x.p), x.q) > _LONGEST]
+    return e.xreplace({x: sp.Float(x, precision=bits) for x in long_fractions})

@@ -42,8 +42,8 @@ def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
     common = dict(next(monomials))
     for m in monomials:
         powers = dict(m)
-        common = {base: power for base, n in common.items()
-                  if (power := nearer_zero(n, powers.get(base, 0))) is not None}
+        nearest = {base: nearer_zero(n, powers.get(base, 0)) for base, n in common.items()}
+        common = {base: n for base, n in nearest.items() if n is not None}
         if not common:
             break
     outer: Monomial = frozenset(common.items())
@@ -52,9 +52,10 @@ def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
                        math.lcm(*(a.denominator for a in terms.values())))
     if terms[min(terms, key=order)] < 0:
         content = -content
-    inverse_outer = inverse(outer)
-    primitive = {merged(m, inverse_outer)[0]: a for m, a in terms.items()
-                 } if inverse_outer else terms
+    primitive = terms
+    if outer:
+        inverse_outer = inverse(outer)
+        primitive = {merged(m, inverse_outer)[0]: a for m, a in terms.items()}
     return outer, content, scaled(primitive, quotient(1, content))
 
 
@@ -73,9 +74,9 @@ def doubled(factor: Number, terms: Terms, n: int = 1) -> tuple[Number, Terms]:
     2 x y stays together: it comes from (x + y)², and its derivatives share subexpressions with the
     derivatives of x².
     """
-    bilinear = all(len(m) == 2 and all(b.is_Symbol and varies(b) and k == 1 for b, k in m)
-                   for m in terms)
-    if not bilinear or factor.numerator % 2**n:
+    are_bilinear = all(len(m) == 2 and all(b.is_Symbol and varies(b) and k == 1 for b, k in m)
+                       for m in terms)
+    if not are_bilinear or factor.numerator % 2**n:  # the factor has no divisor 2ⁿ
         return factor, terms
     return quotient(factor, 2**n), scaled(terms, 2)
 
@@ -92,14 +93,18 @@ def square_root(terms: Terms) -> tuple[Terms, Terms]:
     first = None if lead is None else root_of_term(lead, terms[lead])
     if lead is None or first is None or any(not isinstance(n, int) for m in terms for _, n in m):
         return {}, terms
-    inverse_first = inverse(first[0])
-    root, remainder = dict([first]), {m: a for m, a in terms.items() if m != lead}
+    first_monomial, first_coefficient = first
+    inverse_first = inverse(first_monomial)
+    root: Terms = {first_monomial: first_coefficient}
+    remainder = {m: a for m, a in terms.items() if m != lead}
     # the square of k terms has about k²/2 terms: a longer root cannot be one of these terms
     while remainder and len(root) ** 2 <= 4 * len(terms):
         m = min(remainder, key=order)
-        next_term, a = merged(m, inverse_first)[0], quotient(remainder[m], 2 * first[1])
+        next_term, _, _ = merged(m, inverse_first)
+        a = quotient(remainder[m], 2 * first_coefficient)
         if next_term in root or any(n < 0 for _, n in next_term):
             break  # not divisible: the division would not end
+        # (r + t)² = r² + 2 r t + t² for the new term t of the root
         for root_term, b in root.items():
             add_to(remainder, merged(next_term, root_term)[0], -2 * a * b)
         add_to(remainder, merged(next_term, next_term)[0], -a * a)
@@ -129,17 +134,23 @@ def factors_of(terms: Terms) -> list[tuple[Terms, int]] | None:
     if len(terms) > _MOST_TERMS or not 0 < len(bases) <= _MOST_BASES or not all(
             isinstance(n, int) for m in terms for _, n in m):
         return None
-    # SymPy factors polynomials: negative powers wait outside
-    lowest = {base: min(0, *(dict(m).get(base, 0) for m in terms)) for base in bases}
-    coefficients = {tuple(dict(m).get(base, 0) - lowest[base] for base in bases): rational(a)
-                    for m, a in terms.items()}
+    # SymPy factors polynomials: negative powers are taken out before
+    powers_of = [dict(m) for m in terms]
+    lowest = {base: min(0, *(powers.get(base, 0) for powers in powers_of)) for base in bases}
+    coefficients = {tuple(powers.get(base, 0) - lowest[base] for base in bases): rational(a)
+                    for powers, a in zip(powers_of, terms.values(), strict=True)}
     if max(map(sum, coefficients)) > _HIGHEST_DEGREE:
         return None
     x = sp.symbols(f"_b0:{len(bases)}")
     content, factors = sp.Poly(coefficients, *x, domain=sp.QQ).factor_list()
-    if sum(n for _, n in factors) < 2:
+    if sum(n for _, n in factors) < 2:  # irreducible, but for a number
         return None
-    sums = [({frozenset((b, int(n)) for b, n in zip(bases, powers, strict=True) if n): fraction(a)
-              for powers, a in factor.terms()}, n) for factor, n in factors]
+    sums: list[tuple[Terms, int]] = []
+    for factor, n in factors:
+        factor_terms: Terms = {}
+        for exponents, a in factor.terms():
+            m = frozenset((base, int(k)) for base, k in zip(bases, exponents, strict=True) if k)
+            factor_terms[m] = fraction(a)
+        sums.append((factor_terms, n))
     denominator: Monomial = frozenset((base, n) for base, n in lowest.items() if n)
     return [*sums, ({denominator: fraction(content)}, 1)]

@@ -31,6 +31,7 @@ class CoordinateCoupling:
         """Take H of ``n`` coordinates: ``terms`` has (momenta, coordinates) of each of its terms.
         """
         pairs = list(dict.fromkeys(terms))
+        # a block has the name of its least index
         self.kinetic_block_of = {a: min(block) for block in connected([p for p, _ in pairs])
                                  for a in block}
         # coordinates that one kinetic block depends on belong together

@@ -124,11 +124,11 @@ class NormalForm:
         return product
 
     def power(self, base: Terms, n: int) -> Terms:
-        """Return a whole power."""
+        """Return baseⁿ for n ≥ 0, by repeated squaring."""
         # k terms to the power n have up to C(k + n − 1, n) terms: refuse before computing them
         self.spend(math.comb(len(base) + n - 1, n) if n <= self.allowance else n)
         power = constant(1)
-        for bit in f"{n:b}":
+        for bit in f"{n:b}":  # from the highest bit of n
             power = self._times(power, power)
             if bit == "1":
                 power = self._times(power, base)
@@ -237,6 +237,7 @@ def power_of_atom(base: sp.Expr, exponent: sp.Expr) -> Terms:
         return {frozenset([(base, plain_exponent(exponent))] if exponent != 0 else []): 1}
     if exponent.is_Integer:
         return constant(fraction(base**exponent))
+    # (Π pⁿ)^x = Π p^⌊n x⌋ Π p^(n x − ⌊n x⌋), of which the second product is of roots
     roots: dict[sp.Expr, Any] = {}
     rational_factor = sp.Integer(1)
     for prime, n in sp.factorrat(base).items():

@@ -59,13 +59,14 @@ _MOST_TERMS, _MOST_KINDS, _MOST_PRODUCTS = 400, 6, 4
 
 def products_of(terms: Terms) -> list[tuple[Terms, Terms]] | None:
     """Return the fewest pairs (f_k, h_k) with terms = Σ f_k h_k; None if there are none or > 4."""
-    if not 4 <= len(terms) <= _MOST_TERMS or not all(isinstance(n, int) for m in terms
-                                                     for _, n in m):
+    has_integer_powers = all(isinstance(n, int) for m in terms for _, n in m)
+    if not 4 <= len(terms) <= _MOST_TERMS or not has_integer_powers:
         return None
     all_kinds = kinds(terms)
     variable_kinds = [kind for kind in all_kinds if any(map(varies, kind))]
     if len(variable_kinds) < 2 or len(all_kinds) > _MOST_KINDS:
         return None
+    # all ways to divide the kinds among a and b; the first variable kind belongs to a
     other_kinds = [kind for kind in all_kinds if kind != variable_kinds[0]]
     best: list[tuple[Terms, Terms]] | None = None
     for count in range(len(other_kinds)):
@@ -90,19 +91,18 @@ def kinds(terms: Terms) -> list[frozenset[sp.Expr]]:
     system: Echelon[sp.Expr] = Echelon(base_key)
     for m in terms:
         powers = dict(m)
-        system.add({b: d for b in bases if (d := powers.get(b, 0) - first.get(b, 0))})
+        differences = {base: powers.get(base, 0) - first.get(base, 0) for base in bases}
+        system.add({base: n for base, n in differences.items() if n})
     reduced = system.reduced()
     sets = []
-    for free in bases:
-        if free not in reduced:
-            # a vector of the orthogonal complement for each column without a pivot
-            weights = {free: 1} | {pivot: -row[free]
-                                   for pivot, row in reduced.items() if free in row}
-            if any(w != 1 for w in weights.values()):
-                return []
-            sets.append(frozenset(weights))
-    disjoint = sum(map(len, sets)) == len(frozenset().union(*sets))
-    return sets if disjoint else []
+    # a vector of the orthogonal complement for each column without a pivot
+    for free in (base for base in bases if base not in reduced):
+        weights = {free: 1} | {pivot: -row[free] for pivot, row in reduced.items() if free in row}
+        if any(weight != 1 for weight in weights.values()):
+            return []
+        sets.append(frozenset(weights))
+    are_disjoint = sum(map(len, sets)) == len(frozenset().union(*sets))
+    return sets if are_disjoint else []
 
 
 def _decomposition(terms: Terms, a_bases: frozenset[sp.Expr]) -> list[tuple[Terms, Terms]]:
@@ -126,6 +126,7 @@ def squares_of(terms: Terms) -> list[tuple[Number, Terms]] | None:
     """Return pairs (a_k, s_k) with terms = Σ a_k s_k²; None if there are none."""
     if not all(isinstance(n, int) and n > 0 for m in terms for _, n in m):
         return None
+    # monomials m of the terms a m²
     roots = {frozenset((base, n // 2) for base, n in m): a for m, a in terms.items()
              if not any(n % 2 for _, n in m)}
     if not roots or len(roots) > _MOST_SQUARES or len(roots) == len(terms):
@@ -158,15 +159,23 @@ def _signs(
     Returns None if no choice of signs gives a, and no pair if several do: then other terms
     determine the sums.
     """
-    pairs = {frozenset([m, n]) for m in roots if divides(m, t)
-             and (n := merged(t, inverse(m))[0]) in roots and roots[n] == roots[m]}
+    # roots m and n with m n = t, whose squares have the same coefficient
+    pairs: set[frozenset[Monomial]] = set()
+    for m in roots:
+        if divides(m, t):
+            n, _, _ = merged(t, inverse(m))
+            if n in roots and roots[n] == roots[m]:
+                pairs.add(frozenset([m, n]))
     if len(pairs) > _MOST_ROOT_PAIRS:
         return None
     # in the order of monomials, not of sets: equal sums have equal forms in every process
     ordered = sorted((tuple(sorted(pair, key=order)) for pair in pairs),
                      key=lambda pair: tuple(map(order, pair)))
-    solutions = [signs for signs in product((-1, 0, 1), repeat=len(ordered))
-                 if sum(2 * s * roots[m] for s, (m, _) in zip(signs, ordered, strict=True)) == a]
+    solutions: list[tuple[int, ...]] = []
+    for signs in product((-1, 0, 1), repeat=len(ordered)):
+        coefficient = sum(2 * s * roots[m] for s, (m, _) in zip(signs, ordered, strict=True))
+        if coefficient == a:
+            solutions.append(signs)
     if len(solutions) != 1:
         return [] if solutions else None
     return [((m, n), s) for (m, n), s in zip(ordered, solutions[0], strict=True) if s]
@@ -250,15 +259,17 @@ class _PowerSplitter:
     ) -> bool:
         """Subtract a (r + s)ⁿ, where n a s is ``second``, if the remainder has its terms.
 
-        A coefficient of the remainder must have the sign of the subtracted one and be at least as
-        large; only the terms of a rⁿ may lack, if the number of terms does not grow.
+        ``outer`` is a, ``root`` is r. A coefficient of the remainder must have the sign of the
+        subtracted one and be at least as large; only the terms of a rⁿ may lack, if the number of
+        terms does not grow. Returns whether the power was subtracted.
         """
         m, a = outer
         shift = self.form.product([second, {inverse(m): quotient(1, n * a)}])
-        inner = total_of(root, shift)
-        terms, first = (self.form.product([{m: a}, *[e] * n]) for e in (inner, root))
+        terms = self.form.product([{m: a}, *[total_of(root, shift)] * n])
+        optional = self.form.product([{m: a}, *[root] * n])
+        # the share b of a coefficient c: 0 < b/c ≤ 1; a missing term gives b/(−b) = −1
         if not all(0 < quotient(b, self.remainder.get(k, -b)) <= 1 for k, b in terms.items()
-                   if k not in first):
+                   if k not in optional):
             return False
         remainder = total_of(self.remainder, scaled(terms, -1))
         if len(remainder) > len(self.remainder):
@@ -317,26 +328,39 @@ class _PowerSplitter:
     # ------------------------------------------------------------ squares of p + A
 
     def take_completed(self, momenta: frozenset[sp.Symbol]) -> None:
-        """Subtract a (p + A)², where A depends on no momenta."""
+        """Subtract a (p + A)², where A depends on no momenta, for each p with such terms."""
         terms_with: dict[sp.Symbol, list[Monomial]] = defaultdict(list)
         for m in self.remainder:
             for x in {x for base, _ in m for x in base.free_symbols & momenta}:
                 terms_with[x].append(m)
         for x in sorted(terms_with, key=base_key):
-            square: Terms = {}
-            linear: Terms = {}
-            for m in terms_with[x]:
-                cofactor = frozenset(pair for pair in m if pair[0] != x)
-                target = {1: linear, 2: square}.get(dict(m).get(x, 0))
-                if target is None or m not in self.remainder or any(
-                        not momenta.isdisjoint(base.free_symbols) for base, _ in cofactor):
-                    break
-                target[cofactor] = self.remainder[m]
-            else:  # no break: x occurs as x and x² only, with cofactors free of momenta
-                constants, a = next(iter(square.items()), (ONE, 0))
-                if len(square) == 1 and not self.compact.split(constants)[0] and any(
-                        self.compact.split(m)[0] for m in linear):
-                    self._take((constants, a), {frozenset([(x, 1)]): 1}, 2, linear)
+            linear, square = self._cofactors(x, terms_with[x], momenta)
+            if len(square) != 1:
+                continue
+            (factor, a), = square.items()
+            # a is constant, and A is not: a p² + 2 a p A
+            has_variable_shift = any(self.compact.split(m)[0] for m in linear)
+            if not self.compact.split(factor)[0] and has_variable_shift:
+                self._take((factor, a), {frozenset([(x, 1)]): 1}, 2, linear)
+
+    def _cofactors(
+        self, x: sp.Symbol, monomials: Iterable[Monomial], momenta: frozenset[sp.Symbol]
+    ) -> tuple[Terms, Terms]:
+        """Return the cofactors of a momentum x and of x² in the remaining terms.
+
+        ``monomials`` are the terms with x. Both are empty if x has another power, or a cofactor
+        contains momenta.
+        """
+        linear: Terms = {}
+        square: Terms = {}
+        for m in monomials:
+            cofactor = frozenset(power for power in m if power[0] != x)
+            cofactors = {1: linear, 2: square}.get(dict(m).get(x, 0))
+            has_momenta = any(not momenta.isdisjoint(base.free_symbols) for base, _ in cofactor)
+            if cofactors is None or m not in self.remainder or has_momenta:
+                return {}, {}
+            cofactors[cofactor] = self.remainder[m]
+        return linear, square
 
     # ------------------------------------------------------------ powers of x ± y
 
@@ -374,6 +398,7 @@ class _PowerSplitter:
         if len(by_power) < n - 1:
             return None  # (x ± y)ⁿ has all n − 1 mixed terms
         if n == 2:
+            # a x² ± 2 a x y + a y²: both squares have the sign of a
             squares = [self.remainder.get(constants | {(z, 2)}, 0) for z in pair]
             if squares[0] * squares[1] <= 0:
                 return None
@@ -425,14 +450,20 @@ class _PowerSplitter:
     def take_shifted(self) -> None:
         """Subtract squares a (x + s)² of one base and a constant."""
         for variables in sorted(self.constants_of, key=order):
-            base, n = next(iter(variables), (None, 0))
-            if len(variables) == 1 and n == 2:
+            if len(variables) != 1:
+                continue
+            (base, n), = variables
+            if n == 2:
                 root: Terms = {frozenset([(base, 1)]): 1}
-                linear, square = (
-                    {constants: self.remainder[m]
-                     for constants in self.constants_of.get(frozenset([(base, k)]), ())
-                     if (m := constants | {(base, k)}) in self.remainder} for k in (1, 2))
-                self._take_each(square, root, 2, linear)
+                self._take_each(self._constants_times(base, 2), root, 2,
+                                self._constants_times(base, 1))
+
+    def _constants_times(self, base: sp.Expr, n: int) -> Terms:
+        """Return the constants a of all terms a baseⁿ that remain."""
+        power = frozenset([(base, n)])
+        return {constants: self.remainder[constants | power]
+                for constants in self.constants_of.get(power, ())
+                if constants | power in self.remainder}
 
 
 def smaller(*numbers: Number) -> Number:

@@ -57,22 +57,29 @@ def cost(expressions: Iterable[sp.Expr]) -> int:
             continue
         visited.add(e)
         variable_args = [a for a in e.args if varies(a)]
-        if not variable_args:
-            continue
-        # n variable terms take n − 1 additions, and one more with a constant term
-        if e.is_Add:
-            total += len(variable_args) - (len(variable_args) == len(e.args))
-        elif e.is_Mul:
-            constant_factor = sp.Mul(*(a for a in e.args if a not in variable_args))
-            total += len(variable_args) - is_power_of_two(constant_factor)
-        elif e.is_Pow and e.exp.is_Rational:  # n − 1 products, or about log₂ n squares
-            exponent = abs(int(e.exp))
-            total += max(exponent - 1, 0) if exponent < 4 else exponent.bit_length()
-            total += (4 if e.exp < 0 else 0) + (0 if e.exp.is_Integer else 8)
-        else:
-            total += 10
-        stack += variable_args
+        if variable_args:
+            total += _operations(e, variable_args)
+            stack += variable_args
     return total
+
+
+def _operations(e: sp.Expr, variable_args: list[sp.Expr]) -> int:
+    """Return the operations of e itself, without those of its arguments.
+
+    ``variable_args`` are the arguments that depend on a variable; constants cost nothing.
+    """
+    if e.is_Add:
+        # n variable terms take n − 1 additions, and one more with a constant term
+        return len(variable_args) - (len(variable_args) == len(e.args))
+    if e.is_Mul:
+        constant_factor = sp.Mul(*(a for a in e.args if a not in variable_args))
+        return len(variable_args) - is_power_of_two(constant_factor)
+    if e.is_Pow and e.exp.is_Rational:
+        exponent = abs(int(e.exp))
+        # n − 1 products, or about log₂ n squares
+        products = max(exponent - 1, 0) if exponent < 4 else exponent.bit_length()
+        return products + (4 if e.exp < 0 else 0) + (0 if e.exp.is_Integer else 8)
+    return 10
 
 
 def is_power_of_two(e: sp.Expr) -> bool:
@@ -158,6 +165,7 @@ class Compact:
         yield expression_of(terms)
 
     def _with_powers(self, powers: list[Power], remainder: Terms) -> sp.Expr:
+        """Return Σ a sⁿ + remainder."""
         return sp.Add(*(sp.Mul(term(*outer), power) for outer, power in powers), self(remainder))
 
     def _product_of(self, factors: list[tuple[Terms, int]]) -> sp.Expr:
@@ -202,6 +210,7 @@ class Compact:
             for variables, c in coefficients.items() for constants, a in c.items()))
 
     def _sum_over(self, products: list[tuple[Terms, Terms]]) -> sp.Expr:
+        """Return Σ_j b_j P_j of pairs (b_j, P_j)."""
         return sp.Add(*(self._product(b, polynomial) for b, polynomial in products))
 
     def _product(self, b: Terms, polynomial: Terms) -> sp.Expr:
@@ -221,21 +230,22 @@ class Compact:
         term longer.
         """
         for base in sorted({b for m in terms for b, n in m if is_below(b, n)}, key=base_key):
-            powers = {m: dict(m).get(base, 0) for m in terms}
-            lowest = min(filter(is_rational, powers.values()))
+            exponent_of = {m: dict(m).get(base, 0) for m in terms}
+            lowest = min(filter(is_rational, exponent_of.values()))
             denominator = frozenset([(base, lowest)])
-            numerator = {m - denominator: a for m, a in terms.items() if powers[m] == lowest}
-            remainder = {m: a for m, a in terms.items() if powers[m] != lowest}
+            numerator = {m - denominator: a for m, a in terms.items() if exponent_of[m] == lowest}
+            remainder = {m: a for m, a in terms.items() if exponent_of[m] != lowest}
             term_count = len(remainder)
             for m in sorted(remainder, key=order):
-                higher = plain_exponent(powers[m] - lowest)
-                if isinstance(higher, int):
-                    cofactor = {m - {(base, powers[m])}: remainder[m]}
-                    expanded = self.form.product([cofactor, self.form.terms(base**higher)])
-                    extended = total_of(numerator, expanded)
-                    if len(extended) <= len(numerator) + 1:
-                        numerator = extended
-                        del remainder[m]
+                higher = plain_exponent(exponent_of[m] - lowest)
+                if not isinstance(higher, int):  # a root or a symbol is no factor of the numerator
+                    continue
+                cofactor = {m - {(base, exponent_of[m])}: remainder[m]}
+                expanded = self.form.product([cofactor, self.form.terms(base**higher)])
+                extended = total_of(numerator, expanded)
+                if len(extended) <= len(numerator) + 1:
+                    numerator = extended
+                    del remainder[m]
             # without a term that joined the numerator nothing is gained
             if len(remainder) < term_count:
                 return sp.Add(sp.Mul(base**lowest, self(numerator)), self(remainder))
@@ -268,6 +278,7 @@ def common_coefficients(coefficients: Coefficients) -> list[tuple[Terms, Terms]]
     coefficients that differ by a number count as equal.
     """
     counts = Counter(map(line_of, coefficients.values()))
+    # the most frequent, then the shortest first; the last key makes the order unique
     lines = sorted(counts, key=lambda line: (-counts[line], len(line),
                                              [(order(m), a) for m, a in line]))
     system: Echelon[Monomial] = Echelon(order)

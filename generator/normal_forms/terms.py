@@ -124,10 +124,13 @@ def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Ex
 
 @lru_cache(maxsize=2**16)
 def _bases(m: Monomial) -> tuple[frozenset[sp.Expr], bool]:
-    """Return the bases, and whether a product with other bases is the union of the pairs."""
-    return frozenset(base for base, _ in m), all(
-        (isinstance(n, int) or not (n.is_Integer or base.is_Add)) and not base.is_Rational
-        for base, n in m)
+    """Return the bases, and whether a product with other bases is the union of the pairs.
+
+    Numbers, roots of sums and exponents that are no ints yet are processed by ``merged``.
+    """
+    is_plain = all((isinstance(n, int) or not (n.is_Integer or base.is_Add))
+                   and not base.is_Rational for base, n in m)
+    return frozenset(base for base, _ in m), is_plain
 
 
 def inverse(m: Monomial) -> Monomial:

@@ -158,35 +158,35 @@ class _Search:
 
     def splitting(self, symmetric: bool) -> Splitting:
         """Return the splitting; ``symmetric`` as for ``split``."""
+        # each with the coefficient k of its drag
         torques = [self._force_on(b) for b in range(len(self.names))]
         forces = [self._force_at(i) for i in self.points]
         bodies = [self._body(b, k) for b, (_, k) in enumerate(torques)]
-        conditions = [e for body in bodies for e in body.symmetric_if] if symmetric else []
+        conditions: list[sp.Expr] = []
         if symmetric:
+            # where its conditions hold, the further rotations of a body are the identity
+            conditions = [e for body in bodies for e in body.symmetric_if]
             bodies = [replace(body, further=(), symmetric_if=()) if body.symmetric_if else body
                       for body in bodies]
         applied = Kick(tuple(N for N, _ in torques), tuple(F for F, _ in forces))
         momenta = {*(x for names in self.l for x in names),
                    *(self.system.p[i] for i in self.points)}
         splitting = Splitting(
-            self.system, tuple(bodies), self._translation([k for _, k in forces]), self._space(),
-            sp.Add(*self.potentials),
-            tuple(replace(kick, instances=tuple(places)) for kick, places in self.kicks.items()),
-            applied, tuple(conditions),
-            any(e.free_symbols & momenta for e in (*applied.forces, *chain(*applied.torques))))
-        # body → (template, slot) of the terms of V that depend on its attitude
-        slots: dict[int, set[tuple[int, int]]] = defaultdict(set)
-        for k, template in enumerate(splitting.templates):
-            for instance in template.instances:
-                for slot, b in enumerate(instance.bodies):
-                    slots[b].add((k, slot))
-        torque_free: dict[tuple[int, int, Vector], bool] = {}
-        return replace(splitting, bodies=tuple(
-            replace(body, axes=tuple(replace(axis, steady=_is_steady(
-                splitting, b, axis, slots[b], torque_free)) for axis in body.axes))
-            for b, body in enumerate(bodies)))
+            system=self.system,
+            bodies=tuple(bodies),
+            translation=self._translation([k for _, k in forces]),
+            space=self._space(),
+            V=sp.Add(*self.potentials),
+            templates=tuple(replace(kick, instances=tuple(instances))
+                            for kick, instances in self.kicks.items()),
+            applied=applied,
+            conditions=tuple(conditions),
+            other_forces=any(e.free_symbols & momenta
+                             for e in (*applied.forces, *chain(*applied.torques))))
+        return replace(splitting, bodies=_with_steady_axes(splitting))
 
     def _momentum_index(self, y: sp.Symbol) -> int:
+        """Return the index in p of a momentum of a point."""
         return self.system.p.index(y)
 
     # ------------------------------------------------------------ terms of H
@@ -259,30 +259,14 @@ class _Search:
             self._refuse_degree(monomial, slots.momenta)
         coefficients: _Coefficients = {}
         for q, m in zip(slots.q, slots.m, strict=True):
-            # q0 q3 m2, q0 q1 m3 and q0 q2 m1 occur in one component of R m each, with −2
-            delta = [remainder.get(frozenset([(q[0], 1), (q[i], 1), (m[j], 1)]), _ZERO) / -2
-                     for i, j in ((3, 1), (1, 2), (2, 0))]
+            delta = _space_rotation(remainder, q, m)
             if any(delta):
-                m_in_space = rotation_matrix(q) * sp.Matrix(m)
-                delta_terms = self._monomial_coefficients(
-                    slots, sp.Add(*(d * e for d, e in zip(delta, m_in_space, strict=True))))
-                differences = {monomial: sp.expand(remainder.get(monomial, _ZERO)
-                                                   - delta_terms.get(monomial, _ZERO))
-                               for monomial in remainder | delta_terms}
-                remainder = {monomial: e for monomial, e in differences.items() if e != 0}
+                remainder = self._without_rotation(slots, remainder, (q, m), delta)
                 coefficients |= {("δ", x): e for x, e in zip(m, delta, strict=True) if e != 0}
-        entries: list[tuple[Any, ...]] = [
-            ("S", x, y) for m in slots.m for x, y in combinations_with_replacement(m, 2)]
-        entries += [("M", x, y) for x, y in combinations_with_replacement(slots.y, 2)]
-        entries += [("c", x) for m in slots.m for x in m] + [("v", y) for y in slots.y]
-        entries += [("A", y, x) for y in slots.y for x in slots.r]
-        for kind, *symbols in entries:
-            is_square = kind in "SM" and symbols[0] == symbols[1]
-            # ½ mᵀ S m has the coefficients ½ S_ii of m_i² and S_ij of m_i m_j
-            powers = [(symbols[0], 2)] if is_square else [(x, 1) for x in symbols]
-            e = remainder.pop(frozenset(powers), None)
-            if e is not None:
-                coefficients[kind, *symbols] = 2 * e if is_square else e
+        entries = _entries(slots, remainder)
+        coefficients |= {key: e for key, (_, e) in entries.items()}
+        for monomial, _ in entries.values():
+            del remainder[monomial]
         if remainder:
             first = term(min(remainder, key=order)).xreplace(symbol_of)
             raise InputError(
@@ -291,6 +275,19 @@ class _Search:
                 "constant coefficients of body axes (m is ½ L(q) p); take another scheme, such "
                 "as 'G-L'.")
         return coefficients
+
+    def _without_rotation(
+        self, slots: _LocalTerm, coefficients: dict[Monomial, sp.Expr],
+        body: tuple[Sequence[sp.Symbol], Sequence[sp.Symbol]], delta: Sequence[sp.Expr],
+    ) -> dict[Monomial, sp.Expr]:
+        """Return monomial → coefficient without the terms of δ·R(q) m; ``body`` is (q, m)."""
+        q, m = body
+        m_in_space = rotation_matrix(q) * sp.Matrix(m)
+        rotation = self._monomial_coefficients(slots, _inner(delta, m_in_space))
+        differences = {
+            monomial: sp.expand(coefficients.get(monomial, _ZERO) - rotation.get(monomial, _ZERO))
+            for monomial in coefficients | rotation}
+        return {monomial: e for monomial, e in differences.items() if e != 0}
 
     def _monomial_coefficients(self, slots: _LocalTerm, e: sp.Expr) -> dict[Monomial, sp.Expr]:
         """Return monomial → coefficient of the normal form of e, a polynomial in q, r, m and y.
@@ -303,9 +300,12 @@ class _Search:
             raise InputError(
                 f"System {self.system.name!r} has a kinetic energy that is too long for exact-flow "
                 "splitting; take another scheme, such as 'G-L'.") from None
-        constants, terms_of = {*slots.constants}, defaultdict[Monomial, Terms](dict)
+        constants = {*slots.constants}
+        terms_of: dict[Monomial, Terms] = defaultdict(dict)
         for m, a in terms.items():
-            monomial = frozenset(x for x in m if not symbols_in([frozenset([x])]) <= constants)
+            # the powers that are not constant; the others, with a, are a term of the coefficient
+            monomial = frozenset(
+                power for power in m if not symbols_in([frozenset([power])]) <= constants)
             terms_of[monomial][m - monomial] = a
         sums = {monomial: expression_of(a) for monomial, a in terms_of.items()}
         return {monomial: e for monomial, e in sums.items() if not _is_zero(e)}
@@ -331,13 +331,13 @@ class _Search:
         m = self.m[b]
         S = {(i, j): self.total[("S", m[i], m[j])] for i in range(3) for j in range(i, 3)}
         c = [self.total[("c", x)] for x in m]
-        a, main, noncommuting = _axes(self.system.name, self.names[b], S, c)
-        condition = ()
+        a, axes, further = _axes(self.system.name, self.names[b], S, c)
+        symmetric_if = ()
         # one further rotation without an offset: d = 0, two equal moments, makes it the identity
-        if [axis.c for axis in noncommuting] == [0]:
-            condition = tuple(sp.numer(sp.together(axis.d)) for axis in noncommuting)
-        return BodyFlow(self.names[b], self.quaternions[b], self.l[b], a, main, noncommuting, drag,
-                        condition)
+        if [axis.c for axis in further] == [0]:
+            symmetric_if = tuple(sp.numer(sp.together(axis.d)) for axis in further)
+        return BodyFlow(self.names[b], self.quaternions[b], self.l[b], a, axes, further, drag,
+                        symmetric_if)
 
     def _translation(self, drag: Sequence[sp.Expr]) -> Translation | None:
         """Return the translation of the points, with T = ½ p_rᵀ M⁻¹ p_r + v·p_r.
@@ -346,16 +346,21 @@ class _Search:
         """
         if not self.points:
             return None
-        entries = {kind: {tuple(map(self._momentum_index, y)): e
-                          for (kind_, *y), e in self.total.items() if kind_ == kind and e != 0}
-                   for kind in "Mv"}
-        # ``total`` has one entry of each pair of equal ones
-        inverse_mass = {pair: e for (i, j), e in entries["M"].items() for pair in ((i, j), (j, i))}
-        return Translation(self.points, inverse_mass, {i: e for (i,), e in entries["v"].items()},
+        inverse_mass: dict[tuple[int, int], sp.Expr] = {}
+        velocity: dict[int, sp.Expr] = {}
+        for (kind, *symbols), e in self.total.items():
+            if kind == "M" and e != 0:
+                # M⁻¹ is symmetric, and ``total`` has one entry of each pair of equal ones
+                i, j = map(self._momentum_index, symbols)
+                inverse_mass[i, j] = inverse_mass[j, i] = e
+            elif kind == "v" and e != 0:
+                velocity[self._momentum_index(symbols[0])] = e
+        return Translation(self.points, inverse_mass, velocity,
                            {i: k for i, k in zip(self.points, drag, strict=True) if k != 0})
 
     def _space(self) -> tuple[SpaceRotation, ...]:
         """Return the rotations of space: −ω·J has δ = −ω, and A = −ω× for points."""
+        # ω → bodies, and points by the indices of their coordinates
         rotations: dict[Vector, tuple[list[int], list[tuple[int, int, int]]]] = defaultdict(
             lambda: ([], []))
         for b, m in enumerate(self.m):
@@ -364,6 +369,7 @@ class _Search:
                 rotations[x, y, z][0].append(b)
         A = {(self._momentum_index(y), self.system.q.index(x[0])): e
              for (kind, y, *x), e in self.total.items() if kind == "A" and e != 0}
+        # coordinates that A couples belong to one point
         for indices in connected([frozenset(entry) for entry in A]):
             i, j, k = (*sorted(indices), -1, -1)[:3]  # k = −1: a point that moves in a plane
             if len(indices) not in (2, 3) or not self._is_rotation(sorted(indices), A):
@@ -383,37 +389,43 @@ class _Search:
     ) -> bool:
         """Whether A is skew on a point, which has one mass and no linear terms in p.
 
-        Then the rotation commutes with the kinetic energy of the point.
+        Then the rotation commutes with the kinetic energy of the point. ``indices`` are its
+        coordinates; A maps (index in p, index in q) to the entry.
         """
         p = self.system.p
-        skew = all(_is_zero(A.get((i, j), _ZERO) + A.get((j, i), _ZERO))
-                   for i, j in combinations_with_replacement(indices, 2))
+        is_skew = all(_is_zero(A.get((i, j), _ZERO) + A.get((j, i), _ZERO))
+                      for i, j in combinations_with_replacement(indices, 2))
         inverse_masses = [self.total[("M", p[i], p[i])] for i in indices]
+        has_one_mass = all(_is_zero(e - inverse_masses[0]) for e in inverse_masses)
         momenta = {p[i] for i in indices}
-        coupled = any(kind == "M" and y != z[0] and {y, z[0]} & momenta and e != 0
-                      for (kind, y, *z), e in self.total.items())
+        # M⁻¹ off the diagonal
+        is_coupled = any(kind == "M" and y != z[0] and {y, z[0]} & momenta and e != 0
+                         for (kind, y, *z), e in self.total.items())
         has_velocity = any(self.total.get(("v", p[i]), _ZERO) != 0 for i in indices)
-        return skew and not coupled and not has_velocity and all(
-            _is_zero(e - inverse_masses[0]) for e in inverse_masses)
+        return is_skew and has_one_mass and not is_coupled and not has_velocity
 
     # ------------------------------------------------------------ forces
 
     @cached_property
     def _p_by_m(self) -> dict[sp.Symbol, sp.Expr]:
         """p of bodies as expressions of q and m, p = 2 L(q)ᵀ m."""
-        return {self.system.p[i]: e for indices, m in zip(self.quaternions, self.m, strict=True)
-                for i, e in zip(indices, 2 * left_matrix(self._q(indices)).T * sp.Matrix(m),
-                                strict=True)}
+        p_by_m: dict[sp.Symbol, sp.Expr] = {}
+        for indices, m in zip(self.quaternions, self.m, strict=True):
+            p = 2 * left_matrix(self._q(indices)).T * sp.Matrix(m)
+            p_by_m |= {self.system.p[i]: e for i, e in zip(indices, p, strict=True)}
+        return p_by_m
 
     @cached_property
     def _m_by_l(self) -> dict[sp.Symbol, sp.Expr]:
         """m of bodies as expressions of q and l, m = R(q)ᵀ l: temporaries in C."""
-        return {x: share(e) for indices, m, l_b in zip(
-                    self.quaternions, self.m, self.l, strict=True)
-                for x, e in zip(m, rotation_matrix(self._q(indices)).T * sp.Matrix(l_b),
-                                strict=True)}
+        m_by_l: dict[sp.Symbol, sp.Expr] = {}
+        for indices, m, l_b in zip(self.quaternions, self.m, self.l, strict=True):
+            in_body_axes = rotation_matrix(self._q(indices)).T * sp.Matrix(l_b)
+            m_by_l |= {x: share(e) for x, e in zip(m, in_body_axes, strict=True)}
+        return m_by_l
 
     def _q(self, indices: Sequence[int]) -> list[sp.Symbol]:
+        """Return the coordinates of these indices."""
         return [self.system.q[i] for i in indices]
 
     def _force_on(self, b: int) -> tuple[Vector, sp.Expr]:
@@ -446,17 +458,19 @@ class _Search:
     ) -> tuple[sp.Expr, list[sp.Expr]]:
         """Return (k, F + k m) for a force F = −k m + …, with F + k m without momenta m, k constant.
 
-        F is reduced modulo |q|² = 1 of the quaternion ``q`` before. If no such k exists, k is 0.
+        F is reduced modulo |q|² = 1 of the quaternion ``q`` before; ``q`` is empty for a point. If
+        no such k exists, k is 0.
         """
         quotient = Quotient(unit_quaternions([q] if q else []))
         try:
             force = [quotient.expression(e) for e in force]
         except TooLongError:
             return _ZERO, list(force)
+        # an isotropic drag has the same k in each component
         k = -derivative(force[0], momenta[0])
         remainder = [sp.expand(e + k * x) for e, x in zip(force, momenta, strict=True)]
-        constant = {*self.system.parameters} - {*self.system.inputs}
-        if not k.free_symbols <= constant or any(e.free_symbols & {*momenta} for e in remainder):
+        constants = {*self.system.parameters} - {*self.system.inputs}
+        if not k.free_symbols <= constants or any(e.free_symbols & {*momenta} for e in remainder):
             return _ZERO, list(force)
         return k, remainder
 
@@ -474,8 +488,9 @@ def _quaternions(system: System) -> list[tuple[int, ...]]:
     layouts = {frozenset(body.q): body.q for body in system.bodies}
     quaternions, taken_symbols = [], set[sp.Symbol]()
     for name, g in zip(system.constraint_names, system.constraints, strict=True):
-        q = layouts.get(frozenset(g.free_symbols), tuple(sorted(
-            (x for x in g.free_symbols if x in index_of), key=index_of.__getitem__)))
+        # the coordinates in g, in the order of a body of the system if it has such a body
+        in_order = sorted((x for x in g.free_symbols if x in index_of), key=index_of.__getitem__)
+        q = layouts.get(frozenset(g.free_symbols), tuple(in_order))
         square = sp.Add(*(x**2 for x in q), -1)
         expanded = sp.expand(g) if len(q) == 4 else g
         # g = c (|q|² − 1), with c its coefficient of q₀²
@@ -496,6 +511,7 @@ def _local_term(template: ElementTemplate, pattern: Sequence[tuple[int, int]]) -
     ``pattern`` has, for each q, then each p of the template, (slot, component) of a body, or
     (−1, k) for coordinate k of points; see ``_Search._patterns``. p = 2 L(q)ᵀ m of bodies.
     """
+    # slots and coordinates are numbered from 0
     body_count = 1 + max((slot for slot, _ in pattern), default=-1)
     point_count = 1 + max((k for slot, k in pattern if slot < 0), default=-1)
     q = tuple(sp.symbols(f"_q{slot}_0:4", real=True) for slot in range(body_count))
@@ -503,12 +519,45 @@ def _local_term(template: ElementTemplate, pattern: Sequence[tuple[int, int]]) -
     r, y = (tuple(sp.Symbol(f"_{letter}{k}", real=True) for k in range(point_count))
             for letter in "ry")
     p = [list(2 * left_matrix(a).T * sp.Matrix(b)) for a, b in zip(q, m, strict=True)]
-    count = len(template.q)
+    pattern_of_q, pattern_of_p = pattern[:len(template.q)], pattern[len(template.q):]
     local = {x: r[k] if slot < 0 else q[slot][k]
-             for x, (slot, k) in zip(template.q, pattern[:count], strict=True)}
+             for x, (slot, k) in zip(template.q, pattern_of_q, strict=True)}
     local |= {x: y[k] if slot < 0 else p[slot][k]
-              for x, (slot, k) in zip(template.p, pattern[count:], strict=True)}
+              for x, (slot, k) in zip(template.p, pattern_of_p, strict=True)}
     return _LocalTerm(template.expressions[0].xreplace(local), q, m, r, y, template.constants)
+
+
+def _space_rotation(
+    coefficients: Mapping[Monomial, sp.Expr], q: Sequence[sp.Symbol], m: Sequence[sp.Symbol]
+) -> list[sp.Expr]:
+    """Return δ of the terms δ·l = δ·R(q) m, from the coefficient of one monomial each."""
+    # q0 q3 m2, q0 q1 m3 and q0 q2 m1 occur in one component of R m each, with −2
+    return [coefficients.get(frozenset([(q[0], 1), (q[i], 1), (m[j], 1)]), _ZERO) / -2
+            for i, j in ((3, 1), (1, 2), (2, 0))]
+
+
+def _entries(
+    slots: _LocalTerm, coefficients: Mapping[Monomial, sp.Expr]
+) -> dict[tuple[Any, ...], tuple[Monomial, sp.Expr]]:
+    """Return the monomial and the value of each entry of S, M, c, v and A that is not 0.
+
+    ``coefficients`` maps monomials of H − V to their coefficients; keys are as in
+    ``_Coefficients``.
+    """
+    keys: list[tuple[Any, ...]] = [
+        ("S", x, y) for m in slots.m for x, y in combinations_with_replacement(m, 2)]
+    keys += [("M", x, y) for x, y in combinations_with_replacement(slots.y, 2)]
+    keys += [("c", x) for m in slots.m for x in m] + [("v", y) for y in slots.y]
+    keys += [("A", y, x) for y in slots.y for x in slots.r]
+    entries: dict[tuple[Any, ...], tuple[Monomial, sp.Expr]] = {}
+    for kind, *symbols in keys:
+        # ½ mᵀ S m has the coefficients ½ S_ii of m_i² and S_ij of m_i m_j
+        is_square = kind in "SM" and symbols[0] == symbols[1]
+        monomial = frozenset([(symbols[0], 2)] if is_square else [(x, 1) for x in symbols])
+        if monomial in coefficients:
+            e = coefficients[monomial]
+            entries[kind, *symbols] = monomial, 2 * e if is_square else e
+    return entries
 
 
 def _axes(
@@ -539,7 +588,11 @@ def _axes(
 def _eigenaxes(
     system: str, body: str, S: Mapping[tuple[int, int], sp.Expr]
 ) -> tuple[sp.Expr, list[tuple[Vector, sp.Expr]]]:
-    """Return a and the pairs (e, d) of S = a I + Σ d e eᵀ, the axis of symmetry first."""
+    """Return a and the pairs (e, d) of S = a I + Σ d e eᵀ, the axis of symmetry first.
+
+    ``S`` has the entries (i, j) with i ≤ j of a symmetric 3 × 3 matrix. Raises InputError if S is
+    neither diagonal nor a I + b e eᵀ.
+    """
     x, y, z = S[0, 0], S[1, 1], S[2, 2]
     if S[0, 1] == S[0, 2] == S[1, 2] == 0:
         # two equal entries: one axis, else S = x I + (z − x) e₃ e₃ᵀ + (y − x) e₂ e₂ᵀ
@@ -568,11 +621,13 @@ def _eigenaxes(
 
 
 def _unit(k: int) -> Vector:
+    """Return the unit vector along coordinate axis k."""
     e = [sp.Integer(int(k == i)) for i in range(3)]
     return e[0], e[1], e[2]
 
 
 def _inner(e: Sequence[sp.Expr], c: Sequence[sp.Expr]) -> sp.Expr:
+    """Return the inner product e·c."""
     return sp.Add(*(x * y for x, y in zip(e, c, strict=True)))
 
 
@@ -589,6 +644,23 @@ def _new_symbols(prefix: str, reserved: set[str]) -> tuple[sp.Symbol, ...]:
     return x, y, z
 
 
+def _with_steady_axes(splitting: Splitting) -> tuple[BodyFlow, ...]:
+    """Return the bodies of a splitting, with ``steady`` of each of their axes."""
+    # body → (template, slot) of the terms of V that depend on its attitude
+    slots: dict[int, set[tuple[int, int]]] = defaultdict(set)
+    for k, template in enumerate(splitting.templates):
+        for instance in template.instances:
+            for slot, b in enumerate(instance.bodies):
+                slots[b].add((k, slot))
+    torque_free: dict[tuple[int, int, Vector], bool] = {}  # equal bodies are examined once
+    bodies: list[BodyFlow] = []
+    for b, body in enumerate(splitting.bodies):
+        axes = tuple(replace(axis, steady=_is_steady(splitting, b, axis, slots[b], torque_free))
+                     for axis in body.axes)
+        bodies.append(replace(body, axes=axes))
+    return tuple(bodies)
+
+
 def _is_steady(
     splitting: Splitting, b: int, axis: AxisRotation, slots: set[tuple[int, int]],
     torque_free: dict[tuple[int, int, Vector], bool],
@@ -599,6 +671,7 @@ def _is_steady(
     torque N on a slot has no component along the axis, (R e)·N = 0.
     """
     body = splitting.bodies[b]
+    # other rotations, drag and torques of applied forces change e·m
     if body.further or body.drag != 0 or any(splitting.applied.torques[b]):
         return False
     for k, slot in sorted(slots):

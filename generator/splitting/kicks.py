@@ -55,8 +55,11 @@ def derivatives_along(
     rate = dict(points)
     for q, W in quaternions.items():
         rate |= dict(zip(q, space_matrix(q).T * sp.Matrix(W) / 2, strict=True))
-    return [sp.Add(*(derivative(e, x) * rate[x] for x in sorted(
-        e.free_symbols & rate.keys(), key=str) if rate[x] != 0)) for e in expressions]
+    derivatives: list[sp.Expr] = []
+    for e in expressions:
+        moving = sorted(e.free_symbols & rate.keys(), key=str)
+        derivatives.append(sp.Add(*(derivative(e, x) * rate[x] for x in moving if rate[x] != 0)))
+    return derivatives
 
 
 def shortened(
@@ -67,8 +70,9 @@ def shortened(
     Long expressions, and expressions that are no polynomials in q, are returned unchanged.
     """
     symbols = {x for q in quaternions for x in q}
-    if (tree_size(expressions) > _MAX_NODES or not all(map(is_small, expressions))
-            or not all(e.is_polynomial(*symbols) and not e.has(Shared) for e in expressions)):
+    is_short = tree_size(expressions) <= _MAX_NODES and all(map(is_small, expressions))
+    if not is_short or not all(
+            e.is_polynomial(*symbols) and not e.has(Shared) for e in expressions):
         return list(expressions)
     quotient = Quotient(unit_quaternions(quaternions))
     try:

@@ -245,8 +245,10 @@ class KickTemplate:
 def _shortened(torques: Sequence[Vector], forces: Sequence[sp.Expr],
                quaternions: Sequence[Sequence[sp.Symbol]]) -> Kick:
     """Return a kick of all torques and forces, in a form with fewer operations on |q| = 1."""
-    short = iter(shortened([*(e for N in torques for e in N), *forces], quaternions))
-    return Kick(tuple((next(short), next(short), next(short)) for _ in torques), tuple(short))
+    # all together, as torques and forces share subexpressions
+    components = iter(shortened([*(e for N in torques for e in N), *forces], quaternions))
+    short_torques = tuple((next(components), next(components), next(components)) for _ in torques)
+    return Kick(short_torques, tuple(components))
 
 
 def _slope(
@@ -349,18 +351,12 @@ class Splitting:
 
         The kicks of all instances of templates are added, in the symbols of the system.
         """
-        q, constants = self.system.q, self.system.parameters
+        # terms of each component of a torque, and of each force by its coordinate
         torques = [[[e] for e in N] for N in self.applied.torques]
         forces = {i: [e] for i, e in zip(self.points, self.applied.forces, strict=True)}
         for template in self.templates:
             for instance in template.instances:
-                # local symbol → symbol of the system
-                symbol_of = dict(zip(template.coordinates, (q[i] for i in instance.coordinates),
-                                     strict=True))
-                symbol_of |= dict(zip(template.constants,
-                                      (constants[i] for i in instance.constants), strict=True))
-                for slot, b in zip(template.bodies, instance.bodies, strict=True):
-                    symbol_of |= dict(zip(slot, self.quaternions[b], strict=True))
+                symbol_of = self._symbols(template, instance)
                 for b, N in zip(instance.bodies, template.kick.torques, strict=True):
                     for terms, e in zip(torques[b], N, strict=True):
                         terms.append(e.xreplace(symbol_of))
@@ -369,6 +365,19 @@ class Splitting:
         sums = [[sp.Add(*terms) for terms in body_torques] for body_torques in torques]
         return Kick(tuple((x, y, z) for x, y, z in sums),
                     tuple(sp.Add(*forces[i]) for i in self.points))
+
+    def _symbols(
+        self, template: KickTemplate, instance: KickInstance
+    ) -> dict[sp.Symbol, sp.Symbol]:
+        """Return local symbol → symbol of the system, for one instance of a template."""
+        q, parameters = self.system.q, self.system.parameters
+        symbol_of = dict(zip(template.coordinates, (q[i] for i in instance.coordinates),
+                             strict=True))
+        symbol_of |= dict(zip(template.constants, (parameters[i] for i in instance.constants),
+                              strict=True))
+        for slot, b in zip(template.bodies, instance.bodies, strict=True):
+            symbol_of |= dict(zip(slot, self.quaternions[b], strict=True))
+        return symbol_of
 
     @cached_property
     def gradient(self) -> Kick:
@@ -382,9 +391,9 @@ class Splitting:
         angular_velocities = [_angular_velocity(body, q, N) for body, q, N in zip(
             self.bodies, self.quaternions, self.kick.torques, strict=True)]
         force = dict(zip(self.points, self.kick.forces, strict=True))
-        M = self.translation.inverse_mass if self.translation else {}
+        inverse_mass = self.translation.inverse_mass if self.translation else {}
         velocities = dict.fromkeys(self.points, _ZERO)
-        for (i, j), e in M.items():
+        for (i, j), e in inverse_mass.items():
             velocities[i] += e * share(force[j])
         return _slope(self.kick, self.quaternions, [self.system.q[i] for i in self.points],
                       angular_velocities, list(velocities.values()))

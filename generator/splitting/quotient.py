@@ -69,6 +69,7 @@ class Quotient:
         stack = list(terms.items())
         while stack:
             m, a = stack.pop()
+            # the first power that can be reduced; the products may have others, and come again
             square = next(((x, n) for x, n in m if x in self._squares
                            and isinstance(n, int) and n > 1), None)
             if square is None:
