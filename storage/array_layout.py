@@ -100,7 +100,8 @@ class StoredField:
 
     @property
     def row_bytes(self) -> int:
-        """Bytes of one state's entry on the disk."""
+        """Bytes of one state's entry on the disk, those with all digits of wide numbers included.
+        """
         return math.prod(self.shape) * (int(self.dtype[1:]) + WIDE_BYTES * self.wide)
 
 
@@ -112,9 +113,13 @@ def wide_name(name: str) -> str:
 def fields_of(manifest: Manifest) -> list[StoredField]:
     """Return the arrays of states that a store of this stepper has, in the order of ``OUTPUTS``."""
     real = REALS[manifest.real]
-    return [StoredField(name, output.inner(manifest) or (), description_of(output, manifest, name),
-                        output.dtype or real.stored, real.wide and not output.whole)
-            for output in OUTPUTS for name in names_in_files(output, manifest)]
+    fields = []
+    for output in OUTPUTS:
+        for name in names_in_files(output, manifest):
+            fields.append(StoredField(
+                name, output.inner(manifest) or (), description_of(output, manifest, name),
+                output.dtype or real.stored, wide=real.wide and not output.whole))
+    return fields
 
 
 def fields_of_events(
@@ -135,13 +140,15 @@ def fields_of_events(
                            description_of_column(manifest, name, column), kind,
                            real.wide and not kind.startswith("i"))
 
-    return {name: [stored(name, column) for column in (
-                Impacts if "restitution" in attributes else Crossings)._column_names()]
-            for name, attributes in events.items()}
+    fields = {}
+    for name, attributes in events.items():
+        kind = Impacts if "restitution" in attributes else Crossings
+        fields[name] = [stored(name, column) for column in kind._column_names()]
+    return fields
 
 
 def names_of(fields: Iterable[StoredField]) -> list[str]:
-    """Return the names of the arrays that have these fields."""
+    """Return the names of the arrays that have these fields, with those of wide numbers' bytes."""
     return [name for stored_field in fields
             for name in (stored_field.name, wide_name(stored_field.name))[: 1 + stored_field.wide]]
 
@@ -150,9 +157,13 @@ def block_rows(
     fields: list[StoredField], rows: int, most_bytes: int = _BLOCK_BYTES,
     most_rows: int | None = None
 ) -> int:
-    """Return how many states are written at a time."""
+    """Return how many states are written at a time: a power of two, at most all ``rows``.
+
+    A block has at most ``most_bytes`` bytes and ``most_rows`` rows, and one row at least.
+    """
     row_limit = min(most_bytes // sum(f.row_bytes for f in fields), most_rows or _MOST_ROWS)
-    return max(1, min(rows, 1 << (max(row_limit, 1).bit_length() - 1)))
+    power_of_two = 1 << (max(row_limit, 1).bit_length() - 1)
+    return max(1, min(rows, power_of_two))
 
 
 def create(
@@ -174,6 +185,7 @@ def create(
     create_array(group, CHECKPOINT, (checkpoint_bytes,), (checkpoint_bytes,), "u1", 0,
                  ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
     if source:
+        # with it a store can be resumed, and differentiated, on another machine
         array = create_array(group, SOURCE, (len(source),), (len(source),), "u1", 0,
                              ["source_byte"], {"long_name": "C source and manifest of the stepper, "
                                                "JSON compressed by zlib"})
@@ -184,9 +196,10 @@ def create(
 def _create_along(
     group: zarr.Group, dimension: str, fields: list[StoredField], rows: int, block: int
 ) -> None:
-    """Create arrays with one row for each state or event, and those of their further digits.
+    """Create the arrays of fields, each with ``rows`` rows along ``dimension``, ``block`` in a
+    chunk.
 
-    They have ``rows`` rows along ``dimension``, ``block`` of them in a chunk.
+    Wide fields have a second array, with the bytes of all digits.
     """
     for stored_field in fields:
         inner_dimensions = [name for name, _ in stored_field.inner]

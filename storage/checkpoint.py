@@ -81,7 +81,7 @@ class CheckpointState:
 
 
 def _gaps(events: Events) -> int:
-    """Return the number of impacts."""
+    """Return the number of impacts among the events: each has a gap, whose round-off is stored."""
     return sum(isinstance(event, Impact) for event in events)
 
 
@@ -107,7 +107,11 @@ def pack(binding: Binding, state: CheckpointState) -> Array:
 
 
 def _packed(binding: Binding, event_progress: EventProgress | None) -> list[Array]:
-    """Return event progress in arrays of constant length, for any number of rows."""
+    """Return event progress as arrays whose length is constant for a run.
+
+    Up to ``TAIL`` states before the checkpoint are stored, filled up with 0, and their number
+    first.
+    """
     if event_progress is None:
         return []
     memory, states = event_progress.memory, binding.new(2, TAIL, binding.n)
@@ -129,37 +133,53 @@ def unpack(binding: Binding, packed: Array, events: Events = ()) -> CheckpointSt
         return None
     if hashlib.sha256(body.data).digest() != digest.tobytes():
         raise ValueError("the checkpoint is damaged")
-    position = 0
-
-    def take(size: int) -> Array:
-        """Return a copy of the next bytes: a run changes its state in place."""
-        nonlocal position
-        position += size
-        return body[position - size : position].copy()
-
-    def numbers(*shape: int) -> Array:
-        """Return the next numbers, in the stepper's type, as an array of this shape."""
-        empty = as_bytes(binding.new(*shape))
-        return from_bytes(take(empty.nbytes).reshape(empty.shape), binding.dtype)
-
+    fields = _PackedFields(binding, body)
     # each integer is checked: compiled code would trust it
-    event_count = len(events)
-    iterations, status = (int(x) for x in take(16).view("<i8"))
-    run = RunState.at_start(binding, numbers(binding.n), numbers(binding.n))
+    iterations, status = fields.integers(2)
+    run = RunState.at_start(binding, fields.numbers(binding.n), fields.numbers(binding.n))
     for struct in (run.record, run.work):
         image = binding.image(struct)
-        image[:] = take(image.size)
-    if not (0 <= iterations < 2**31 and (-event_count <= status <= 0 or status in REASONS)
+        image[:] = fields.take(image.size)
+    # −1 − i: event i has ended the run
+    is_status = -len(events) <= status <= 0 or status in REASONS
+    if not (0 <= iterations < 2**31 and is_status
             and binding.function("is_valid")(run.record, run.work)):
         raise ValueError(_UNSOUND)
-    if not events:
-        return CheckpointState(run, iterations, status)
-    # counters: of each event its crossings so far, then whether a turning is bracketed already
-    state_count, *counters = (int(x) for x in take(8 * (1 + 2 * event_count)).view("<i8"))
-    if not (0 <= state_count <= TAIL and min(counters) >= 0 and max(counters[event_count:]) <= 1):
-        raise ValueError(_UNSOUND)
-    tail = numbers(2, TAIL, binding.n)[:, :state_count]
-    memory = Memory(tail[0], tail[1], np.array(counters[event_count:], bool),
-                    numbers(_gaps(events)))
     return CheckpointState(run, iterations, status,
-                           EventProgress(np.array(counters[:event_count]), memory))
+                           _unpacked_progress(binding, fields, events) if events else None)
+
+
+class _PackedFields:
+    """The bytes of a checkpoint behind its digest, taken field by field in their order."""
+
+    def __init__(self, binding: Binding, body: Array) -> None:
+        """Begin at the first byte; ``binding`` knows the type of numbers."""
+        self._binding, self._body, self._position = binding, body, 0
+
+    def take(self, size: int) -> Array:
+        """Return a copy of the next ``size`` bytes: a run changes its state in place."""
+        begin = self._position
+        self._position += size
+        return self._body[begin : self._position].copy()
+
+    def integers(self, count: int) -> list[int]:
+        """Return the next integers, eight bytes each."""
+        return [int(x) for x in self.take(8 * count).view("<i8")]
+
+    def numbers(self, *shape: int) -> Array:
+        """Return the next numbers, in the stepper's type, as an array of this shape."""
+        empty = as_bytes(self._binding.new(*shape))
+        return from_bytes(self.take(empty.nbytes).reshape(empty.shape), self._binding.dtype)
+
+
+def _unpacked_progress(binding: Binding, fields: _PackedFields, events: Events) -> EventProgress:
+    """Return event progress, the inverse of ``_packed``; ValueError for an unsound integer."""
+    event_count = len(events)
+    # of each event its crossings so far, then whether a turning is bracketed already
+    state_count, *counters = fields.integers(1 + 2 * event_count)
+    counts, bracketed = counters[:event_count], counters[event_count:]
+    if not (0 <= state_count <= TAIL and min(counters) >= 0 and max(bracketed) <= 1):
+        raise ValueError(_UNSOUND)
+    tail = fields.numbers(2, TAIL, binding.n)[:, :state_count]
+    return EventProgress(np.array(counts), Memory(tail[0], tail[1], np.array(bracketed, bool),
+                                                  fields.numbers(_gaps(events))))

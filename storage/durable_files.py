@@ -74,7 +74,8 @@ def _array_folder(root: Path) -> Path | None:
 def write_durably(path: Path, *data: Any, workshop: Path | None = None) -> None:
     """Write a file that is complete or absent, and on the disk when this returns.
 
-    Its content is ``data``, concatenated.
+    Its content is ``data``, concatenated. The unfinished file is in ``workshop``; see
+    ``atomic_file``.
     """
     _make_folder(path.parent)
     with atomic_file(path, workshop) as partial_file, partial_file.open("wb") as file:
@@ -101,7 +102,10 @@ def atomic_file(path: Path, workshop: Path | None = None) -> Iterator[Path]:
 
 
 def _make_folder(folder: Path) -> None:
-    """Make a folder and the ones above it, each on the disk before the next one."""
+    """Make a folder and its parents, each on the disk before the next one.
+
+    A folder whose parent is lost in a power cut would be lost as well.
+    """
     if folder.is_dir():
         return
     _make_folder(folder.parent)

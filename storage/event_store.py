@@ -39,10 +39,13 @@ class EventStore:
     def chunks(self, stored_counts: Mapping[str, int],
                new_crossings: Mapping[str, Crossings]) -> list[Chunk]:
         """Return chunks with new events, appended after the stored number of each event."""
-        return [chunk for name, crossings in new_crossings.items() if len(crossings)
-                for field, array in zip(self._fields[name], crossings.columns.values(),
-                                        strict=True)
-                for chunk in self._of_field(field, stored_counts[name], array)]
+        chunks: list[Chunk] = []
+        for name, crossings in new_crossings.items():
+            if len(crossings):
+                columns = zip(self._fields[name], crossings.columns.values(), strict=True)
+                for field, column in columns:
+                    chunks += self._of_field(field, stored_counts[name], column)
+        return chunks
 
     def _of_field(self, field: StoredField, stored_count: int, array: Array) -> list[Chunk]:
         """Return the chunks that new rows of a field add behind ``stored_count`` rows."""
@@ -79,11 +82,10 @@ def _appended_chunks(array: zarr.Array[Any], stored_count: int, new_rows: Array)
     block, inner_position = array.chunks[0], (0,) * (array.ndim - 1)
     first_chunk = stored_count // block
     block_start = stored_values(array, first_chunk * block, stored_count - first_chunk * block,
-                                False,
-                                array.dtype)
+                                False, array.dtype)
     all_rows = np.concatenate([block_start, new_rows])
-    return [Chunk(array, (first_chunk + i, *inner_position), all_rows[i * block : (i + 1) * block])
-            for i in range(-(-len(all_rows) // block))]
+    return [Chunk(array, (first_chunk + i, *inner_position), all_rows[begin : begin + block])
+            for i, begin in enumerate(range(0, len(all_rows), block))]
 
 
 def crossings_in(
@@ -98,9 +100,12 @@ def crossings_in(
     crossings = {}
     for name, fields in fields_of_events(manifest, events).items():
         refuse_missing_blocks(path, group, 0, counts[name], names_of(fields))
-        columns = {field.name.removeprefix(f"event_{name}_"): stored_values(
-            array_of(group, wide_name(field.name) if field.wide else field.name), 0, counts[name],
-            field.wide, dtype) for field in fields}
-        columns["rising"] = columns["rising"].astype(bool)
+        columns = {}
+        for field in fields:
+            # wide numbers are read from their bytes, which have all digits
+            array = array_of(group, wide_name(field.name) if field.wide else field.name)
+            columns[field.name.removeprefix(f"event_{name}_")] = stored_values(
+                array, 0, counts[name], field.wide, dtype)
+        columns["rising"] = columns["rising"].astype(bool)  # stored as 0 and 1
         crossings[name] = of_columns(columns)
     return crossings

@@ -40,6 +40,7 @@ def identity_of(
         "format": FORMAT,
         "gyrospark": __version__,
         "stepper": stepper.name,
+        # source, compiler and CPU: the bits depend on them
         "code": stepper._provenance,
         "parameters": {name: digits_of(x) for name, x in run.parameters.items()},
         "q0": [digits_of(x) for x in run.q],
@@ -57,16 +58,21 @@ def identity_of(
 
 def _event_identity(events: tuple[Event | Impact, ...]) -> dict[str, Any]:
     """Return the quantities, levels and restitutions of events, alike in a resumed run."""
-    events_json = {event.name: {"quantity": event.quantity, **(
-        {"level": _level(event.level), "direction": event.direction, "terminal": event.terminal}
-        if isinstance(event, Event) else
-        {"restitution": _level(event.restitution), "terminal": event.terminal})}
-        for event in events}
+    events_json: dict[str, dict[str, Any]] = {}
+    for event in events:
+        own_fields: dict[str, Any]
+        if isinstance(event, Event):
+            own_fields = {"level": _level(event.level), "direction": event.direction}
+        else:
+            own_fields = {"restitution": _level(event.restitution)}
+        events_json[event.name] = {"quantity": event.quantity, **own_fields,
+                                   "terminal": event.terminal}
     return {"events": events_json} if events_json else {}
 
 
 def _level(level: Any) -> float | str:
-    """Return a level as a number where a double has all of it, else as a fraction."""
+    """Return a level or restitution as a number where a double has all of it, else as a fraction.
+    """
     exact_level = exact(level)
     assert isinstance(exact_level, Fraction)  # events have no other
     fits = abs(exact_level) < 2**1000 and Fraction(float(exact_level)) == exact_level
@@ -123,5 +129,6 @@ def _differences(stored_entry: Any, current_entry: Any, path: str = "") -> list[
 
 
 def _short(value: Any) -> str:
+    """Return the text of a value for a message, at most 80 characters with its last one."""
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:76]}...{text[-1]}"

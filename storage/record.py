@@ -6,7 +6,10 @@ bits of ``Stepper.integrate``, for any number of interruptions.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -90,7 +93,7 @@ def record(
         raise recording.failure()
     if not warned:
         count = len(recording)
-        stride = -(-count // LOOKED_AT)  # a sample of the rows, the last one included
+        stride = math.ceil(count / LOOKED_AT)  # a sample of the rows, the last one included
         rows = recording._in_memory(range((count - 1) % stride, count, stride))
         stepper.rotations.warn(rows.parameters, rows.time_steps, rows.q, rows.p)
     return recording
@@ -124,38 +127,41 @@ def resume(
         As of ``Stepper.integrate``.
     """
     recording = open_recording(path)
-    # the arguments of the run, from its identity: numbers with all digits as text
-    about, real = recording.attributes["run"], recording.manifest.real
-    stepper = recording.stepper
-
-    def number(digits: Any) -> Any:
-        return from_text(digits, real)
-
-    parameters = {name: number(x) for name, x in about["parameters"].items()}
-    if "frame" in about:  # the rates are chosen along the run
-        parameters = {name: x for name, x in parameters.items()
-                      if name not in {symmetry.name for symmetry in stepper.symmetries}}
-        parameters["frame"] = about["frame"]
-    dt, t0 = number(about["dt"]), number(about["t0"])
+    stepper, about = recording.stepper, recording.attributes["run"]
     if stepper.binding.clocked and t_end is not None:
         raise InputError("Steps in scaled time adapt; give steps in place of t_end.")
-    count, remainder_of_step = about["steps"], number(about.get("rest", 0.0))
+    number = partial(from_text, real=recording.manifest.real)
+    count, rest = about["steps"], number(about.get("rest", 0.0))
     end = number(about["t_end"]) if "t_end" in about else None
     if t_end is not None or steps is not None:
-        count, remainder = span_of(steps, t_end, t0, dt)
-        remainder_of_step = stepper.binding.number(remainder)
+        count, remainder = span_of(steps, t_end, number(about["t0"]), number(about["dt"]))
+        rest = stepper.binding.number(remainder)
         end = as_real("t_end", t_end, stepper.binding.number) if remainder else None
-    tolerance = about["tolerance"]
-    n, (q0, p0) = stepper.n, ([number(x) for x in about[name]] for name in ("q0", "p0"))
-    t0, = q0[n:] or [t0]  # in scaled time the coordinates that are stepped have the time
+    run = replace(_stored_arguments(stepper, about, count), rest=rest, t_end=end)
+    return record(stepper, run, events_in(about), path, resume=True, progress=progress)
+
+
+def _stored_arguments(stepper: Stepper, about: Mapping[str, Any], steps: int) -> RunArguments:
+    """Return the arguments of a stored run for ``steps`` steps.
+
+    ``about`` is its identity, whose numbers are texts where a double does not hold their digits.
+    """
+    number = partial(from_text, real=stepper.manifest.real)
+    parameters = {name: number(x) for name, x in about["parameters"].items()}
+    if "frame" in about:  # the rates are chosen along the run
+        for symmetry in stepper.symmetries:
+            parameters.pop(symmetry.name, None)
+        parameters["frame"] = about["frame"]
+    tolerance = None if about["tolerance"] is None else number(about["tolerance"])
+    n, q0, p0 = stepper.n, [number(x) for x in about["q0"]], [number(x) for x in about["p0"]]
+    # in scaled time t and −H are behind the coordinates and momenta
+    t0 = q0[n] if q0[n:] else number(about["t0"])
     run = stepper._resolved(stepper._run_arguments(
-        StartNumbers(q0[:n], p0[:n], parameters, t0), dt=dt, steps=count, every=about["every"],
-        solver=Solver(about["solver"], None if tolerance is None else number(tolerance),
-                      about["max_iterations"]), scaled=True))
-    run.p[n:] = p0[n:]
-    run = replace(run, rest=remainder_of_step, t_end=end)
-    events = events_in(about)
-    return record(stepper, run, events, path, resume=True, progress=progress)
+        StartNumbers(q0[:n], p0[:n], parameters, t0), dt=number(about["dt"]), steps=steps,
+        every=about["every"],
+        solver=Solver(about["solver"], tolerance, about["max_iterations"]), scaled=True))
+    run.p[n:] = p0[n:]  # −H of the start as it was stored, not as it is computed here
+    return run
 
 
 def _opened(
@@ -176,6 +182,7 @@ def _opened(
         "manifest": stepper.manifest.as_json(),
     }
     with storage_errors(path, _NEW):
+        # a killed process leaves no store in part
         with created_atomically(path) as fresh:
             create(fresh, fields_of(stepper.manifest), run.stored_states,
                    checkpoint_size(stepper.binding, events), about,
@@ -197,11 +204,13 @@ def _existing_group(
     stored_rest = float(from_text(stored_run.get("rest", 0.0), recording.manifest.real))
     longer = (run.steps, abs(float(run.rest))) > (stored_run["steps"], abs(stored_rest)) and not (
         recording.status.startswith(FAILED))
-    # a longer run differs in its end alone
-    spans = ("steps", "t_end", "rest")
-    refuse_if_different({name: x for name, x in stored_run.items() if name not in spans}
-                        | {name: identity[name] for name in spans if name in identity}
-                        if longer else stored_run, identity, f"The store {str(path)!r}")
+    expected = dict(stored_run)
+    if longer:  # it may differ in its end alone
+        for name in ("steps", "t_end", "rest"):
+            expected.pop(name, None)
+            if name in identity:
+                expected[name] = identity[name]
+    refuse_if_different(expected, identity, f"The store {str(path)!r}")
     if recording.status.startswith(ENDED):  # a terminal event: there is nothing to go on with
         return group_of(path)
     fields = fields_of(stepper.manifest)

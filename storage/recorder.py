@@ -139,6 +139,7 @@ class Recorder:
         if checkpoint is not None and checkpoint.event_progress is not None:
             self.counts = checkpoint.event_progress.counts
             assert self.observer is not None
+            # the brackets of crossings that were not located at the last commit
             self.observer.resume(checkpoint.run, checkpoint.event_progress.memory)
             for (name, fields), count in zip(self._event_fields.items(), self.counts.tolist(),
                                              strict=True):
@@ -160,7 +161,8 @@ class Recorder:
         return CheckpointState(state, status=status), 0, block_rows
 
     def _states(self, state: CheckpointState) -> int:
-        """Return the number of states, with the start and that of a final event."""
+        """Return the number of states up to a checkpoint: the start, stored steps, a final event
+        or t_end."""
         run = self.run
         if state.ended_by is not None:
             return state.steps // run.every + 2
@@ -168,7 +170,7 @@ class Recorder:
         return run.stored_states if complete else state.steps // run.every + 1
 
     def _empty(self) -> Rows:
-        """Return a block of rows; the start has no multipliers."""
+        """Return a block of empty rows; the start, its first row, has NaN for multipliers."""
         block_rows = Rows.allocate(self.binding, self.block)
         block_rows.multipliers[:1] = self.binding.new(1)[0] + np.nan
         return block_rows
@@ -209,7 +211,8 @@ class Recorder:
         return block_rows
 
     def _stored(self, name: str, wide: bool, first: int, count: int) -> Any:
-        """Return rows of an array in the store."""
+        """Return ``count`` rows of an array in the store from ``first`` on, wide ones with all
+        digits."""
         array = array_of(self.group, wide_name(name) if wide else name)
         return stored_values(array, first, count, wide, self.binding.dtype)
 
@@ -228,14 +231,18 @@ class Recorder:
                     and not interrupts.requested):
                 self._take_last_part(writer)
         if interrupts.requested and self.state.status <= 0:
-            ended = self.state.status < 0
-            remaining = self.run.steps - self.state.steps + bool(
-                self.run.rest and not self.last_part)
-            end_text = ended_at(self.state.steps, self.state.steps + (0 if ended else remaining))
-            continuation = ("It is" if ended or not remaining else
-                            "The same command with --resume continues it: everything up to there "
-                            "is")
-            raise Stopped(f"{end_text} {continuation} in {str(self.path)!r}.", interrupts.signal)
+            raise self._stopped(interrupts)
+
+    def _stopped(self, interrupts: Interrupts) -> Stopped:
+        """Return the exception after a signal, whose message says whether steps remain."""
+        state, run = self.state, self.run
+        remaining = run.steps - state.steps + bool(run.rest and not self.last_part)
+        if state.status < 0:  # an event has ended the run
+            remaining = 0
+        place = ("The same command with --resume continues it: everything up to there is"
+                 if remaining else "It is")
+        return Stopped(f"{ended_at(state.steps, state.steps + remaining)} {place} in "
+                       f"{str(self.path)!r}.", interrupts.signal)
 
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
@@ -299,11 +306,12 @@ class Recorder:
             self._commit(writer)
             return
         work_of_steps = self._report(self.state).work
+        new_events = partial_run.impacts or partial_run.events
         crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, work_of_steps,
                                               self._latest.get(name))
-                     for name, crossings_of_event in (partial_run.impacts
-                                                      or partial_run.events).items()}
+                     for name, crossings_of_event in new_events.items()}
         block_row = run.steps // run.every + 1 - self.first  # of the last row
+        # a longer run that resumes here needs them, for the row that its steps complete
         iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
         if block_row == self.block:
             self.first, block_row = self.first + self.block, 0
@@ -314,9 +322,10 @@ class Recorder:
         self.end = np.array([run.t_end], partial_run.t.dtype)
         if ends_within(self.events, partial_run, run.dt):
             self.end = partial_run.t[-1:]
-            name = first_terminal_event(self.events, partial_run.events, run.dt) or max(
-                partial_run.impacts, key=lambda gap: max(partial_run.impacts[gap].elapsed,
-                                                         default=0 * elapsed))
+            name = first_terminal_event(self.events, partial_run.events, run.dt)
+            if not name:  # the impact that happened last
+                name = max(partial_run.impacts, key=lambda gap: max(
+                    partial_run.impacts[gap].elapsed, default=0 * elapsed))
             names = [event.name for event in self.events]
             self.state = replace(self.state, status=-1 - names.index(name))
         self._commit(writer, crossings=crossings)

@@ -135,6 +135,7 @@ class Recording(Trajectory):
                     event: x.crossings for event, x in impacts.items()})
                 return self.__dict__[name]
             if name in _ATTRIBUTES:
+                # all arrays at once: a store is read block by block, each with all outputs
                 run_in_memory = self._in_memory(range(self.states))
                 for output in OUTPUTS:
                     array = getattr(run_in_memory, output.attribute)
@@ -185,6 +186,7 @@ class Recording(Trajectory):
         return super().save(path, **options)
 
     def _refuse_unless_begun(self) -> None:
+        """Raise InputError before the first commit, when nothing is stored."""
         if not self.states:
             raise InputError(f"{str(self.path)!r} holds no state yet; resume its run first.")
 
@@ -221,6 +223,7 @@ class Recording(Trajectory):
         """
         if self._stepper is None:
             try:
+                # the files of the stepper, as ``source_of`` packs them
                 packed = np.asarray(array_of(self._group, SOURCE)[:]).tobytes()
                 files = json.loads(zlib.decompress(packed))
             except UNREADABLE as error:
@@ -235,6 +238,8 @@ class Recording(Trajectory):
         return stepper
 
     def _maker(self, stepper: Any, call: str) -> Any:
+        """Return the stepper that a method of a trajectory needs, by default the one in the store.
+        """
         return super()._maker(self.stepper if stepper is None else stepper, call)
 
     @property
@@ -312,46 +317,50 @@ class Recording(Trajectory):
             stored it.
         """
         self._refuse_unless_begun()
-        group, manifest, run = self._group, self.manifest, self.attributes["run"]
-        first_row, stop, stride = row_range.start, row_range.stop, row_range.step
-        refuse_missing_blocks(self.path, group, first_row, stop)
-        stored_names: list[str] = self.attributes["arrays"]
+        manifest, run = self.manifest, self.attributes["run"]
+        refuse_missing_blocks(self.path, self._group, row_range.start, row_range.stop)
         missing = [name for output in OUTPUTS for name in names_in_files(output, manifest)
-                   if name not in stored_names]
+                   if name not in self.attributes["arrays"]]
         if missing:
             raise written_by(self.path, run.get("gyrospark"), f"it has no {listed(missing)}")
-        real = REALS[manifest.real]
-        wide, dtype = real.wide, real.dtype
-
-        def read(name: str, *, after_start: bool = False) -> Array:
-            """Return an array's rows in the stepper's type."""
-            exact = wide and wide_name(name) in stored_names
-            array = array_of(group, wide_name(name) if exact else name)
-            if stride == 1:
-                array_rows = stored_values(array, first_row, stop - first_row, exact, dtype)
-            else:
-                array_rows = np.concatenate([
-                    stored_values(array, row, end - row, exact, dtype)[::stride].copy()
-                    for row, end in spans(array.chunks[0])])
-            return array_rows[1:] if after_start else array_rows
-
-        def spans(chunk: int) -> Iterator[tuple[int, int]]:
-            """Yield the first selected row and the end of each chunk: one chunk in memory at once.
-            """
-            yield first_row, first_row  # an array without rows, so that there is one to concatenate
-            for chunk_start in range(first_row - first_row % chunk, stop, chunk):
-                row = max(chunk_start, first_row)
-                row += (first_row - row) % stride
-                if row < (end := min(chunk_start + chunk, stop)):
-                    yield row, end
-
-        arrays: dict[str, Any] = {output.attribute: array_from_files(
-            output, [read(name, after_start=output.of_steps)
-                     for name in names_in_files(output, manifest)],
-            len(row_range), dtype) for output in OUTPUTS}
+        arrays: dict[str, Any] = {}
+        for output in OUTPUTS:
+            # outputs of steps have no entry for the start
+            stored_arrays = [self._rows_of(name, row_range)[1 if output.of_steps else 0 :]
+                             for name in names_in_files(output, manifest)]
+            arrays[output.attribute] = array_from_files(output, stored_arrays, len(row_range),
+                                                        REALS[manifest.real].dtype)
         return Trajectory(
-            **arrays, dt=self.dt, every=self.every * stride, parameters=dict(self.parameters),
-            report=self.report, manifest=manifest)
+            **arrays, dt=self.dt, every=self.every * row_range.step,
+            parameters=dict(self.parameters), report=self.report, manifest=manifest)
+
+    def _rows_of(self, name: str, row_range: range) -> Array:
+        """Return rows of an array in the stepper's type, wide numbers with all their digits."""
+        real = REALS[self.manifest.real]
+        is_exact = real.wide and wide_name(name) in self.attributes["arrays"]
+        array = array_of(self._group, wide_name(name) if is_exact else name)
+        if row_range.step == 1:
+            return stored_values(array, row_range.start, row_range.stop - row_range.start, is_exact,
+                                 real.dtype)
+        # of each chunk a copy of its selected rows: one chunk at a time is in memory
+        return np.concatenate([
+            stored_values(array, begin, end - begin, is_exact, real.dtype)[:: row_range.step].copy()
+            for begin, end in _spans_of_chunks(row_range, array.chunks[0])])
+
+
+def _spans_of_chunks(row_range: range, chunk: int) -> Iterator[tuple[int, int]]:
+    """Yield, for each chunk with selected rows, the first of these and the end of the chunk.
+
+    The first span is empty, so that there is an array to concatenate.
+    """
+    first_row, stop, stride = row_range.start, row_range.stop, row_range.step
+    yield first_row, first_row
+    for chunk_start in range(first_row - first_row % chunk, stop, chunk):
+        row = max(chunk_start, first_row)
+        row += (first_row - row) % stride  # to the next selected row
+        end = min(chunk_start + chunk, stop)
+        if row < end:
+            yield row, end
 
 
 def source_of(stepper: Stepper, impacts: bool = False) -> bytes:
@@ -367,13 +376,16 @@ def source_of(stepper: Stepper, impacts: bool = False) -> bytes:
 
 def events_in(run: Mapping[str, Any]) -> tuple[Event | Impact, ...]:
     """Return the events or impacts of a run from its attributes."""
-    return tuple(Impact(attributes["quantity"], Fraction(attributes["restitution"]), name,
-                        attributes["terminal"])
-                 if "restitution" in attributes else
-                 Event(attributes["quantity"], Fraction(attributes["level"]),
-                       attributes["direction"],
-                       terminal=attributes["terminal"], name=name)
-                 for name, attributes in run.get("events", {}).items())
+    events: list[Event | Impact] = []
+    for name, attributes in run.get("events", {}).items():
+        quantity, terminal = attributes["quantity"], attributes["terminal"]
+        if "restitution" in attributes:
+            restitution = Fraction(attributes["restitution"])
+            events.append(Impact(quantity, restitution, name, terminal))
+        else:
+            events.append(Event(quantity, Fraction(attributes["level"]), attributes["direction"],
+                                terminal=terminal, name=name))
+    return tuple(events)
 
 
 def group_of(path: Path, *, write: bool = False) -> zarr.Group:
@@ -391,7 +403,7 @@ def group_of(path: Path, *, write: bool = False) -> zarr.Group:
 
 
 def _report(report_json: dict[str, Any]) -> Report:
-    """Return a report from JSON, which has lists for tuples, and may have unknown fields."""
+    """Return a report from JSON, whose lists are tuples; fields of other versions are left out."""
     report: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
                               for name, value in known_fields(Report, report_json).items()}
     return Report(**report)

@@ -56,10 +56,11 @@ def save_store(run: Trajectory, path: Path) -> Path:
             if field.wide:
                 stored_arrays[wide_name(field.name)] = as_bytes(array)
             for name, stored_array in stored_arrays.items():
+                inner_position = (0,) * (stored_array.ndim - 1)
                 write_chunks([
-                    Chunk(array_of(group, name), (i, *(0 for _ in stored_array.shape[1:])),
-                          stored_array[i * block : (i + 1) * block])
-                    for i in range(-(-len(run) // block))])
+                    Chunk(array_of(group, name), (i, *inner_position),
+                          stored_array[begin : begin + block])
+                    for i, begin in enumerate(range(0, len(run), block))])
         events = EventStore(group, run.manifest, _asked(run))
         grown = events.grow({name: len(x) for name, x in run.events.items()})
         write_chunks(events.chunks(dict.fromkeys(run.events, 0), run.events | run.impacts))
@@ -81,5 +82,6 @@ def _attributes(run: Trajectory) -> dict[str, Any]:
 
 
 def _asked(run: Trajectory) -> dict[str, dict[str, Any]]:
-    """Return the events of a run as JSON: names, and which of them are impacts."""
+    """Return the events of a run as JSON, name → attributes: an impact has a restitution, here
+    None."""
     return {name: {"restitution": None} if name in run.impacts else {} for name in run.events}

@@ -89,15 +89,18 @@ def _complaints(
 
 
 def _damaged(path: Path, complaint: str) -> InputError:
+    """Return the error for a store with a fault, which completes "The store ... is damaged"."""
     return InputError(f"The store {str(path)!r} is damaged: {complaint}; {_CURE}")
 
 
 def _is_count(value: Any, lower_bound: int) -> bool:
+    """Whether a value of JSON is an integer, not below the bound; true and 1.0 are none."""
     return type(value) is int and value >= lower_bound
 
 
 def _is_number(value: Any, real: RealName = "double") -> bool:
-    """Whether a value is a stored number; numbers of a wide type may be texts of their digits."""
+    """Whether a value of JSON is a stored number; numbers of a wide type may be texts of their
+    digits."""
     try:
         from_text(value, real)
     except ValueError:
@@ -208,11 +211,13 @@ def _check_report(report: Any) -> Iterator[str]:
 
 
 def rows_of(run: Mapping[str, Any]) -> int:
-    """Return the number of states of the whole run, which a saved run has as an attribute."""
+    """Return the number of states of the whole run from its attributes; a saved run has it there.
+    """
     if "rows" in run:
         return int(run["rows"])
     if "rest" in run:  # the last row is the state at t_end
         return int(run["steps"]) // int(run["every"]) + 2
+    # the start, every multiple of ``every``, and the last step in any case: rounded up
     return -(-int(run["steps"]) // int(run["every"])) + 1
 
 
@@ -223,6 +228,7 @@ def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
         yield f"arrays are {names!r}"
         return
     blocks = set()
+    # every run has the first four
     for name in {"time", "q", "p", "energy", *names}:
         try:
             array = array_of(group, name)

@@ -103,6 +103,7 @@ class Writer:
         self._queue.put(batch)
 
     def _raise(self) -> None:
+        """Raise the error of the thread, if it has failed."""
         if self._error is not None:
             raise self._error
 
@@ -129,7 +130,7 @@ class Writer:
         self._changed = set()
 
     def _chunks(self, batch: Batch) -> list[Chunk]:
-        """Return the batch as the chunks of all arrays."""
+        """Return the rows of a batch as chunks of all arrays, one for each array."""
         block_index = batch.first // self._block
         arrays = stored_arrays(self._binding, self._manifest, self._run, self._parameters,
                                batch)

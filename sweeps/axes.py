@@ -110,7 +110,11 @@ def start_axis(q: Any, p: Any) -> Axis:
 
 
 def _scheme_axis(values: Any) -> Axis:
-    """Return the axis of a list of schemes: numbers, with the schemes as labels."""
+    """Return the axis of a list of schemes: column of their numbers 0, 1, ..., the schemes as
+    labels.
+
+    A scheme is a text, "G-L 3", or a pair of name and stages.
+    """
     if isinstance(values, str) or not isinstance(values, Sequence) or not values:
         raise InputError(f"scheme = {values!r} is no list of schemes; write for example "
                          '["EMS", "G-L 2", "G-L 3"].')
@@ -120,7 +124,8 @@ def _scheme_axis(values: Any) -> Axis:
 
 
 def _numbers(name: str, values: Any) -> Array:
-    """Return values as a column of finite doubles."""
+    """Return a list of finite numbers as a column of doubles, shape (values,); else raise
+    InputError."""
     refusal = InputError(f"{name} = {_short(values)} is no list of finite numbers; give at least "
                          "one.")
     try:
@@ -173,7 +178,8 @@ def _spaced(name: str, table: Mapping[str, Any]) -> Array:
 
 
 def _range(name: str, table: Any) -> tuple[float, float, str]:
-    """Return the ends and the spacing of a range, checked."""
+    """Return the ends and the spacing, "linear" or "log", of a range; InputError for an unusable
+    one."""
     if not isinstance(table, Mapping) or not {"from", "to"} <= table.keys() <= {
             "from", "to", "spacing"}:
         raise InputError(f"{name} = {_short(table)} is no range; write "
@@ -186,6 +192,7 @@ def _range(name: str, table: Any) -> tuple[float, float, str]:
     if spacing == "log" and min(low, high) <= 0 <= max(low, high):
         raise InputError(f"{name}: a range from {low} to {high} has no logarithm; choose ends of "
                          "one sign, or linear spacing.")
+    # beyond the largest double, or a ratio that underflows to 0
     width = high - low if spacing == "linear" else high / low
     if not math.isfinite(width) or (spacing == "log" and width == 0):
         raise InputError(f"{name}: a range from {low} to {high} is wider than a double can say; "
@@ -194,5 +201,6 @@ def _range(name: str, table: Any) -> tuple[float, float, str]:
 
 
 def _short(value: Any) -> str:
+    """Return the text of a value for a message, at most 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

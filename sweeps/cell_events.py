@@ -72,6 +72,7 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
 
 
 def _fill(ensemble_states: EnsembleStates) -> None:
+    """Integrate all runs of an ensemble on this thread; a tile is not interrupted."""
     ensemble_states.fill(range(len(ensemble_states.reports)), lambda: False)
 
 
@@ -81,17 +82,20 @@ def _runs(
 ) -> EnsembleArguments:
     """Return the cells with the indices ``group`` as runs, in the number type of single runs.
 
-    q and p, (cells, n), are their starts; all take ``steps`` steps, every ``every``-th stored.
+    q and p, shape (cells, n), are their starts; all take ``steps`` steps, every ``every``-th
+    stored.
     """
     binding = stepper.binding
 
     def column(values: Any) -> Array:
+        """Return a number for each cell in the type that runs take."""
         typed: Array = np.array(values).astype(binding.number_type)
         return typed
 
     q, p = (x.astype(binding.dtype) for x in (q, p))
     dt, t0 = column(cells.dt[group]), column(np.full(len(group), study.t0))
     parameters = {name: column(array[group]) for name, array in cells.parameters.items()}
+    # the arguments that all runs share are read off the first one
     first_run = RunArguments(
         q[0], p[0], dt[0], steps, every, {name: array[0] for name, array in parameters.items()},
         solver=study.solver, tolerance=study.tolerance, max_iterations=study.max_iterations,

@@ -46,6 +46,7 @@ def client_of(where: Any) -> Client:
     if isinstance(where, Client):
         return where
     try:
+        # a scheduler that is not there is told within seconds
         return Client(where, timeout=_CONNECT_SECONDS)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"No Dask scheduler answers at {where!r}: {error or 'no connection'}. "
@@ -93,6 +94,7 @@ class _ClusterRun:
         self._fill()
         while self.submitted:
             try:
+                # a signal, or workers that are gone, must be noticed without an end of a tile
                 future = self.ended.get(timeout=_CHECK_SECONDS)
             except Empty:
                 self._withdraw()
@@ -108,10 +110,12 @@ class _ClusterRun:
                 "--resume.")
 
     def _share(self) -> Any:
+        """Submit the study once for all tiles; return its future."""
         # A task, not scattered data: the scheduler repeats it when its workers have died.
         return self.client.submit(_shared, self.study, self.fields, self.remote_sink, pure=False)
 
     def _submit(self, tile: Tile) -> None:
+        """Submit a tile; its future comes into ``ended`` when it is done."""
         future = self.client.submit(_compute, self.shared, tile, pure=False, retries=_RETRIES)
         self.submitted[future.key] = future, tile
         future.add_done_callback(self.ended.put)
@@ -189,6 +193,7 @@ class _ClusterCapacity:
 
 
 def _shared(study: Study, fields: list[StoredField], sink: Sink | None) -> tuple[Any, ...]:
+    """Return study, fields and sink as the result of a task, from which ``_compute`` takes them."""
     return study, fields, sink
 
 

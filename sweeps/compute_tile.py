@@ -63,7 +63,7 @@ def _run(
     dtype = stepper._binding_of_many.dtype
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
     structs = _structs(study, stepper, cells, group)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # numbers that are not finite make a status, no warning
         q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)  # appends t and e = −H
         equal_constraints = _groups_of_constraints(study, stepper, cells, group)
         # starts of an axis are taken as they are, but wide numbers need digits beyond doubles
@@ -77,10 +77,11 @@ def _run(
         status[off_constraints], reports["steps"][off_constraints] = BAD_START, 0
         results = _report_results(reports) | {STATUS: status}
         results |= _quantities(study, stepper, structs, reports, dt, q, p) | ends.event_results
+    # without samples the second dict is empty
     states = {"q": q, "p": p} | dict(zip(("q_samples", "p_samples"), ends.samples, strict=False))
     for name, array in states.items():
         results[name] = array[..., : stepper.n]
-        if stepper.binding.clocked and name.startswith("q"):
+        if stepper.binding.clocked and name.startswith("q"):  # the last coordinate is t
             results[name.replace("q", "t", 1)] = array[..., -1]
     failed = status != 0
     for name, array in results.items():
@@ -112,7 +113,7 @@ def _run_without_events(
 
 
 def _memory(stepper: Stepper) -> tuple[Any, ...]:
-    """Return this thread's work memory for a stepper."""
+    """Return this thread's work memory for a stepper; it is kept for the next tile."""
     memory_of: dict[int, tuple[Stepper, tuple[Any, ...]]] = _MEMORY.__dict__.setdefault("kept", {})
     if id(stepper) not in memory_of:
         memory_of.clear()  # a thread works at one stepper at a time
@@ -144,14 +145,14 @@ def first_steps(study: Study, stepper: Stepper, cells: Cells, group: Array) -> A
     structs = _structs(study, stepper, cells, group)
     q, p = (x[group].astype(binding.dtype) for x in (cells.q, cells.p))
     q, p = _in_scaled_time(study, stepper, structs, q, p)
-    steps: Array = dt * np.array([float(binding.time_scales(_struct(stepper, row), q[i : i + 1],
-                                                            p[i : i + 1])[0])
-                                  for i, row in enumerate(structs)])
+    scales = [float(binding.time_scales(_struct(stepper, row), q[i : i + 1], p[i : i + 1])[0])
+              for i, row in enumerate(structs)]
+    steps: Array = dt * np.array(scales)
     return steps
 
 
 def _structs(study: Study, stepper: Stepper, cells: Cells, group: Array) -> Array:
-    """Return the parameters for compiled code: one row per cell, the time last."""
+    """Return the parameters of the cells for compiled code, shape (cells, names), the time last."""
     binding = stepper.binding
     columns = [cells.parameters[name][group] for name in binding.parameter_names]
     columns += [] if binding.time is None else [np.full(len(group), study.t0)]
@@ -160,11 +161,12 @@ def _structs(study: Study, stepper: Stepper, cells: Cells, group: Array) -> Arra
 
 
 def _report_results(reports: Array) -> dict[str, Array]:
-    """Return the running records as doubles."""
+    """Return the results in the running records of cells as columns by name, errors as doubles."""
     steps = reports["steps"]
     results: dict[str, Array] = {"energy_start": reports["energy_start"].astype(float)}
     for name, recorded in _ERRORS.items():
         results[f"{name}_max"] = reports[f"{recorded}_max"].astype(float)
+        # a sum over the states after the steps, and the start
         results[f"{name}_mean"] = reports[f"{recorded}_sum"].astype(float) / (steps + 1)
     results["iterations_mean"] = reports["iterations"] / np.maximum(steps, 1)
     results |= {name: reports[name] for name in ("iterations_max", "newton_steps")}
@@ -193,7 +195,7 @@ def _quantities(
 
 
 def _struct(stepper: Stepper, row: Array) -> Any:
-    """Return one cell's parameters for compiled code."""
+    """Return a row of ``_structs`` as the parameter struct of compiled code, without a copy."""
     return stepper.binding.ffi.from_buffer(f"{stepper.binding.name}_parameters *", row)
 
 
@@ -201,11 +203,13 @@ def _project_starts(
     study: Study, stepper: Stepper, equal_constraints: list[Array], structs: Array, q: Array,
     p: Array,
 ) -> None:
-    """Move the starts onto the constraints of their cells, in place.
+    """Move the starts onto the constraints of their cells, in place; shape (cells, n) each.
 
-    A start that cannot be moved stays, and the check of the starts finds it.
+    ``equal_constraints`` has the cells with equal constraints as arrays of indices. A start that
+    cannot be moved stays, and the check of the starts finds it.
     """
     for group_rows in equal_constraints:
+        # one projection for all cells of a group, unless their starts differ
         for rows in group_rows[:, None] if study.varied("q") else [group_rows]:
             first_row = rows[0]
             try:
@@ -230,11 +234,14 @@ def _consistent(
     consistent = np.ones(len(q), dtype=bool)
 
     def check(rows: Array, keeps_f: bool) -> Array:
+        """Return whether the starts of these cells are consistent, with the first one's parameters.
+        """
         parameters = _struct(stepper, structs[rows[0]])
         return defects_of_starts(stepper.binding, keeps_f, parameters, q[rows], p[rows],
                                  dt[rows]).consistent
 
     for group_rows in equal_constraints:
+        # one check serves cells with one start
         consistent[group_rows] = check(group_rows if study.varied("q") else group_rows[:1], True)
     if not stepper.manifest.scheme.keeps_momentum_constraint:
         for i in np.flatnonzero(~consistent):
@@ -256,8 +263,9 @@ def _groups_of_constraints(
     if not columns:
         return [np.arange(len(group))]
     group_index = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
-    return np.split(np.argsort(group_index, kind="stable"),
-                    np.cumsum(np.bincount(group_index))[:-1])
+    cells_by_group = np.argsort(group_index, kind="stable")
+    ends = np.cumsum(np.bincount(group_index))
+    return np.split(cells_by_group, ends[:-1])
 
 
 def run_tiles(

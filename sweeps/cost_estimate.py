@@ -84,14 +84,14 @@ def _sample(study: Study, sample_index: int) -> Tile:
     """
     shape = study.shape
     ratio = 2.0
-    for _ in range(64):
+    for _ in range(64):  # the fixed point φ = (1 + φ)^(1/(d + 1))
         ratio = (1 + ratio) ** (1 / (len(shape) + 1))
     origin = [int((0.5 + sample_index * ratio**-k) % 1 * length)
               for k, length in enumerate(shape, 1)]
     width = min(shape[-1], _CELLS)
     origin[-1] = min(origin[-1], shape[-1] - width)
-    return Tile(tuple(origin), tuple(
-        slice(i, i + (width if axis == len(shape) - 1 else 1)) for axis, i in enumerate(origin)))
+    widths = [1] * (len(shape) - 1) + [width]
+    return Tile(tuple(origin), tuple(slice(i, i + w) for i, w in zip(origin, widths, strict=True)))
 
 
 def _seconds_a_step(study: Study, tile: Tile) -> float:
@@ -112,7 +112,8 @@ def _seconds_a_step(study: Study, tile: Tile) -> float:
 
 
 def _time(study: Study, tile: Tile) -> float:
-    """Return the CPU time of the cells of a tile, in seconds."""
+    """Return the CPU time of this thread for the cells of a tile, in seconds, without stored
+    results."""
     fields = fields_of(study, [])
     began = time.thread_time()
     compute(study, fields, tile)

@@ -19,6 +19,7 @@ from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.integration.consistency import text_of_move
 from ..runtime.integration.run_arguments import step_argument
 from ..runtime.integration.starts import own_inertias
+from ..runtime.steppers.run_defaults import RunDefaults
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
 from .study import Study, checked_study
 from .sweep_model import base_parameters, resolve, starts
@@ -33,7 +34,10 @@ def plan(
     parameters: Mapping[str, Any] | None = None, dt: float | None = None,
     dtau: float | None = None, **options: Any,
 ) -> Study:
-    """Return the checked study of a sweep; see ``sweep`` for the arguments."""
+    """Return the checked study of a sweep; see ``sweep`` for the arguments.
+
+    ``options`` are the fields of ``Study`` that all cells share: steps, every, solver, events, ...
+    """
     over = as_mapping("over", over, '{"gamma": [4e-4, 8e-4]}')
     parameter_values = {} if parameters is None else as_mapping(
         "parameters", parameters, '{"mgl": 0.4}')
@@ -47,20 +51,8 @@ def plan(
     binding = steppers[0].binding
     step_name = "dtau" if binding.clocked else "dt"
     names = {*steppers[0].parameter_domains, step_name, SCHEME}
-    # columns of all axes; a table of points has several
-    varied = {key for key in over if key in names} | {
-        column for key, table in over.items() if key not in names and isinstance(table, Mapping)
-        for column in table}
-    axes, seed = [], None
-    for key, axis_values in over.items():
-        if key in names:
-            axes.append(value_axis(key, axis_values))
-        elif key == START:
-            axes.append(starts(axis_values, start, varied))
-        else:
-            axis, axis_seed = _points(key, axis_values, step_name)
-            axes.append(axis)
-            seed = axis_seed if seed is None else seed
+    varied = _varied_names(over, names)
+    axes, seed = _axes(over, names, start, varied, step_name)
     # a model may name dt, but has no Δτ
     if step_name not in varied or dt is not None or dtau is not None:
         dt = step_argument(binding, start.dt if dt is None and not binding.clocked else dt, dtau)
@@ -71,6 +63,36 @@ def plan(
     _refuse_impossible_inertias(study, start.bodies)
     _warn_of_moved_start(study, common_parameters | study.parameters)
     return study
+
+
+def _varied_names(over: Mapping[str, Any], names: set[str]) -> set[str]:
+    """Return the quantities that vary: keys of ``over``, and the columns of its tables of points.
+
+    ``names`` are the keys that have an axis of their own: parameters, the step and the scheme.
+    """
+    varied = {key for key in over if key in names}
+    for key, table in over.items():
+        if key not in names and isinstance(table, Mapping):
+            varied |= {*table}
+    return varied
+
+
+def _axes(
+    over: Mapping[str, Any], names: set[str], start: RunDefaults, varied: set[str], step_name: str
+) -> tuple[list[Axis], int | None]:
+    """Return an axis for each key of ``over``, and the seed of the first random axis, or None."""
+    axes: list[Axis] = []
+    seed: int | None = None
+    for key, axis_values in over.items():
+        if key in names:
+            axes.append(value_axis(key, axis_values))
+        elif key == START:
+            axes.append(starts(axis_values, start, varied))
+        else:
+            axis, axis_seed = _points(key, axis_values, step_name)
+            axes.append(axis)
+            seed = axis_seed if seed is None else seed
+    return axes, seed
 
 
 def _schemes(over: Mapping[str, Any], scheme: str | None, stages: Any) -> list[str]:
@@ -94,11 +116,12 @@ def _schemes(over: Mapping[str, Any], scheme: str | None, stages: Any) -> list[s
 def _refuse_impossible_inertias(study: Study, inertias: Mapping[str, Any]) -> None:
     """Refuse a study with a cell whose parameters are an inertia that no body has."""
     stepper = study.steppers[0]
-    bodies = {body: names for body, names in (
-        own_inertias(inertias, stepper.parameter_domains) | stepper._inertias).items()
-        if any(map(study.varied, names))}
-    for tile in tiles_of(study) if bodies else ():
-        refuse_impossible_inertias(bodies, cells_of(study, tile).parameters)
+    names_by_body = own_inertias(inertias, stepper.parameter_domains) | stepper._inertias
+    # other inertias are equal in all cells, and were checked with the parameters
+    varied = {body: names for body, names in names_by_body.items()
+              if any(map(study.varied, names))}
+    for tile in tiles_of(study) if varied else ():
+        refuse_impossible_inertias(varied, cells_of(study, tile).parameters)
 
 
 def _points(name: str, table: Any, step_name: str) -> tuple[Axis, int | None]:
@@ -124,6 +147,7 @@ def _warn_of_moved_start(study: Study, parameters: dict[str, float]) -> None:
     if study.varied("q"):
         return
     stepper = study.steppers[0]
+    # where a parameter varies and the model has none of its own: its first value
     own_parameters = {name: float(axis.columns[name][0]) for axis in study.axes
                       for name in axis.columns if name in stepper.parameter_domains}
     q, p = stepper.project(study.q, study.p, parameters=own_parameters | parameters, t=study.t0)

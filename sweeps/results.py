@@ -81,45 +81,55 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
 
     Raises InputError if a name in ``keep`` is no result.
     """
-    stepper = study.steppers[0]
-    body = stepper.manifest.system.rigid_body
+    binding = study.steppers[0].binding
     # of other systems than a rigid body the units of H and p are not known
-    joule, momentum = ({"units": unit} if body else {} for unit in ("J", "kg m2 s-1"))
-    state = (("coordinate", stepper.n),)
-
-    def scalar_field(name: str, text: str, **units: str) -> StoredField:
-        return StoredField(name, (), {"long_name": text, **units})
-
-    work = stepper.binding.has_forces
-    error = "|H - H0 - W|" if work else "|H - H0|"
+    is_body = study.steppers[0].manifest.system.rigid_body
+    joule, momentum = ({"units": unit} if is_body else {} for unit in ("J", "kg m2 s-1"))
+    state = (("coordinate", study.steppers[0].n),)
     fields = [
-        scalar_field("energy_start", "H at the start", **joule),
-        scalar_field("energy_error_max", f"largest {error} of all steps", **joule),
-        scalar_field("energy_error_mean", f"mean {error} of all steps", **joule),
-        scalar_field("constraint_max", "largest |g(q)| of all steps"),
-        scalar_field("constraint_mean", "mean |g(q)| of all steps"),
-        scalar_field("momentum_constraint_max", "largest |g_q H_p| of all steps"),
-        scalar_field("momentum_constraint_mean", "mean |g_q H_p| of all steps"),
-        scalar_field("iterations_mean", "iterations a step"),
+        *_error_fields(binding.has_forces, joule),
+        _scalar_field("iterations_mean", "iterations a step"),
         StoredField("iterations_max", (), {"long_name": "most iterations of a step"}, "i4"),
         StoredField("newton_steps", (), {"long_name": "steps that only Newton could do"}, "i8"),
         StoredField("steps_done", (), {"long_name": "steps done"}, "i8"),
         StoredField("q", state, {"long_name": "coordinates at the end"}),
         StoredField("p", state, {"long_name": "momenta at the end", **momentum}),
     ]
-    if stepper.binding.clocked:
-        fields.append(scalar_field("t", "time at the end", units="s"))
-    if work:
-        fields.append(scalar_field("work", "work of the forces"))
-    fields += [scalar_field(QUANTITY + name, f"quantity {name} at the end")
-               for name in stepper.binding.quantity_names]
+    if binding.clocked:
+        fields.append(_scalar_field("t", "time at the end", units="s"))
+    if binding.has_forces:
+        fields.append(_scalar_field("work", "work of the forces"))
+    fields += [_scalar_field(QUANTITY + name, f"quantity {name} at the end")
+               for name in binding.quantity_names]
     for event in study.events:
         crossing = f"{event.quantity} = {float(event.level):g}"
-        fields += [scalar_field(first_of(event.name),
-                                f"time of the first {crossing}; NaN where none", units="s"),
-                   scalar_field(count_of(event.name), f"how often {crossing}")]
+        fields += [_scalar_field(first_of(event.name),
+                                 f"time of the first {crossing}; NaN where none", units="s"),
+                   _scalar_field(count_of(event.name), f"how often {crossing}")]
     fields += _sample_fields(study, state, momentum)
     return [*_selected_fields(fields, keep), _status_field()]
+
+
+def _scalar_field(name: str, text: str, **units: str) -> StoredField:
+    """Return the field of one double for each cell, described by ``text``."""
+    return StoredField(name, (), {"long_name": text, **units})
+
+
+def _error_fields(has_forces: bool, joule: Mapping[str, str]) -> list[StoredField]:
+    """Return the fields of H and of the errors in H, g and g_q H_p over the steps of a cell.
+
+    ``joule`` is the attribute with the unit of H, {} where it is not known.
+    """
+    error = "|H - H0 - W|" if has_forces else "|H - H0|"
+    return [
+        _scalar_field("energy_start", "H at the start", **joule),
+        _scalar_field("energy_error_max", f"largest {error} of all steps", **joule),
+        _scalar_field("energy_error_mean", f"mean {error} of all steps", **joule),
+        _scalar_field("constraint_max", "largest |g(q)| of all steps"),
+        _scalar_field("constraint_mean", "mean |g(q)| of all steps"),
+        _scalar_field("momentum_constraint_max", "largest |g_q H_p| of all steps"),
+        _scalar_field("momentum_constraint_mean", "mean |g_q H_p| of all steps"),
+    ]
 
 
 def _sample_fields(
@@ -195,9 +205,9 @@ class MemorySink:
         dimensions = [axis.name for axis in self._study.axes]
         results = {f.name: ([*dimensions, *(name for name, _ in f.inner)], self.arrays[f.name],
                             f.attributes) for f in self._fields}
-        coordinates = {name: (along, _labelled(name, coordinate, attributes_of))
-                       for name, (along, coordinate,
-                                  attributes_of) in _coordinates(self._study).items()}
+        coordinates = {}
+        for name, (along, numbers, coordinate_attributes) in _coordinates(self._study).items():
+            coordinates[name] = along, _labelled(name, numbers, coordinate_attributes)
         return _named(xarray.Dataset(results, coordinates, attributes))
 
 
@@ -232,6 +242,7 @@ class StoreSink:
 
 
 def _fill(field: StoredField) -> float:
+    """Return the value of a result before its cell is computed."""
     return NOT_COMPUTED if field.name == STATUS else field.fill
 
 
@@ -268,7 +279,8 @@ def _coordinates(study: Study) -> dict[str, tuple[list[str], Array, dict[str, An
 
 
 def _labelled(name: str, scheme_numbers: Array, attributes: dict[str, Any]) -> Array:
-    """Return the labels along an axis: the names of schemes, not their numbers."""
+    """Return the values along an axis for readers: of schemes their names, which stores have as
+    numbers."""
     return scheme_numbers if name != SCHEME else np.array(attributes["labels"])[scheme_numbers]
 
 
@@ -294,6 +306,7 @@ def is_complete(study: Study, path: Path) -> bool:
 
 
 def _files(root: Path) -> Iterable[Path]:
+    """Yield the paths of all files below a folder."""
     return (Path(folder) / name for folder, _, names in os.walk(root) for name in names)
 
 
@@ -361,6 +374,7 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
             index = np.unravel_index(int(argument_of(tile_values)), tile_values.shape)
             extremum = float(tile_values[index])
             if end not in ends or better(extremum, ends[end][0]):
+                # the index of the cell in the whole grid
                 ends[end] = extremum, tuple(s.start + int(i) for s, i in
                                             zip(tile.slices, index, strict=True))
     if not ends:
@@ -370,7 +384,7 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
 
 
 def _values_at(study: Study, cell_index: tuple[int, ...]) -> dict[str, Any]:
-    """Return the values of the axes at a cell."""
+    """Return the values of all columns of the axes at a cell, by name."""
     axis_values: dict[str, Any] = {}
     for axis, i in zip(study.axes, cell_index, strict=True):
         for column, values in axis.columns.items():

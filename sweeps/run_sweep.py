@@ -215,12 +215,15 @@ def _warn_of_fast_rotation(study: Study) -> None:
         cells = cells_of(study, tile)
         for scheme, stepper in enumerate(study.steppers):
             group = np.flatnonzero(cells.scheme == scheme)
-            worst = stepper.rotations.fastest(
+            if not len(group) or not stepper.rotations.bodies:
+                continue
+            fastest = stepper.rotations.fastest(
                 {name: x[group] for name, x in cells.parameters.items()},
                 compute_tile.first_steps(study, stepper, cells, group), cells.q[group],
-                cells.p[group]) if len(group) and stepper.rotations.bodies else None
-            rotations += [] if worst is None else [worst]
-    if rotations:
+                cells.p[group])
+            if fastest is not None:
+                rotations.append(fastest)
+    if rotations:  # one warning, of the cell that is most beyond its limit
         max(rotations, key=lambda rotation: rotation.radians / rotation.limit).warn()
 
 
@@ -249,11 +252,12 @@ def _compute(
     threads: int,
     client: Any, progress: Progress, path: Path | None,
 ) -> None:
-    """Compute the remaining tiles.
+    """Compute the tiles that are not ``finished`` and write them to the sink.
 
-    Raises Stopped after a signal.
+    They run on ``threads`` of this machine, or by the Dask client of a cluster; ``path`` is where
+    the store is, None in memory. Raises Stopped after a signal.
     """
-    is_stored = path is not None
+    is_stored = path is not None  # tiles of a store are larger
     cells = sum(_size(tile) for tile in tiles_of(study, is_stored) if tile.place in finished)
     remaining_tiles = (tile for tile in tiles_of(study, is_stored) if tile.place not in finished)
     with (log_progress(f"sweeping {study.size:,} cells", study.size, progress) as report,
@@ -299,6 +303,7 @@ class _CellCount:
 
 
 def _size(tile: Tile) -> int:
+    """Return the number of cells of a tile."""
     return int(np.prod(tile.shape, dtype=np.int64))
 
 
@@ -338,6 +343,7 @@ def _events(study: Study) -> dict[str, Any]:
 
 
 def _digest(values: Any) -> str:
-    """Return a digest of an axis' values."""
+    """Return a digest of an axis' values, equal for equal bytes, by which a resumed sweep is
+    compared."""
     plain = as_bytes(np.asarray(values))
     return hashlib.sha256(plain.tobytes()).hexdigest()[:32]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -141,11 +142,11 @@ def checked_study(study: Study) -> Study:
     if (study.steps is None) == (study.t_end is None):
         raise InputError("Give a sweep either steps, the number for every cell, or t_end, the "
                          "time of the end of every cell.")
-    # steps and every may be left out
     counts: dict[str, Any] = {
-        name: as_positive_count(name, getattr(study, name), minimum=1)
-        for name in ("steps", "every", "max_iterations")
-        if getattr(study, name) is not None or name == "max_iterations"}
+        "max_iterations": as_positive_count("max_iterations", study.max_iterations, minimum=1)}
+    for name in ("steps", "every"):
+        if getattr(study, name) is not None:  # both may be left out
+            counts[name] = as_positive_count(name, getattr(study, name), minimum=1)
     study = replace(study, **counts)
     if study.tolerance is not None and as_real("tolerance", study.tolerance) <= 0:
         raise InputError(f"tolerance = {study.tolerance} is not positive; give none for round-off.")
@@ -191,12 +192,15 @@ def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
         if not symmetry.condition:
             continue
         names = {symmetry.name, *symmetry.mentioned}
-        axes = [[{name: float(column[i]) for name, column in axis.columns.items() if name in names}
-                 for i in range(len(axis))]
-                for axis in study.axes if names & axis.columns.keys()]
-        for parts in product(*axes):
-            refuse_broken([symmetry], {**fixed, **{k: v for point in parts
-                                                   for k, v in point.items()}})
+        # of each axis that varies one of them, its points: name → value
+        axes = []
+        for axis in study.axes:
+            columns = {name: x for name, x in axis.columns.items() if name in names}
+            if columns:
+                axes.append([{name: float(x[i]) for name, x in columns.items()}
+                             for i in range(len(axis))])
+        for points in product(*axes):
+            refuse_broken([symmetry], {**fixed, **ChainMap(*points)})
 
 
 def _refuse_repetition(study: Study) -> None:
@@ -244,7 +248,7 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
 
 
 def as_table(value: Any, name: str) -> Mapping[str, Any]:
-    """Return a mapping, or refuse."""
+    """Return a mapping, or raise InputError that names it."""
     if not isinstance(value, Mapping):
         raise InputError(f"{name} = {value!r} is no table; write name = value pairs.")
     return value

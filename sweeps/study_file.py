@@ -109,11 +109,13 @@ def _study(content: dict[str, Any], path: Path) -> Study:
     name = content.get("name", path.stem)
     if not isinstance(name, str):
         raise InputError(f"name = {name!r} is not text.")
-    study = plan(NamedModel(model, as_table(content.get("settings", {}), "settings")),
-                 as_table(content.get("grid", {}), "grid"),
-                 parameters={key: Rule(option) if option in RULES else option for key, option in
-                             as_table(content.get("parameters", {}), "parameters").items()},
-                 events=_events(as_table(content.get("events", {}), "events")), **options)
+    settings, grid, numbers, events = (as_table(content.get(table, {}), table)
+                                       for table in ("settings", "grid", "parameters", "events"))
+    # the text of a rule, such as gamma = "h"
+    parameters = {key: Rule(option) if option in RULES else option
+                  for key, option in numbers.items()}
+    study = plan(NamedModel(model, settings), grid, parameters=parameters, events=_events(events),
+                 **options)
     return replace(study, name=name)
 
 

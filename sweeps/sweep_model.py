@@ -92,6 +92,7 @@ def _stepper(
                          "model, which of a system is gs.Model(system, parameters, q0, p0).")
     if rep is not None:
         raise InputError(f"rep = {rep!r} belongs to names and files; a Model brings its own H.")
+    # a Model has its frame, unless the caller names another
     spec = Spec.checked(scheme, stages, real=real).with_frame(frame or model.frame or None)
     return stepper_of(spec, model.system), RunDefaults.of(model)
 
@@ -121,9 +122,9 @@ def base_parameters(
         if name in stepper.parameter_domains and name not in parameters and name not in varied:
             parameters[name] = _by_rule(name, start.rules.get(name, "m"), inertia)
     for name, number_or_rule in parameter_values.items():
-        is_rule = isinstance(number_or_rule, Rule) and name in start.bodies
-        parameters[name] = _by_rule(name, number_or_rule.name,
-                                    start.bodies[name]) if is_rule else number_or_rule
+        parameters[name] = number_or_rule
+        if isinstance(number_or_rule, Rule) and name in start.bodies:
+            parameters[name] = _by_rule(name, number_or_rule.name, start.bodies[name])
     return parameters
 
 
@@ -170,7 +171,7 @@ def starts(table: Any, start: RunDefaults, varied: set[str]) -> Axis:
 
 
 def _quaternions(quaternions: Any) -> Array:
-    """Return rows of four numbers from one row or several."""
+    """Return quaternions as rows, shape (rows, 4), from one or several of them."""
     sequences = (list, tuple, np.ndarray)
     is_single = (isinstance(quaternions, sequences) and len(quaternions) > 0
                  and not isinstance(quaternions[0], sequences))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -99,7 +100,8 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     longest = sorted(array.dims, key=lambda d: -array.sizes[d])[:2]
     fixed = [_axis(array, str(d)) for d in array.dims if d not in longest]
     array = array.isel({axis.dimension: 0 for axis in fixed})
-    array = array.isel({d: slice(None, None, -(-array.sizes[d] // _MOST)) for d in longest})
+    strides = {d: math.ceil(array.sizes[d] / _MOST) for d in longest}
+    array = array.isel({d: slice(None, None, stride) for d, stride in strides.items()})
     figure = figure_class()(figsize=(7.2, 5), layout="constrained")
     axes = figure.add_subplot()
     drawn_axes = [_axis(array, str(d)) for d in array.dims]
@@ -121,6 +123,7 @@ def _axis(array: xarray.DataArray, dimension: str) -> _Axis:
     """Return a dimension for drawing: with its own values, or the only quantity along it."""
     along = {str(name): np.asarray(values) for name, values in array.coords.items()
              if values.dims == (dimension,)}
+    # an axis of one parameter may have another name than that
     label = dimension if dimension in along or len(along) != 1 else next(iter(along))
     values = along.get(label)
     if values is not None and values.dtype.kind in "iuf":
@@ -148,9 +151,9 @@ def _line_axis(shown: list[_Axis]) -> _Axis | None:
 def _lines(axes: Any, array: xarray.DataArray, along: _Axis, line_axis: _Axis | None) -> None:
     """Draw a quantity along an axis, a line for each value of ``line_axis``, if there is one."""
     order = np.argsort(along.places, kind="stable")
-    lines = np.asarray(array if line_axis is None
-                       else array.transpose(line_axis.dimension, along.dimension),
-                       dtype=float).reshape(-1, len(along))
+    if line_axis is not None:  # a row for each line
+        array = array.transpose(line_axis.dimension, along.dimension)
+    lines = np.asarray(array, dtype=float).reshape(-1, len(along))
     names = [None] if line_axis is None else line_axis.names
     style = "o" if not along.numeric else "o-" if len(along) <= _MARKED else "-"
     for line, name in zip(lines, names, strict=True):
@@ -199,18 +202,20 @@ def _scale(axis: Any, set_scale: Any, sweep_axis: _Axis) -> None:
 
 
 def _unevenness(values: Array) -> float:
-    """Return the standard deviation of the distances between sorted values over their mean."""
+    """Return the standard deviation of the distances between sorted values over their mean; 0 if
+    equal."""
     distances = np.diff(values)
     return float(distances.std() / distances.mean()) if distances.any() else 0.0
 
 
 def _spread(values: Array) -> bool:
-    """Whether results are of one sign and of many sizes."""
+    """Whether finite results are positive and the largest is more than 30 times the smallest."""
     finite = values[np.isfinite(values)]
     return bool(len(finite)) and bool((finite > 0).all()) and finite.max() > 30 * finite.min()
 
 
 def _label(array: xarray.DataArray) -> str:
+    """Return the description of a result with its unit, for an axis or a colour bar."""
     units = array.attrs.get("units")
     text = str(array.attrs.get("long_name", array.name))
     return f"{text} ({units})" if units else text

@@ -7,6 +7,7 @@ always writes the same files.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -74,8 +75,9 @@ def tile_shape(study: Study, is_stored: bool = True) -> tuple[int, ...]:
     cells = _cells_of_a_tile(study, is_stored)
     shape = []
     for axis in reversed(study.axes):
-        part_count = len(axis) if SCHEME in axis.columns else -(-len(axis) // cells)
-        length = -(-len(axis) // part_count)
+        # a tile has one scheme; of other axes as few parts as leave at most ``cells`` cells each
+        part_count = len(axis) if SCHEME in axis.columns else math.ceil(len(axis) / cells)
+        length = math.ceil(len(axis) / part_count)
         shape.append(length)
         cells = max(1, cells // length)
     return tuple(reversed(shape))
@@ -94,7 +96,7 @@ def _cells_of_a_tile(study: Study, is_stored: bool) -> int:
 
 def tile_counts(study: Study, stored: bool = True) -> tuple[int, ...]:
     """Return the number of tiles along each axis."""
-    return tuple(-(-length // size)
+    return tuple(math.ceil(length / size)
                  for length, size in zip(study.shape, tile_shape(study, stored), strict=True))
 
 
@@ -109,6 +111,7 @@ def tiles_of(study: Study, is_stored: bool = True) -> Iterator[Tile]:
 
 def cells_of(study: Study, tile: Tile) -> Cells:
     """Return the arguments of the cells of a tile, the last axis fastest."""
+    # of each axis the index of each cell, shape (axes, cells)
     indices = np.indices(tile.shape).reshape(len(tile.shape), -1)
     count = indices.shape[1]
     columns: dict[str, Array] = {}
@@ -116,8 +119,10 @@ def cells_of(study: Study, tile: Tile) -> Cells:
         columns |= {name: values[tile_slice][index] for name, values in axis.columns.items()}
 
     def column(name: str, common: Any) -> Array:
-        return columns[name] if name in columns else np.broadcast_to(
-            np.asarray(common), (count, *np.shape(common)))
+        """Return a quantity of each cell: of its axis, or the number or row that all share."""
+        if name in columns:
+            return columns[name]
+        return np.broadcast_to(np.asarray(common), (count, *np.shape(common)))
 
     dt = column(study.step_name, study.dt).astype(float)
     names = study.steppers[0].parameter_domains

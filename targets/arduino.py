@@ -42,6 +42,7 @@ def files(
                     "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},
                     "frameworks": "*", "platforms": "*", "headers": f"{name}.h",
                     "build": {"flags": "-ffp-contract=off"},
+                    # files beside these, such as the manifest, are not part of the library
                     "export": {"include": ["src", "examples",
              "library.properties"]}}
     return {**{f"src/{file}": text for file, text in sources.items() if not file.endswith("json")},

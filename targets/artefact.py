@@ -212,7 +212,10 @@ def literal(x: float, real: str) -> str:
 
 
 def work_size(name: str, header: str) -> int:
-    """Return the bytes of a trajectory's memory where int64_t and double are aligned to 8."""
+    """Return the bytes of a trajectory's memory, from the declaration of its struct in the header.
+
+    int64_t and double are aligned to 8 there, as on all platforms of targets.
+    """
     import cffi
 
     # cffi reads declarations alone, without directives of the preprocessor
@@ -256,6 +259,7 @@ def check_out(out: Path) -> None:
         return
     try:
         digests = json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]
+        # files that were removed since are no loss
         changed_files = [name for name, digest in digests.items()
                          if (out / name).is_file() and _digest(out / name) != digest]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -267,6 +271,7 @@ def check_out(out: Path) -> None:
 
 
 def _digest(path: Path) -> str:
+    """Return the SHA-256 of a file, by which a marker knows whether the file was changed."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

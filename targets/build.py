@@ -121,6 +121,7 @@ def build(
     system = _resolved(system, rep)
     specs = [_spec(*scheme_arguments, rep, type_, system)
              for scheme_arguments in _schemes(chosen_target, scheme, stages, order, composition)]
+    # arguments are checked before anything is derived, which takes seconds
     path = None if out is None else as_path("out", out, f"stepper{chosen_target.suffix}")
     if path is not None:
         check_out(path)
@@ -157,7 +158,10 @@ def target_named(name: Any) -> Target:
 
 
 def _platforms(target: Target, platforms: Any) -> tuple[str, ...]:
-    """Return the platforms of the artefact's binaries."""
+    """Return the names of the platforms of an artefact's binaries, each once; by default the first.
+
+    ``platforms`` are names, or a text of names with commas; a target without binaries takes None.
+    """
     if platforms is None:
         return target.platforms[:1]
     names = (platforms.split(",") if isinstance(platforms, str)
@@ -186,6 +190,7 @@ def _schemes(
         str(name) for name in as_items("scheme", schemes, "names")]
     if not names:
         raise InputError("scheme = [] names none; give one such as 'G-L'.")
+    # one scheme in a list takes the arguments as a scheme alone does
     if len(names) == 1 and names[0] in SCHEMES:
         return [(names[0], stages, order, composition)]
     scheme_arguments = []
@@ -193,9 +198,11 @@ def _schemes(
         stage_prefix = re.match(r"(\d+)-", text)
         name = text if stage_prefix is None else text[stage_prefix.end():]
         scheme = SCHEMES[choose("scheme", name, SCHEMES)]
-        count = int(stage_prefix[1]) if stage_prefix else stages if scheme.counted else None
-        scheme_arguments.append((name, count,
-                                 *((order, composition) if scheme.composed else (None, None))))
+        count = stages if scheme.counted else None
+        if stage_prefix is not None:
+            count = int(stage_prefix[1])
+        orders = (order, composition) if scheme.composed else (None, None)
+        scheme_arguments.append((name, count, *orders))
     return scheme_arguments
 
 
@@ -210,7 +217,8 @@ def _spec(
 
 
 def _resolved(system: Any, rep: Any) -> Any:
-    """Return a Problem, the name of a model or its file, a Model or a System."""
+    """Return the ``system`` of ``build`` as a Problem, the name of a model, a path, a Model or a
+    System."""
     if isinstance(system, (str, Path)):
         if is_model_file(str(system)):
             return str(system)
@@ -225,6 +233,8 @@ def _resolved(system: Any, rep: Any) -> Any:
 
 
 def _written_stepper(files: Mapping[str, str]) -> Written:
+    """Return the stepper of these files, name → text, with its manifest, which is the JSON among
+    them."""
     text = next(text for name, text in files.items() if name.endswith(".json"))
     return Written(Manifest.from_text(text), files)
 
@@ -253,6 +263,7 @@ def _options(
     dt = float(as_step(dt))
     parameter_values = _parameter_values(stepper.manifest, model, parameters)
     if stepper.manifest.real == "float":
+        # a number that float cannot hold would be infinite or 0 on the controller
         names = (*system.coordinates, *system.momenta)
         _refuse_beyond_float({"dt": dt, **parameter_values,
                               **dict(zip(names, (*q, *p), strict=True))})
@@ -280,13 +291,15 @@ def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
     projection = consistent(getattr(model, "system", model), options.q, options.p,
                             parameters=options.parameters)
     size = max(map(abs, (*options.q, *options.p)))
-    if max(projection.q_moved, projection.p_moved) > _OFF * size:
+    # by how much projecting the start moves it
+    distance = max(projection.q_moved, projection.p_moved)
+    if distance > _OFF * size:
         raise InputError(f"start is not on the constraints of {spec.model or spec.system}: it is "
-                         f"{max(projection.q_moved, projection.p_moved):.2g} from them; give "
-                         "gs.consistent(...).q and .p.")
+                         f"{distance:.2g} from them; give gs.consistent(...).q and .p.")
 
 
 def _pair(start: Any) -> tuple[Any, Any]:
+    """Return q and p of ``start`` = (q, p); InputError for anything else."""
     if not isinstance(start, (tuple, list)) or len(start) != 2:
         raise InputError(f"start = {shown(start)} is no pair of states; give (q, p).")
     return start[0], start[1]
@@ -302,9 +315,11 @@ def _parameter_values(
     domains = manifest.system.parameters
     defaults: dict[str, Any] = {}
     if model is not None:
-        rules = {name: model.rules.get(name, "m") for name in model.bodies}
-        means = {name: Rule(rule if rule in MEANS else "m", model.bodies[name])
-                 for name, rule in rules.items()}
+        means: dict[str, Any] = {}
+        for name, inertia in model.bodies.items():
+            rule = model.rules.get(name, "m")
+            # a search needs runs, which an artefact does not make: the mean of the moments then
+            means[name] = Rule(rule if rule in MEANS else "m", inertia)
         defaults = {name: x for name, x in {**means, **model.parameters}.items() if name in domains}
     if parameters is not None and not isinstance(parameters, Mapping):
         raise InputError(f"parameters = {shown(parameters)} is not a dict; give "

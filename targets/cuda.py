@@ -58,7 +58,8 @@ def check(built: Built) -> str:
 
 
 def _bits(built: Built) -> str:
-    """Return the bits of the last of three equal trajectories, with the text compiled as C.
+    """Return the bits of q and p of the last of three equal trajectories, by the text compiled as
+    C.
 
     Arrays have a column for each trajectory. Two launches show that a run can be continued.
     """
@@ -68,6 +69,7 @@ def _bits(built: Built) -> str:
     count, n, step_total = 3, len(options.q), EXAMPLE_STEPS
 
     def repeated(numbers: Any) -> Any:
+        """Return numbers on the device as rows, with an equal column for each trajectory."""
         return device.put(np.repeat(np.array([*numbers], real)[:, None], count, axis=1))
 
     sizes = device.zeros((2,), np.int64)

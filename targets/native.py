@@ -47,6 +47,7 @@ def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) 
     parameters = (real * len(fields))(*(options.parameters[field] for field in fields))
 
     class Limits(ctypes.Structure):
+        """The struct of options in the header of the control profile."""
         _fields_ = (("tolerance", real), ("max_iterations", ctypes.c_int))
 
     size = getattr(library, f"{name}_work_size")
@@ -61,7 +62,7 @@ def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) 
                              f"{few(options.q)}, or a parameter.")
     for step in range(steps):
         status = getattr(library, f"{name}_advance")(ctypes.byref(work), q, p)
-        if status > 1:
+        if status > 1:  # 1: max_iterations reached while increments shrank
             raise GyrosparkError(f"Step {step + 1} of {name} with dt = {options.dt:.6g} failed: "
                                  f"status {status}; choose a smaller dt.")
     return (bytes(q) + bytes(p)).hex()

@@ -45,6 +45,7 @@ def check(built: Built) -> str:
         bits = run_tool(
             [*octave, "--no-gui", "--norc", "--quiet", "--eval",
              f"[q, p] = {name}([], [], {EXAMPLE_STEPS}); "
+             # the bytes of the last state, in hexadecimal
              f"printf('%02x', typecast({kind}([q(:, end); p(:, end)]), 'uint8'))"],
             folder, "Octave")
     return refuse_difference("Octave", bits, built, EXAMPLE_STEPS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -26,11 +27,12 @@ _KEYWORDS = frozenset(_WORDS.split())
 def files(
     manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
-    """Return the crate."""
+    """Return path → text of the crate: the C, build.rs, which compiles it, lib.rs and an example.
+    """
     refuse_names(manifest, _KEYWORDS, "Rust")
     template_fields = template_values(manifest, sources, options)
     template_fields |= {"f": "f32" if template_fields["real"] == "float" else "f64",
-                        "words": -(-template_fields["work_size"] // 8)}
+                        "words": math.ceil(template_fields["work_size"] / 8)}
     return {**{f"c/{name}": text for name, text in sources.items()},
             "Cargo.toml": filled("Cargo.toml", **template_fields), "build.rs": filled("build.rs"),
             "src/lib.rs": filled("lib.rs", **template_fields),

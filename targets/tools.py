@@ -97,6 +97,7 @@ def run_tool(command: Sequence[str], folder: Path, purpose: str) -> str:
 
     Raises GyrosparkError if it fails, with its messages.
     """
+    # a build by zig may take a minute more, which the progress says
     zig = TOOLS["zig"].find() or []
     is_zig = bool(zig) and [*command[:len(zig)]] == zig
     library = ", and at first zig's own library, up to a minute" if is_zig else ""

@@ -8,6 +8,7 @@ import sys
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from ...core.errors import InputError
@@ -66,11 +67,12 @@ def own_platform(version: int) -> Platform:
 
     Raises InputError where that version of FMI has no name for it.
     """
+    # as FMI 3 spells them
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(),
                                                           platform.machine())
     system = {"win32": "windows"}.get(sys.platform, sys.platform)
-    for candidate in (candidate_platform for platforms in PLATFORMS.values()
-                      for candidate_platform in platforms):
+    for candidate in chain.from_iterable(PLATFORMS.values()):
+        # entry 0 is the folder of FMI 2, entry 1 that of FMI 3; empty without a name
         if candidate.folders[1] == f"{machine}-{system}" and candidate.folders[version - 2]:
             return candidate
     raise InputError(f"FMI {version}.0 has no name for this machine ({machine}-{system}); choose "
@@ -136,6 +138,7 @@ def _compilers(
 
 
 def _library(name: str, version: int, target: Platform) -> str:
+    """Return the path in an FMU of the library for a platform."""
     return f"binaries/{target.folders[version - 2]}/{name}{target.suffix}"
 
 

@@ -18,12 +18,13 @@ __all__ = ["build_description", "model_description", "model_header", "token"]
 
 
 def token(manifest: Manifest, variables: Sequence[Variable], version: int) -> str:
-    """Return the guid: of a model and its start, so that two builds are equal to the byte."""
+    """Return the GUID, a hash of the model, its start and the version: equal for equal builds."""
     content = [manifest.as_json(), [[v.name, v.start] for v in variables], version]
     return str(uuid.uuid5(uuid.NAMESPACE_URL, json.dumps(content, sort_keys=True)))
 
 
 def _text(root: Element) -> str:
+    """Return an XML document with its declaration, indented."""
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
 
@@ -41,6 +42,7 @@ def model_description(
         "generationTool": f"gyrospark {manifest.generator}",
         "variableNamingConvention": "flat",
         **({"numberOfEventIndicators": "0"} if two else {})})
+    # the two versions of FMI spell this differently
     state = "FMUstate" if two else "FMUState"
     simulation = Sub(root, "CoSimulation", {
         "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
@@ -69,14 +71,18 @@ def _attributes(variable: Variable) -> dict[str, str]:
 
 
 def _numbers(variable: Variable) -> dict[str, str]:
-    """Return unit, bound and start."""
+    """Return the attributes unit, min and start of a variable, each where the variable has one.
+
+    A calculated variable must not have a start.
+    """
     return {**unit_of(variable), **({"min": repr(LEAST)} if variable.domain == "positive" else {}),
             **({} if variable.start is None or variable.initial == "calculated"
                else {"start": repr(variable.start)})}
 
 
 def _variables2(root: Element, variables: Sequence[Variable]) -> None:
-    """Add variables and the dependencies of outputs, as FMI 2 has them: by position from 1."""
+    """Add variables and the dependencies of outputs to ``root`` as FMI 2 has them: by position
+    from 1."""
     listed = Sub(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         element = Sub(listed, "ScalarVariable", {
@@ -90,6 +96,7 @@ def _variables2(root: Element, variables: Sequence[Variable]) -> None:
     for index, variable in unknown:
         Sub(outputs, "Unknown", index=index, dependencies=" ".join(
             inputs[name] for name in variable.depends or () if name in inputs))
+    # outputs that the FMU computes from the start
     later = Sub(structure, "InitialUnknowns")
     for index, variable in unknown:
         if variable.initial == "calculated":
@@ -97,7 +104,7 @@ def _variables2(root: Element, variables: Sequence[Variable]) -> None:
 
 
 def _variables3(root: Element, variables: Sequence[Variable]) -> None:
-    """Add variables and the dependencies of outputs, as FMI 3 has them: by reference."""
+    """Add variables and the dependencies of outputs to ``root`` as FMI 3 has them: by reference."""
     listed = Sub(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         Sub(listed, "Float64", {"name": variable.name, "valueReference": str(reference),
@@ -123,17 +130,34 @@ def build_description(name: str) -> str:
     return _text(root)
 
 
+def _start_of_members(
+    options: Options, variables: Sequence[Variable]
+) -> dict[str, float]:
+    """Return the start by members of the struct of a model: q, p and the variables' own starts.
+
+    Parameters are in a struct of their own. A Lagrangian's variables are velocities, and p is there
+    for the compiled code.
+    """
+    starts = {f"q[{k}]": x for k, x in enumerate(options.q)}
+    starts |= {f"p[{k}]": x for k, x in enumerate(options.p)}
+    return starts | {v.member: v.start for v in variables
+                     if v.start is not None and not v.member.startswith("parameters.")}
+
+
 def model_header(
     manifest: Manifest, options: Options, variables: Sequence[Variable], version: int,
 ) -> str:
     """Return sources/model.h: the stepper and its numbers, as core.h reads them.
 
-    Functions that a stepper has not are empty macros, so that core.h is the same for all.
+    VARIABLES has a row for each value reference: name, offset in the struct of a model, when it
+    can be set, domain. INITIAL initialises that struct. Functions that a stepper does not have are
+    empty macros, so that core.h is the same for all.
     """
     name, system = manifest.name, manifest.system
     roles = [quantity.role for quantity in system.numbers]
     velocities, quantities = roles.count("velocity"), roles.count("quantity")
     time = "&(m)->time, " if system.quantities_take_time else ""
+    # calls of the stepper for a model m
     start = f"{name}_start(&(m)->parameters, (m)->q, (m)->velocity, (m)->p)"
     velocity = f"{name}_velocity(&(m)->parameters, (m)->q, (m)->p, (m)->velocity)"
     observe = f"{name}_quantities(&(m)->parameters, {time}(m)->q, (m)->p, (m)->quantities)"
@@ -142,11 +166,8 @@ def model_header(
         for v in variables)
     members = ", ".join(f".{field} = {float(options.parameters.get(field, 0))!r}"
                         for field in parameter_fields(manifest))
-    states = {f"q[{k}]": x for k, x in enumerate(options.q)}
-    states |= {f"p[{k}]": x for k, x in enumerate(options.p)}
-    states |= {v.member: v.start for v in variables
-               if v.start is not None and not v.member.startswith("parameters.")}
-    starts = ", ".join(f".{member} = {float(x)!r}" for member, x in states.items())
+    starts = ", ".join(f".{member} = {float(x)!r}"
+                       for member, x in _start_of_members(options, variables).items())
     return f"""/* Generated: tables of one stepper for core.h. */
 #include <stddef.h>
 

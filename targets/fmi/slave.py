@@ -73,9 +73,13 @@ class Slave:
             raise GyrosparkError(f"The FMU makes no instance: {' '.join(self.messages)}")
 
     def _instantiate(self, token: bytes) -> Any:
-        """Return an instance of the FMU; its messages are collected."""
+        """Return an instance of the FMU, NULL if it makes none; its messages are collected.
+
+        The callbacks are attributes, for the library keeps their addresses.
+        """
         if self._version == 2:
             self._log: Any = _LOG2(lambda _e, _n, _s, _c, text: self.messages.append(text.decode()))
+            # result and argument types are declared: ctypes would pass addresses as 32-bit integers
             self._calls = _Calls(self._log)
             make = self._library.fmi2Instantiate
             make.restype, make.argtypes = _Pointer, [
@@ -126,7 +130,11 @@ class Slave:
         return [*values]
 
     def _arguments(self, names: Sequence[str], numbers: Sequence[float]) -> tuple[list[Any], Any]:
-        """Return the C arguments of values by reference, in FMI's order, and the array."""
+        """Return the C arguments for values of variables, in FMI's order, and the array of the
+        values.
+
+        FMI 3 has the number of values as a further argument.
+        """
         count = ctypes.c_size_t(len(names))
         array = (_Real * len(names))(*numbers)
         arguments: list[Any] = [
@@ -135,7 +143,8 @@ class Slave:
         return (arguments if self._version == 2 else [*arguments, count]), array
 
     def step(self, time: float, size: float) -> str:
-        """Return the status of a communication step."""
+        """Return the status of a communication step from ``time`` over ``size``, both in seconds.
+        """
         if self._version == 2:
             return self.call("DoStep", _Real(time), _Real(size), 1)
         flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]

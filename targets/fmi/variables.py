@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -84,50 +85,49 @@ def variables_of(manifest: Manifest, options: Options) -> list[Variable]:
 
 
 def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
-    """Yield time, dt, parameters, inputs, states, quantities and energy, in the order of C."""
+    """Yield time, dt, the numbers of the system in the manifest's order, and the energy."""
     system = manifest.system
-    numbers = system.numbers
-    hamiltonian = system.hamiltonian
-    quantities: Mapping[str, str] = system.quantities
-    input_names = [n.name for n in numbers if n.role in ("parameter", "input")]
-    time = system.time
-    # of a Lagrangian the FMU has velocities in place of momenta
-    motion_role = "velocity" if any(n.role == "velocity" for n in numbers) else "p"
-    mechanical = any("kg" in base_units(n.unit) for n in numbers if n.unit)
-    starts = {"q": options.q,
-              motion_role: options.p if motion_role == "p" else _velocities(system, options)}
     yield Variable("time", "time", "time", "independent", unit="s")
     yield Variable("dt", "longest step of the integrator", "dt", "parameter", "fixed", "exact",
                    float(options.dt), "s", "positive")
-    about = _meanings(system)
-    default_texts = {"q": "coordinate", "p": "momentum", "velocity": "rate of a coordinate"}
-    counts = dict.fromkeys(("q", "p", "velocity", "quantity"), 0)
-
-    def depends(text: str) -> tuple[str, ...]:
-        words = {*re.findall(r"[A-Za-z_]\w*", text)}
-        return (*(["time"] if time in words else []),
-                *(name for name in input_names if name in words))
-
-    for number in numbers:
-        name, role, unit, domain = number.name, number.role, number.unit, number.domain
-        if role in counts:
-            member = f"{'quantities' if role == 'quantity' else role}[{counts[role]}]"
-            counts[role] += 1
+    # of a Lagrangian the FMU has velocities in place of momenta
+    has_velocities = any(number.role == "velocity" for number in system.numbers)
+    starts = {"q": options.q}
+    if has_velocities:
+        starts["velocity"] = tuple(_velocities(system, options))
+    else:
+        starts["p"] = options.p
+    meanings = _meanings(system)
+    default_meanings = {"q": "coordinate", "p": "momentum", "velocity": "rate of a coordinate"}
+    energy_inputs = _dependencies(system, system.hamiltonian)
+    index_of_role = Counter[str]()
+    for number in system.numbers:
+        name, role = number.name, number.role
+        index = index_of_role[role]
+        index_of_role[role] += 1
         if role in ("parameter", "input"):
-            start_value = float(options.parameters[name])
-            yield Variable(name, role, f"parameters.{name}", role,
-                           *(("continuous", "") if role == "input" else ("fixed", "exact")),
-                           start_value, unit, domain)
-        elif role in ("q", motion_role):
-            start_value = float(starts[role][counts[role] - 1])
-            yield Variable(name, about.get(name, default_texts[role]), member, "output",
-                           initial="exact", start=start_value,
-                           unit=unit, depends=() if role != "velocity" else depends(hamiltonian))
+            change = ("continuous", "") if role == "input" else ("fixed", "exact")
+            yield Variable(name, role, f"parameters.{name}", role, *change,
+                           float(options.parameters[name]), number.unit, number.domain)
+        elif role in starts:
+            yield Variable(name, meanings.get(name, default_meanings[role]), f"{role}[{index}]",
+                           "output", initial="exact", start=float(starts[role][index]),
+                           unit=number.unit, depends=energy_inputs if role == "velocity" else ())
         elif role == "quantity":
-            yield Variable(name, quantities[name], member, "output", initial="calculated",
-                           unit=unit, depends=depends(quantities[name]))
+            formula = system.quantities[name]
+            yield Variable(name, formula, f"quantities[{index}]", "output", initial="calculated",
+                           unit=number.unit, depends=_dependencies(system, formula))
+    is_mechanical = any("kg" in base_units(number.unit) for number in system.numbers if number.unit)
     yield Variable("energy", "H(q, p)", "energy", "output", initial="calculated",
-                   unit="J" if mechanical else None, depends=depends(hamiltonian))
+                   unit="J" if is_mechanical else None, depends=energy_inputs)
+
+
+def _dependencies(system: SystemManifest, formula: str) -> tuple[str, ...]:
+    """Return the names of time, parameters and inputs in a formula, of variables of the FMU."""
+    words = {*re.findall(r"[A-Za-z_]\w*", formula)}
+    time = ["time"] if system.time in words else []
+    return (*time, *(number.name for number in system.numbers
+                     if number.role in ("parameter", "input") and number.name in words))
 
 
 def _bodies(system: SystemManifest) -> Mapping[str, BodyManifest]:
@@ -163,6 +163,7 @@ def _velocities(system: SystemManifest, options: Options) -> list[float]:
         *system.coordinates, *system.momenta, *options.parameters)}
     text = system.hamiltonian.replace("Abs(", "abs(")  # SymPy's name, and that of formulas
     H = parse_formula(text, names, frozenset(names.values()))
+    # column k of p has the step along e_k: one evaluation gives all derivatives
     p = np.array(options.p)[:, None] + 1e-100j * np.eye(len(options.p))
     symbol_values = {**options.parameters, **dict(zip(system.coordinates, options.q, strict=True)),
                      **dict(zip(system.momenta, p, strict=True))}
@@ -173,8 +174,8 @@ def _velocities(system: SystemManifest, options: Options) -> list[float]:
     for body in _bodies(system).values():
         turning, moving = [index_of[x] for x in body.q], [index_of[x] for x in body.x]
         if turning:
-            velocities += (2
-                           * left_matrix([options.q[k] for k in turning]) @ rates[turning]).tolist()
+            attitude = [options.q[k] for k in turning]
+            velocities += (2 * left_matrix(attitude) @ rates[turning]).tolist()
         velocities += rates[moving].tolist()
         used_indices |= {*turning, *moving}
     return [*velocities, *(float(rate) for k, rate in enumerate(rates) if k not in used_indices)]

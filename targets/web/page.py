@@ -7,13 +7,13 @@ import json
 import re
 import tempfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..._version import __version__
 from ...core.errors import InputError
-from ...core.manifest import Manifest
+from ...core.manifest import Manifest, NumberManifest
 from ...runtime.compilation.body_columns import bodies_of
 from ...runtime.plotting.html_view import View, compact, filled_page
 from ...runtime.plotting.scene import check_bodies, drawn_joints
@@ -64,6 +64,7 @@ def files(
 
 
 def _title(manifest: Manifest) -> str:
+    """Return the name of a system as a heading, "Heavy top" for ``heavy_top``."""
     name = str(manifest.system.name).replace("_", " ")
     return name[:1].upper() + name[1:]
 
@@ -74,22 +75,8 @@ def _page_data(manifest: Manifest, options: Options) -> dict[str, Any]:
     A body has the indices of its coordinates in q, "a" and "b" of a joint are indices of bodies.
     """
     system, bodies = manifest.system, bodies_of(manifest)
-    velocities, spins = [], []
-    for i, quantity in enumerate(velocities_of(manifest)):
-        # names of velocities begin with the name of their body; the longest one that fits
-        owner = next((name for name in sorted(bodies, key=len, reverse=True)
-                      if quantity.name.startswith(f"{name}_")), "")
-        text = quantity.name.removeprefix(f"{owner}_")
-        if "omega" in text:
-            spins.append(i)
-        velocities.append({"name": quantity.name, "body": owner, "unit": _unit(quantity.unit),
-                           "text": text.replace("omega", "ω").replace("_", " ")})
-    # a slider for a parameter of a constraint would move the start off the constraint
-    in_constraints = {*re.findall(r"\w+", " ".join(system.constraints))}
+    velocities = velocities_of(manifest)
     index_of = {name: i for i, name in enumerate(bodies)} | {"": -1}  # −1: the ground
-    units = {quantity.name: quantity.unit for quantity in system.numbers}
-    inputs = [*system.inputs]
-    sliders = sorted(system.parameters.items(), key=lambda parameter: parameter[0] not in inputs)
     description = " ".join(filter(None, [
         options.description,
         f"The generated C of gyrospark {__version__}, as WebAssembly, integrates in this page."]))
@@ -101,11 +88,10 @@ def _page_data(manifest: Manifest, options: Options) -> dict[str, Any]:
         # more constraints than |q|² = 1 of each body: a coordinate alone cannot be moved
         "jointed": len(system.constraints) > len(bodies),
         "curves": 3 if system.constraints else 1,  # errors of H, g and f
-        "velocities": velocities, "spins": spins,
-        "numbers": [{"name": name, "domain": domain,
-                     "role": "input" if name in inputs else "parameter",
-                     "unit": _unit(units.get(name))}
-                    for name, domain in sliders if name not in in_constraints],
+        "velocities": [_velocity_field(quantity, bodies) for quantity in velocities],
+        "spins": [i for i, quantity in enumerate(velocities)
+                  if "omega" in _name_without_body(quantity.name, bodies)[1]],
+        "numbers": _sliders(manifest),
         "bodies": [{"name": name, "q": body.q, "x": body.x, "origin": body.origin,
                     "centre": body.centre, "inertia": body.inertia, "mass": body.mass}
                    for name, body in bodies.items()],
@@ -115,6 +101,36 @@ def _page_data(manifest: Manifest, options: Options) -> dict[str, Any]:
                  for name, (kind, joint) in drawn_joints(manifest).items()],
         "meshes": encoded_solids(), "wasm": _MODULE,
     }
+
+
+def _name_without_body(name: str, bodies: Iterable[str]) -> tuple[str, str]:
+    """Return the body whose name begins the name of a velocity, "" for none, and the rest."""
+    # the longest name that fits: bodies may be "arm" and "arm_2"
+    body = next((body for body in sorted(bodies, key=len, reverse=True)
+                 if name.startswith(f"{body}_")), "")
+    return body, name.removeprefix(f"{body}_")
+
+
+def _velocity_field(quantity: NumberManifest, bodies: Iterable[str]) -> dict[str, str]:
+    """Return the field of page.js in which a velocity of the start is typed."""
+    body, text = _name_without_body(quantity.name, bodies)
+    return {"name": quantity.name, "body": body, "unit": _unit(quantity.unit),
+            "text": text.replace("omega", "ω").replace("_", " ")}
+
+
+def _sliders(manifest: Manifest) -> list[dict[str, str]]:
+    """Return the sliders of page.js: inputs, then the parameters that no constraint has.
+
+    A slider for a parameter of a constraint would move the start off the constraint.
+    """
+    system = manifest.system
+    in_constraints = {*re.findall(r"\w+", " ".join(system.constraints))}
+    units = {quantity.name: quantity.unit for quantity in system.numbers}
+    inputs = [*system.inputs]
+    names = sorted(system.parameters, key=lambda name: name not in inputs)
+    return [{"name": name, "domain": system.parameters[name],
+             "role": "input" if name in inputs else "parameter", "unit": _unit(units.get(name))}
+            for name in names if name not in in_constraints]
 
 
 def _unit(unit: str | None) -> str:

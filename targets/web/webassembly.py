@@ -6,7 +6,7 @@ import json
 import re
 import struct
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,8 @@ _OWN = ("repeat", "defects")
 SOURCES = "c"
 #: Steps of a check.
 _STEPS = 2000
+#: Memory of WebAssembly grows by pages.
+_PAGE_BYTES = 65536
 
 
 def files(
@@ -159,7 +161,7 @@ def compare(built: Built, module: bytes) -> str:
 
 
 def _in_node(module: bytes, options: Options) -> list[str]:
-    """Return the bits of q and p of each stepper after the steps of a check."""
+    """Return the bits of q and p of each stepper after the steps of a check, in Node."""
     about = {"schemes": schemes_of(options), "steps": _STEPS,
              "start": start_of(options.steppers[0].manifest, options)}
     with tempfile.TemporaryDirectory() as folder_name:
@@ -177,32 +179,44 @@ def _in_wasmtime(module: bytes, options: Options) -> list[str]:
     store = wasmtime.Store()
     instance = wasmtime.Instance(store, wasmtime.Module(store.engine, module), [])
     exports = instance.exports(store)
-    memory: Any = exports["memory"]
-    base = exports["__heap_base"].value(store)
     bits = []
     for stepper in options.steppers:
         real = "f" if stepper.manifest.real == "float" else "d"
-
-        def call(function: str, *arguments: float, name: str = stepper.name) -> Any:
-            return exports[f"{name}_{function}"](store, *arguments)
-
-        arrays = [struct.pack(f"<{len(values)}{real}", *values) for values in (
-            list(options.parameters.values()), options.q, options.p)]
+        arrays = [struct.pack(f"<{len(numbers)}{real}", *numbers) for numbers in (
+            [*options.parameters.values()], options.q, options.p)]
         arrays.append(struct.pack(f"<{real}i", 0.0, options.max_iterations))
-        arrays += [bytes(16), bytes(call("work_size"))]
-        # the arrays behind each other in free memory, each at a multiple of 16 bytes
-        addresses, end = [], -(-base // 16)*16
-        for array in arrays:
-            addresses.append(end)
-            end += -(-len(array) // 16)*16
-        missing = end - memory.data_len(store)
-        if missing > 0:
-            memory.grow(store, -(-missing // 65536))  # pages of 64 KiB
-        for address, array in zip(addresses, arrays, strict=True):
-            memory.write(store, array, address)
-        parameters, q, p, limits, done_address, work = addresses
-        call("begin", work, parameters, limits, options.dt, q, p)
-        call("repeat", work, q, p, _STEPS, done_address)
-        bits.append(b"".join(memory.read(store, address, address + len(array))
-                             for address, array in zip((q, p), arrays[1:3], strict=True)).hex())
+        work_size = exports[f"{stepper.name}_work_size"](store)
+        arrays += [bytes(16), bytes(work_size)]  # where "repeat" counts steps, and solver memory
+        addresses = _written_to_memory(store, exports, arrays)
+        parameters, q, p, limits, count, work = addresses
+        exports[f"{stepper.name}_begin"](store, work, parameters, limits, options.dt, q, p)
+        exports[f"{stepper.name}_repeat"](store, work, q, p, _STEPS, count)
+        memory = exports["memory"]
+        state = [memory.read(store, address, address + len(array))
+                 for address, array in zip((q, p), arrays[1:3], strict=True)]
+        bits.append(b"".join(state).hex())
     return bits
+
+
+def _written_to_memory(store: Any, exports: Any, arrays: Sequence[bytes]) -> list[int]:
+    """Write arrays behind each other to the free memory of a module; return their addresses.
+
+    Each begins at a multiple of 16 bytes, which every type of number is aligned to.
+    """
+    memory: Any = exports["memory"]
+    base = exports["__heap_base"].value(store)
+    addresses, end = [], _rounded_up(base, 16)
+    for array in arrays:
+        addresses.append(end)
+        end += _rounded_up(len(array), 16)
+    missing = end - memory.data_len(store)
+    if missing > 0:
+        memory.grow(store, _rounded_up(missing, _PAGE_BYTES) // _PAGE_BYTES)
+    for address, array in zip(addresses, arrays, strict=True):
+        memory.write(store, array, address)
+    return addresses
+
+
+def _rounded_up(number: int, unit: int) -> int:
+    """Return the least multiple of ``unit`` that is not below ``number``."""
+    return (number + unit - 1) // unit * unit
