@@ -36,7 +36,7 @@ _AT_START = 2.0**-40
 
 @dataclass(frozen=True)
 class Levels:
-    """The values of events, less their levels, of rows of states."""
+    """Levels of events, and the differences value − level at states."""
 
     binding: Binding
     events: tuple[Event, ...]
@@ -70,7 +70,7 @@ class Levels:
     def differences(
         self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array
     ) -> Array:
-        """Return x − level of each event (columns) at each state (rows).
+        """Return x − level of each event at each state, shape (states, events).
 
         An event happens where its difference changes its sign. ``t`` has the times of the states;
         it is needed only if quantities depend on t, as ``timed`` says.
@@ -78,6 +78,7 @@ class Levels:
         quantities = (self.binding.quantities(parameters, self._times(t), q, p)
                       if self._of_quantities else q)
         arrays = {"": quantities, "q": q, "p": p}
+        # float32 values are subtracted as doubles, the type of levels
         observed = np.empty((len(q), len(self.events)), self.binding.number_type)
         for i, (kind, column) in enumerate(self.columns):
             observed[:, i] = arrays[kind][:, column]
@@ -87,10 +88,10 @@ class Levels:
     def near(
         self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array, last: Array
     ) -> tuple[int, int] | None:
-        """Return the first and last row whose state is near a level, |x − level| ≤ change; or None.
+        """Return the first and last row whose state is near a level, |x − level| ≤ change of x.
 
-        ``last`` has the values at the two states before the rows, at first ``no_past``; those of
-        the last two rows replace them.
+        None if no state is near a level. ``last`` has the values at the two states before the rows,
+        at first ``no_past``; the values of the last two rows replace them.
         """
         return self.binding.near(parameters, self._times(t), q, p, self.numbered, self.rounded,
                                  last)
@@ -107,10 +108,11 @@ class Levels:
 
     @property
     def _of_quantities(self) -> bool:
-        return any(of == "" for of, _ in self.columns)
+        """Whether an event is of a quantity, which the C must evaluate."""
+        return any(kind == "" for kind, _ in self.columns)
 
     def _times(self, t: Array | None) -> Array:
-        """Return times in the stepper's type, where they matter."""
+        """Return times in the stepper's type; where no value depends on t, any array serves."""
         return self.levels if t is None else t.astype(self.binding.dtype)
 
 
@@ -136,7 +138,7 @@ class Brackets:
 
     @classmethod
     def together(cls, groups: Sequence[Brackets]) -> Brackets:
-        """Return the brackets of all groups, one group behind the other."""
+        """Return the brackets of all groups, one group after the other."""
         names = ("event", "step", "q", "p", "before", "after", "turning", "on_level",
                  "past")
         return cls(*(np.concatenate([getattr(brackets, name) for brackets in groups])
@@ -152,13 +154,13 @@ class Brackets:
 def _turning(
     differences: Array, start: int, end: int, *, begins: bool, ends: bool
 ) -> tuple[Array, Array]:
-    """Return the steps in which a value may touch 0: rows from ``start`` up to ``end``, and events.
+    """Return (rows, events) of steps in which a value may touch 0: a step begins at its row.
 
-    ``differences`` has a row for each state and a column for each event. Of the states about a
-    place where a smooth value turns, the one with the least |value| has larger ones on both sides:
-    the step before it and the step behind it are returned, unless the value is further from 0 than
-    it moves in both. ``begins`` and ``ends`` say whether the first and the last row are the run's,
-    which then lack a neighbour, and are looked at in any case.
+    ``differences`` has the shape (states, events); steps from row ``start`` up to ``end`` are
+    examined. Of the states about a place where a smooth value turns, the state with the least
+    |value| has larger ones on both sides: the steps before and after it are returned, unless the
+    value is further from 0 than it moves in both. ``begins`` and ``ends`` say whether the first
+    and the last row are those of the run, which lack a neighbour, and are examined in any case.
     """
     size, sides = abs(differences), np.sign(differences.astype(float))
     nearest = np.zeros(differences.shape, bool)
@@ -171,8 +173,9 @@ def _turning(
     if len(differences) > 1:
         nearest[0] = begins & (size[0] <= size[1])
         nearest[-1] = ends & (size[-1] < size[-2])
-    one_side = (sides[:-1] == sides[1:]) & (sides[1:] != 0)
-    row, event = np.nonzero(((nearest[:-1] | nearest[1:]) & one_side)[start:end])
+    # steps with ends of two signs, or on the level, have brackets of their own
+    is_on_one_side = (sides[:-1] == sides[1:]) & (sides[1:] != 0)
+    row, event = np.nonzero(((nearest[:-1] | nearest[1:]) & is_on_one_side)[start:end])
     return row + start, event
 
 
@@ -219,13 +222,17 @@ class EventDetector:
         return self._scratch
 
     def _times(self, first_step: int, q: Array) -> Array | None:
-        """Return the times of rows q, states after ``first_step`` steps and on; None if unused."""
+        """Return the times of the states q after ``first_step``, ``first_step`` + 1, ... steps.
+
+        None if no value depends on the time.
+        """
         if not self._levels.timed:
             return None
         steps = np.arange(first_step, first_step + len(q))
         return self._levels.binding.times(self._t0, self._dt, steps)
 
     def _differences(self, first_step: int, q: Array, p: Array) -> Array:
+        """Return x − level, (states, events), of states from ``first_step`` steps on."""
         return self._levels.differences(self._parameters, self._times(first_step, q), q, p)
 
     def detect(self, first_step: int, q: Array, p: Array) -> None:
@@ -238,7 +245,7 @@ class EventDetector:
             first_step, q, p = first_step + 1, q[1:], p[1:]
         if not len(q):
             return
-        # C looks for states near a level in one pass; NumPy sees only the rows about these
+        # C finds states near a level in one pass; NumPy examines only the rows about these
         candidate_rows = self._levels.near(self._parameters, self._times(first_step, q), q, p,
                                            self._last_values)
         tail_q, tail_p = self._tail or (q[:0], p[:0])
@@ -248,7 +255,7 @@ class EventDetector:
                       np.concatenate([tail_p, p[-TAIL:]])[-TAIL:])
         if candidate_rows or self._near_level:
             # the rows from ``TAIL`` before the first near state on; all of the tail, if the last
-            # piece ended near a level
+            # piece ended near a level; rows count from the start of the tail
             start = 0 if self._near_level else max(tail_length + first_candidate - TAIL - 1, 0)
             new_rows = slice(max(start - tail_length, 0), last_candidate + TAIL + 1)
             self._bracket(first_step - tail_length + start, max(tail_length - 1 - start, 0),
@@ -258,10 +265,10 @@ class EventDetector:
         self._near_level = candidate_rows is not None and last_candidate >= len(q) - TAIL
 
     def _bracket(self, first_step: int, first_row: int, q: Array, p: Array) -> None:
-        """Bracket events in steps from row ``first_row`` on, between states near a level.
+        """Bracket events in the steps that begin at row ``first_row`` of q and p, or after it.
 
-        Row 0 is the state after ``first_step`` steps; rows before ``first_row`` were examined, and
-        are the past of the others.
+        Row 0 is the state after ``first_step`` steps; rows before ``first_row`` have been examined,
+        and show whether a value turns in the others.
         """
         differences = self._differences(first_step, q, p)
         if len(differences) < 2:
@@ -285,32 +292,34 @@ class EventDetector:
         rises = (before < 0) & (after > 0) & (self._directions >= 0)
         nonzero_before = np.concatenate([np.full((1, len(self._directions)), True),
                                          differences != 0])
-        # between two zeros a value rests, unless it came there in the step before
-        on_level = np.where(before == 0, (after != 0)
-                            | nonzero_before[first_row : first_row + len(before)],
-                            after == 0)
+        # a step between two zeros has no event of its own, unless the value came there in the step
+        # before: it rests on its level
+        arrived = nonzero_before[first_row : first_row + len(before)]
+        on_level = np.where(before == 0, (after != 0) | arrived, after == 0)
         # the start of a run may be off its level by rounding: the first change decides
         if not first_step + first_row:
             on_level[0] |= (falls | rises)[0] & (
                 abs(before[0]) <= _AT_START * abs(after[0] - before[0]))
         row, event = np.nonzero(falls | rises | on_level)
-        # A terminal event whose step begins or ends on the level ends the run once it is located.
-        certain = ~on_level[row, event]
-        if (self._is_terminal[event] & certain).any():
-            end = int(row[self._is_terminal[event] & certain].min())
+        # a step that begins or ends on the level may have no crossing: a terminal event there ends
+        # the run only when it is located
+        is_certain = ~on_level[row, event]
+        is_end = self._is_terminal[event] & is_certain
+        if is_end.any():
+            end = int(row[is_end].min())
             self.ends_in = first_step + first_row + end
             up_to_end = row <= end
-            row, event, certain = row[up_to_end], event[up_to_end], certain[up_to_end]
-        for kind in (True, False):
-            self._add_brackets(first_step, row[certain == kind] + first_row, event[certain == kind],
-                               q, p, differences, on_level=not kind)
+            row, event, is_certain = row[up_to_end], event[up_to_end], is_certain[up_to_end]
+        for mask, is_on_level in ((is_certain, False), (~is_certain, True)):
+            self._add_brackets(first_step, row[mask] + first_row, event[mask], q, p, differences,
+                               on_level=is_on_level)
 
     def _bracket_turnings(
         self, first_step: int, first_row: int, q: Array, p: Array, differences: Array
     ) -> None:
-        """Bracket the steps in which a value may touch its level, with a neighbour on either side.
+        """Bracket the steps in which a value may touch its level, all but the last one.
 
-        The last step waits for the next one.
+        A turning shows in a step with a neighbour on either side: the last step waits for the next.
         """
         # the step before ``first_row`` is examined once more: only now has it neighbours on both
         # sides
@@ -330,7 +339,8 @@ class EventDetector:
         (rows, events), is the state after ``first_step`` steps.
         """
         if len(row):
-            earlier = row[:, None] - [1, 2]  # the tail has both, unless the run begins there
+            # one and two rows before; the tail has both, unless the run begins there
+            earlier = row[:, None] - [1, 2]
             past = np.where(earlier < 0, np.nan, differences[earlier, event[:, None]].astype(float))
             self._bracket_groups.append(Brackets(
                 event, first_step + row, q[row], p[row], differences[row, event],
@@ -354,7 +364,8 @@ class EventDetector:
                               begins=self._last_step == last_row,
                               ends=ahead is None)
         # one turning an event: a second call for the same step adds none
-        row, event = row[~self._turnings_bracketed[event]], event[~self._turnings_bracketed[event]]
+        is_new = ~self._turnings_bracketed[event]
+        row, event = row[is_new], event[is_new]
         self._turnings_bracketed[event] = True
         self._add_brackets(self._last_step - last_row, row, event, q, p, differences, turning=True)
 
@@ -366,7 +377,7 @@ class EventDetector:
         return Memory(q, p, self._turnings_bracketed.copy(), self._levels.binding.new(0))
 
     def resume(self, step: int, memory: Memory) -> None:
-        """Restore a detector after ``step`` steps: the last rows of q and p, and their values."""
+        """Continue after ``step`` steps, with the memory of detection up to there."""
         self._last_step, self._turnings_bracketed = step, memory.closed.copy()
         if len(memory.q):
             # whether the tail is near a level is not stored: it is examined again, and gives no
@@ -397,13 +408,18 @@ class EventDetector:
 
     def take_terminal_brackets(self) -> Brackets | None:
         """Remove and return the brackets of terminal events."""
-        candidates = [(brackets, self._is_terminal[brackets.event])
-                      for brackets in self._bracket_groups[self._nonterminal_groups :]]
-        self._bracket_groups[self._nonterminal_groups :] = [brackets.of(~ends)
-                                                            for brackets, ends in candidates
-                                                            if not ends.all()]
+        # the first groups have been looked through by earlier calls
+        new_groups = self._bracket_groups[self._nonterminal_groups :]
+        del self._bracket_groups[self._nonterminal_groups :]
+        terminal_groups: list[Brackets] = []
+        for brackets in new_groups:
+            is_terminal = self._is_terminal[brackets.event]
+            if is_terminal.any():
+                terminal_groups.append(brackets.of(is_terminal))
+            if not is_terminal.all():
+                self._bracket_groups.append(brackets.of(~is_terminal))
         self._nonterminal_groups = len(self._bracket_groups)
-        return _in_order([brackets.of(ends) for brackets, ends in candidates if ends.any()])
+        return _in_order(terminal_groups)
 
 
 def _in_order(groups: Sequence[Brackets]) -> Brackets | None:

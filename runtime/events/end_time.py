@@ -30,10 +30,10 @@ _MOST = 60
 
 
 class EndTimeObserver:
-    """The end of a run without other events; what ``Observer`` is for those.
+    """Observer of a run in scaled time that has no event but its end, t = t_end.
 
-    τ(t) has the slope 1/σ. The cubic with the values and slopes of the two nearest states is taken
-    at the end's t, a partial step leads there, and so on down to the round-off of t.
+    τ(t) has the slope 1/σ. The cubic with the values and slopes at the two nearest states has τ at
+    t_end; a partial step of that τ gives a nearer state, and so on down to the round-off of t.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class EndTimeObserver:
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments, event: Event) -> None:
-        """``event`` is t = t_end, whose time is rounded to the stepper's numbers."""
+        """Take the event t = t_end, whose time is rounded to the stepper's numbers."""
         self.events = (event,)
         self.end: TerminalEvent | None = None
         self._stepper, self._run = stepper, run
@@ -62,11 +62,11 @@ class EndTimeObserver:
         count = state.steps - start.steps
         if every > 1:
             thin(visited, count, every, rows)
-        # t is the last coordinate: the first state at or behind t_end
-        behind = np.flatnonzero(self._ahead * (visited.q[:count, -1] - self._t) >= 0)
-        if not len(behind):
+        # t is the last coordinate: the first state at or after t_end
+        ends = np.flatnonzero(self._ahead * (visited.q[:count, -1] - self._t) >= 0)
+        if not len(ends):
             return status
-        whole_steps = int(behind[0])
+        whole_steps = int(ends[0])
         # back to the state before that step, which is the last whole one of the run
         row = visited[whole_steps : whole_steps + 1].copy()
         state.assign(binding, start)
@@ -78,7 +78,7 @@ class EndTimeObserver:
         return 0
 
     def _end(self, constants: RunConstants, state: RunState, row: Rows) -> TerminalEvent:
-        """Return the end of the run between a state and the row of the whole step from there.
+        """Return the end of the run, between a state and the row at the end of the step from there.
 
         t(τ) = t_end by the inverse cubic through the two nearest points (τ, t − t_end, dτ/dt =
         1/σ), which a partial step of τ then corrects; bisection where that leaves the bracket.
@@ -97,19 +97,19 @@ class EndTimeObserver:
             if not min(low, high) < tau <= max(low, high):
                 tau = (low + high) / 2
             row = self._partial_step(constants, state, tau, work_memory)
-            beyond = row.q[0, -1] - t_end
-            if not abs(beyond) < best_end[0]:  # no nearer than before: round-off
+            overshoot = row.q[0, -1] - t_end
+            if not abs(overshoot) < best_end[0]:  # no nearer than before: round-off
                 break
-            best_end = abs(beyond), (tau, row)
-            if abs(beyond) <= resolution:
+            best_end = abs(overshoot), (tau, row)
+            if abs(overshoot) <= resolution:
                 break
-            low, high = (low, tau) if self._ahead * beyond > 0 else (tau, high)
+            low, high = (low, tau) if self._ahead * overshoot > 0 else (tau, high)
             scale = binding.time_scales(constants.parameters, row.q, row.p)[0]
             near_point = min(near_point, new_point, key=lambda point: abs(point[1]))
-            new_point = tau, beyond, 1 / scale
+            new_point = tau, overshoot, 1 / scale
         binding.works.give_back(work_memory)
         tau, row = best_end[1]
-        row.q[0, -1] = t_end
+        row.q[0, -1] = t_end  # to the last bit, which it is but for round-off
         steps = np.array([state.steps])
         elapsed = binding.times(0 * run.t0, run.dt, steps) + tau
         return TerminalEvent(0, Crossings(run.t0 + elapsed, row.q, row.p, steps,
@@ -118,7 +118,10 @@ class EndTimeObserver:
     def _partial_step(
         self, constants: RunConstants, state: RunState, tau: Any, work_memory: Any
     ) -> Rows:
-        """Return the row of a step of length ``tau`` from a state, which stays as it is."""
+        """Return the row of a step of length ``tau`` from a state, which is not changed.
+
+        Raises InputError if the step has no solution.
+        """
         binding, row = self._stepper.binding, Rows.allocate(self._stepper.binding, 1)
         partial_state = RunState.at_start(binding, state.q, state.p, work_memory)
         if binding.integrate(changed(constants, dt=tau), 1, 1, partial_state, row):
@@ -128,7 +131,7 @@ class EndTimeObserver:
         return row
 
     def close(self, state: RunState, ahead: tuple[Array, Array] | None = None) -> None:
-        """Do nothing: the last step is looked at already."""
+        """Do nothing: ``advance`` has examined the last step."""
 
     def take_crossings(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
         """Return the end as a crossing of its event, or no crossing before it is reached."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ImpactObserver", "refuse_unusable"]
 
-#: Why compiled code returns before the end, beside the failures of a step.
+#: Status codes with which compiled code returns before the end, beside failures of a step.
 _FULL, _REST, _INSIDE, _UNMOVABLE, _NOT_QUADRATIC, _LATCHED = range(16, 22)
 #: Impacts that one call returns at most, and those that wait to be stored.
 _CAPACITY, _MOST = 1024, 2**14
@@ -41,7 +41,7 @@ _WORD = re.compile(r"[^\W\d]\w*")
 
 
 class ImpactObserver:
-    """Impacts of a run, which its caller stores; what ``Observer`` is for events.
+    """Observer of the impacts of a run, which its caller stores.
 
     Attributes
     ----------
@@ -55,11 +55,11 @@ class ImpactObserver:
         For a gap that is negative at the start.
     """
 
-    #: No state behind the last step is needed.
+    #: No state after the last step is needed.
     terminal = False
 
     def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Impact, ...]) -> None:
-        """Collect the arguments of C that stay in all pieces of the run, and check its start."""
+        """Collect the arguments of C that are the same for all pieces, and check the start."""
         self.events = events
         self.end: TerminalEvent | None = None
         self._stepper, self._run = stepper, run
@@ -104,10 +104,11 @@ class ImpactObserver:
     ) -> int:
         """Advance as ``binding.integrate`` does, up to a gap that stays closed.
 
-        Where there are more impacts than one call returns, up to the end of the step.
+        If there are more impacts than one call returns, it advances to the end of the present step.
         """
         first_step = state.steps
         status = self._call(steps, every, state, rows)
+        # ``_since`` is the time since the last whole step: 0 at the end of a step
         while status == _FULL and self._since[0]:
             row = (state.steps - first_step) // every
             previous_iterations = rows.iterations[row]
@@ -133,8 +134,7 @@ class ImpactObserver:
             selected = places[:, 0] == i
             steps, rows = places[selected, 1], impact_rows[selected]
             time_in_step, impulse, lost, work = rows[:, :4].T.astype(binding.number_type)
-            q, before, after = (rows[:, 4 + k * binding.n : 4 + (k + 1) * binding.n].copy()
-                                for k in range(3))
+            q, before, after = (block.copy() for block in np.split(rows[:, 4:], 3, axis=1))
             elapsed = binding.times(0 * run.t0, run.dt, steps) + time_in_step
             impacts[event.name] = Impacts(
                 run.t0 + elapsed, q, after, steps, np.zeros(len(steps), bool), elapsed, before,
@@ -163,6 +163,7 @@ class ImpactObserver:
 
         def shared(kind: str, struct: Any) -> Any:
             """Return a pointer to a struct of the stepper's own module."""
+            # structs of two modules of cffi have two types, and the same layout
             address = int(primal.ffi.cast("uintptr_t", struct))
             return binding.ffi.cast(f"{binding.name}_{kind} *", address)
 
@@ -184,7 +185,7 @@ class ImpactObserver:
             binding.ffi.cast("void *", binding.ffi.from_buffer(self._memory))))
         self._places.append(places[: count[0]].copy())
         self._hits.append(hits[: count[0]].copy())
-        # behind the impacts C writes the number of the gap that stopped it
+        # after the impacts C writes the number of the gap that stopped it
         gap = int(places[count[0], 0])
         if status in (_REST, _LATCHED):
             self.end = self._end(gap, state)
@@ -210,7 +211,10 @@ class ImpactObserver:
                              "impacts does not reverse the rate of a gap; take H = T(q, p) + V(q).")
 
     def _end(self, gap: int, state: RunState) -> TerminalEvent:
-        """Return the end of the run in the state in which a gap is closed."""
+        """Return the end of the run in the present state, in which a gap is closed.
+
+        No step ends there: its row has multipliers of NaN, and no iterations.
+        """
         binding, run = self._own, self._run
         steps = np.array([state.steps])
         elapsed = binding.times(0 * run.t0, run.dt, steps) + self._since.astype(binding.number_type)

@@ -67,7 +67,7 @@ def joined_with_part(
     stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact], trajectory: Trajectory,
     partial_run: Trajectory,
 ) -> Trajectory:
-    """Return a run of whole steps and, behind it, the end of ``partial_run``, a partial step.
+    """Return a run of whole steps with the end of ``partial_run``, a partial step, as last row.
 
     The last row of the whole steps is left out where ``every`` or ``t_eval`` does not store it.
     """
@@ -82,21 +82,24 @@ def joined_with_part(
     row_count = len(trajectory) - (not is_stored)
     work = trajectory.work[-1] + partial_run.work[-1:]
     joined = with_row(stepper, trajectory, row_count, times, row_of(partial_run, work))
-    crossings, impacts = ({name: _joined(run, before, of_last[name], trajectory)
-                           for name, before in of_steps.items()}
-                          for of_steps, of_last in ((trajectory.events, partial_run.events),
-                                              (trajectory.impacts, partial_run.impacts)))
+    crossings = {name: _joined(run, of_steps, partial_run.events[name], trajectory)
+                 for name, of_steps in trajectory.events.items()}
+    impacts = {name: _joined(run, of_steps, partial_run.impacts[name], trajectory)
+               for name, of_steps in trajectory.impacts.items()}
     return changed(joined, report=report_to_end(trajectory.report, partial_run, float(work[0])),
                    events=crossings, impacts=impacts, _grid=grid)
 
 
 def row_of(last: Trajectory, work: Array) -> Rows:
-    """Return the last row of the part of a step, with the work of the whole run."""
+    """Return the last row of a partial step, with ``work``, (1,), of the whole run in J."""
     return Rows(last.q[-1:], last.p[-1:], flat_multipliers(last)[-1:], last.iterations[-1:], work)
 
 
 def report_to_end(report: Report, partial_run: Trajectory, work: float) -> Report:
-    """Return the report of a run of whole steps and of its last part of a step."""
+    """Return the report of a run that ends with a partial step, from that of its whole steps.
+
+    ``work``, in J, is the work of the whole run.
+    """
     return replace(
         report, q=tuple(map(float, partial_run.q[-1].tolist())),
         p=tuple(map(float, partial_run.p[-1].tolist())),
@@ -109,7 +112,7 @@ def report_to_end(report: Report, partial_run: Trajectory, work: float) -> Repor
 def _joined(
     run: RunArguments, earlier: CrossingsType, last: CrossingsType, trajectory: Trajectory
 ) -> CrossingsType:
-    """Return the crossings of a run and of its last part of a step."""
+    """Return the crossings of whole steps, ``earlier``, and of the partial step after them."""
     latest = earlier.elapsed[-1] if len(earlier) else None
     return earlier.joined(counted_from_start(last, run.steps, trajectory.elapsed[-1],
                                              trajectory.work[-1], latest))
@@ -124,7 +127,8 @@ def counted_from_start(
     start of the last crossing in them. A crossing at the end of the last whole step is in both: it
     counts once.
     """
-    new = np.array(last.elapsed != 0 * elapsed, bool) | (latest is None or latest != elapsed)
-    last = replace(last._selected(new), steps=last.steps[new] + steps,
-                   elapsed=last.elapsed[new] + elapsed)
+    is_at_start = np.array(last.elapsed == 0 * elapsed, bool)
+    is_new = ~is_at_start | (latest is None or latest != elapsed)
+    last = replace(last._selected(is_new), steps=last.steps[is_new] + steps,
+                   elapsed=last.elapsed[is_new] + elapsed)
     return replace(last, work=last.work + work) if isinstance(last, Impacts) else last

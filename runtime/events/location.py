@@ -26,10 +26,10 @@ __all__ = ["TerminalEvent", "crossings_of", "detectors_for", "first_terminal_eve
 
 #: Steps that are solved for side by side.
 _AT_ONCE = 2**15
-#: Shares of a step after which it is looked on which side of its level a value is.
+#: Shares of a step, beside a state on the level, at which the sign of a value is evaluated.
 _SHARES = 2.0 ** (-5.0 * np.arange(1, 17))
-#: Looks for the place where a value turns, at most: half a dozen are usual.
-_LOOKS = 80
+#: Places examined where a value turns, at most: half a dozen are usual.
+_MOST_PLACES = 80
 
 
 def crossings_of(
@@ -38,9 +38,10 @@ def crossings_of(
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run, event's name → crossings, from its brackets.
 
-    ``fill`` integrates the runs of an ensemble, whose rows it fills: that takes partial steps.
+    ``brackets`` has an entry for each run, None without events. ``fill`` integrates an ensemble in
+    place; here it takes partial steps.
     """
-    if runs.inputs is not None:  # they are held throughout, as parameters are
+    if runs.inputs is not None:  # inputs that never change are columns of parameters
         run_arguments = [runs[i] for i in range(len(runs))]
         runs = replace(EnsembleArguments.of(run_arguments, stepper.binding.number_type),
                        inputs=runs.inputs)
@@ -49,15 +50,18 @@ def crossings_of(
     roots: list[_Roots] = []
     if runs_with_brackets:
         all_brackets = Brackets.together([run_brackets for _, run_brackets in runs_with_brackets])
+        # the run of each bracket
         owner = np.repeat([i for i, _ in runs_with_brackets],
                           [len(run_brackets) for _, run_brackets in runs_with_brackets])
         # brackets of all runs are solved side by side on lanes; blocks bound the memory
         for i in range(0, len(all_brackets), _AT_ONCE):
             indices = np.arange(i, min(i + _AT_ONCE, len(all_brackets)))
             work = _Work(stepper, levels, runs, all_brackets.of(indices), owner[indices], fill)
-            roots += [_simple_roots(work),
-                      *([_double_roots(work)] if work.brackets.turning.any() else ()),
-                      *([_level_roots(work)] if work.brackets.on_level.any() else ())]
+            roots.append(_simple_roots(work))
+            if work.brackets.turning.any():
+                roots.append(_double_roots(work))
+            if work.brackets.on_level.any():
+                roots.append(_level_roots(work))
     return _by_run(stepper, levels, roots, runs)
 
 
@@ -77,7 +81,7 @@ def detectors_for(
 def first_terminal_event(
     events: Sequence[Event | Impact], crossings: dict[str, Crossings], dt: Any
 ) -> str | None:
-    """Return the name of the terminal event that happens first; None if none does."""
+    """Return the name of the terminal event that happens first; None if none of them happens."""
     terminal_names = [event.name for event in events
                       if event.terminal and len(crossings[event.name])]
     ahead = 1 if dt > 0 else -1
@@ -127,9 +131,9 @@ class _Work:
     ) -> tuple[Array, Array, Array, Array]:
         """Return (times, q, p, x − level) after partial steps share · Δt in brackets.
 
-        ``share`` and ``indices`` have an entry for each state; times count from the start of the
-        step. Shares count from there too, or from the end of the step if ``end`` has the states
-        there.
+        ``share`` and ``indices`` have an entry for each state, q and p the shape (states, n); times
+        count from the start of the step. Shares count from there too, or from the end of the step
+        if ``end`` has the states (q, p) there.
         """
         owner, start = self.owner[indices], self.brackets
         q, p = (start.q[indices], start.p[indices]) if end is None else end
@@ -139,6 +143,7 @@ class _Work:
         inputs_of_runs, step = self.runs.inputs, start.step[indices]
         if end is not None:
             time_in_step = time_in_step + self.runs.dt[owner]
+            # a positive share leads into the next step, with its inputs
             t, step = t + time_in_step, step + (share > 0)
         inputs = None if inputs_of_runs is None else inputs_of_runs.taken(owner, step)
         q, p = partial_steps(self.stepper, q, p, t, dt, columns, self.fill, inputs)
@@ -147,9 +152,9 @@ class _Work:
     def slopes(self, indices: Array, ahead: int, end: tuple[Array, Array] | None = None) -> Array:
         """Return the limit of (x − level)/share beside a state on the level; 0 where x rests there.
 
-        ``ahead`` is 1 just behind the state, −1 just before it. The limit is an estimate: of shares
-        from 2⁻⁵ to 2⁻⁸⁰ the least three are taken over which the value falls as a power does, of
-        the first order to the third: rounding does not.
+        ``ahead`` is 1 just after the state, −1 just before it. The limit is an estimate: of shares
+        from 2⁻⁵ to 2⁻⁸⁰ the smallest three are taken over which the value falls like a power of the
+        share, of order 1 to 3. Round-off does not fall.
         """
         no_time = 0 * self.tolerance(indices)
         event_values = np.column_stack([self.states(no_time + ahead * share, indices, end)[3]
@@ -160,6 +165,7 @@ class _Work:
         # round-off it does not
         falls = (ratio > 2**4) & (ratio < 2**16)
         steady = falls[:, :-1] & falls[:, 1:]
+        # the last column that is steady, for shares fall from column to column
         smallest_share = steady.shape[1] - 1 - steady[:, ::-1].argmax(axis=1)
         slopes: Array = np.where(steady.any(axis=1),
                                  event_values[np.arange(len(event_values)), smallest_share]
@@ -167,12 +173,13 @@ class _Work:
         return slopes
 
     def _values(self, indices: Array, t: Array, q: Array, p: Array) -> Array:
-        """Return the value of each bracket's own event."""
+        """Return x − level of the event of each bracket, at times t and states q and p."""
         event_values, owner = np.empty_like(t), self.owner[indices]
+        # one call of C for all brackets of a run, or of all runs if their parameters are the same
         order = np.argsort(owner, kind="stable")
-        alike = all((column == column[0]).all() for column in self.runs.parameters.values())
-        # one call of C for all brackets of runs with the same parameters
-        starts: Any = [] if alike else np.flatnonzero(np.diff(owner[order])) + 1
+        has_equal_runs = all((column == column[0]).all()
+                             for column in self.runs.parameters.values())
+        starts: Any = [] if has_equal_runs else np.flatnonzero(np.diff(owner[order])) + 1
         for group in np.split(order, starts) if len(order) else ():
             run = self.runs[int(owner[group[0]])]
             parameters = self.stepper.binding.parameters(run.parameters, run.t0)
@@ -184,14 +191,14 @@ class _Work:
 
 @dataclass(frozen=True)
 class _Roots:
-    """States at which events happen."""
+    """States at which events happen: index of the run, of the event, whole steps before, state."""
 
     owner: Array
     event: Array
     step: Array
-    #: As a share of the step, a double: what orders two of one step.
+    #: Share of the step, a double, by which two roots of one step are ordered.
     place: Array
-    #: Times since the start of the step.
+    #: Time since the start of the step.
     time_in_step: Array
     q: Array
     p: Array
@@ -199,15 +206,19 @@ class _Roots:
 
 
 class _BestStates:
-    """The state with the least |x − level| so far for each root, sought in a part of a step.
+    """The state with the least |value − level| so far for each root, sought in a part of a step.
 
-    Called as a function of x in [0, 1] along that part, it takes the partial steps there.
+    The part goes from the share ``low`` to the share ``high`` of the step. Called as a function of
+    x in [0, 1] along that part, it takes the partial steps there.
     """
 
     def __init__(
         self, work: _Work, indices: Array, low: Array, high: Array, known_zeros: Array | None = None
     ) -> None:
-        """``known_zeros`` has two columns: whether 0 and 1 are zeros, which are divided out."""
+        """Begin without any state.
+
+        ``known_zeros``, (roots, 2), says whether x = 0 and x = 1 are zeros, to be divided out.
+        """
         self._work, self.indices, self._low, self._width = work, indices, low, high - low
         self._known = np.zeros((len(indices), 2), bool) if known_zeros is None else known_zeros
         binding = work.stepper.binding
@@ -216,22 +227,22 @@ class _BestStates:
         self._size = self.time_in_step - 1  # |x − level| of the best state; below 0: none yet
 
     def __call__(self, x: Array, roots: Array) -> Array:
-        """Return x − level after the partial steps to the places x of the roots ``roots``."""
+        """Return value − level after partial steps to the places x, for these indices of roots."""
         share = self._low[roots] + x * self._width[roots]
         time_in_step, q, p, event_values = self._work.states(share, self.indices[roots])
         at_start, at_end = self._known[roots].T
         # a known zero at 0 or 1 is divided out: what remains changes its sign at the other zero
         # only
         event_values = event_values / np.where(at_start, share, 1) / np.where(at_end, 1 - share, 1)
-        better = (self._size[roots] < 0) | (abs(event_values) < self._size[roots])
-        improved = roots[better]
-        self.time_in_step[improved] = time_in_step[better]
-        self.q[improved], self.p[improved] = q[better], p[better]
-        self._size[improved] = abs(event_values[better])
+        is_better = (self._size[roots] < 0) | (abs(event_values) < self._size[roots])
+        improved = roots[is_better]
+        self.time_in_step[improved] = time_in_step[is_better]
+        self.q[improved], self.p[improved] = q[is_better], p[is_better]
+        self._size[improved] = abs(event_values[is_better])
         return event_values
 
     def roots(self, rising: Array) -> _Roots:
-        """Return the roots: the best states."""
+        """Return the best states as roots; ``rising`` says whether the value grows there."""
         work, indices = self._work, self.indices
         owner = work.owner[indices]
         fraction = (self.time_in_step / work.runs.dt[owner]).astype(float)
@@ -240,7 +251,7 @@ class _BestStates:
 
 
 def _simple_roots(work: _Work) -> _Roots:
-    """Return the roots of steps between whose ends a value changes its sign."""
+    """Return the roots of steps at whose ends the value has two signs, neither of them 0."""
     brackets = work.brackets
     indices = np.flatnonzero(~brackets.turning & ~brackets.on_level)
     best = _BestStates(work, indices, *_zero_and_one(work, indices))
@@ -253,8 +264,8 @@ def _simple_roots(work: _Work) -> _Roots:
 def _level_roots(work: _Work) -> _Roots:
     """Return the roots of steps that begin or end on the level, or begin within rounding of it.
 
-    The level at the start of a step is no root of it: the step before ends there, or the run begins
-    there. At its end it is one if the value comes from one side and does not go back to it.
+    The start of a step on the level is no root of the step: the step before ends there, or the run
+    begins there. Its end is a root if the value comes from one side and does not go back to it.
     """
     brackets = work.brackets
     indices = np.flatnonzero(brackets.on_level)
@@ -263,18 +274,19 @@ def _level_roots(work: _Work) -> _Roots:
                               for ends_of_step in (brackets.before, brackets.after))
     on_level = np.column_stack([start_slope, end_slope]) == 0
     starts, ends = map(np.flatnonzero, on_level.T)
-    # a value of 0 has no sign: the sign just behind it stands for it, and the one just before at
-    # the end
+    # a value of 0 has no sign: at the start of the step the sign just after it is taken, at the end
+    # the sign just before it
     start_slope[starts] = work.slopes(indices[starts], 1)
     time_in_step, q, p, _ = work.states(end_share[ends], indices[ends])
     end_slope[ends] = slope_before = work.slopes(indices[ends], -1, (q, p))
     slope_after = work.slopes(indices[ends], 1, (q, p))
+    # one more root between the ends, if the value changes its sign there
     inside = np.flatnonzero(start_slope * end_slope < 0)
     best = _BestStates(work, indices[inside], start_share[inside], end_share[inside],
                        on_level[inside])
     zeros(best, start_slope[inside], end_slope[inside], work.tolerance(indices[inside]))
-    # at the end of a step: a root if the value arrives and does not turn back. One that turns back
-    # only touches its level
+    # the end of a step is a root if the value arrives and does not turn back: then it only touches
+    # its level
     crossing_ends = np.flatnonzero((slope_before != 0) & (slope_before * slope_after <= 0))
     indices_through = indices[ends[crossing_ends]]
     at_end = _Roots(work.owner[indices_through], brackets.event[indices_through],
@@ -290,7 +302,7 @@ def _double_roots(work: _Work) -> _Roots:
     turning = np.flatnonzero(work.brackets.turning)
     indices, inner_share, inner_value = _sign_changes(work, turning)
     start_share, end_share = _zero_and_one(work, indices)
-    # the point of other sign parts the step in two, each with one simple root
+    # the place of other sign divides the step into two parts, each with one simple root
     twice = np.concatenate([indices, indices])
     low, high = np.concatenate([start_share, inner_share]), np.concatenate([inner_share, end_share])
     best = _BestStates(work, twice, low, high)
@@ -303,59 +315,148 @@ def _double_roots(work: _Work) -> _Roots:
 
 
 def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
-    """Return (steps, x, values): steps with two sign changes, and a point of other sign in each.
+    """Return (indices, shares, values): turning steps in which a value goes through its level.
 
-    The search counts x from the end of the step with the lower value: a value that falls there and
-    turns is lower than this end up to twice the distance of its minimum. Points approach this end
-    by the parabola through the last three until one is lower; then parabolas lead to the minimum
-    between two higher points. A step is abandoned if the value is four times as high as it could
-    still fall, on the scale of its changes within the step, or if times are not resolved.
+    ``indices`` are those of brackets with two sign changes; x − level has the other sign at the
+    share of the step, with this value. The search in each step is that of ``_TurningSearch``.
     """
-    brackets = work.brackets
-    # the value is that many times above its level: it falls towards it, whatever its sign
-    side: Array = np.where(brackets.before[indices] > 0, 1, -1)
-    start, end = side * brackets.before[indices], side * brackets.after[indices]
-    reversed_: Array = end < start
-    x0, x2 = _zero_and_one(work, indices)
-    y0, y2 = _where(reversed_, (end, start), (start, end))
-    x1: Array = (x0 + x2) / 2
-
-    def value(x: Array) -> Array:
-        distance: Array = side * work.states(np.where(reversed_, 1 - x, x), indices)[3]
-        return distance
-
-    y1, tolerance = value(x1), work.tolerance(indices)
-    total_change: Array = abs(y1 - y0) + abs(y2 - y1)
+    search = _TurningSearch.at_start(work, indices)
     sign_changes: list[tuple[Array, Array, Array]] = []
-    for look in range(_LOOKS):
-        through = y1 < 0
-        sign_changes.append((indices[through], np.where(reversed_, 1 - x1, x1)[through],
-                             (side * y1)[through]))
-        inside: Array = y1 < y0
-        left_of: Array = x1 - x0 > x2 - x1  # where the wider of the two parts is
-        wider_part: Array = np.where(inside & ~left_of, x2 - x1, x1 - x0)
-        # an estimate of how far the value may still fall within the wider part: it falls like a
-        # parabola whose changes over the step are ``total_change``
-        possible_fall = 4 * total_change * wider_part * wider_part
-        may_fall_below = possible_fall >= np.where(inside, y1, y0)
-        is_open = ~through & may_fall_below & (wider_part > tolerance)
-        inside, left_of = inside[is_open], left_of[is_open]
-        indices, side, reversed_, total_change, tolerance, wider_part, x0, x1, x2, y0, y1, y2 = (
-            column[is_open] for column in (indices, side, reversed_, total_change, tolerance,
-                                             wider_part, x0, x1, x2, y0, y1, y2))
-        if not len(indices):
+    for iteration in range(_MOST_PLACES):
+        sign_changes.append(search.below_level())
+        search = search.selected(search.is_open)
+        if not len(search.indices):
             break
-        x = _next_place((x0, x1, x2), (y0, y1, y2), inside, np.where(left_of, -wider_part,
-                                                                     wider_part),
-                        wider_part / 8 if look % 2 else 0 * wider_part)
-        y = value(x)
-        # of four places the lowest stays in the middle of its neighbours; else the first three
-        lower, left_of = np.where(inside, y < y1, True), x < x1
-        x0, y0 = _where(inside & (lower != left_of), _where(lower, (x1, y1), (x, y)), (x0, y0))
-        x2, y2 = _where(lower == left_of, _where(lower, (x1, y1), (x, y)), (x2, y2))
-        x1, y1 = _where(lower, (x, y), (x1, y1))
-    steps, places, distance = (np.concatenate(column) for column in zip(*sign_changes, strict=True))
-    return steps, places, distance
+        # each second place keeps a distance from the last: parabolas alone may creep
+        search = search.with_next_place(away=iteration % 2 == 1)
+    steps, shares, values = (np.concatenate(column) for column in zip(*sign_changes, strict=True))
+    return steps, shares, values
+
+
+@dataclass(frozen=True)
+class _TurningSearch:
+    """Search, in many steps at once, for a place x where a height y = ±(value − level) is below 0.
+
+    The height is positive at both ends of a step. x counts from its lower end: a height that falls
+    there and turns is lower than this end up to twice the distance of its minimum. Points approach
+    this end by the parabola through the last three until one is lower; then parabolas lead to the
+    minimum between two higher points.
+
+    Attributes
+    ----------
+    side : array of ±1
+        y = side · (value − level).
+    is_reversed : array of bool
+        Whether x counts from the end of the step backwards.
+    total_change : array
+        |y₁ − y₀| + |y₂ − y₁| of the ends and the middle of the step.
+    tolerance : array
+        The resolution of times as a share of the step.
+    x, y : tuple of 3 array
+        Places x₀ < x₁ < x₂ and their heights; y₁ is the lowest, or x₁ the nearest to the lower end.
+    """
+
+    work: _Work
+    indices: Array
+    side: Array
+    is_reversed: Array
+    total_change: Array
+    tolerance: Array
+    x: tuple[Array, Array, Array]
+    y: tuple[Array, Array, Array]
+
+    @classmethod
+    def at_start(cls, work: _Work, indices: Array) -> _TurningSearch:
+        """Return the search with the ends and the middle of each step."""
+        brackets = work.brackets
+        side: Array = np.where(brackets.before[indices] > 0, 1, -1)
+        start, end = side * brackets.before[indices], side * brackets.after[indices]
+        is_reversed: Array = end < start
+        x0, x2 = _zero_and_one(work, indices)
+        y0, y2 = _where(is_reversed, (end, start), (start, end))
+        x1: Array = (x0 + x2) / 2
+        search = cls(work, indices, side, is_reversed, 0 * y0, work.tolerance(indices),
+                     (x0, x1, x2), (y0, 0 * y0, y2))
+        y1 = search._heights(x1)
+        return replace(search, y=(y0, y1, y2), total_change=abs(y1 - y0) + abs(y2 - y1))
+
+    def below_level(self) -> tuple[Array, Array, Array]:
+        """Return the indices, shares and values of the steps whose middle place is below 0."""
+        x1, y1 = self.x[1], self.y[1]
+        is_below = y1 < 0
+        return (self.indices[is_below], self._shares(x1)[is_below], (self.side * y1)[is_below])
+
+    @property
+    def is_open(self) -> Array:
+        """Which steps are searched on.
+
+        A step is abandoned if times are not resolved, or if the lowest height is more than the
+        height may still fall within the wider of the two parts: it falls like a parabola whose
+        changes over the step are ``total_change``, by a quarter of four times as much.
+        """
+        wider_part = self._wider_part
+        possible_fall = 4 * self.total_change * wider_part * wider_part
+        may_fall_below = possible_fall >= np.where(self._is_inside, self.y[1], self.y[0])
+        is_open: Array = ~(self.y[1] < 0) & may_fall_below & (wider_part > self.tolerance)
+        return is_open
+
+    def selected(self, mask: Array) -> _TurningSearch:
+        """Return the search in the steps of a mask."""
+        x0, x1, x2 = (column[mask] for column in self.x)
+        y0, y1, y2 = (column[mask] for column in self.y)
+        return _TurningSearch(self.work, self.indices[mask], self.side[mask],
+                              self.is_reversed[mask], self.total_change[mask],
+                              self.tolerance[mask], (x0, x1, x2), (y0, y1, y2))
+
+    def with_next_place(self, *, away: bool) -> _TurningSearch:
+        """Return the search with one more place in each step, and one of the four dropped.
+
+        ``away`` asks for a place at least an eighth of the wider part from x₁.
+        """
+        (x0, x1, x2), (y0, y1, y2) = self.x, self.y
+        is_inside, wider_part = self._is_inside, self._wider_part
+        to_wider_end = np.where(self._is_left_wider, -wider_part, wider_part)
+        x = _next_place(self.x, self.y, is_inside, to_wider_end,
+                        wider_part / 8 if away else 0 * wider_part)
+        y = self._heights(x)
+        # of four places the lowest stays in the middle of its neighbours; without a lowest one
+        # inside, the three nearest to the lower end stay
+        is_lower, is_left = np.where(is_inside, y < y1, True), x < x1
+        neighbour = _where(is_lower, (x1, y1), (x, y))
+        x0, y0 = _where(is_inside & (is_lower != is_left), neighbour, (x0, y0))
+        x2, y2 = _where(is_lower == is_left, neighbour, (x2, y2))
+        x1, y1 = _where(is_lower, (x, y), (x1, y1))
+        return replace(self, x=(x0, x1, x2), y=(y0, y1, y2))
+
+    @property
+    def _is_inside(self) -> Array:
+        """Whether the lowest place is between two others."""
+        is_inside: Array = self.y[1] < self.y[0]
+        return is_inside
+
+    @property
+    def _is_left_wider(self) -> Array:
+        """Whether x₁ − x₀ is more than x₂ − x₁."""
+        x0, x1, x2 = self.x
+        is_left_wider: Array = x1 - x0 > x2 - x1
+        return is_left_wider
+
+    @property
+    def _wider_part(self) -> Array:
+        """Length of the part to search: the wider one about a lowest place, else x₁ − x₀."""
+        x0, x1, x2 = self.x
+        wider_part: Array = np.where(self._is_inside & ~self._is_left_wider, x2 - x1, x1 - x0)
+        return wider_part
+
+    def _shares(self, x: Array) -> Array:
+        """Return places as shares of the steps, counted from their starts."""
+        shares: Array = np.where(self.is_reversed, 1 - x, x)
+        return shares
+
+    def _heights(self, x: Array) -> Array:
+        """Return y after partial steps to the places x."""
+        heights: Array = self.side * self.work.states(self._shares(x), self.indices)[3]
+        return heights
 
 
 def _next_place(
@@ -364,7 +465,8 @@ def _next_place(
 ) -> Array:
     """Return the place that each search for a minimum examines next, from x₀ < x₁ < x₂.
 
-    The parabola through the three points has its minimum, if b > 0, at
+    ``to_wider_end`` leads from x₁ to the end of the wider part. The parabola through the three
+    points has its minimum, if b > 0, at
 
         x = (x₀ + x₁)/2 − d (x₂ − x₀)/(2b),  d = (y₁ − y₀)/(x₁ − x₀),  b = (y₂ − y₁)/(x₂ − x₁) − d
 
@@ -373,14 +475,14 @@ def _next_place(
     (x0, x1, x2), (y0, y1, y2) = x, y
     slope = (y1 - y0) / (x1 - x0)
     bend = (y2 - y1) / (x2 - x1) - slope
-    bends = bend > 0
-    lowest: Array = (x0 + x1) / 2 - slope * (x2 - x0) / (2 * np.where(bends, bend, 1))
+    is_convex = bend > 0
+    lowest: Array = (x0 + x1) / 2 - slope * (x2 - x0) / (2 * np.where(is_convex, bend, 1))
     # a place at x₁ says nothing new: one beside it, in the wider part, does
-    is_useful = bends & (lowest > x0) & (lowest < x2) & (abs(lowest - x1) > least_distance)
+    is_useful = is_convex & (lowest > x0) & (lowest < x2) & (abs(lowest - x1) > least_distance)
     lowest = np.where(is_useful, lowest, x1 + to_wider_end / 8)
     # still falling towards x = 0: no nearer to it than an eighth of the last point at a time
-    towards_start = np.where(bends & (lowest > x1 / 8), np.where(lowest < x1 / 2, lowest, x1 / 2),
-                             x1 / 8)
+    towards_start = np.where(is_convex & (lowest > x1 / 8),
+                             np.where(lowest < x1 / 2, lowest, x1 / 2), x1 / 8)
     next_place: Array = np.where(inside, lowest, towards_start)
     return next_place
 
@@ -435,7 +537,7 @@ def _by_run(
         order = np.lexsort((event_roots.place, event_roots.step, event_roots.owner))
         event_roots = _selected(event_roots, order)
         if stepper.binding.clocked and levels.columns[event_index] == ("q", stepper.binding.n - 1):
-            # Roots of the time itself: the requested time, to the last bit.
+            # roots of the time itself: the requested time, to the last bit
             event_roots.q[:, -1] = levels.rounded[event_index]
         elapsed = event_roots.step * runs.dt[event_roots.owner] + event_roots.time_in_step
         t = runs.t0[event_roots.owner] + elapsed

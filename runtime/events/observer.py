@@ -65,9 +65,11 @@ def observed(
             raise
         trouble, trajectory = error, error.trajectory
     with catch_ctrl_c() as interrupts:
-        before = interrupts.requested  # that has ended the run, and not what is solved for now
-        crossings_by_name = observer.take_crossings(lambda: interrupts.requested and not before)
-    if interrupts.requested and not before:
+        # a signal that has ended the run does not end the location of its events
+        had_signal = interrupts.requested
+        crossings_by_name = observer.take_crossings(
+            lambda: interrupts.requested and not had_signal)
+    if interrupts.requested and not had_signal:
         raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
                       trajectory=trajectory)
@@ -98,7 +100,7 @@ def observer_of(
 
 
 def observer_to_end(stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact]) -> Any:
-    """Return the observer of a run in memory; that of its end if scaled time has no other event."""
+    """Return the observer of a run in memory: an ``EndTimeObserver`` if t_end is its only event."""
     if run.open_end and len(events) == 1 and isinstance(events[0], Event):
         return EndTimeObserver(stepper, run, events[0])
     return observer_of(stepper, run, events)
@@ -108,7 +110,10 @@ def with_events(
     stepper: Stepper, observer: Observer | ImpactObserver | EndTimeObserver, trajectory: Trajectory,
     crossings_by_name: dict[str, Any],
 ) -> Trajectory:
-    """Return a trajectory with its events, and with the row of the one that ended it."""
+    """Return a trajectory with its events, and a last row at the event that ended it.
+
+    ``crossings_by_name`` are the crossings that its observer has located.
+    """
     end = observer.end
     if end is not None:
         row = replace(end.row, work=trajectory.report.work + end.row.work)
@@ -122,7 +127,8 @@ def with_row(
 ) -> Trajectory:
     """Return a trajectory of the first ``row_count`` rows of another and one more, ``row``.
 
-    ``times`` are the time of that row and its time since the start, in scaled time both τ.
+    ``times`` are the time of that row and its time since the start, shape (1,) each, in scaled time
+    both τ.
     """
     binding, states, steps = stepper.binding, slice(row_count), row_count - 1
     (t, elapsed), (q, p) = times, full_states(trajectory)
@@ -198,7 +204,7 @@ class Observer:
             self._piece_starts.append(piece_start)
         status = advance_and_detect(self._detector, self._binding, constants, steps, every, state,
                                     rows)
-        if self._detector.ends_in is not None:  # no state behind that step is one of the run's
+        if self._detector.ends_in is not None:  # no state after that step belongs to the run
             self._detector.bracket_last_step()
         self._look_for_end(state)
         return status if self.end is None else 0
@@ -216,8 +222,8 @@ class Observer:
     def take_crossings(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
         """Solve for the crossings bracketed since the last call, and forget the brackets.
 
-        Crossings behind a terminal event that has ended the run are left out. ``stop`` is asked
-        between solutions; once it is true, the remaining ones are not solved for.
+        Crossings after a terminal event that has ended the run are left out. ``stop()`` is called
+        between steps; once it is true, the remaining crossings are not located.
         """
         # terminal events were solved for in ``_look_for_end``, and have no bracket any more
         crossings = self._solved(self._detector.brackets, stop) | self._terminal_crossings
@@ -237,7 +243,10 @@ class Observer:
         return changed(trajectory, events=crossings)
 
     def _solved(self, brackets: Any, stop: Callable[[], bool]) -> dict[str, Crossings]:
-        """Return event's name → crossings in brackets; ``stop`` ends the solution early."""
+        """Return the crossings in ``brackets`` (or None), event's name → crossings.
+
+        The location ends early once ``stop()`` is true.
+        """
         (crossings,) = crossings_of(self._stepper, self._levels, self._runs, [brackets],
                                     lambda computed: fill_ensemble(computed, threads_of(None),
                                                                    stop))
@@ -267,7 +276,10 @@ class Observer:
                                  self._row_to(state, crossing))
 
     def _row_to(self, state: RunState, event: Crossings) -> Rows:
-        """Return the row of the partial step from the state before an event to the event."""
+        """Return the row at an event: a partial step from the state before it.
+
+        The row has the state of the crossing, and the multipliers and work of the partial step.
+        """
         stepper, run, binding = self._stepper, self._run, self._binding
         # counted from the start of the run, as the crossing's time is
         t0 = binding.times(run.t0, run.dt, event.steps)

@@ -26,8 +26,9 @@ def zeros(
 ) -> None:
     """Find a zero of each function in [0, 1], where it has the values f0 and f1 of two signs.
 
-    ``evaluate(x, indices)`` returns the values of the functions with these indices at x, and stores
-    the states it needs. The search begins at ``start``, by default the secant's zero. It ends if
+    ``evaluate(x, indices)`` returns the values of the functions with these indices at x, and keeps
+    the zeros: nothing is returned here. Arrays have an entry for each function. The search begins
+    at ``start``, by default the secant's zero. It ends if
     the bracket of a function is at most twice its tolerance wide, or one of its values is 0; and at
     a simple zero if the secant through the last two points has its zero within half of the
     tolerance, while the secant before, a hundred times as long, had the same slope.
@@ -49,15 +50,16 @@ def zeros(
         converged = ((abs(y) <= tolerances / 2 * abs(slopes))
                      & (100 * abs(x_change) <= abs(last_change))
                      & (10 * abs(slopes - last_slopes) <= abs(last_slopes)))
-        # x1 and x2 bracket the zero; x3 is the point that was given up, for the interpolation
+        # x1, the newest point, and x2 bracket the zero; x3 is the one they replace, which the
+        # interpolation uses
         same_side = (y > 0) == (y1 > 0)
         x3, y3 = np.where(same_side, x1, x2), np.where(same_side, y1, y2)
         x2, y2 = np.where(same_side, x2, x1), np.where(same_side, y2, y1)
         x1, y1 = x, y
         width = abs(x2 - x1)
-        open_ = (width > 2 * tolerances) & (y1 != 0) & (y2 != 0) & ~converged
+        is_open = (width > 2 * tolerances) & (y1 != 0) & (y2 != 0) & ~converged
         indices, x1, x2, x3, y1, y2, y3, tolerances, width, x_change, slopes = (
-            column[open_] for column in (indices, x1, x2, x3, y1, y2, y3, tolerances, width,
+            column[is_open] for column in (indices, x1, x2, x3, y1, y2, y3, tolerances, width,
                                          x_change, slopes))
         fraction = _clamped(_fraction(x1, x2, x3, y1, y2, y3), tolerances / width)
 
@@ -65,7 +67,8 @@ def zeros(
 def cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
     """Return a zero in (0, 1) of the cubic through f(−2), f(−1), f(0), f(1), else the secant's.
 
-    ``past`` has f(−1) and f(−2), NaN where they are unknown; ``f0`` and ``f1`` are f(0) and f(1).
+    ``past``, (functions, 2), has f(−1) and f(−2), NaN where they are unknown; ``f0`` and ``f1`` are
+    f(0) and f(1), of two signs.
     """
     # the cubic a x³ + b x² + c x + d
     previous, d, next_value = past[:, 0], f0.astype(float), f1.astype(float)
@@ -98,7 +101,7 @@ def _fraction(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) 
 
 
 def _clamped(fraction: Array, margin: Array) -> Array:
-    """Return a fraction of a bracket at least ``margin`` from its ends."""
+    """Return a fraction of a bracket moved to at least ``margin`` from its ends, at most to ½."""
     margin = np.where(margin < 0.5, margin, 0 * margin + 0.5)
     fraction = np.where(fraction > margin, fraction, margin)
     inside: Array = np.where(fraction < 1 - margin, fraction, 1 - margin)
