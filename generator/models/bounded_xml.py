@@ -30,11 +30,11 @@ class Element:
     text: str = ""
 
     def all(self, name: str) -> Iterator[Element]:
-        """Yield the children of a name."""
+        """Yield the child elements with this name."""
         return (child for child in self.children if child.name == name)
 
     def first(self, name: str) -> Element | None:
-        """Return the first child of a name, if there is one."""
+        """Return the first child element with this name, or None."""
         return next(self.all(name), None)
 
 
@@ -45,44 +45,59 @@ def read_xml(text: str) -> Element:
     beyond a bound.
     """
     parser = expat.ParserCreate("utf-8")
-    open_elements: list[Element] = []
-    outermost: list[Element] = []
-    count = 0
-
-    def refuse(why: str) -> InputError:
-        return InputError(f"line {parser.CurrentLineNumber}: {why}")
-
-    def begin(name: str, attributes: dict[str, str]) -> None:
-        """Add an element to the innermost open one, within the limits."""
-        nonlocal count
-        count += 1
-        if count > MAX_ELEMENTS:
-            raise refuse(f"it has more than {MAX_ELEMENTS} elements; leave some out.")
-        if len(open_elements) >= MAX_DEPTH:
-            raise refuse(f"its elements are nested more than {MAX_DEPTH} deep; write them flat.")
-        element = Element(name, attributes, parser.CurrentLineNumber)
-        (open_elements[-1].children if open_elements else outermost).append(element)
-        open_elements.append(element)
-
-    def end(name: str) -> None:
-        open_elements.pop()
-
-    def characters(text: str) -> None:
-        open_elements[-1].text += text
-
-    def document_type(name: str, *more: object) -> None:
-        raise refuse(f"it declares a document type, <!DOCTYPE {shown(name)[1:-1]}>, which may "
-                     "define entities of any size; remove the declaration.")
-
-    # expat calls these as it reads, so that a text beyond a bound is refused before it is whole
-    parser.StartElementHandler = begin
-    parser.EndElementHandler = end
-    parser.CharacterDataHandler = characters
+    elements = _BoundedElements(parser)
+    # one call of ``characters`` for a text, not one for each line of it
     parser.buffer_text = True
-    parser.StartDoctypeDeclHandler = document_type
     try:
         parser.Parse(text.encode(), True)
     except expat.ExpatError as error:
         raise InputError(f"line {error.lineno}: it is no XML ({expat.ErrorString(error.code)}); "
                          "correct it.") from None
-    return outermost[0]
+    return elements.outermost[0]
+
+
+class _BoundedElements:
+    """The elements of a text, which expat reports while it reads.
+
+    A text beyond a bound is refused at that place, before the rest of it is read.
+    """
+
+    def __init__(self, parser: expat.XMLParserType) -> None:
+        """Let the parser report to this object."""
+        self.parser = parser
+        self.outermost: list[Element] = []
+        self.open: list[Element] = []  # elements that have begun and not ended, outermost first
+        self.count = 0
+        parser.StartElementHandler = self.begin
+        parser.EndElementHandler = self.end
+        parser.CharacterDataHandler = self.characters
+        parser.StartDoctypeDeclHandler = self.document_type
+
+    def begin(self, name: str, attributes: dict[str, str]) -> None:
+        """Add an element to the innermost open one, within the bounds."""
+        self.count += 1
+        if self.count > MAX_ELEMENTS:
+            raise self._error(f"it has more than {MAX_ELEMENTS} elements; leave some out.")
+        if len(self.open) >= MAX_DEPTH:
+            raise self._error(f"its elements are nested more than {MAX_DEPTH} deep; write them "
+                              "flat.")
+        element = Element(name, attributes, self.parser.CurrentLineNumber)
+        (self.open[-1].children if self.open else self.outermost).append(element)
+        self.open.append(element)
+
+    def end(self, name: str) -> None:
+        """Close the innermost open element; expat has checked that it has this name."""
+        self.open.pop()
+
+    def characters(self, text: str) -> None:
+        """Add text to the innermost open element."""
+        self.open[-1].text += text
+
+    def document_type(self, name: str, *identifiers: object) -> None:
+        """Refuse a document type."""
+        raise self._error(f"it declares a document type, <!DOCTYPE {shown(name)[1:-1]}>, which may "
+                          "define entities of any size; remove the declaration.")
+
+    def _error(self, reason: str) -> InputError:
+        """Return an error with the line that the parser has reached."""
+        return InputError(f"line {self.parser.CurrentLineNumber}: {reason}")

@@ -4,7 +4,7 @@
     ∫ r rᵀ dV = Σ V_k ((a + b + c)(a + b + c)ᵀ + a aᵀ + b bᵀ + c cᵀ)/20
 
 over tetrahedra from a point to each triangle a, b, c (Mirtich, J. Graphics Tools 1 (1996) 31). A
-surface is closed if each of its edges runs as often one way as the other.
+surface is closed if its triangles have each edge as often in one direction as in the other.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ class Volume:
 def convex_hull(triangles: Floats) -> Floats:
     """Return the triangles of the convex hull of all corners, their normals outwards.
 
-    Raises InputError where all corners are in a plane.
+    ``triangles`` and the result have shape (triangles, corners 3, coordinates 3). Raises InputError
+    where all corners are in a plane.
     """
     from scipy.spatial import ConvexHull, QhullError  # takes 0.1 s
 
@@ -40,6 +41,7 @@ def convex_hull(triangles: Floats) -> Floats:
     except (QhullError, ValueError):
         raise InputError("its corners are in a plane, so that it has no volume.") from None
     corners: Floats = points[hull.simplices]
+    # a·(b × c) < 0 seen from inside: clockwise from outside, so that the order is reversed
     middle = points[hull.vertices].mean(axis=0)
     inwards = np.linalg.det(corners - middle) < 0
     corners[inwards] = corners[inwards][:, ::-1]
@@ -49,11 +51,13 @@ def convex_hull(triangles: Floats) -> Floats:
 def mesh_volume(triangles: Floats, *, overlaps: bool = False) -> Volume:
     """Return volume, centre and inertia of a solid; triangles are counterclockwise from outside.
 
-    With ``overlaps`` each tetrahedron from the centre of the surface counts as positive, as in
-    MuJoCo's "legacy": the same for convex surfaces, too much for others. Raises InputError,
-    "reason; cure.", for surfaces that are open, or inside out.
+    ``triangles`` has shape (triangles, 3, 3), in m. With ``overlaps`` each tetrahedron from the
+    centre of the surface counts as positive, as in MuJoCo's "legacy": the same for convex surfaces,
+    too much for others. Raises InputError, "reason; cure.", for surfaces that are open, or inside
+    out.
     """
-    start = triangles.reshape(-1, 3).mean(axis=0)  # near it: fewer digits are lost
+    # the common point of the tetrahedra: near the surface fewer digits are lost
+    start = triangles.reshape(-1, 3).mean(axis=0)
     if overlaps:
         areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0],
                                         triangles[:, 2] - triangles[:, 0]), axis=1)
@@ -67,10 +71,12 @@ def mesh_volume(triangles: Floats, *, overlaps: bool = False) -> Volume:
     if not volume > 0:
         raise InputError(f"its volume is {volume:.3g} m³; turn its triangles round, so that they "
                          "are counterclockwise from outside.")
+    # a + b + c of each triangle
     sums = corners.sum(axis=1)
     centre = volumes @ sums / 4 / volume
     squares = (np.einsum("k,ki,kj->ij", volumes, sums, sums)
                + np.einsum("k,kci,kcj->ij", volumes, corners, corners)) / 20 / volume
+    # about the centre instead of the start (Steiner)
     squares -= np.outer(centre, centre)
     return Volume(volume, start + centre, np.trace(squares) * np.eye(3) - squares)
 
@@ -83,6 +89,7 @@ def _refuse_open(triangles: Floats) -> None:
     edges = np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)])
     # a degenerate triangle has an edge from a point to itself
     edges = edges[edges[:, 0] != edges[:, 1]]
+    # the edge from i to j as the number i · count + j, and the number of its reverse
     forward, backward = (np.sort(edges[:, i] * count + edges[:, 1 - i]) for i in (0, 1))
     if not np.array_equal(forward, backward):
         raise InputError("its surface is not closed: an edge has no neighbour; close it, or give "

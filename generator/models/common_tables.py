@@ -19,7 +19,7 @@ from .toml_tables import Known, TomlTable
 __all__ = ["Formulas", "ParameterValues", "divisors", "run_length"]
 
 MAX_PARAMETERS = 200
-#: Of all formulas of a file together.
+#: Characters of all formulas of a file together.
 MAX_CHARACTERS = 20_000
 
 
@@ -27,13 +27,14 @@ class ParameterValues:
     """The values of [parameters] and [inputs]; each may be a formula of those above it."""
 
     def __init__(self, content: TomlTable) -> None:
-        """Read [parameters] and [inputs]; formulas of the file know their names from then on."""
+        """Read [parameters] and [inputs], whose names numbers and formulas of the file may have."""
         table, inputs = content.table("parameters"), content.table("inputs")
         if len(table.content) > MAX_PARAMETERS:
             raise content.error("parameters", f"has {len(table.content)} entries and at most "
                                               f"{MAX_PARAMETERS} are allowed; write fewer.")
-        #: The values, and the names that other numbers of the file mention.
+        #: Values by name, with the names that other numbers of the file mention.
         self.values = Known()
+        # one object for all tables: a value may be a formula of those above it
         table.constants = inputs.constants = content.constants = self.values
         for name in table.items():
             table.symbol(name, name)
@@ -47,7 +48,10 @@ class ParameterValues:
 
 @dataclass
 class Formulas:
-    """Reads the formulas of a file in its symbols; knows the file for the messages."""
+    """Reader of the formulas of a file.
+
+    ``characters`` counts the characters read so far; ``mentioned`` has the names in formulas.
+    """
 
     content: TomlTable
     numbers: ParameterValues
@@ -61,9 +65,10 @@ class Formulas:
         self, table: TomlTable, key: str, text: str, names: Mapping[str, sp.Expr],
         constants: Iterable[sp.Symbol] = (),
     ) -> sp.Expr:
-        """Return the formula of a key in the names given and the file's parameters.
+        """Return the formula of a key as an expression.
 
-        ``constants`` are those of the names that exponents may contain beside the parameters.
+        It may contain ``names`` and the file's parameters; exponents may contain the parameters
+        and the symbols ``constants``. Raises InputError with file, key and cure.
         """
         self.characters += len(text)
         if self.characters > MAX_CHARACTERS:
@@ -83,20 +88,20 @@ class Formulas:
         self, table: TomlTable, key: str, names: Mapping[str, sp.Expr],
         constants: Iterable[sp.Symbol] = (), count: int | None = None,
     ) -> list[sp.Expr]:
-        """Return the formulas of a list."""
+        """Return the formulas of a list, ``count`` of them if it is given; see ``read``."""
         return [self.read(table, f"{key}, entry {i},", text, names, constants)
                 for i, text in enumerate(table.formulas(key, count), 1)]
 
     def quantities(
         self, names: Mapping[str, sp.Expr], constants: Iterable[sp.Symbol] = ()
     ) -> dict[str, sp.Expr]:
-        """Return the formulas of [quantities]."""
+        """Return name → formula of [quantities]; see ``read``."""
         table = self.content.table("quantities")
         return {table.symbol(name, name): self.read(table, name, table.formula(name), names,
                                                     constants) for name in table.items()}
 
     def refuse_clash(self, names: Mapping[str, Any]) -> None:
-        """Refuse a parameter that has the name of something else."""
+        """Refuse a parameter with one of ``names``, which formulas read as something else."""
         for name in self.parameters:
             if name in names:
                 raise self.content.file_error(
@@ -114,10 +119,12 @@ class Formulas:
     def in_use(
         self, expressions: Iterable[sp.Expr]
     ) -> tuple[list[sp.Symbol], dict[sp.Symbol, sp.Symbol], dict[str, float]]:
-        """Return the parameters of a system, their symbol in formulas → there, and their values.
+        """Return the parameters that a system's expressions contain.
 
-        A parameter that a formula divides by is declared nonzero, and refused if it is 0. One
-        that only other numbers of the file need does not belong to the system.
+        Three results: their symbols in the system; symbol in formulas → symbol in the system, which
+        differ for a parameter that a formula divides by, as it is declared nonzero, and refused if
+        it is 0; their values by name. A parameter that only other numbers of the file need is none
+        of them.
         """
         formulas = list(expressions)
         present = set().union(*(e.free_symbols for e in formulas))
@@ -143,6 +150,7 @@ def divisors(expression: sp.Expr) -> set[sp.Symbol]:
         e = stack.pop()
         if e.is_Pow and e.base.is_Symbol and e.exp.is_number and e.exp.is_negative:
             denominators.add(e.base)
+        # the two sides of an if(...), not its condition
         stack += e.args[:2] if isinstance(e, Where) else e.args
     return denominators
 

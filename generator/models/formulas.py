@@ -36,7 +36,7 @@ MAX_BITS = 12_000
 #: Quotients, roots, powers and functions inside one another: derivatives and discrete gradients
 #: grow exponentially with it.
 MAX_LEVEL = 5  # beside one another, the sides of an if(...) do not count
-#: Of the argument of a function of a constant.
+#: Largest argument of a function of a constant.
 MAX_ARGUMENT = 1000
 #: Bits of the integers into which SymPy turns a fractional power of a number: 12**(7/9) becomes
 #: 2**(5/9)*18**(1/3), and 12**0.7777777777 would need a number of 10^10 bits. It then looks for
@@ -66,10 +66,10 @@ _KNOWN = frozenset([sp.exp, sp.log, sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp
 
 @dataclass(frozen=True)
 class _Condition:
-    """A condition, or whether it holds, with the formulas that it compares."""
+    """A condition with the formulas that it compares, whose bounds a choice inherits."""
 
-    chooser: switching_functions.Chooser
-    known: bool | None  # None where it depends on symbols
+    chooser: switching_functions.Chooser  # (yes, no) → the expression that chooses
+    known: bool | None  # whether it holds; None where it depends on symbols
     compared: tuple[Value, ...]
 
 
@@ -141,6 +141,7 @@ class _Formulas:
         self.exponents = exponents
 
     def literal(self, digits: int, exponent: int) -> Value:
+        """Return the decimal digits · 10^exponent, exactly."""
         return rational(sp.Integer(digits) * sp.Integer(10) ** exponent)
 
     def named(self, name: str) -> Value:
@@ -165,9 +166,11 @@ class _Formulas:
         return _formula(factors, 0, math.prod(f.terms for f in factors), sp.Mul)
 
     def negative(self, value: Value) -> Value:
+        """Return −value."""
         return self.multiply([rational(sp.Integer(-1)), value])
 
     def reciprocal(self, value: Value) -> Value:
+        """Return 1/value, one level deeper than ``value``; a number's is exact."""
         if value.is_number:
             return numbers.reciprocal(value)
         return _formula([value], 1, value.terms, lambda e: 1 / e)
@@ -217,14 +220,16 @@ class _Formulas:
         """Return a function of arguments: exact where it can be, with all digits for numbers."""
         constants = [a for a in arguments if a.is_number]
         make, _ = FUNCTIONS[function]
-        if function == "exp":  # SymPy makes exp(c*log(x)) the power x**c
+        # SymPy makes exp(c*log(x)) the power x**c
+        if function == "exp":
             for term in sp.Add.make_args(arguments[0].exact):
                 factor, logarithm = term.as_coeff_Mul()
                 if logarithm.func is sp.log:
                     self.check_exponent(rational(factor))
                     _refuse_long_root(logarithm.args[0], factor)
+        # a remainder by 0 is refused as a division by 0
         if function == "mod" and arguments[1].is_number:
-            numbers.reciprocal(arguments[1])  # refused for zero
+            numbers.reciprocal(arguments[1])
         if len(constants) < len(arguments):
             return _formula(arguments, 1, sum(a.terms for a in arguments), make)
         if function in numbers.FUNCTIONS:
@@ -245,7 +250,8 @@ class _Formulas:
 
     def join(self, word: str, conditions: Sequence[_Condition]) -> _Condition:
         """Return conditions joined by ``and`` or ``or``; those that are decided need no code."""
-        ends = word == "or"  # what one of them alone decides
+        # one true condition decides "or", one false condition decides "and"
+        ends = word == "or"
         if any(c.known is ends for c in conditions):
             return _Condition(conditions[0].chooser, ends, ())
         undecided = [c for c in conditions if c.known is None]
@@ -259,17 +265,18 @@ class _Formulas:
         """Return yes or no if the condition is decided, else the formula that chooses."""
         if condition.known is not None:
             return yes if condition.known else no
+        # the compared formulas count in the bounds; the condition's own expression contains them
         parts = (*condition.compared, yes, no)
         return _formula(parts, 0, sum(a.terms for a in parts),
-                        lambda *made: condition.chooser(*made[-2:]))
+                        lambda *expressions: condition.chooser(*expressions[-2:]))
 
     def evaluated(
         self, make: Callable[..., sp.Expr], number: Callable[..., Any], arguments: list[Value]
     ) -> Value:
-        """Return a function of constants, which must be a real number.
+        """Return a function of constants, which must be a real number of at most 10^50.
 
-        ``make`` is SymPy's function, ``number`` that of mpmath, which is evaluated first: SymPy
-        takes very long for some arguments.
+        ``make`` is SymPy's function, ``number`` the function of mpmath, which is evaluated first:
+        SymPy takes very long for some arguments.
         """
         argument_values = [_number(a) for a in arguments]
         if any(abs(x) > MAX_ARGUMENT for x in argument_values):
@@ -282,8 +289,8 @@ class _Formulas:
                 result = number(*argument_values)
             except (ValueError, ZeroDivisionError):
                 result = mp.nan
-            if isinstance(result, mp.mpc) or not mp.isfinite(result) or (
-                    abs(result) > mp.mpf(10)**50):
+            is_real = not isinstance(result, mp.mpc) and mp.isfinite(result)
+            if not is_real or abs(result) > mp.mpf(10)**50:
                 raise RefusedError(
                     f"This function of {', '.join(mp.nstr(x, 5) for x in argument_values)} is no "
                     "real number of moderate size; write another argument"
@@ -302,7 +309,7 @@ class _Formulas:
 
 
 def _number(value: Value) -> Any:
-    """Return a constant to 90 digits."""
+    """Return a constant as mpmath's number, with 90 digits or more."""
     with mp.workdps(100):
         if value.is_rational:
             return mp.mpf(int(value.exact.p)) / int(value.exact.q)
@@ -315,7 +322,7 @@ def _formula(
     """Carry out an operation if its bounds permit it; the result may be a constant.
 
     ``levels`` is added to the largest level of the arguments; ``terms`` is the number of terms
-    that the result would have if it were multiplied out.
+    that the result would have if it were multiplied out. Raises RefusedError beyond a bound.
     """
     # a carry for each operand; constants are folded, and do not lie inside one another
     bits = sum(a.bits + 1 for a in arguments)
@@ -356,7 +363,8 @@ def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
     SymPy searches such numbers for powers q, exponent = p/q, in time that grows with their bits and
     with q and the roots inside; numbers with small prime factors are faster.
     """
-    if not exponent.is_Rational or exponent.q <= 2:  # whole powers and square roots are fast
+    # whole powers and square roots are fast
+    if not exponent.is_Rational or exponent.q <= 2:
         return
     for factor in sp.Mul.make_args(base):
         if not factor.is_number:
@@ -374,7 +382,7 @@ def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
 
 
 def _is_smooth(x: sp.Rational) -> bool:
-    """Whether a number is made of small primes."""
+    """Whether numerator and denominator have prime factors below ``_SMALL_PRIMES`` only."""
     cofactor = abs(int(x.p)) * int(x.q)
     for divisor in range(2, _SMALL_PRIMES):
         while cofactor and cofactor % divisor == 0:
@@ -383,7 +391,7 @@ def _is_smooth(x: sp.Rational) -> bool:
 
 
 def _refuse_rough(e: sp.Expr) -> None:
-    """Refuse a complex, infinite or undefined expression, and functions that C here has not."""
+    """Refuse a complex, infinite or undefined expression, and functions that are not in C here."""
     if e.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
         raise RefusedError("This is not a real number for any value of its symbols; write another "
                            "argument")

@@ -99,7 +99,7 @@ def _start(robot: MjcfRobot, options: MjcfOptions) -> MjcfStart:
 
 
 def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
-    """Return a keyframe by its name or number."""
+    """Return a keyframe by its name or number; refuse a keyframe that the file has not."""
     # a name goes before a number: a keyframe may be called "1"
     names = [key.name for key in robot.keys]
     if isinstance(keyframe, str) and keyframe in names:
@@ -114,7 +114,11 @@ def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
 
 
 def _take_key(robot: MjcfRobot, start: MjcfStart, key: MjcfKey) -> None:
-    """Set coordinates, rates and controls of a keyframe: qpos and qvel are split joint by joint."""
+    """Set coordinates, rates and controls of ``start`` to those of a keyframe.
+
+    qpos and qvel are the numbers of all joints in a row. Raises InputError for a keyframe that
+    moves a mocap body.
+    """
     if key.moved:
         raise InputError(f"keyframe {shown(key.name)} places body {shown(key.moved)}, a mocap, "
                          "otherwise than the file; write its pos and quat in <body>.")
@@ -159,13 +163,16 @@ class MjcfBuilder(RobotBuilder):
             self._draw(limb)
 
     def mounts(self) -> dict[str, Mount]:
-        """Return where each body and site of the file is, in its rigid part and in space."""
+        """Return name → frame of each body and site of the file, in its limb and in space."""
         sites = {name: self._mount(carrier, site)
                  for name, (carrier, site) in self.mjcf.sites.items()}
         return sites | super().mounts()
 
     def _draw(self, limb: int) -> None:
-        """Draw a body, or the ground, with its geoms of groups 0 to 2, else with the others."""
+        """Draw a limb, or the ground, with its geoms of groups 0 to 2, else with the others.
+
+        MuJoCo's viewer shows groups 0 to 2; files put collision shapes into higher groups.
+        """
         robot = self.mjcf
         looks: tuple[list[Look], list[Look]] = ([], [])
         for k in range(-1, len(robot.bodies)):
@@ -181,7 +188,9 @@ class MjcfBuilder(RobotBuilder):
     # ------------------------------------------------------------ actuators and equalities
 
     def _actuator(self, label: str, actuator: MjcfActuator) -> None:
-        """Add an actuator's force on the length l of its joints: gear (gain u + b₀ + b₁ l + b₂ l').
+        """Add an actuator's effort on its joints: gear (gain u + b₀ + b₁ l + (b₂ + drag u) l̇).
+
+        u is the input ``label``, l = gear · Σ coefficient · coordinate the actuator's length.
         """
         build, gear = self.builder, actuator.gear
         length, rate = (gear * e for e in self._length(
@@ -194,7 +203,7 @@ class MjcfBuilder(RobotBuilder):
         self._pull(label, actuator.joints, effort)
 
     def _tendon(self, name: str, tendon: MjcfTendon) -> None:
-        """Add the spring and the damper of a fixed tendon."""
+        """Add V = ½ k (l − rest)² and the damper −c l̇ of a fixed tendon's length l."""
         length, rate = self._length(f"tendon {shown(name)}", tendon.joints)
         label = self.parameter_names.free(name, "tendon")
         k = self.builder.parameter(f"{label}_stiffness", tendon.stiffness)
@@ -205,7 +214,11 @@ class MjcfBuilder(RobotBuilder):
             self._pull(label, tendon.joints, -c * rate)
 
     def _length(self, owner: str, joints: Sequence[tuple[str, float]]) -> tuple[Any, Any]:
-        """Return Σ coefficient · coordinate of joints, and its rate."""
+        """Return Σ coefficient · coordinate of joints, and its rate, as expressions.
+
+        ``joints`` has (name, coefficient); ``owner`` begins the message for a joint without a
+        coordinate.
+        """
         for name, _ in joints:
             if name not in self.coordinates:
                 raise InputError(f"{owner} acts on {shown(name)}, which has no coordinate here; "
@@ -214,7 +227,7 @@ class MjcfBuilder(RobotBuilder):
         return length, rate
 
     def _pull(self, label: str, joints: Sequence[tuple[str, float]], effort: Any) -> None:
-        """Add motors with an effort along Σ coefficient · coordinate."""
+        """Add motors with an effort along Σ coefficient · coordinate: coefficient · effort each."""
         for name, coefficient in joints:
             effort_kind = "torque" if self.robot.joints[name].kind == "hinge" else "force"
             self.builder.motor(self.joint_names.free(f"{label}_motor"), self.coordinates[name],
@@ -223,26 +236,18 @@ class MjcfBuilder(RobotBuilder):
     def _cable(self, cable: MjcfCable) -> None:
         """Add V = (2/h) Σ B_k (u_k − u°_k)² of neighbours, w + u = q̄_a q_b, as in ``beam``.
 
-        q_a and q_b are attitudes of the sections: a body of the file has an attitude of its own in
-        the limb that it belongs to.
+        q_a and q_b are the attitudes of the sections, h is the distance of the bodies' origins, and
+        u° is the strain in the file's pose, 0 for a cable that is flat.
         """
         numbers = {body.name: k for k, body in enumerate(self.robot.bodies)}
         names = ("twisting", "bending1", "bending2")
         B = [self._number(f"{cable.name}_{name}", value)
              for name, value in zip(names, cable.stiffness, strict=True)]
         for a, b in pairwise(numbers[name] for name in cable.bodies):
-            body_b, attitudes, start_attitudes = self.robot.bodies[b], [], []
-            for body in (a, b):
-                limb, turn = self.robot.limb(body), quaternion_of_matrix(self.robot.inner(body).R)
-                frame = self.frames[limb]
-                q0 = (self.builder._components.bodies[frame].q if isinstance(frame, Body)
-                      else [1, 0, 0, 0])
-                start_attitudes.append(product(q0, turn))
-                attitudes.append(product(frame.attitude, turn.tolist()) if limb != body
-                                 else frame.attitude)
-            _, *u = product(conjugate(attitudes[0]), attitudes[1])
+            body_b = self.robot.bodies[b]
+            (q_a, start_a), (q_b, start_b) = (self._section_attitude(body) for body in (a, b))
+            _, *u = product(conjugate(q_a), q_b)
             # u and −u are one rotation: the rest strain has the sign of the start
-            start_a, start_b = start_attitudes
             sign = 1 if product(conjugate(start_a), start_b)[0] >= 0 else -1
             rest_strain = np.zeros(3) if cable.is_flat else sign * clean(
                 np.array(quaternion_of_matrix(body_b.place.R)[1:]))
@@ -251,7 +256,21 @@ class MjcfBuilder(RobotBuilder):
                        for k, (x, x0) in enumerate(zip(u, rest_strain.tolist(), strict=True))]
             self.builder.potential(2 / h * sum(k * x**2 for k, x in zip(B, strains, strict=True)))
 
+    def _section_attitude(self, body: int) -> tuple[Any, Any]:
+        """Return the quaternion of a body of the file, and its numbers at the start.
+
+        The body is turned against the limb with which it moves, and whose coordinates exist.
+        """
+        limb, turn = self.robot.limb(body), quaternion_of_matrix(self.robot.inner(body).R)
+        frame = self.frames[limb]
+        start = (self.builder._components.bodies[frame].q if isinstance(frame, Body)
+                 else [1, 0, 0, 0])
+        attitude = (frame.attitude if limb == body
+                    else product(frame.attitude, turn.tolist()))
+        return attitude, product(start, turn)
+
     def _number(self, name: str, value: float) -> Any:
+        """Return a parameter with a value, as a symbol; its name is made free."""
         return self.builder.parameter(self.parameter_names.free(name), value)
 
     def _equality(self, equality: MjcfEquality) -> None:
@@ -265,10 +284,14 @@ class MjcfBuilder(RobotBuilder):
             self._law(name, equality)
 
     def _at_reference(self, body: int) -> Placement:
+        """Return the placement of a body in space at the reference pose; −1 is the ground."""
         return IDENTITY if body < 0 else self.at_reference.bodies[body]
 
     def _connect(self, name: str, equality: MjcfEquality) -> None:
-        """Add a ball joint of two bodies or sites: points of bodies are the first six numbers."""
+        """Add a ball joint of two bodies or sites.
+
+        The points are the sites' origins, or the first six numbers of ``data`` in the bodies' axes.
+        """
         points = np.zeros((2, 3)) if equality.sites else equality.data[:6].reshape(2, 3)
         ends = []
         for (body, site), point in zip(equality.ends, points, strict=True):
@@ -281,13 +304,13 @@ class MjcfBuilder(RobotBuilder):
     def _weld(self, name: str, equality: MjcfEquality) -> None:
         """Add a fixed joint of two bodies or sites, with the relative pose of the file.
 
-        A closed weld has R_2 = R_1 R_rel. With R_1 = R_a C_1 and R_2 = R_b C_2 of frames that are
-        fixed in the limbs a and b, that is R_aᵀ R_b = C_1 R_rel C_2ᵀ, a constant. C_1 and C_2 are
-        those of the reference pose.
+        A closed weld has R_2 = R_1 R_rel. The frames are fixed in the limbs a and b, R_1 = R_a C_1
+        and R_2 = R_b C_2 with the constants C of the reference pose, so that R_aᵀ R_b =
+        C_1 R_rel C_2ᵀ is constant.
         """
         (body1, site1), (body2, site2) = equality.ends
         first, second = self._at_reference(body1).then(site1), self._at_reference(body2).then(site2)
-        # a point of the second frame, and the pose in the first frame that it and the axes have
+        # a point of the second frame, and the pose of this point and these axes in the first frame
         point, relative = np.zeros(3), IDENTITY
         if not equality.sites:
             point = equality.data[:3]
@@ -325,6 +348,7 @@ class MjcfBuilder(RobotBuilder):
                         for parts in sums]
         if equality.kind == "joint" and len(sums) == 2 and not any(coefficients[2:]):
             c0, c1 = (*coefficients, 0.0)[:2]
+            # c₁ = 0 fixes y₁: no coupling of two joints
             if c1:
                 dependent, independent = (self.coordinates[end] for end in equality.ends)
                 # y₁ = c₁ y₂ + (c₀ + y₁(0) − c₁ y₂(0))

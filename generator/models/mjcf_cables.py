@@ -29,7 +29,7 @@ __all__ = ["MjcfCable", "expand_cables", "write_xml"]
 
 PLUGIN = "mujoco.elasticity.cable"
 MAX_SEGMENTS = 200
-#: Attributes that the bodies of a cable are made of.
+#: Attributes of a cable from which its bodies are made.
 _COMPOSITE = ("type", "prefix", "count", "offset", "vertex", "initial", "curve", "size")
 _KEYS = ("twist", "bend", "flat", "vmax")
 #: Attributes of the parts of a cable, which go to each of its joints, geoms and sites.
@@ -39,7 +39,7 @@ _PARTS = {
     "geom": "type contype conaffinity condim group priority size material rgba friction mass "
             "density solmix solref solimp margin gap user",
     "site": "group size material rgba user"}
-#: A free joint has none of these.
+#: Attributes of ball joints that a free joint has not.
 _OF_BALLS = ("damping", "armature", "frictionloss")
 
 
@@ -55,9 +55,9 @@ class MjcfCable:
 
 
 def expand_cables(top: Element) -> list[MjcfCable]:
-    """Put bodies in place of the cables of a document, without their plugin, and return these.
+    """Replace the cables of a document by chains of bodies, without their plugin; return them.
 
-    Raises InputError, "line 3: …; cure.".
+    The elements below ``top`` are changed. Raises InputError, "line 3: …; cure.".
     """
     instances: dict[str, Element] = {}
     for extension in top.all("extension"):
@@ -67,7 +67,7 @@ def expand_cables(top: Element) -> list[MjcfCable]:
                               for instance in plugin.all("instance")}
         extension.children = [plugin for plugin in extension.children
                               if plugin.attributes.get("plugin") != PLUGIN]
-    # defaults of joints, geoms or sites would hold for the segments, too: those are refused
+    # defaults of joints, geoms or sites would hold for the segments, too: they are refused
     has_defaults = any(child.name in _PARTS for default in top.all("default")
                        for child in default.children)
     return [cable for world in top.all("worldbody")
@@ -77,7 +77,11 @@ def expand_cables(top: Element) -> list[MjcfCable]:
 def _expand(
     element: Element, instances: Mapping[str, Element], defaults: str
 ) -> Iterator[MjcfCable]:
-    """Expand the cables in an element; ``defaults`` are classes that would change their parts."""
+    """Replace the cables in an element by bodies, and yield them.
+
+    ``instances`` are the configurations of the plugin by name; ``defaults`` names what would change
+    the parts of a cable here, "" if nothing would.
+    """
     if "childclass" in element.attributes:
         defaults = "a childclass"
     for k, child in enumerate(element.children):
@@ -97,6 +101,7 @@ def _expand(
 
 
 def _refusal(element: Element, why: str) -> InputError:
+    """Return an error with the line and the name of an element."""
     return InputError(f"line {element.line}: <{element.name}> {why}")
 
 
@@ -162,7 +167,8 @@ def _numbers(
 
 
 def _material(composite: Element, instances: Mapping[str, Element]) -> tuple[float, float, bool]:
-    """Return (G, E, whether the rest shape is straight); G = E = 0 of a cable without a plugin."""
+    """Return G and E in Pa, 0 without a plugin, and whether the cable is straight without moments.
+    """
     config: dict[str, str] = {}
     for plugin in composite.all("plugin"):
         name, instance = (plugin.attributes.get(key, "") for key in ("plugin", "instance"))
@@ -189,8 +195,9 @@ def _material(composite: Element, instances: Mapping[str, Element]) -> tuple[flo
 def _section(form: str, sizes: list[float]) -> tuple[float, float, float]:
     """Return J, I_y and I_z of the section of a geom, a circle or a rectangle, in m⁴.
 
-    π r⁴/2 and π r⁴/4; of half sides a ≥ b J = a b³ (16/3 − 3.36 (b/a) (1 − (b/a)⁴/12)), an
-    approximation of Saint-Venant's series (Roark).
+    Circle: J = π r⁴/2, I = π r⁴/4. Rectangle with half sides a ≥ b: J = a b³ (16/3 − 3.36 (b/a)
+    (1 − (b/a)⁴/12)), an approximation of Saint-Venant's series (Roark). ``sizes`` has r, or half
+    the length and the half sides along y and z.
     """
     if form != "box":
         I_across = math.pi * sizes[0] ** 4 / 4
@@ -202,14 +209,15 @@ def _section(form: str, sizes: list[float]) -> tuple[float, float, float]:
 
 
 def _labels(count: int) -> list[str]:
+    """Return MuJoCo's labels of the segments: "first", "1", "2", …, "last"."""
     return ["first", *map(str, range(1, count - 1)), "last"]
 
 
 def _curve(composite: Element) -> Array:
     """Return the ends of the segments in a row, shape (segments + 1, 3), as MuJoCo places them.
 
-    They are those of ``vertex``, or ``curve`` at equidistant s from 0 to 1: up to three words for
-    x, y and z, with length, radius and half turns from ``size``.
+    They are the points of ``vertex``, or of ``curve`` at equidistant s from 0 to 1: up to three
+    words for x, y and z, with length, radius and half turns from ``size``.
     """
     values = composite.attributes
     numbers = {key: _numbers(composite, key, values.get(key, default), largest_count)
@@ -291,10 +299,11 @@ def _bodies(
 
 
 def _frames(t: Array) -> list[Array]:
-    """Return the axes of segments with unit tangents, as MuJoCo has them.
+    """Return the axes of segments with unit tangents, shape (segments, 3), as MuJoCo has them.
 
-    The third one is the binormal at the start, transported in parallel; if the start is straight,
-    each has an axis of its own, q ∝ (1 + t_x, 0, −t_z, t_y), or (t_y, t_z, 0, 1 − t_x) for t_x ≤ 0.
+    Each is a rotation matrix with the tangent as its first column. The third axis is the binormal
+    at the start, transported in parallel. If the start is straight, each segment has an attitude of
+    its own, q ∝ (1 + t_x, 0, −t_z, t_y), or (t_y, t_z, 0, 1 − t_x) for t_x ≤ 0.
     """
     z = np.cross(t[0], t[1])
     if np.linalg.norm(z) <= 1e-9:
@@ -303,17 +312,19 @@ def _frames(t: Array) -> list[Array]:
     z = z / np.linalg.norm(z)
     frames = [np.stack([t[0], np.cross(z, t[0]), z], axis=1)]
     for a, b in pairwise(t):
+        # the shortest rotation from a to b: 1 + K + K²/(1 + a·b) with K v = (a × b) × v
         K = np.cross(np.eye(3), np.cross(a, b))
         frames.append((np.eye(3) + K + K @ K / (1 + a @ b)) @ frames[-1])
     return frames
 
 
 def _text(numbers: Iterable[float]) -> str:
+    """Return numbers as the text of an attribute, with all digits."""
     return " ".join(repr(float(x)) for x in numbers)
 
 
 def write_xml(element: Element) -> str:
-    """Return the text of an element."""
+    """Return an element, with all elements in it, as XML."""
     attributes = "".join(f" {key}={quoteattr(value)}" for key, value in element.attributes.items())
     return (f"<{element.name}{attributes}>{escape(element.text)}"
             f"{''.join(map(write_xml, element.children))}</{element.name}>")

@@ -1,7 +1,7 @@
-"""The guard of MJCF files: MuJoCo sees no text and opens no file that is not checked here.
+"""The guard of MJCF files: MuJoCo gets no text and opens no file that is not checked here.
 
     XML          bounded in bytes, elements, depth and in the elements that <replicate> makes
-    files        each name in file, meshdir, … leads to the folder of the model or below it
+    files        each name in file, meshdir, … is in the folder of the model or below it
     <include>    read here, once, and handed to MuJoCo; <model> of <asset>, too
 """
 
@@ -28,7 +28,7 @@ _FOLDERS = ("meshdir", "texturedir", "assetdir")
 _COUNTED = ("replicate", "flexcomp", "composite")
 #: Cells of a height field that count as an element.
 _CELLS = 200
-#: Attributes in which a word is a name.
+#: Attributes whose words are names, so that "nan" is no number there.
 _NAMES = ("name", "class", "childclass", "model", "prefix")
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)(\(.*\))?", re.IGNORECASE)
 
@@ -49,10 +49,11 @@ def check_document(text: str, path: Path) -> tuple[Element, dict[str, bytes]]:
 
 
 def is_within(folder: Path, name: str) -> bool:
-    """Return whether a name leads from a folder to a place in it, links followed."""
+    """Return whether a file name, from a folder, is in that folder, with links resolved."""
     try:
         return (folder / name).resolve().is_relative_to(folder.resolve())
-    except (OSError, ValueError, RuntimeError):  # a NUL, a link to itself
+    # a NUL in the name, a link to itself
+    except (OSError, ValueError, RuntimeError):
         return False
 
 
@@ -60,8 +61,7 @@ class _Guard:
     """Count of files, bytes and elements of a document, with their limits."""
 
     def __init__(self, folder: Path) -> None:
-        """Begin with no file read; ``folder`` is where all files that the document names must lie.
-        """
+        """Begin with no file read; all files that the document names must be in ``folder``."""
         self.folder = folder
         self.names: list[str] = []
         self.files: dict[str, bytes] = {}
@@ -70,7 +70,11 @@ class _Guard:
         self.attached = 0.0
 
     def check(self, top: Element, size: int) -> float:
-        """Check the elements of a file, with those it includes; return how many they make."""
+        """Check the elements of a file and of the files it includes; return their number.
+
+        ``top`` is the outermost element, which gets the content of included files; ``size`` is the
+        number of bytes. Elements that MuJoCo makes of <replicate> and the like count.
+        """
         self.bytes += size
         self._include(top)
         strip = any(e.attributes.get("strippath") == "true" for e in _all(top, "compiler"))
@@ -99,10 +103,10 @@ class _Guard:
         element.children = children
 
     def _count(self, element: Element, strip: bool, folders: list[str]) -> float:
-        """Check an element and those in it; return how many elements they make.
+        """Check an element and all elements in it; return the number of elements they become.
 
-        Files are below one of ``folders``, without their own folder if ``strip``. An attached
-        model counts with its elements, a height field with its cells.
+        File names are relative to one of ``folders``; with ``strip`` their own folder is dropped.
+        An attached model counts with its elements, a height field with its cells.
         """
         for key, value in element.attributes.items():
             if key not in _NAMES and any(map(_NOT_FINITE.fullmatch, value.split())):
@@ -114,8 +118,8 @@ class _Guard:
             elif key in _FOLDERS or (element.name, key) == ("config", "value"):
                 self._check_path(element, key, value, [""])
         count = 1 + sum(self._count(child, strip, folders) for child in element.children)
-        # the compiler puts a model in place of <attach>, copies in place of <replicate>, …: a short
-        # file may describe millions of elements
+        # the compiler replaces <attach> by a model, <replicate> by copies, …: a short file may
+        # describe millions of elements
         if element.name == "attach":
             count += self.attached
         if element.name in _COUNTED:
@@ -125,7 +129,11 @@ class _Guard:
         return count
 
     def _check_path(self, element: Element, key: str, name: str, folders: list[str]) -> None:
-        """Refuse a file name that leads out of the document's folder, from any of ``folders``."""
+        """Refuse a file name that leads out of the document's folder, from any of ``folders``.
+
+        ``key`` is the attribute of the element that has the name.
+        """
+        # drives and absolute paths first, which the folder would not precede
         if re.match(r"[A-Za-z]:|[/\\]", name) or not all(
                 is_within(self.folder, f"{folder}/{name}" if folder else name)
                 for folder in folders):
@@ -160,12 +168,13 @@ class _Guard:
 
 
 def _product(element: Element, key: str) -> float:
+    """Return the product of the numbers of an attribute, without their signs; 1 without it."""
     words = element.attributes.get(key, "1").split()
     return math.prod(abs(float(word)) for word in words if NUMBER.fullmatch(word))
 
 
 def _all(element: Element, name: str) -> Iterator[Element]:
-    """Yield the elements of a name in an element, itself left out."""
+    """Yield the elements with a name at any depth below an element."""
     for child in element.children:
         if child.name == name:
             yield child

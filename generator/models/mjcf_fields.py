@@ -24,6 +24,7 @@ __all__ = ["ENABLE_FLAGS", "REFUSED", "Refusal", "check_fields", "count_refused"
 
 
 def _names(groups: Mapping[str, str]) -> frozenset[str]:
+    """Return the names of fields, from prefix → rests of the names in one text."""
     return frozenset(prefix + name for prefix, names in groups.items() for name in names.split())
 
 
@@ -118,7 +119,8 @@ INERT = _names({
 class Refusal:
     """A field's default, the part of a file that it belongs to, and the flag that switches it off.
 
-    Without a part that may be ignored, ``meaning`` tells what it is.
+    A field with a ``part`` may be ignored by that name; any other one is refused with its
+    ``meaning``.
     """
 
     default: float
@@ -175,9 +177,10 @@ def check_fields(fields: Collection[str], version: str) -> None:
 
 
 def count_refused(model: Any, off: Collection[str]) -> Counter[str]:
-    """Return how many fields of each ignorable part are not at their default.
+    """Return part → number of entries in its fields of ``REFUSED`` that are not at their default.
 
-    Raises InputError for those that cannot be ignored, and for numbers that are not finite.
+    ``off`` are the flags that are switched off; their fields do not count. Raises InputError for
+    fields that cannot be ignored, and for numbers that are not finite.
     """
     counts: Counter[str] = Counter()
     for name, refusal in REFUSED.items():
@@ -197,11 +200,13 @@ def count_refused(model: Any, off: Collection[str]) -> Counter[str]:
 
 
 def _field(model: Any, name: str) -> Any:
+    """Return a field of a compiled model, or, if its name begins with "opt.", of its options."""
     return getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name)
 
 
 def flags_of(bits: int, members: Iterable[tuple[str, int]]) -> set[str]:
-    """Return the names of the bits that are set, "" among them for one without a name."""
+    """Return the names of the set bits, from MuJoCo's enumeration; "" stands for unnamed bits."""
+    # mjDSBL_CONTACT is called "contact"; members without "_" are counts
     named = {name.partition("_")[2].lower(): int(bit) for name, bit in members if "_" in name}
     flags = {name for name, bit in named.items() if bits & bit}
     return flags | ({""} if bits & ~sum(named.values()) else set())

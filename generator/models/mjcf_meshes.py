@@ -1,7 +1,7 @@
-"""Geoms of meshes, for MuJoCo's compiler: no file of a mesh, a texture or a field is opened by it.
+"""Geoms of meshes, for MuJoCo's compiler, which then opens no file of a mesh, texture or field.
 
-A mesh that gives mass to a body is measured (``closed_mesh``), and an ellipsoid of the same mass,
-centre and inertia takes its place; other meshes become spheres without mass, where they are.
+A mesh that gives mass to a body is measured (``closed_mesh``) and replaced by an ellipsoid of the
+same mass, centre and inertia; other meshes become spheres without mass at their places.
 """
 
 from __future__ import annotations
@@ -32,49 +32,36 @@ __all__ = ["MeshGeom", "remove_files"]
 
 @dataclass(frozen=True, eq=False)
 class MeshGeom:
-    """A geom of a mesh: its name, its shape by its colour, and where that is in the compiled geom.
-
-    A geom that is fitted to a mesh has no shape.
-    """
+    """A geom of a mesh in the compiled model, in which an ellipsoid or a sphere replaces it."""
 
     name: str
-    inner: Placement
-    shape: Callable[[str], Shape] | None
+    inner: Placement  # the mesh's file in the axes of the compiled geom
+    shape: Callable[[str], Shape] | None  # colour → shape; None for a geom fitted to a mesh
 
 
 def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
     """Remove meshes, textures and height fields from a specification; return its mesh geoms.
 
-    Raises InputError for meshes that give mass and cannot be measured.
+    The files are below ``folder``. Raises InputError for meshes that give mass and cannot be
+    measured.
     """
     kinds = mujoco.mjtGeom
     names = {geom.name for geom in spec.geoms}
     meshes = {mesh.name: mesh for mesh in spec.meshes if mesh.file}
-    volumes: dict[str, Volume] = {}
+    volumes: dict[str, Volume] = {}  # meshes that are measured, by name
     geoms = []
     for number, geom in enumerate([*spec.geoms]):
-        # in place of a height field, a sphere without mass that is not drawn
+        # a height field becomes a sphere without mass that is not drawn
         if geom.type == kinds.mjGEOM_HFIELD:
             geom.type, geom.size, geom.mass, geom.rgba = kinds.mjGEOM_SPHERE, [1] * 3, 0.0, [0] * 4
             geom.hfieldname = ""
         if geom.meshname not in meshes:
             continue
-        mesh, weighs = meshes[geom.meshname], _weighs(spec, geom)
+        mesh = meshes[geom.meshname]
         # MuJoCo fits a capsule or a box that names a mesh to it, which would need the file
         is_fitted = geom.type not in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF)
-        if weighs and (is_fitted or int(geom.typeinertia)):
-            raise InputError(f"the mesh {shown(mesh.name)} gives mass to a body as a shape that is "
-                             "fitted to it, or as a shell; give that body an <inertial>.")
-        # an ellipsoid of the mass, centre and moments of the mesh takes its place
-        outer = IDENTITY
-        if weighs:
-            if mesh.name not in volumes:
-                volumes[mesh.name] = _measure(mesh, folder, spec.strippath)
-            outer = _put_ellipsoid(geom, volumes[mesh.name])
-        else:
-            geom.size, geom.mass = [1] * 3, 0.0
-        geom.type = kinds.mjGEOM_ELLIPSOID if weighs else kinds.mjGEOM_SPHERE
-        geom.meshname = ""
+        outer = _replace_mesh(kinds, spec, geom, mesh, is_fitted, folder, volumes)
+        # a name, by which the geom is identified in the compiled model
         if not geom.name:
             geom.name = next(name for k in count(number) if (name := f"mesh{k}") not in names)
             names.add(geom.name)
@@ -85,8 +72,36 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
     return geoms
 
 
+def _replace_mesh(
+    kinds: Any, spec: Any, geom: Any, mesh: Any, is_fitted: bool, folder: Path,
+    volumes: dict[str, Volume],
+) -> Placement:
+    """Make a geom of a mesh an ellipsoid of equal mass and inertia, or a sphere without mass.
+
+    Return the old axes of the geom in its new ones. ``volumes`` collects measured meshes by name.
+    """
+    geom_type = kinds.mjGEOM_SPHERE
+    outer = IDENTITY
+    if _weighs(spec, geom):
+        if is_fitted or int(geom.typeinertia):
+            raise InputError(f"the mesh {shown(mesh.name)} gives mass to a body as a shape that is "
+                             "fitted to it, or as a shell; give that body an <inertial>.")
+        if mesh.name not in volumes:
+            volumes[mesh.name] = _measure(mesh, folder, spec.strippath)
+        outer = _put_ellipsoid(geom, volumes[mesh.name])
+        geom_type = kinds.mjGEOM_ELLIPSOID
+    else:
+        geom.size, geom.mass = [1] * 3, 0.0
+    geom.type = geom_type
+    geom.meshname = ""
+    return outer
+
+
 def _remove(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
-    """Remove files and elements that name them; a texture of one colour colours its material."""
+    """Remove the elements of a specification that need files, and what names them.
+
+    A texture of one colour colours its material. Sizes of MuJoCo's memory become its defaults.
+    """
     textures = {texture.name: texture for texture in spec.textures}
     for material in spec.materials:
         for name in filter(None, material.textures):
@@ -106,8 +121,10 @@ def _remove(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
         spec.delete(element)
     spec.nkey, spec.nuserdata = len(spec.keys), 0
     for size in ("memory", "njmax", "nconmax", *(e for e in dir(spec) if e.startswith("nuser_"))):
-        setattr(spec, size, -1)  # as MuJoCo needs it
-    spec.compiler.LRopt.mode = 0  # ranges of muscles, for which MuJoCo would simulate
+        # −1: MuJoCo computes the size that it needs
+        setattr(spec, size, -1)
+    # no ranges of muscles, for which MuJoCo would simulate
+    spec.compiler.LRopt.mode = 0
 
 
 def _weighs(spec: Any, geom: Any) -> bool:
@@ -131,17 +148,19 @@ def _weighs(spec: Any, geom: Any) -> bool:
 
 
 def _reference(mesh: Any) -> Placement:
-    """Return the axes of a mesh in those of its file."""
+    """Return the placement of a mesh's axes in the axes of its file, by refpos and refquat."""
     return Placement(np.array(mesh.refpos), rotation(unit(np.array(mesh.refquat))))
 
 
 def _stretch(mesh: Any) -> tuple[Placement, Floats | None]:
-    """Return where a mesh's file is in its axes, and its scale there; None where it is sheared.
+    """Return the placement of a mesh's file in the mesh's axes, and its scale, shape (3,).
 
-    The mesh is S Rᵀ (v − x) of the file's v.
+    The mesh has the points S Rᵀ (v − x) for points v of the file. M = S Rᵀ is a rotation times a
+    scale along the file's axes if its columns are perpendicular; the scale is None otherwise.
     """
     axes = _reference(mesh)
     M = np.diag(mesh.scale) @ axes.R.T
+    # a reflection has a negative scale, so that M / size is a rotation
     size = np.linalg.norm(M, axis=0) * (1 if np.linalg.det(M) > 0 else -1)
     square = M.T @ M
     if not all(size) or np.abs(square - np.diag(size**2)).max() > 1e-12 * square.max():
@@ -150,12 +169,13 @@ def _stretch(mesh: Any) -> tuple[Placement, Floats | None]:
 
 
 def _file(mesh: Any, strip: bool) -> Path:
-    """Return the path of a mesh from the folder of the model."""
+    """Return the path of a mesh from the folder of the model; ``strip`` drops its own folder."""
     name = re.split(r"[/\\]", mesh.file)[-1] if strip else mesh.file
     return Path(mesh.compiler.meshdir) / name
 
 
 def _shape(scale: Floats, file: str, colour: str) -> Shape:
+    """Return the shape of a mesh's file, scaled along the file's axes."""
     return Shape("mesh", scale, colour=colour, file=file)
 
 
@@ -174,7 +194,8 @@ def _measure(mesh: Any, folder: Path, strip: bool) -> Volume:
             raise InputError("it is not in the folder of the model; move it there.")
         axes, scale = _reference(mesh), np.array(mesh.scale)
         corners = (read_triangles(folder / file) - axes.x) @ axes.R * scale
-        if scale.prod() < 0:  # a reflection turns triangles inside out
+        # a reflection turns triangles inside out
+        if scale.prod() < 0:
             corners = corners[:, ::-1]
         return mesh_volume(convex_hull(corners) if method == "convex" else corners,
                            overlaps=method == "legacy")
@@ -186,19 +207,24 @@ def _measure(mesh: Any, folder: Path, strip: bool) -> Volume:
 def _put_ellipsoid(geom: Any, volume: Volume) -> Placement:
     """Make a geom an ellipsoid with a mesh's mass; return its old axes in the new ones.
 
-    Moments m (b² + c²)/5, … are those of the semi-axes a² = 5 (I₂ + I₃ − I₁)/(2m), ….
+    An ellipsoid with the semi-axes a, b, c has the moments I₁ = m (b² + c²)/5, …, so that
+    a² = 5 (I₂ + I₃ − I₁)/(2m), ….
     """
     moments, axes = np.linalg.eigh(volume.moments)
+    # right-handed principal axes
     axes[:, 0] *= np.linalg.det(axes)
+    # the geom's pose goes to a new frame, and the geom gets the principal axes in that frame
     frame = geom.parent.add_frame()
     if geom.frame is not None:
         frame.set_frame(geom.frame)
     frame.pos, frame.quat = geom.pos, geom.quat
     for key in ("type", "axisangle", "xyaxes", "zaxis", "euler"):
         setattr(frame.alt, key, getattr(geom.alt, key))
-    geom.alt.type = type(geom.alt.type)(0)  # of a quaternion
+    # 0: the attitude is the quaternion
+    geom.alt.type = type(geom.alt.type)(0)
     geom.set_frame(frame)
     geom.pos, geom.quat = volume.centre, quaternion_of_matrix(axes, "axes of inertia")
+    # a flat mesh has a semi-axis of 0, which MuJoCo refuses
     geom.size = np.sqrt(2.5 * np.maximum(moments.sum() - 2 * moments, 1e-12 * moments.sum()))
     if np.isnan(geom.mass):
         geom.mass = geom.density * volume.volume

@@ -1,9 +1,9 @@
 """The bodies, joints, actuators and equalities of an MJCF file, as MuJoCo compiles them.
 
-MuJoCo resolves defaults, classes, frames, ranges, fromto, inertia of geoms and all that makes parts
-out of others; nothing that moves is passed over (``mjcf_fields``). What moves a robot otherwise
-than its bodies, joints and actuators (``EXTRAS``) is counted, and refused unless its name is among
-those to ignore.
+MuJoCo resolves defaults, classes, frames, ranges, fromto, inertia of geoms and elements that make
+others; no field that moves something is passed over (``mjcf_fields``). Parts that move a robot
+besides its bodies, joints and actuators (``EXTRAS``) are counted, and refused unless ``ignore`` has
+their name.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ _GREY = np.array([0.5, 0.5, 0.5, 1], np.float32)
 
 @dataclass(frozen=True, eq=False)
 class MjcfActuator:
-    """An effort on Σ coefficient · coordinate of joints, the length of what it acts on.
+    """An effort on the length l = Σ coefficient · coordinate of joints.
 
-    effort = gear (gain u + bias₀ + bias₁ gear length + (bias₂ + drag u) gear rate), u being the
-    number ``control`` of ctrl.
+    effort = gear (gain u + bias₀ + bias₁ gear l + (bias₂ + drag u) gear l̇), where u is entry
+    ``control`` of MuJoCo's ctrl. ``joints`` has (name, coefficient).
     """
 
     name: str
@@ -84,16 +84,17 @@ class MjcfTendon:
 
 @dataclass(frozen=True, eq=False)
 class MjcfEquality:
-    """An equality between ``ends``: bodies or sites with their placements, joints or tendons.
+    """An equality of two ends.
 
-    ``data`` are MuJoCo's: the points of a connect; of a weld the anchor on the second, then the
-    pose of the second in the first; of joints and tendons the coefficients of a polynomial.
+    ``data`` has MuJoCo's numbers: for "connect" the points; for "weld" the anchor on the second,
+    then the pose of the second in the first; for "joint" and "tendon" the coefficients of a
+    polynomial.
     """
 
     name: str
-    kind: str
-    ends: tuple[Any, ...]
-    sites: bool
+    kind: str  # "connect", "weld", "joint" or "tendon"
+    ends: tuple[Any, ...]  # (body, placement in it) of bodies or sites; names of joints or tendons
+    sites: bool  # whether the ends are sites
     data: Floats
 
 
@@ -134,6 +135,7 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom], list[MjcfC
     """
     top, files = check_document(text, path)
     cables = expand_cables(top)
+    # the text with chains of bodies in place of cables
     if cables:
         text = write_xml(top)
     try:
@@ -174,10 +176,15 @@ def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
 
 
 class _Reader:
-    """Reads a compiled model, ``m`` as in MuJoCo's own programs."""
+    """Reader of a compiled model, ``m`` as in MuJoCo's own programs.
+
+    MuJoCo's body 0 is the world, here the ground with the number −1, so that numbers differ by 1.
+    """
 
     def __init__(self, model: Any, meshes: Mapping[str, MeshGeom], name: str) -> None:
-        """Read options and flags of a compiled MuJoCo model; refuse flags that no model here has.
+        """Read options and flags of a compiled model; refuse flags that no model here has.
+
+        ``meshes`` are the geoms of meshes by name; ``name`` is the robot's name by default.
         """
         import mujoco
 
@@ -228,6 +235,7 @@ class _Reader:
         return robot
 
     def _end(self, body: int, x: Floats, q: Floats) -> tuple[int, Placement]:
+        """Return the number of a body here, and the placement at x with the quaternion q."""
         return int(body) - 1, Placement(np.array(x), rotation(q))
 
     def _kind(self, enumeration: str, number: int) -> str:
@@ -237,7 +245,10 @@ class _Reader:
 
     @cached_property
     def _joint_names(self) -> list[str]:
-        """Return names of all joints; one without gets that of its body, and a number."""
+        """Names of all joints; a joint without one is called BODY_joint, BODY_joint1, ….
+
+        The number counts the nameless and named joints of the body before it.
+        """
         m, counts = self.m, Counter[int]()
         names = []
         for k in range(m.njnt):
@@ -264,7 +275,10 @@ class _Reader:
         robot.joints |= {joint.name: joint for joint in joints}
 
     def _joint(self, k: int) -> RobotJoint:
-        """Return a joint as compiled: defaults, classes and flags are resolved in the numbers."""
+        """Return joint k; springs, dampers and ranges that a flag disables are left out.
+
+        Raises InputError for gravity compensation by an actuator while actuators are disabled.
+        """
         m, disabled, kind = self.m, self.robot.off, self._kind("mjtJoint", self.m.jnt_type[k])
         # the first coordinate and the first rate of the joint
         q, v, has_coordinate = m.jnt_qposadr[k], m.jnt_dofadr[k], kind in ("hinge", "slide")
@@ -283,10 +297,10 @@ class _Reader:
             (low, high) if is_limited else None)
 
     def _looks(self, body: int) -> list[tuple[int, Look]]:
-        """Return groups and shapes of the geoms of a body, without planes and invisible ones."""
+        """Return (group, look) of the geoms of a body, without planes and invisible ones."""
         m, looks = self.m, []
         for k in range(m.ngeom):
-            # MuJoCo's default grey means: the colour of the material, or none was given
+            # a geom in MuJoCo's default grey has the colour of its material, if it has one
             material = int(m.geom_matid[k])
             rgba = m.geom_rgba[k]
             if material >= 0 and np.array_equal(rgba, _GREY):
@@ -348,7 +362,11 @@ class _Reader:
             stiffness if low == high else 0.0, low, damping if is_fixed else 0.0)
 
     def _actuator(self, k: int) -> None:
-        """Add an actuator, force = gear (gain u + b₀ + b₁ l + b₂ l'), or count it as extra."""
+        """Add actuator k, or count it as an extra part if it is none of ``MjcfActuator``.
+
+        Actuators with states, plugins, delays or an inertia of their own are extra parts, and so
+        are those that act on anything but hinges, slides and fixed tendons.
+        """
         m, robot = self.m, self.robot
         group = int(m.actuator_group[k])
         passive = m.actuator_armature[k] or m.actuator_damping[k] or m.actuator_dampingpoly[k].any()
@@ -385,7 +403,10 @@ class _Reader:
             float(gain[2]) if gains == "affine" else 0.0))
 
     def _equality(self, k: int) -> None:
-        """Add an equality with its two ends: placements of bodies or sites, joints or tendons."""
+        """Add equality k with its two ends: placements of bodies or sites, joints or tendons.
+
+        Raises InputError for an equality of other things.
+        """
         m, robot = self.m, self.robot
         kind, data = self._kind("mjtEq", m.eq_type[k]), np.array(m.eq_data[k])
         name = _name(m.equality(k).name, "equality", k + 1)
@@ -398,8 +419,9 @@ class _Reader:
         elif kind in ("joint", "tendon"):
             names = self._joint_names if kind == "joint" else [*robot.tendons]
             ends = [names[n] for n in numbers if n >= 0]
+        # flexible parts are counted as deformable
         elif kind.startswith("flex"):
-            return  # of what is counted as deformable
+            return
         else:
             raise InputError(f"<{kind}> {shown(name)} is no equality of bodies, joints or tendons; "
                              "remove it.")
@@ -412,7 +434,8 @@ class _Reader:
         positions, attitudes = m.key_mpos[k].reshape(-1, 3), m.key_mquat[k].reshape(-1, 4)
         moved_mocap = ""
         for b in range(m.nbody):
-            mocap = m.body_mocapid[b]  # −1 of other bodies
+            # −1 for a body that is no mocap
+            mocap = m.body_mocapid[b]
             if mocap >= 0 and not (np.array_equal(positions[mocap], m.body_pos[b])
                                    and np.array_equal(attitudes[mocap], m.body_quat[b])):
                 moved_mocap = m.body(b).name
@@ -423,8 +446,10 @@ class _Reader:
 
 
 def _name(name: str, kind: str, number: int) -> str:
+    """Return a name, or for an empty one the kind and the number, e.g. "tendon1"."""
     return name or f"{kind}{number}"
 
 
 def _members(enumeration: Any) -> list[tuple[str, int]]:
+    """Return name and number of each member of one of MuJoCo's enumerations."""
     return [(name, int(value)) for name, value in enumeration.__members__.items()]

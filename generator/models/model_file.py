@@ -96,8 +96,8 @@ class ModelFile:
     model : Model
         The system with its numbers.
     free : list of str
-        The parameters that no other number of the file mentions: another value changes nothing
-        else.
+        The parameters from which no other number of the file is computed, so that a run may change
+        their values alone.
     """
 
     model: Model
@@ -151,7 +151,7 @@ def read_model(
 
 
 def _warn_of_file(path: str | Path, messages: Iterable[str]) -> None:
-    """Issue the warnings of a model file with its name."""
+    """Issue the warnings of a model file with its name, each text once."""
     for message in dict.fromkeys(messages):
         warn(f"In the model file {str(path)!r}: {message}")
 
@@ -159,7 +159,10 @@ def _warn_of_file(path: str | Path, messages: Iterable[str]) -> None:
 def _read(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> ModelFile:
-    """Return the contents of a text; warnings do not name the file."""
+    """Return the contents of a text, with the values of ``settings``; see ``read_model``.
+
+    Warnings do not name the file, errors do.
+    """
     if is_robot(path):
         options = read_settings(settings, text, path)
         return ModelFile(robot_model(text, path, rep, options), [])
@@ -187,6 +190,7 @@ def _read(
         mentioned = formulas.numbers.values.mentioned
         return ModelFile(model, [name for name in model.parameters if name in content.table(
             "parameters") and name not in mentioned])
+    # errors of the builders do not know the file
     except InputError as error:
         if str(error).startswith("The model file"):
             raise
@@ -205,19 +209,23 @@ def _with_inputs(model: Model, content: TomlTable) -> Model:
 
 
 def _with_units(model: Model, content: TomlTable) -> Model:
-    """Return the model with the units of [units]."""
+    """Return the model with the units of [units], by name; they replace those it has already."""
     table = content.table("units")
     units = {name: table.text(name) for name in table.items()}
     return replace(model, units={**model.units, **units}) if units else model
 
 
 def _with_events(model: Model, content: TomlTable) -> Model:
-    """Return the model with the events of the table [events]."""
+    """Return the model with the events of [events], after those it has already.
+
+    A text such as "x=0 up" has a quantity, a level and a direction.
+    """
     table = content.table("events")
 
     def read(name: str) -> Event:
         """Return the event that the text of a key describes, its level with units."""
         def level(text: str) -> float:
+            """Return the number of a level, which may be a formula of parameters."""
             return TomlTable({name: text}, table.where, table.file_error, table.constants).number(
                 name, UNITS)
 
@@ -250,11 +258,17 @@ def _toml_text(key: str, value: Any) -> str:
 
 
 def _set(content: TomlTable, key: str, value: str) -> None:
-    """Replace a value of the file, or add one."""
+    """Replace a value of the file, or add a key to a table.
+
+    ``key`` is a parameter, or tables and a key with dots between: "body.inertia", or
+    "bodies.upper.mass" for an entry of [[bodies]] by its name. Raises InputError for a parameter or
+    a table that the file has not.
+    """
     *path, last = key.split(".") if "." in key else ("parameters", key)
     table: Any = content.content
     for word in path:
-        if isinstance(table, list):  # [[bodies]] and their like, by name
+        # an array of tables, such as [[bodies]]: the entry with this name
+        if isinstance(table, list):
             table = next((entry for entry in table if isinstance(entry, dict)
                           and entry.get("name") == word), None)
         else:
@@ -271,7 +285,7 @@ def _set(content: TomlTable, key: str, value: str) -> None:
 
 
 def _value(text: str) -> Any:
-    """Return a value as TOML has it; a formula needs no quotes."""
+    """Return the value of a text as in TOML; a text that is no TOML is a formula without quotes."""
     try:
         return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
     except (ValueError, RecursionError):

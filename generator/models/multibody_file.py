@@ -111,7 +111,7 @@ WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "turning": RATES,
 
 
 def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
-    """Return the model of a file with [[bodies]]; ``rep`` takes the place of every body's.
+    """Return the model of a file with [[bodies]]; ``rep``, unless None, replaces every body's.
 
     Raises InputError with file, key and cure; for redundant constraints with a smallest set to
     leave out.
@@ -123,35 +123,27 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)
-    for kind, make in (("point_masses", _point_mass), ("rotors", _rotor)):
-        for table in content.tables(kind):
-            bodies[table.text("name", "")] = telling(table, partial(make, builder, bodies), table)
-    for table in content.tables("beams"):
-        beam = telling(table, lambda table: _beam(builder, table, rep), table)
-        bodies |= {frame.name: frame for frame in (*beam.segments, beam.first, beam.last)}
-    points = content.tables("points")
-    if points:  # paths of moving points are formulas of parameters
+    _add_other_frames(content, builder, bodies, rep)
+    # paths of moving points are formulas of parameters, which otherwise follow the joints' numbers
+    has_points = bool(content.tables("points"))
+    if has_points:
         _parameters(builder, formulas)
-    for table in points:
-        bodies |= {table.text("name", ""): telling(
-            table, lambda table: _point(builder, table, formulas), table)}
+    for table in content.tables("points"):
+        bodies[table.text("name", "")] = telling(
+            table, lambda table: _point(builder, table, formulas), table)
     for table in content.tables("joints"):
         telling(table, lambda table: join(builder, bodies, table), table)
     # from here on, formulas may also have coordinates, measures of joints and momenta
     position, motion = _names(builder, bodies, formulas.parameters)
-    if not points:
+    if not has_points:
         _parameters(builder, formulas)
     for table in content.tables("drives"):
         telling(table, lambda table: _drive(builder, table, formulas), table)
     for table in content.tables("forces"):
         telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
+    # t is the time, unless the file has a parameter of this name
     time = {} if "t" in formulas.parameters else {"t": builder.time}
-    for kind, number_key in (("contacts", "restitution"), ("latches", "close")):
-        for table in content.tables(kind):
-            telling(table, partial(_contact, builder, bodies, formulas=formulas,
-                                   position=position | time, number_key=number_key), table)
-    for table in content.tables("stops"):
-        telling(table, lambda table: _stop(builder, table, formulas), table)
+    _add_impacts(content, builder, bodies, formulas, position | time)
     if "potential" in content:
         builder.potential(formulas.read(content, "potential", content.formula("potential"),
                                         position | time))
@@ -163,8 +155,36 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     return finished(builder, content)
 
 
+def _add_other_frames(
+    content: TomlTable, builder: Multibody, bodies: dict[str, Frame], rep: str | None
+) -> None:
+    """Add point masses, rotors and beams; ``bodies``, frames by name, gets theirs."""
+    for kind, make in (("point_masses", _point_mass), ("rotors", _rotor)):
+        for table in content.tables(kind):
+            bodies[table.text("name", "")] = telling(table, partial(make, builder, bodies), table)
+    for table in content.tables("beams"):
+        beam = telling(table, lambda table: _beam(builder, table, rep), table)
+        bodies |= {frame.name: frame for frame in (*beam.segments, beam.first, beam.last)}
+
+
+def _add_impacts(
+    content: TomlTable, builder: Multibody, bodies: Mapping[str, Frame], formulas: Formulas,
+    position: Mapping[str, sp.Expr],
+) -> None:
+    """Add contacts, latches and stops; ``position`` has the names that gaps may contain."""
+    for kind, number_key in (("contacts", "restitution"), ("latches", "close")):
+        for table in content.tables(kind):
+            telling(table, partial(_contact, builder, bodies, formulas=formulas,
+                                   position=position, number_key=number_key), table)
+    for table in content.tables("stops"):
+        telling(table, lambda table: _stop(builder, table, formulas), table)
+
+
 def finished(builder: Multibody, content: TomlTable) -> Model:
-    """Return the model, without the redundant constraints that the file names."""
+    """Return the model, without the constraints that the file leaves out.
+
+    ``without`` names them, and ``redundant = "leave out"`` leaves out all that others imply.
+    """
     redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
     model = builder.model(without=content.strings("without"), redundant=cast("Any", redundant))
     if builder.redundancy and builder.redundancy.left_out:
@@ -173,12 +193,13 @@ def finished(builder: Multibody, content: TomlTable) -> Model:
 
 
 def _parameters(builder: Multibody, formulas: Formulas) -> None:
+    """Add the file's parameters to the builder, with their values."""
     for parameter, value in formulas.numbers.values.items():
         builder.parameter(parameter, value)
 
 
 def _point(builder: Multibody, table: TomlTable, formulas: Formulas) -> Frame:
-    """Return a point of the ground that moves."""
+    """Add a point of the ground that moves by formulas of t, and return it."""
     table.allow("name", "path")
     table.require("name", "path")
     path = formulas.read_all(table, "path", {"t": builder.time}, count=3)
@@ -216,7 +237,7 @@ def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str
 
 
 def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
-    """Add a rigid body of [[bodies]]."""
+    """Add a rigid body of [[bodies]]; ``rep``, unless None, replaces the table's."""
     chosen = table.choice("rep", REPS, "gamma") if rep is None else rep
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
     if "angular_velocity" in table:
@@ -230,7 +251,7 @@ def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
 
 
 def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
-    """Add a point with mass."""
+    """Add a point mass; ``bodies`` is for the signature that rotors have, too."""
     table.allow("name", "mass", "position", "velocity")
     table.require("name", "mass")
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
@@ -251,7 +272,7 @@ def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) ->
 
 
 def _beam(builder: Multibody, table: TomlTable, rep: str | None) -> Beam:
-    """Add a beam or cable."""
+    """Add a beam or cable; ``rep``, unless None, replaces the table's."""
     table.allow(*BEAM)
     table.require(*(key for key, parameter in BEAM.items() if parameter.default is parameter.empty))
     # the keys of a beam are the arguments of ``Multibody.beam``: vectors or numbers by their type
@@ -273,7 +294,7 @@ def _beam(builder: Multibody, table: TomlTable, rep: str | None) -> Beam:
 
 
 def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlTable) -> Any:
-    """Call a builder and add the table to its error."""
+    """Return ``build(argument)``; an InputError of it gets the file and the table."""
     try:
         return build(argument)
     except InputError as problem:
@@ -311,7 +332,7 @@ def _names(
 
 
 def _axes(name: str, body: Body) -> dict[str, sp.Expr]:
-    """Return the symbols of the entries of a rotation matrix."""
+    """Return NAME_R11 … NAME_R33 → the entries of R(q) of a body, from its axes to space."""
     R = body.rotation
     return {f"{name}_R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
 
@@ -322,8 +343,8 @@ def join(
 ) -> None:
     """Call the method of the joint's type with the keys of its table.
 
-    Its keyword arguments are the keys, and their annotations say whether they are vectors, pairs or
-    numbers. ``locate`` turns points and axes of the table into the arguments of the builder.
+    The keys are the method's keyword arguments, whose annotations say whether they are vectors,
+    pairs or numbers. ``locate`` converts points and axes of the table to the builder's arguments.
     """
     # keyword arguments of the methods: the others are the name and the bodies or joints
     keys = {kind: {key: parameter for key, parameter in parameters.items()
@@ -353,7 +374,10 @@ def _force(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
     motion: Mapping[str, sp.Expr],
 ) -> None:
-    """Add a motor, a spring, or a force or torque on a body."""
+    """Add a motor, a spring, or a force or torque on a body.
+
+    ``motion`` has the names that formulas of forces may contain.
+    """
     kind = _kind(table, FORCES)
     points = {key: table.vector(key, 3) for key in ("on_body", *POINTS) if key in table}
     if kind == "motor":
@@ -363,11 +387,14 @@ def _force(
         builder.motor(table.symbol("name", table.text("name")), *_joints(table, kind), **efforts)
         return
     if kind in ("spring", "joint_spring"):
-        # a range of rest lengths has two numbers
         table.require("name", *(["stiffness"] if kind == "spring" else []))
-        numbers = {key: tuple(table.vector(key, 2)) if isinstance(table.content[key], list)
-                   and key == "rest" else table.number(key)
-                   for key in FORCES[kind] if key in table and key not in POINTS}
+        numbers: dict[str, Any] = {}
+        for key in FORCES[kind]:
+            if key not in table or key in POINTS:
+                continue
+            # an interval of rest has two numbers
+            has_interval = key == "rest" and isinstance(table.content[key], list)
+            numbers[key] = tuple(table.vector(key, 2)) if has_interval else table.number(key)
         ends: Sequence[Frame | str] = (
             _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
         getattr(builder, kind)(table.symbol("name", table.text("name")), *ends,
@@ -432,7 +459,7 @@ def _restitution(table: TomlTable, formulas: Formulas) -> dict[str, Any]:
 
 
 def _kind(table: TomlTable, kinds: Mapping[str, tuple[str, ...]]) -> str:
-    """Return the type of a joint or force, its keys checked."""
+    """Return the type of a joint or force; refuse keys other than ``kinds[type]``."""
     table.require("type")
     kind = table.choice("type", tuple(kinds), "")
     ends = "joints" if kind in ON_JOINTS else "bodies"
@@ -442,7 +469,7 @@ def _kind(table: TomlTable, kinds: Mapping[str, tuple[str, ...]]) -> str:
 
 
 def _joints(table: TomlTable, kind: str) -> list[str]:
-    """Return the names of the joints that something acts on."""
+    """Return the names under ``joints``, as many as a joint or force of this type acts on."""
     names = table.strings("joints")
     if len(names) != ON_JOINTS[kind]:
         raise table.error("joints", f"has {len(names)} names; write {ON_JOINTS[kind]}.")
@@ -450,7 +477,7 @@ def _joints(table: TomlTable, kind: str) -> list[str]:
 
 
 def _frames(table: TomlTable, bodies: Mapping[str, Frame], count: int) -> list[Frame]:
-    """Return the frames that ``bodies`` names."""
+    """Return the frames whose names are under the key ``bodies``, ``count`` of them."""
     names = table.strings("bodies")
     if len(names) != count:
         raise table.error("bodies", f"has {len(names)} names; write {count}.")

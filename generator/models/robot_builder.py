@@ -59,7 +59,7 @@ __all__ = ["Close", "Names", "RobotBuilder", "Start", "as_names", "base_pose", "
            "plain_name", "reference_of", "refuse_extras", "start_of", "take_values",
            "with_unit_quaternion"]
 
-#: Adds to a robot's bodies and joints, by the names of its links.
+#: A function that adds joints to a robot's builder, given name → frame of its links.
 Close = Callable[[Multibody, Mapping[str, Mount]], None]
 #: Units of coordinates and rates of hinges.
 _UNITS = {"angles": ANGLES, "rates": RATES}
@@ -71,13 +71,13 @@ _SAME = 1e-12
 
 
 def as_names(ignore: Any) -> list[str]:
-    """Return ``ignore``, one name or several, as a list."""
+    """Return the option ``ignore``, one name or several, as a list."""
     return [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
 
 
 def ends_of_ranges(limits: Any) -> Limits:
-    """Return the stiffness of the ends of ranges of joints, or that they are stops, or None."""
+    """Return the option ``limits``: a stiffness of the ends of joints' ranges, "stops", or None."""
     if isinstance(limits, str):
         choose("limits, a stiffness or", limits, ("stops",))
         return "stops"
@@ -87,7 +87,10 @@ def ends_of_ranges(limits: Any) -> Limits:
 def refuse_extras(
     extras: Mapping[str, int], descriptions: Mapping[str, str], ignore: Sequence[str]
 ) -> None:
-    """Refuse elements besides bodies and joints, with their counts, unless ``ignore`` has them."""
+    """Refuse parts besides bodies and joints, with their counts, unless ``ignore`` has their names.
+
+    ``extras``: name of a part → number of its elements; ``descriptions``: name → its meaning.
+    """
     for name in ignore:
         if name not in (*descriptions, "all"):
             raise InputError(f"ignore names {shown(name)}; choose "
@@ -110,20 +113,20 @@ def refuse_extras(
 
 @dataclass
 class Start:
-    """Coordinates and rates of joints by name."""
+    """Coordinates and rates of joints by name, as in MuJoCo's qpos and qvel."""
 
     coordinates: dict[str, Floats]
     rates: dict[str, Floats]
 
 
 def reference_of(robot: Robot) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return coordinates and rates of joints where the file places the robot, at rest."""
+    """Return coordinates and rates of joints, by name, in the pose of the file at rest."""
     return ({name: robot.reference(joint) for name, joint in robot.joints.items()},
             {name: np.zeros(joint.freedoms) for name, joint in robot.joints.items()})
 
 
 def base_pose(options: SdfOptions) -> Placement:
-    """Return the pose of the base, which ``position`` and ``quaternion`` set."""
+    """Return the pose of the base in space by the options ``position`` and ``quaternion``."""
     return Placement(vector("position", options.get("position", np.zeros(3))),
                      rotation(attitude("the base", options.get("quaternion"), None)))
 
@@ -137,9 +140,10 @@ def start_of(robot: Robot, options: SdfOptions) -> Start:
 
 
 def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
-    """Set given coordinates and rates of joints, and those of joints that follow others.
+    """Set the coordinates and rates of ``start`` by the options ``angles`` and ``rates``.
 
-    Raises InputError for names of no joint, and values that it cannot have.
+    Joints that follow others follow the new values. Raises InputError for names of no joint, for
+    followers, and for values that a joint cannot have.
     """
     leaders = {follower.name: follower for follower in robot.followers}
     joint_names = [name for name in robot.joints if name]
@@ -161,7 +165,10 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
 def _followed(
     leaders: Mapping[str, Follower], name: str, values: Mapping[str, Floats], is_angle: bool
 ) -> Floats:
-    """Return the value of a joint that may follow another one."""
+    """Return the coordinate or rate of a joint, by its leader's: c = ratio · c_leader + offset.
+
+    ``leaders``: name of a follower → its law. Rates (``is_angle`` false) have no offset.
+    """
     if name not in leaders:
         return values[name]
     follower = leaders[name]
@@ -171,7 +178,7 @@ def _followed(
 
 
 def _joint_values(key: str, joint: RobotJoint, entry: Any) -> Floats:
-    """Return values of a joint: one, or as many numbers as qpos or qvel has."""
+    """Return the value of the option ``key`` for a joint, shape (numbers of qpos or qvel,)."""
     if joint.kind in ("hinge", "slide"):
         return np.array([_coordinate_value(key, joint.name, joint.kind == "hinge", entry)])
     count = joint.count if key == "angles" else joint.freedoms
@@ -184,14 +191,19 @@ def _joint_values(key: str, joint: RobotJoint, entry: Any) -> Floats:
 
 
 def with_unit_quaternion(joint: RobotJoint, values: Floats) -> Floats:
-    """Return coordinates of a ball or free joint with a quaternion of length one."""
+    """Return coordinates of a ball or free joint with a unit quaternion, their last four numbers.
+    """
     if not values[-4:].any():
         raise InputError(f"The quaternion of {joint.name!r} is zero; give its direction.")
     return np.concatenate([values[:-4], unit(values[-4:])])
 
 
 def _coordinate_value(key: str, name: str, is_angle: bool, entry: Any) -> float:
-    """Return a coordinate or rate that is a number, or a text such as "45 deg"."""
+    """Return a coordinate or rate, given as a number or as a text such as "45 deg".
+
+    ``key`` is "angles" or "rates"; ``is_angle`` allows units of angles. Warns of angles that look
+    like degrees.
+    """
     about = f"{key[:-1]} of {name!r}"
     if isinstance(entry, str):
         try:
@@ -206,8 +218,9 @@ def _coordinate_value(key: str, name: str, is_angle: bool, entry: Any) -> float:
 
 
 def set_base_motion(robot: Robot, start: Start, velocity: Any, angular_velocity: Any) -> None:
-    """Set velocity in space of the centre of mass, and angular velocity, of the floating body.
+    """Set the rates of the floating body by the options ``velocity`` and ``angular_velocity``.
 
+    The velocity, in space, is that of the centre of mass, the angular velocity is in body axes.
     Raises InputError unless one body floats.
     """
     if velocity is None and angular_velocity is None:
@@ -220,6 +233,7 @@ def set_base_motion(robot: Robot, start: Start, velocity: Any, angular_velocity:
         ("velocity", velocity), ("angular_velocity", angular_velocity)))
     limb = floating[0].body
     R = place_bodies(robot, start.coordinates).bodies[limb].R
+    # the rates of a free joint have the velocity of the origin: v − R (Ω × centre)
     centre = robot.mass_of(limb)[1]
     start.rates[floating[0].name] = np.concatenate([v - R @ np.cross(w, centre), w])
 
@@ -228,16 +242,18 @@ def set_base_motion(robot: Robot, start: Start, velocity: Any, angular_velocity:
 
 
 class RobotBuilder:
-    """Bodies, joints, springs and couplings of a robot, one after the other.
+    """Builder of the bodies, joints, springs and couplings of a robot.
+
+    A *limb* is a body of the file with joints, together with all bodies that are fixed to it.
 
     Attributes
     ----------
     builder : Multibody
-        What they are added to.
+        The model's builder, to which all is added.
     frames, centres : dict
-        Number of a body that moves → its frame, and its centre of mass in its axes.
+        Number of a limb → its frame, and its centre of mass in its axes; −1 is the ground.
     coordinates : dict
-        Name of a joint → what has its coordinate as angle or travel.
+        Name of a joint → the connection whose angle or travel is the joint's coordinate.
     """
 
     def __init__(self, robot: Robot, start: Start, rep: Any) -> None:
@@ -258,8 +274,8 @@ class RobotBuilder:
     def build(self) -> Multibody:
         """Return a ``Multibody`` with the bodies, joints, springs and quantities of the robot.
 
-        Raises InputError if nothing moves, or what moves has no mass, or joints are none of those
-        known here.
+        Raises InputError if nothing moves, if a limb has no mass, and for joints that no model here
+        has.
         """
         robot = self.robot
         limbs = [k for k, body in enumerate(robot.bodies) if body.joints]
@@ -290,11 +306,12 @@ class RobotBuilder:
         """Add the elements that a single format has, in its subclass."""
 
     def mounts(self) -> dict[str, Mount]:
-        """Return the placement of each body of the file, in its rigid part and in space."""
+        """Return name → frame of each body of the file, in its limb and in space."""
         return {body.name: self._mount(k, IDENTITY) for k, body in enumerate(self.robot.bodies)}
 
     def _mount(self, body: int, placement: Placement) -> Mount:
-        """Return the poses of a frame of a body, −1 for space: in its limb, and in space."""
+        """Return a frame at ``placement`` in a body, −1 for the ground: in its limb, and in space.
+        """
         limb, inner = self.robot.limb(body), self.robot.inner(body).then(placement)
         space = placement if body < 0 else self.poses.bodies[body].then(placement)
         return Mount(self.frames[limb], Placement(inner.x - self.centres[limb], inner.R), space)
@@ -302,7 +319,10 @@ class RobotBuilder:
     # ------------------------------------------------------------ bodies
 
     def _body(self, limb: int, motion: tuple[Floats, Floats]) -> None:
-        """Add the body of a limb, rigidly joined links, with its pose and velocity at the start."""
+        """Add the body of a limb with its pose and velocity at the start.
+
+        ``motion`` is the velocity of the limb's origin and its angular velocity, in space.
+        """
         mass, centre, inertia = self.robot.mass_of(limb)
         pose, (v, w) = self.poses.bodies[limb], motion
         self.centres[limb] = centre
@@ -312,7 +332,11 @@ class RobotBuilder:
             velocity=v + np.cross(w, pose.R @ centre), angular_velocity=pose.R.T @ w)
 
     def _body_name(self, limb: int) -> str:
-        """Return a name that begins no parameter of another body's joint on the ground."""
+        """Return a free name for a limb's body.
+
+        A joint on the ground has parameters that begin with its name: NAME_x would be a coordinate
+        of a body with the same name, which is called NAME_body.
+        """
         robot, name = self.robot, plain_name(self.robot.bodies[limb].name)
         on_ground = {self.joint_name[joint.name] for k, body in enumerate(robot.bodies)
                      if robot.limb(body.above) < 0 and k != limb
@@ -320,7 +344,7 @@ class RobotBuilder:
         return self.names.free(f"{name}_body" if name in on_ground else name)
 
     def _on(self, limb: int, poses: Poses, point: Floats) -> Floats:
-        """Return a point of space at some poses in the axes of a body, from its centre."""
+        """Return a point, given in space at some poses, in the axes of a limb, from its centre."""
         if limb < 0:
             return point
         pose = poses.bodies[limb]
@@ -330,7 +354,10 @@ class RobotBuilder:
     # ------------------------------------------------------------ joints
 
     def _join_and_name(self, limb: int) -> None:
-        """Connect a limb to its parent; the names of all its joints become aliases."""
+        """Connect a limb to its parent; names of joints without a connection become aliases.
+
+        An alias shares the connection that several joints of the file have in common.
+        """
         components = self.builder._components
         count = len(components.connections)
         self._join(limb)
@@ -381,7 +408,10 @@ class RobotBuilder:
                 f"a {robot.part} with mass between them.")
 
     def _know(self, joint: RobotJoint, link: Connection) -> None:
-        """Store the connection with the coordinate of a joint: a flywheel where it has armature."""
+        """Store the connection with the coordinate of a joint: ``link``, or a flywheel on it.
+
+        A joint with armature has the flywheel, whose angle counts full turns.
+        """
         if joint.armature:
             link = self.builder.flywheel(self.joint_names.free(f"{joint.name}_rotor"), link,
                                          inertia=joint.armature)
@@ -419,7 +449,7 @@ class RobotBuilder:
         joints, build = self.robot.bodies[limb].joints, self.builder
         kinds = [joint.kind for joint in joints]
         coordinates = [float(self.start.coordinates[joint.name][0]) for joint in joints]
-        # how many slides come before the first hinge
+        # the number of slides before the first hinge
         slides = kinds.index("hinge") if "hinge" in kinds else len(kinds)
         has_armature = any(joint.armature for joint in joints)
         name = self.joint_name[joints[-1].name]
@@ -464,7 +494,8 @@ class RobotBuilder:
                                                 angle=angle))
         else:
             build._join(Translation(name, *ends, at=point, normal=normal))
-        duals = np.linalg.pinv(directions).T  # d = Σ s_i e_i has s_i = d · dual_i
+        # d = Σ s_i e_i has s_i = d · dual_i
+        duals = np.linalg.pinv(directions).T
         for joint, dual in zip(joints, duals, strict=False):
             label = self.joint_names.free(f"{joint.name}_slide")
             self._know(joint, build._join(Slide(
@@ -477,12 +508,17 @@ class RobotBuilder:
         self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats]
     ) -> bool:
-        """Add two hinges at right angles whose axes meet as a universal joint, and its angles."""
+        """Add two hinges at right angles as a universal joint, with the angles about both arms.
+
+        Returns False if the axes do not meet.
+        """
         joints, build = self.robot.bodies[limb].joints, self.builder
         offset = points[1] - points[0]
-        if abs(np.cross(axes[0], axes[1]) @ offset) > _SAME:  # the axes do not meet
+        # the distance of the axes
+        if abs(np.cross(axes[0], axes[1]) @ offset) > _SAME:
             return False
-        point = points[0] + (axes[0] @ offset) * axes[0]  # where they meet
+        # the point of the first axis next to the second's point, for axes at right angles
+        point = points[0] + (axes[0] @ offset) * axes[0]
         build.universal(name, *ends, axis_a=axes[0], axis_b=axes[1], at=point)
         for k, joint in enumerate(joints):
             self.coordinates[joint.name] = build._join(Arm(
@@ -505,7 +541,7 @@ class RobotBuilder:
                 self.builder.quantity(f"{plain_name(joint.name)}_{measure}", symbol)
 
     def _springs(self, joint: RobotJoint) -> None:
-        """Add spring, damper and limits of a joint; refuse those of one without a coordinate.
+        """Add spring, damper and limits of a joint; refuse those of a joint without a coordinate.
 
         Limits are stops, or springs beyond the range, as the option ``limits`` says.
         """
@@ -548,7 +584,10 @@ class RobotBuilder:
         return self.builder.parameter(self.parameter_names.free("restitution"), 1.0)
 
     def _ball_damper(self, joint: RobotJoint) -> None:
-        """Add the torque −c (ω_b − ω_a) on the limb b, in its body axes, and its opposite on a."""
+        """Add the torque −c (ω_b − ω_a) of a ball joint on the limb b, and its opposite on a.
+
+        ω is in space; torques are in the axes of the body on which they act.
+        """
         limb = joint.body
         a, b = self.frames[self.robot.limb(self.robot.bodies[limb].above)], self.frames[limb]
         c = self.builder.parameter(
@@ -561,7 +600,10 @@ class RobotBuilder:
                                             for k in range(3)])
 
     def _compensate_gravity(self) -> None:
-        """Add the potential gravcomp m g·x of each body that has it, and of armature a g·x."""
+        """Add potentials that cancel weights: gravcomp · m g·x, and a g·x of free joints' armature.
+
+        The armature of a free joint counts as mass, and MuJoCo gives it no weight.
+        """
         for k, body in enumerate(self.robot.bodies):
             placement = self.robot.inner(k)
             self._lift(f"{body.name}_gravcomp", k, placement.x + placement.R @ body.link.centre,
@@ -571,7 +613,10 @@ class RobotBuilder:
                     self._lift(f"{joint.name}_weightless", k, np.zeros(3), joint.armature)
 
     def _lift(self, name: str, body: int, point: Floats, mass: float) -> None:
-        """Add the potential that cancels the weight of a mass at a point of a body."""
+        """Add m g·x, which cancels the weight of a mass m at a point of a body of the file.
+
+        ``name`` is the name of the parameter m.
+        """
         limb = self.robot.limb(body)
         frame = self.frames[limb]
         if mass and self.robot.gravity.any() and frame is not GROUND:
@@ -581,13 +626,17 @@ class RobotBuilder:
 
 
 class Names:
-    """Make distinct C identifiers from names with any characters."""
+    """Distinct C identifiers for names with any characters."""
 
     def __init__(self) -> None:
+        """Begin with the names that every builder uses itself."""
         self._taken = {"ground", "gravity"}
 
     def free(self, name: str, kind: str = "") -> str:
-        """Return the name with _ for what C lacks; a name in use gets its kind, or a number."""
+        """Return an identifier for a name, with "_" for other characters than C allows.
+
+        An identifier in use gets the suffix ``kind``, or a number.
+        """
         identifier = plain_name(name)
         free, count = identifier, 1
         while free in self._taken:
@@ -598,12 +647,12 @@ class Names:
 
 
 def plain_name(name: str) -> str:
-    """Return a name of letters, digits and _, a letter first."""
+    """Return a name with "_" for all characters but ASCII letters and digits, a letter first."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or "part"
     return plain if plain[0].isalpha() else f"n{plain}"
 
 
 def _system_name(name: str) -> str:
-    """Return the name of a system for that of a robot."""
+    """Return a robot's name as a system's: lower case, 40 characters, no keyword, no built-in."""
     plain = plain_name(name.lower())[:40].rstrip("_")
     return f"{plain[:34]}_robot" if plain in KEYWORDS or plain in SYSTEMS else plain

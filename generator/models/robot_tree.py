@@ -1,8 +1,8 @@
 """The tree of a robot, whichever format its file has.
 
-A body is placed in the one above it, and its joints move it from there, one after the other: none
-where it moves with the one above, one in URDF and SDF, several in MJCF. Each joint has its axis and
-its point in the axes of its body. Coordinates and rates are those of MuJoCo's qpos and qvel:
+A body is placed in its parent, the body above it, and its joints move it from there, one after the
+other: no joint if it moves with the parent, one in URDF and SDF, several in MJCF. A joint has its
+axis and its point in the axes of its body. Coordinates and rates are as in MuJoCo's qpos and qvel:
 
     hinge, slide   an angle or a travel, and its rate
     ball           a quaternion, and an angular velocity in the axes of the body
@@ -30,7 +30,7 @@ __all__ = ["IDENTITY", "Edge", "Follower", "Limits", "LoopJoint", "Mount", "Plac
            "Robot", "RobotBody", "RobotJoint", "RobotLink", "body_velocities", "check_followers",
            "combine", "free_base", "grow_tree", "place_bodies", "root_of", "turn"]
 
-#: What ends of ranges are: springs of a stiffness, stops, or refused.
+#: Ends of ranges: springs with a stiffness, stops, or refused (None).
 Limits: TypeAlias = float | Literal["stops"] | None
 
 
@@ -42,11 +42,11 @@ class Placement:
     R: Floats
 
     def then(self, inner: Placement) -> Placement:
-        """Return where a frame is that is ``inner`` in this one."""
+        """Return the placement, in the other frame, of a frame that is at ``inner`` in this one."""
         return Placement(self.x + self.R @ inner.x, self.R @ inner.R)
 
     def inverse(self) -> Placement:
-        """Return where the other frame is in this one."""
+        """Return the placement of the other frame in this one: −Rᵀx and Rᵀ."""
         return Placement(-self.R.T @ self.x, self.R.T)
 
 
@@ -66,13 +66,14 @@ class RobotLink:
 
 @dataclass(eq=False)
 class RobotJoint:
-    """A joint: axis and point in the axes of its body, ``ref`` its value where the file places it.
+    """A joint: axis and point in the axes of its body, ``ref`` its coordinate in the file's pose.
 
-    ``body`` is the number of its body; ``armature`` is the inertia of a rotor.
+    ``body`` is the number of its body; ``armature`` is the inertia of a rotor; ``rest`` is the
+    coordinate at which the spring is without force.
     """
 
     name: str
-    kind: str
+    kind: str  # "hinge", "slide", "ball" or "free"
     body: int
     axis: Floats
     point: Floats
@@ -85,18 +86,18 @@ class RobotJoint:
 
     @property
     def count(self) -> int:
-        """The number of its coordinates."""
+        """The number of coordinates, as in MuJoCo's qpos."""
         return {"free": 7, "ball": 4}.get(self.kind, 1)
 
     @property
     def freedoms(self) -> int:
-        """The number of its rates."""
+        """The number of rates, as in MuJoCo's qvel."""
         return {"free": 6, "ball": 3}.get(self.kind, 1)
 
 
 @dataclass(eq=False)
 class RobotBody:
-    """A body: where it is in the one above, whose number is ``above``, −1 for space.
+    """A body, placed at ``place`` in the body with the number ``above``, −1 for space.
 
     ``gravcomp`` is the share of its weight that is compensated.
     """
@@ -208,7 +209,10 @@ class Robot:
     limits: Limits = None
 
     def limb(self, body: int) -> int:
-        """Return the body it moves with: the nearest one at or above that has joints."""
+        """Return the body with joints that a body moves with: itself, or the nearest one above.
+
+        −1 if there is none: the body is fixed to the ground.
+        """
         while body >= 0 and not self.bodies[body].joints:
             body = self.bodies[body].above
         return body
@@ -222,25 +226,27 @@ class Robot:
         return placement
 
     def mass_of(self, limb: int) -> tuple[float, Floats, Floats]:
-        """Return mass, centre and inertia about it of all that moves with a body, in its frame.
+        """Return mass, centre of mass and inertia about it of a limb, in the limb's axes.
 
-        Raises InputError unless there is mass.
+        All bodies that move with the limb belong to it. Raises InputError unless there is mass.
         """
         parts = [(self.inner(k), body.link) for k, body in enumerate(self.bodies)
                  if self.limb(k) == limb]
         moving = self.bodies[limb]
         rotor = moving.joints[0].armature if moving.joints[0].kind == "free" else 0.0
-        if rotor:  # ½ a (|v|² + |ω|²) of the origin of its axes
+        # armature of a free joint: ½ a (|v|² + |ω|²), with v of the origin of the body's axes
+        if rotor:
             parts.append((IDENTITY, RobotLink(moving.name, rotor, np.zeros(3), rotor * np.eye(3))))
         if sum(link.mass for _, link in parts) <= 0:
             raise InputError(f"{self.part} {shown(moving.name)} moves and has no mass, nor has "
                              "what is fixed to it; give it an <inertial> with mass and inertia, or "
                              "make its joint fixed.")
         mass, centre, inertia = combine(parts)
-        return mass, centre, clean(inertia)  # moments cost less than a tensor
+        # round-off in products of inertia would make a tensor of three moments, which cost less
+        return mass, centre, clean(inertia)
 
     def reference(self, joint: RobotJoint) -> Floats:
-        """Return the coordinates of a joint where the file places its body."""
+        """Return the coordinates of a joint in the file's pose, shape (``joint.count``,)."""
         if joint.kind == "ball":
             return np.array([1.0, 0, 0, 0])
         if joint.kind == "free":
@@ -251,7 +257,7 @@ class Robot:
 
 
 def turn(axis: Floats, angle: float) -> Floats:
-    """Return the rotation about a unit axis, by Rodrigues' formula."""
+    """Return the rotation about a unit axis e: R = 1 + sin φ K + (1 − cos φ) K², K v = e × v."""
     x, y, z = axis
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     R: Floats = np.eye(3) + math.sin(angle) * K + 2 * math.sin(angle / 2) ** 2 * K @ K
@@ -281,7 +287,7 @@ def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Floats
 
 @dataclass
 class Poses:
-    """Where bodies are in space, and axes and points of joints."""
+    """Placements of the bodies in space, by number, and axes and points of joints, by name."""
 
     bodies: list[Placement] = field(default_factory=list)
     axes: dict[str, Floats] = field(default_factory=dict)
@@ -292,7 +298,7 @@ def place_bodies(robot: Robot, coordinates: Mapping[str, Floats]) -> Poses:
     """Return the poses of bodies, and axes and points of joints in space, at given coordinates.
 
     Parents come before their children in ``robot.bodies``. The joints of a body move it one after
-    the other, each with its axis and point as those before it have left them.
+    the other; a joint's axis and point are moved by the joints before it.
     """
     poses = Poses()
     for body in robot.bodies:
@@ -311,7 +317,8 @@ def place_bodies(robot: Robot, coordinates: Mapping[str, Floats]) -> Poses:
             elif joint.kind != "free":
                 R = (turn(axis, entries[0] - joint.ref) @ placement.R if joint.kind == "hinge"
                      else placement.R @ rotation(entries))
-                placement = Placement(point - R @ joint.point, R)  # its point stays in place
+                # the joint's point stays in place
+                placement = Placement(point - R @ joint.point, R)
             poses.points[name] = point
         poses.bodies.append(placement)
     return poses
@@ -322,8 +329,8 @@ def body_velocities(
 ) -> list[tuple[Floats, Floats]]:
     """Return the velocity of the origin of each body and its angular velocity, in space.
 
-    v = v_parent + ω_parent × (x − x_parent), ω = ω_parent, and of each joint ė e or ω_j, with
-    ω_j × (x − point of the joint).
+    v = v_parent + ω_parent × (x − x_parent) and ω = ω_parent; a slide adds ṡ e to v, a hinge or a
+    ball ω_j to ω and ω_j × (x − point of the joint) to v.
     """
     velocities: list[tuple[Floats, Floats]] = []
     for body, pose in zip(robot.bodies, poses.bodies, strict=True):
@@ -336,7 +343,8 @@ def body_velocities(
             if joint.kind == "slide":
                 v = v + rate[0] * poses.axes[joint.name]
                 continue
-            if joint.kind == "free":  # its rates are v in space and Ω in body axes
+            # rates of a free joint: v in space and Ω in body axes
+            if joint.kind == "free":
                 v, omega = rate[:3], pose.R @ rate[3:]
                 continue
             omega_joint = (pose.R @ rate if joint.kind == "ball"
@@ -352,7 +360,7 @@ def body_velocities(
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """A joint of a file between two links: where the child is in the parent, and how it moves.
+    """A joint of a file between two links: the placement of the child in the parent, and the joint.
 
     ``joint`` is None where the links are fixed to each other.
     """
@@ -386,7 +394,8 @@ def grow_tree(
     edges_of: dict[str, list[Edge]] = {name: [] for name in links}
     for edge in edges:
         edges_of[edge.parent].append(edge)
-    stack = [(root_of(links, edges), -1, base, base_joint)]  # −1: the ground
+    # name of a link, number of its parent (−1: the ground), its placement there, and its joint
+    stack = [(root_of(links, edges), -1, base, base_joint)]
     while stack:
         name, parent, placement, joint = stack.pop()
         link, gravcomp = links[name]
@@ -395,14 +404,15 @@ def grow_tree(
         if joint is not None:
             joint.body = number
             robot.bodies[-1].joints.append(joint)
-        for edge in reversed(edges_of[name]):  # the last one that is pushed is taken first
+        # reversed, for the link that is pushed last is taken first
+        for edge in reversed(edges_of[name]):
             stack.append((edge.child, number, edge.place, edge.joint))
     joints = [*([base_joint] if base_joint else []), *(e.joint for e in edges if e.joint)]
     robot.joints |= {joint.name: joint for joint in joints}
 
 
 def free_base() -> RobotJoint:
-    """Return the joint of a root that floats, which has no name."""
+    """Return the free joint of a floating root, which has no name."""
     return RobotJoint("", "free", 0, np.array([0.0, 0.0, 1.0]), np.zeros(3))
 
 
@@ -444,7 +454,8 @@ def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
         named = ", ".join(map(shown, roots[:6]))
         raise InputError(f"it has {len(roots)} roots, {named}, and a tree has one; "
                          "join the others by <joint>.")
-    for name in links:  # each link with its ancestors
+    # the chain of ancestors of each link
+    for name in links:
         chain = [name]
         while chain[-1] in edge_to:
             chain.append(edge_to[chain[-1]].parent)

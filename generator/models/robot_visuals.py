@@ -28,7 +28,7 @@ from .xml_numbers import numbers_of, place_of
 __all__ = ["LinkLooks", "Look", "add_visuals", "colour_of", "draw", "looks_of", "shape_of",
            "urdf_looks"]
 
-#: A shape, and where it is in its link or body.
+#: Placement of a shape in its link or body, and the shape.
 Look = tuple[Placement, Shape]
 #: Name of a link, its visual shapes and its collision shapes.
 LinkLooks = tuple[str, Sequence[Look], Sequence[Look]]
@@ -38,7 +38,11 @@ def draw(
     builder: Multibody, frame: Frame, placement: Placement, shapes: Sequence[Look],
     colliding: Sequence[Look], path: Path,
 ) -> None:
-    """Add the shapes of a link at ``placement`` in ``frame``; ``path`` is the robot's file."""
+    """Add the shapes of a link at ``placement`` in ``frame``; ``path`` is the robot's file.
+
+    ``colliding``, its collision shapes, replace visual shapes whose files cannot be read, if their
+    own can.
+    """
     if colliding and not all(_is_readable(shape, path) for _, shape in shapes) and all(
             _is_readable(shape, path) for _, shape in colliding):
         shapes = colliding
@@ -57,12 +61,13 @@ def add_visuals(
 
 
 def _is_readable(shape: Shape, path: Path) -> bool:
+    """Whether a shape needs no file, or one that exists in a format that is read here."""
     file = Path(located(shape, path).file)
     return not shape.file or (file.suffix.lower() in READABLE and file.is_file())
 
 
 def colour_of(rgba: Sequence[float]) -> str:
-    """Return numbers from 0 to 1 as a colour of shapes."""
+    """Return red, green and blue from 0 to 1 as "#rrggbb"; numbers outside are clipped."""
     return "#" + "".join(f"{round(255 * min(max(x, 0), 1)):02x}" for x in rgba[:3])
 
 
@@ -70,11 +75,13 @@ def colour_of(rgba: Sequence[float]) -> str:
 
 
 def urdf_looks(top: Element) -> Iterator[LinkLooks]:
-    """Yield the looks of the links of a URDF file."""
+    """Yield the looks of the links of a URDF file: name, visual shapes and collision shapes."""
+    # materials that are defined once, for all links
     colours = {material.attributes.get("name", ""): _colour(material)
                for material in top.all("material")}
 
     def colour(element: Element) -> str:
+        """Return the colour of a <visual>: of its own material, or of the defined one; else ""."""
         material = element.first("material")
         return "" if material is None else _colour(material) or colours.get(
             material.attributes.get("name", ""), "")
@@ -89,9 +96,10 @@ def looks_of(
     link: Element, kind: str, pose_of: Callable[[Element], Placement],
     shape: Callable[[Element, str], Shape | None], colour: Callable[[Element], str],
 ) -> list[Look]:
-    """Return the shapes of a link with their poses: those of its <visual> or <collision>.
+    """Return the shapes of a link's <visual> or <collision>, as ``kind`` says, with their poses.
 
-    A shape that cannot be read is left out: pictures change nothing in the model.
+    ``pose_of``, ``shape`` and ``colour`` read the format. A shape that cannot be read is left out:
+    pictures change nothing in the model.
     """
     shapes = []
     for element in link.all(kind):
@@ -107,9 +115,9 @@ def looks_of(
 
 
 def shape_of(element: Element, colour: str) -> Shape | None:
-    """Return a shape of <geometry>; None for other elements.
+    """Return the shape of a child of <geometry>; None for other elements.
 
-    Sizes of shapes are half lengths and radii.
+    Sizes of a ``Shape`` are half lengths and radii, in m; ``colour`` is "#rrggbb" or "".
     """
     if element.name == "box":
         return Shape("box", np.array(numbers_of(element, "size", 3)) / 2, colour=colour)

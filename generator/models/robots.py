@@ -10,9 +10,9 @@
     redundant = "leave out"
 
 ``bodies`` are links; ``on_a``, ``on_b`` and ``on_body`` are in the frames of these, ``axis`` and
-``axis_a`` in that of the first, ``axis_b`` in that of the second, ``at`` in space at the start. All
-else, and ``without`` and ``redundant``, as in a model file (``multibody_file``). The start is moved
-to where the loops are closed.
+``axis_a`` in the frame of the first, ``axis_b`` in the frame of the second, ``at`` in space at the
+start. All else, and ``without`` and ``redundant``, are as in a model file (``multibody_file``). The
+start is moved to a state in which the loops are closed.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ __all__ = ["NO_OPTIONS", "Loops", "RobotFormat", "load_robot", "read_loops", "re
 
 NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
-#: In the text of a URDF file that closes loops itself.
+#: Text that a URDF file contains if it closes loops itself.
 _LOOP = "<constraint"
-#: Keys of a joint → the link they refer to.
+#: Keys of points and of axes of a joint → the link in whose frame they are, 0 or 1.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
 _AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
 
@@ -74,7 +74,10 @@ FORMATS = {
 
 
 def robot_format(text: str, path: str | Path) -> RobotFormat:
-    """Return the format of a robot's file; of one that ends in .xml, by its outermost element."""
+    """Return the format of a robot's file by its suffix, and of an .xml file by its root element.
+
+    An .xml file with an unknown root element is read, and refused, as MJCF.
+    """
     ending = Path(path).suffix
     if ending == ".xml":
         return FORMATS.get(_outermost(text, path), FORMATS["mujoco"])
@@ -82,9 +85,9 @@ def robot_format(text: str, path: str | Path) -> RobotFormat:
 
 
 def refuse_other_options(kind: str, allowed: Sequence[str], options: Iterable[str]) -> None:
-    """Refuse options of other formats than ``kind``, and name the formats that take them.
+    """Refuse options of other formats than ``kind``, which takes those in ``allowed``.
 
-    Raises InputError with the options of the format.
+    Raises ArgumentError with the formats that take the option.
     """
     for name in options:
         if name not in allowed:
@@ -126,9 +129,9 @@ def robot_model(
 def _read_robot(
     text: str, path: str | Path, rep: str | None, options: Mapping[str, Any]
 ) -> tuple[Multibody, Loops | None]:
-    """Return the bodies and joints of a robot's file, and the joints that another adds to them.
+    """Return the bodies and joints of a robot's file, and the loop joints of a TOML file, or None.
 
-    ``options`` are those of ``load_model``; ``loops`` among them names the other file.
+    ``options`` are the options of ``load_model``; ``loops`` among them names the TOML file.
     """
     file_format = robot_format(text, path)
     present = {name: value for name, value in options.items() if value is not None}
@@ -140,7 +143,7 @@ def _read_robot(
 
 
 def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> dict[str, Any]:
-    """Return the options of a robot's file for settings as a command has them.
+    """Return the options of a robot's file for the settings of a command, key → text.
 
     ``ignore=limits,collision``, ``gravity=0,0,-1.62``, ``limits=1000``, ``limits=stops``,
     ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``, several numbers
@@ -150,7 +153,7 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
     keys = robot_format(text, path).options
     options: dict[str, Any] = {"angles": {}, "rates": {}}
     for key, value in settings.items():
-        # what is no option of the format is the coordinate or the rate of a joint
+        # a key that is no option of the format is the name of a joint
         if key not in keys or key in options:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
@@ -171,13 +174,13 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
 
 
 def _number_or_text(text: str) -> float | str:
-    """Return a number, or a text, which may be an angle with a unit."""
+    """Return a text as a number, if it is one; else unchanged, as it may be "30 deg"."""
     number = decimal(text)
     return text if number is None else float(number)
 
 
 def _outermost(text: str, path: str | Path) -> str:
-    """Return the name of a file's outermost element, which tells the format."""
+    """Return the name of a file's root element, which determines the format."""
     try:
         return read_xml(text).name
     except InputError as error:
@@ -185,7 +188,7 @@ def _outermost(text: str, path: str | Path) -> str:
 
 
 def _without_redundant(builder: Multibody, path: str | Path) -> Model:
-    """Return the model without redundant constraints, which planar loops have."""
+    """Return the model without redundant constraints, which planar loops have, with a warning."""
     try:
         model = builder.model(redundant="leave out")
     except InputError as error:
@@ -202,7 +205,10 @@ class Loops:
     content: TomlTable
 
     def close(self, builder: Multibody, links: Mapping[str, Mount]) -> None:
-        """Add the joints that close the loops, each between two links of the robot."""
+        """Add the joints that close the loops, each between two links of the robot.
+
+        ``links``: name of a link → its frame in the model's body and in space.
+        """
         mount_of = {"ground": Mount(GROUND, IDENTITY, IDENTITY), **links}
         frames = {name: mount.frame for name, mount in mount_of.items()}
 
@@ -232,7 +238,7 @@ class Loops:
             telling(table, close_loop, table)
 
     def model(self, builder: Multibody) -> Model:
-        """Return the model, without the redundant constraints that the file names."""
+        """Return the model, without the constraints that the file leaves out."""
         try:
             return finished(builder, self.content)
         except InputError as error:

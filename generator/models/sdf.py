@@ -1,11 +1,12 @@
 """An SDF file to bodies and joints: a graph of links, whose loops are closed by joints.
 
-    <link>    a body where its <pose> is in the model, or in what ``relative_to`` names
-    <joint>   revolute, continuous, prismatic, ball or fixed, where its <pose> is in the child
+    <link>    a body with a <pose> in the model, or in the element that ``relative_to`` names
+    <joint>   revolute, continuous, prismatic, ball or fixed, with a <pose> in the child
 
 The first joint that has a link as its child belongs to the tree of the robot, and is as in URDF; a
-further one closes a loop. What its other side is follows from the poses of the file. A link that is
-no child floats; ``world`` is the ground. The axis is in the axes of the joint, as from version 1.5.
+further joint closes a loop, and its place in the parent follows from the poses of the file. A link
+that is no child floats; ``world`` is the ground. The axis is in the axes of the joint, as from
+version 1.5.
 Each element and attribute is in a closed list (``sdf_schema``).
 """
 
@@ -58,12 +59,12 @@ from .xml_schema import count_extras
 
 __all__ = ["parse_sdf"]
 
-#: Type of a joint → its kind in the tree, which fixed links need not.
+#: Type of a joint → its kind in the tree; "" for links that are fixed to each other.
 KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "ball": "ball",
          "fixed": ""}
 _MODEL = "__model__"
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
-#: Gravity of a <world> that has no <gravity>, by the standard; of a file without a world.
+#: Gravity in m/s² of a <world> without <gravity>, by the standard, and of a file without a world.
 _STANDARD, _USUAL = [0.0, 0.0, -9.8], [0.0, 0.0, -9.81]
 
 
@@ -130,7 +131,10 @@ def _only_model(top: Element) -> Element:
 
 
 def _gravity(top: Element) -> list[float]:
-    """Return gravity of the world, which files before version 1.6 have in <physics>."""
+    """Return gravity of the world in m/s², which files before version 1.6 have in <physics>.
+
+    Raises InputError for different ones.
+    """
     elements = [e for world in top.all("world") for owner in (world, *world.all("physics"))
                 for e in owner.all("gravity")]
     if not elements:
@@ -143,7 +147,7 @@ def _gravity(top: Element) -> list[float]:
 
 
 def _range(axis: Element) -> tuple[float, float] | None:
-    """Return the range of a joint, None where it has none."""
+    """Return (lower, upper) of a joint in rad or m; None if it has no end below 10⁹."""
     limit = axis.first("limit")
     if limit is None:
         return None
@@ -156,7 +160,7 @@ def _range(axis: Element) -> tuple[float, float] | None:
 
 
 class _Scopes:
-    """Named elements of a world and its model, where they are, and what they move with.
+    """Named elements of a world and its model: links, joints and frames, with their places.
 
     In the world a part of the model has the name ``MODEL::PART``.
     """
@@ -167,7 +171,8 @@ class _Scopes:
             "version of SDF", top.attributes.get("version", "1.6"), VERSIONS)
         self.name = model.attributes.get("name", "robot")
         self.elements: dict[str, Element] = {}
-        self.outside: set[str] = set()  # names of elements of the world
+        # names of elements that belong to the world, not to the model
+        self.outside: set[str] = set()
         for world in top.all("world"):
             self._add(world)
             self.outside = {*self.elements}
@@ -191,13 +196,20 @@ class _Scopes:
         return {name: e for name, e in self.elements.items() if e.name == kind}
 
     def seen(self, name: str, owner: str) -> str:
-        """Resolve a name in the scope of an element."""
+        """Return the name of an element that ``owner`` refers to by ``name``.
+
+        Elements of the world call the model and its parts MODEL and MODEL::PART.
+        """
         if owner not in self.outside and owner != _MODEL:
             return name
         return _MODEL if name == self.name else name.removeprefix(f"{self.name}::")
 
     def place(self, name: str, below: tuple[str, ...] = ()) -> Placement:
-        """Return where the model, a link, a joint or a frame is in the world."""
+        """Return the placement of the model, a link, a joint or a frame in the world.
+
+        Poses are relative to other elements, whose places are found first; ``below`` has the names
+        on the way, so that a circle is refused.
+        """
         if name in self.places:
             return self.places[name]
         if name in below:
@@ -209,6 +221,7 @@ class _Scopes:
         element = self.model if name == _MODEL else self.elements[name]
         pose = element.first("pose")
         attributes = {} if pose is None else pose.attributes
+        # without relative_to: a joint in its child, a frame in its link, all else in its scope
         home = "world" if name == _MODEL or name in self.outside else _MODEL
         default = _text(element, "child") if element.name == "joint" else element.attributes.get(
             "attached_to") or home
@@ -216,7 +229,7 @@ class _Scopes:
         placement = self.place(above, (*below, name)).then(_pose(pose))
         placement_frame = element.attributes.get("placement_frame") if name == _MODEL else None
         if placement_frame:
-            # the pose is that of a frame in the model: the model itself is at pose · frame⁻¹, and
+            # the pose belongs to a frame of the model: the model itself is at pose · frame⁻¹, and
             # the places that were computed with the model at the origin are dropped
             self.places[_MODEL] = IDENTITY
             inner = self.place(placement_frame, (*below, name))
@@ -249,7 +262,10 @@ class _Scopes:
 def _read(
     scopes: _Scopes
 ) -> tuple[dict[str, tuple[RobotLink, float]], list[PlacedJoint]]:
-    """Return name → link and the share of its weight that is compensated, and the joints."""
+    """Return name → (link, share of its weight that is compensated), and the joints.
+
+    Raises InputError for a file without links, too many links, and joints of unknown links.
+    """
     elements = scopes.all("link")
     if not elements:
         raise InputError("it has no <link>; write one at least.")
@@ -347,7 +363,7 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
 
 
 def _follower(name: str, axis: Element) -> Follower | None:
-    """Return the leader, the ratio and the offset of <mimic>."""
+    """Return the law c = ratio · (c_leader − reference) + offset of <mimic>; None without it."""
     mimic = axis.first("mimic")
     if mimic is None:
         return None
@@ -395,7 +411,7 @@ def _tree(
 
 
 def _edge(joint: PlacedJoint, places: Mapping[str, Placement]) -> Edge:
-    """Return a joint of the tree, its axis and its point in the child."""
+    """Return a joint of the tree, with its axis and its point in the axes of the child."""
     child = places[joint.child]
     placement, kind = places[joint.parent].inverse().then(child), KINDS[joint.kind]
     return Edge(joint.name, joint.parent, joint.child, placement, RobotJoint(
@@ -405,7 +421,11 @@ def _edge(joint: PlacedJoint, places: Mapping[str, Placement]) -> Edge:
 
 
 def _loop(joint: PlacedJoint, places: Mapping[str, Placement]) -> LoopJoint:
-    """Return a joint that closes a loop, in the axes of the world where the file places it."""
+    """Return a joint that closes a loop.
+
+    The joint's own axes are parallel to the world's in the pose of the file, as its axis is given
+    in the world.
+    """
     placement = Placement(joint.place.x, np.eye(3))
     parent, child = (places[link].inverse().then(placement) for link in (joint.parent, joint.child))
     return LoopJoint(f"{joint.name}_loop", joint.kind, (joint.parent, joint.child),
@@ -416,7 +436,7 @@ def _loop(joint: PlacedJoint, places: Mapping[str, Placement]) -> LoopJoint:
 
 
 def _looks(model: Element) -> Iterator[LinkLooks]:
-    """Yield the looks of links, in their frames."""
+    """Yield the looks of links, in their frames: name, visual shapes and collision shapes."""
     for link in model.all("link"):
         visible, colliding = (looks_of(link, kind, lambda element: _pose(element.first("pose")),
                                        _shape, _colour) for kind in ("visual", "collision"))
@@ -424,14 +444,14 @@ def _looks(model: Element) -> Iterator[LinkLooks]:
 
 
 def _shape(element: Element, colour: str) -> Shape | None:
-    """Return a shape whose numbers are elements."""
+    """Return a shape; SDF has its numbers in elements, where URDF has attributes."""
     texts = {child.name: child.text.strip() for child in element.children}
     texts["filename"] = texts.get("uri", "")
     return shape_of(Element(element.name, texts, element.line), colour)
 
 
 def _colour(element: Element) -> str:
-    """Return <diffuse>, or <ambient>, of <material>."""
+    """Return the colour <diffuse>, or <ambient>, of an element's <material>; "" without one."""
     material = element.first("material")
     for name in ("diffuse", "ambient") if material is not None else ():
         child = material.first(name) if material is not None else None

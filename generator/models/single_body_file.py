@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import chain
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import sympy as sp
 from mpmath import mp
@@ -43,14 +43,23 @@ __all__ = ["ATTITUDES", "from_euler", "inertia_numbers", "momentum", "read_attit
 ATTITUDES = ("quaternion", "euler", "rotation")
 
 
+class _Formulas(NamedTuple):
+    """The formulas of a file: V in J, torque in body axes in N m, quantities, and σ = dt/dτ."""
+
+    potential: sp.Expr
+    torque: list[sp.Expr]  # three, or none
+    quantities: dict[str, sp.Expr]
+    time_scales: list[sp.Expr]  # one, or none
+
+
 def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
-    """Return the model of a file with [body]; ``rep`` takes the place of the file's.
+    """Return the model of a file with [body]; ``rep``, unless None, replaces the file's.
 
     Raises InputError with file, key and cure.
     """
     content.allow("name", "description", "frame", "potential", "body", "parameters", "inputs",
                   "start", "run", "quantities", "forces", "events", "units", "time_scale")
-    body, forces = content.table("body"), content.table("forces")
+    body = content.table("body")
     body.allow("inertia", "mass", "rep", *REPS)
     body.require("inertia")
     representation = body.choice("rep", REPS, "gamma") if rep is None else rep
@@ -62,27 +71,15 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     _add_mass(body, formulas)
     if has_tensor:
         _add_tensor(inertia, formulas)
-    # formulas: a potential has the attitude, torques and quantities the motion too
-    letters = () if has_tensor else moments
-    position = _place(letters)
-    # t is the time, unless the file has a parameter of this name
-    symbols = position if "t" in formulas.parameters else position | {"t": rigid_body.time}
-    potential = sp.Integer(0)
-    if "potential" in content:
-        potential = formulas.read(content, "potential", content.formula("potential"), symbols,
-                                  letters)
-    motion = position | _motion(INVERSE if has_tensor else moments)
-    forces.allow("torque")
-    torque = formulas.read_all(forces, "torque", motion, letters, 3) if "torque" in forces else []
-    quantities = formulas.quantities(motion, letters)
-    scales = [formulas.read(content, "time_scale", content.formula("time_scale"), motion, letters)
-              ] if "time_scale" in content else []
+    potential, torque, quantities, scales = _read_formulas(content, formulas, has_tensor)
     parameters, system_symbols, values = formulas.in_use(
         [potential, *torque, *quantities.values(), *scales])
-    # of a tensor H has the entries of J⁻¹, whose values are parameters, too
-    values |= weight | (
-        dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True)) if has_tensor else
-        dict(zip(map(str, moments), cast("Moments", inertia), strict=True)))
+    # with a tensor H contains the entries of J⁻¹, whose values are parameters, too
+    if has_tensor:
+        inertia_values = dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True))
+    else:
+        inertia_values = dict(zip(map(str, moments), cast("Moments", inertia), strict=True))
+    values |= weight | inertia_values
     system = body_system(
         name,
         cast("Rep", representation),
@@ -103,8 +100,32 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
                  **run_length(content))
 
 
+def _read_formulas(content: TomlTable, formulas: Formulas, has_tensor: bool) -> _Formulas:
+    """Return the formulas of a file with [body].
+
+    A potential may contain the attitude; torques, quantities and the time scale also the motion.
+    """
+    forces = content.table("forces")
+    # the moments of inertia; the entries of a tensor are among the parameters
+    letters = () if has_tensor else moments
+    position = _place(letters)
+    # t is the time, unless the file has a parameter of this name
+    symbols = position if "t" in formulas.parameters else position | {"t": rigid_body.time}
+    potential = sp.Integer(0)
+    if "potential" in content:
+        potential = formulas.read(content, "potential", content.formula("potential"), symbols,
+                                  letters)
+    motion = position | _motion(INVERSE if has_tensor else moments)
+    forces.allow("torque")
+    torque = formulas.read_all(forces, "torque", motion, letters, 3) if "torque" in forces else []
+    quantities = formulas.quantities(motion, letters)
+    scales = [formulas.read(content, "time_scale", content.formula("time_scale"), motion, letters)
+              ] if "time_scale" in content else []
+    return _Formulas(potential, torque, quantities, scales)
+
+
 def _inertia(body: TomlTable) -> Inertia:
-    """Return the three principal moments, or the tensor, of a table."""
+    """Return the three principal moments, or the tensor, of a table, in kg m²."""
     try:
         return as_inertia(inertia_numbers(body), "inertia")
     except InputError as problem:
@@ -112,12 +133,12 @@ def _inertia(body: TomlTable) -> Inertia:
 
 
 def inertia_numbers(body: TomlTable) -> list[Any]:
-    """Return the numbers of an inertia: three, or three rows."""
+    """Return the numbers of an inertia under the key ``inertia``: three, or three rows of three."""
     return body.matrix("inertia", 3) if body.is_matrix("inertia") else body.vector("inertia", 3)
 
 
 def _weight(body: TomlTable, rep: str) -> dict[str, float]:
-    """Return the value of γ or α, if it is given."""
+    """Return {"gamma" or "alpha": value in kg m²}, {} if it is not given; refuse 0."""
     if rep not in body:
         return {}
     if body.number(rep) == 0:
@@ -126,7 +147,8 @@ def _weight(body: TomlTable, rep: str) -> dict[str, float]:
 
 
 def _add_mass(body: TomlTable, formulas: Formulas) -> None:
-    """Make the mass, if it is given, a parameter of the formulas."""
+    """Make the mass, if it is given, a parameter of the formulas; refuse one that is not above 0.
+    """
     if "mass" not in body:
         return
     if body.number("mass") <= 0:
@@ -138,7 +160,7 @@ def _add_mass(body: TomlTable, formulas: Formulas) -> None:
 
 
 def _add_tensor(inertia: Inertia, formulas: Formulas) -> None:
-    """Make the entries of J parameters of the formulas."""
+    """Make the entries J11 … J33 of a tensor of inertia parameters of the formulas."""
     entries = chain.from_iterable(inertia_rows(inertia))
     for symbol, value in zip(rigid_body.tensor_symbols(), entries, strict=True):
         formulas.numbers.values[str(symbol)] = value
@@ -160,7 +182,7 @@ def _motion(inertia: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
 
 
 def _start(start: TomlTable, inertia: Inertia) -> tuple[list[float], list[float]]:
-    """Return q and p at t = 0."""
+    """Return q and p at t = 0, four numbers each, of the table [start]."""
     start.allow(*ATTITUDES, "angular_velocity")
     start.require("angular_velocity")
     q0 = read_attitude(start)
@@ -170,7 +192,10 @@ def _start(start: TomlTable, inertia: Inertia) -> tuple[list[float], list[float]
 
 
 def read_attitude(table: TomlTable) -> list[float] | None:
-    """Return the unit quaternion of a table with quaternion, euler or rotation, if any."""
+    """Return the unit quaternion of a table with quaternion, euler or rotation; None without one.
+
+    Raises InputError for several of them, and for numbers that are no attitude.
+    """
     keys = [key for key in ATTITUDES if key in table]
     if not keys:
         return None
@@ -192,6 +217,7 @@ def read_attitude(table: TomlTable) -> list[float] | None:
     return unit(quaternion) if quaternion else R.tolist()
 
 
+#: Digits of the arithmetic in which attitudes and momenta are computed: wide steppers take them.
 _DIGITS = 50
 
 
@@ -204,7 +230,7 @@ def from_euler(phi: float, theta: float, psi: float) -> list[float]:
 
 
 def unit(quaternion: Sequence[float]) -> list[float]:
-    """Return q/|q|, of a quaternion that is not 0."""
+    """Return q/|q| of a quaternion that is not 0, computed in 50 digits."""
     with mp.workdps(_DIGITS):
         q = [_mpf(x) for x in quaternion]
         size = mp.sqrt(sum(x * x for x in q))
@@ -212,7 +238,7 @@ def unit(quaternion: Sequence[float]) -> list[float]:
 
 
 def _mpf(value: float) -> Any:
-    """Return a number with the digits it was typed with."""
+    """Return a number of a file as mpmath's, with all digits that the file has."""
     number = exact(value)
     assert isinstance(number, Fraction)
     return mp.mpf(number.numerator) / number.denominator

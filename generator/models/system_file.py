@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from typing import NamedTuple
 
 import sympy as sp
 
@@ -17,10 +18,23 @@ __all__ = ["read_system"]
 MAX_COORDINATES = 64
 
 
+class _Formulas(NamedTuple):
+    """The formulas of a file with [system], and the symbol of the time if one may contain it."""
+
+    H: sp.Expr
+    constraints: list[sp.Expr]
+    velocity_constraints: list[sp.Expr]
+    forces: list[sp.Expr]  # one for each coordinate, or none
+    quantities: dict[str, sp.Expr]
+    time_scales: list[sp.Expr]  # one, or none
+    time: sp.Symbol | None
+
+
 def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
     """Return the model of a file with [system]; ``formulas`` knows its parameters.
 
-    Raises InputError with file, key and cure.
+    ``rep`` must be None: there is no inertia representation. Raises InputError with file, key and
+    cure.
     """
     content.allow("name", "description", "frame", "system", "parameters", "inputs", "start",
                   "run", "quantities", "events", "units")
@@ -34,7 +48,41 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     table.require("coordinates", "momenta", "hamiltonian")
     q, p = _coordinates_and_momenta(table)
     v = _symbols(table, "velocities") if "velocities" in table else {}
-    state = q | p
+    H, constraints, velocity_constraints, forces, quantities, scales, time = _read_formulas(
+        content, formulas, q, p, v)
+    # symbols of parameters that a formula divides by are replaced by symbols that are not 0
+    parameters, system_symbols, values = formulas.in_use(
+        [H, *constraints, *velocity_constraints, *forces, *quantities.values(), *scales])
+    start.allow("q", "p")
+    start.require("q", "p")
+
+    def in_system(expressions: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """Return expressions with the system's symbols of parameters."""
+        return tuple(e.xreplace(system_symbols) for e in expressions)
+
+    system = System(
+        tuple(q.values()), tuple(p.values()), tuple(parameters), in_system([H])[0],
+        in_system(constraints), name=name,
+        constraint_names=tuple(table.strings("constraint_names")),
+        velocities=tuple(v.values()), velocity_constraints=in_system(velocity_constraints),
+        velocity_constraint_names=tuple(table.strings("velocity_constraint_names")),
+        forces=in_system(forces), time=time,
+        quantities=dict(zip(quantities, in_system(quantities.values()), strict=True)),
+        time_scale=next(iter(in_system(scales)), None),
+    )
+    q0, p0 = (whole_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
+    return Model(system, values, q0, p0, **run_length(content))
+
+
+def _read_formulas(
+    content: TomlTable, formulas: Formulas, q: dict[str, sp.Symbol], p: dict[str, sp.Symbol],
+    v: dict[str, sp.Symbol],
+) -> _Formulas:
+    """Return the formulas of a file in coordinates q, momenta p, velocities v, time, parameters.
+
+    q, p and v are name → symbol. Raises InputError with file, key and cure.
+    """
+    table, state = content.table("system"), q | p
     # name → symbol: the time that forces and quantities may contain, and H and constraints
     time, time_in_H = _time(table, {*state, *v, *formulas.parameters})
     H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | time_in_H)
@@ -44,6 +92,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
               ] if "time_scale" in table else []
     uses_time = "forces" in table or "quantities" in content or "time" in table or any(
         e.has(*time.values()) for e in (H, *constraints, *velocity_constraints, *scales))
+    # only a file with a time is refused for a coordinate called t
     for symbol in time if uses_time else ():
         if symbol in state:
             raise table.error("time", f"is {symbol!r}, which is a coordinate or momentum; choose "
@@ -51,27 +100,8 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     forces = formulas.read_all(table, "forces", state | time, count=len(q)) if (
         "forces" in table) else []
     quantities = formulas.quantities(state | time)
-    # symbols of parameters that a formula divides by are replaced by symbols that are not 0
-    parameters, system_symbols, values = formulas.in_use(
-        [H, *constraints, *velocity_constraints, *forces, *quantities.values(), *scales])
-    start.allow("q", "p")
-    start.require("q", "p")
-
-    def in_system(expressions: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-        return tuple(e.xreplace(system_symbols) for e in expressions)
-
-    system = System(
-        tuple(q.values()), tuple(p.values()), tuple(parameters), in_system([H])[0],
-        in_system(constraints), name=name,
-        constraint_names=tuple(table.strings("constraint_names")),
-        velocities=tuple(v.values()), velocity_constraints=in_system(velocity_constraints),
-        velocity_constraint_names=tuple(table.strings("velocity_constraint_names")),
-        forces=in_system(forces), time=next(iter(time.values())) if uses_time else None,
-        quantities=dict(zip(quantities, in_system(quantities.values()), strict=True)),
-        time_scale=next(iter(in_system(scales)), None),
-    )
-    q0, p0 = (whole_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
-    return Model(system, values, q0, p0, **run_length(content))
+    return _Formulas(H, constraints, velocity_constraints, forces, quantities, scales,
+                     next(iter(time.values())) if uses_time else None)
 
 
 def _coordinates_and_momenta(

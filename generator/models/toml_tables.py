@@ -28,8 +28,9 @@ SYMBOL = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
 
 
 def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
-    """Return the outermost table of a TOML text."""
+    """Return the outermost table of a TOML text; ``kind`` and ``path`` begin its errors."""
     def error(reason: str) -> InputError:
+        """Return an error that names the file."""
         return InputError(f"The {kind} {str(path)!r} is not usable: {reason}")
 
     for number, line in enumerate(text.splitlines(), 1):
@@ -40,21 +41,23 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
         content = tomllib.loads(text, parse_float=_typed)
     except RecursionError:
         raise error("its brackets are nested too deeply; write lists of numbers.") from None
-    except ValueError as problem:  # TOMLDecodeError is one; so is an integer of 5000 digits
+    # TOMLDecodeError is a ValueError, and so is the error for an integer of 5000 digits
+    except ValueError as problem:
         raise error(f"it is not TOML ({shorten(str(problem), 120)}); correct that place.") from None
     return TomlTable(content, "", error)
 
 
 def _typed(text: str) -> float:
-    """Return a number of TOML as a double that remembers its decimals."""
+    """Return a number of TOML as a double that keeps the exact value of its decimals."""
     number = decimal(text.replace("_", ""))
     return Rounded(number) if isinstance(number, Fraction) else float(text)
 
 
 class Known(dict[str, float]):
-    """Values of names in arithmetic text, and the names that were used."""
+    """Values of names in arithmetic text; ``mentioned`` has the names that texts contained."""
 
     def __init__(self, values: Mapping[str, float] = MappingProxyType({})) -> None:
+        """Begin with these values, none of which a text has mentioned."""
         super().__init__(values)
         self.mentioned: set[str] = set()
 
@@ -66,7 +69,11 @@ class TomlTable:
         self, content: Mapping[str, Any], where: str, error: Callable[[str], InputError],
         constants: Known | None = None,
     ) -> None:
-        """Wrap a table; ``where`` names it in errors, ``constants`` are names in its numbers."""
+        """Wrap a table of a file.
+
+        ``where`` is its heading in errors, ``error`` makes one that names the file; ``constants``
+        are the names that its numbers may contain.
+        """
         self.content = content
         self.where = where
         self.file_error = error
@@ -76,7 +83,7 @@ class TomlTable:
         return key in self.content
 
     def error(self, key: str, reason: str) -> InputError:
-        """Return an error about a key."""
+        """Return an error with file, table and key; ``reason`` continues the sentence."""
         return self.file_error(f"{self.where}{shorten(key)} {reason}")
 
     def allow(self, *keys: str) -> None:
@@ -116,7 +123,7 @@ class TomlTable:
         return value
 
     def choice(self, key: str, allowed: Sequence[str], default: str) -> str:
-        """Return one of the allowed texts."""
+        """Return the text of a key, one of ``allowed``; ``default`` if the key is not there."""
         value = self.content.get(key, default)
         if not isinstance(value, str) or value not in allowed:
             raise self.error(key, f"is {describe(value)}; choose {' or '.join(allowed)}"
@@ -179,7 +186,7 @@ class TomlTable:
                 for i, value in enumerate(entries, 1)]
 
     def is_matrix(self, key: str) -> bool:
-        """Whether a key holds rows."""
+        """Whether a key has a list of rows."""
         value = self.content.get(key)
         return isinstance(value, list) and any(isinstance(row, list) for row in value)
 
@@ -196,6 +203,7 @@ class TomlTable:
 
     def rows(self, key: str, width: int) -> list[list[float]]:
         """Return rows of ``width`` numbers, any number of them."""
+        # a table whose keys name the rows in errors
         rows = TomlTable(dict(enumerate_rows(key, self._list(key, None, f"rows of {width}"))),
                          self.where, self.file_error, self.constants)
         return [rows.vector(row, width) for row in rows.content]
@@ -213,7 +221,10 @@ class TomlTable:
         return count
 
     def _list(self, key: str, count: int | None, content: str) -> list[Any]:
-        """Return a list of ``count`` entries, of any length if None; else refuse the value."""
+        """Return the list of a key, with ``count`` entries, or any number if ``count`` is None.
+
+        ``content`` names the entries in the error. Without ``count`` a missing key is [].
+        """
         value = self.content.get(key, [] if count is None else None)
         if not isinstance(value, list):
             raise self.error(key, f"is {describe(value)}; write a list of {content}.")
@@ -222,7 +233,7 @@ class TomlTable:
         return value
 
     def _number(self, key: str, value: Any, units: Units) -> float:
-        """Return a number, or text with a number and a unit, as a double."""
+        """Return a number, or a text with a formula and a unit of ``units``, as a double."""
         if isinstance(value, str):
             try:
                 number = self._float(key, parse_number(value, self.constants, units))
@@ -243,13 +254,13 @@ class TomlTable:
 
 
 def enumerate_rows(key: str, rows: Sequence[Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the rows of a matrix with a name for messages."""
+    """Yield each row of a matrix with its name in messages, "KEY, row 1,"."""
     for i, row in enumerate(rows, 1):
         yield f"{key}, row {i},", row
 
 
 def decimals(number: float) -> str:
-    """Return a formula of a number with all the digits that were typed."""
+    """Return a number as a formula with its exact value: a decimal, or a fraction."""
     fraction = exact(number)
     if fraction == Fraction(repr(number)):
         return repr(number)

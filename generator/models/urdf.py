@@ -2,14 +2,14 @@
 
     revolute, continuous   a hinge; its angle and rate are quantities JOINT_angle and JOINT_rate
     prismatic              a slide; JOINT_travel and JOINT_speed
-    fixed                  what it joins is one body
+    fixed                  both links are one body
     floating               no constraint
     <mimic>                a constraint on two coordinates
     <dynamics damping=…>   a damper in the joint
     <constraint>           a joint that closes a loop, github.com/ros/urdfdom/pull/264
 
-Each element and attribute is in a closed list (``urdf_schema``): what moves a robot otherwise than
-its bodies and joints alone is counted, and refused unless its name is among those to ignore.
+Each element and attribute is in a closed list (``urdf_schema``): parts that move a robot besides
+its bodies and joints are counted, and refused unless ``ignore`` has their name.
 """
 
 from __future__ import annotations
@@ -61,14 +61,14 @@ __all__ = ["BASES", "MAX_LINKS", "parse_urdf"]
 Read = TypeVar("Read")
 
 BASES = ("fixed", "floating")
-#: Type of a joint → its kind in the tree, which fixed links need not.
+#: Type of a joint → its kind in the tree; "" for links that are fixed to each other.
 KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": "",
          "floating": "free"}
 #: Types of joints with a coordinate, and those of <constraint>.
 MOVING = ("revolute", "continuous", "prismatic")
 LOOPS = (*MOVING, "fixed", "ball", "universal")
 MAX_LINKS = 500
-#: Moments below this, in kg m², are 0 with rounding.
+#: Principal moments of this size, in kg m², are round-off of 0.
 _NOTHING = 1e-20
 
 
@@ -102,7 +102,11 @@ def parse_urdf(
 def _read(
     top: Element, ignore: list[str], limits: Limits, base: Placement, floats: bool
 ) -> Robot:
-    """Return the robot of a URDF's outermost element."""
+    """Return the robot of a URDF file's root element ``top``.
+
+    ``ignore`` are the parts to leave out, ``base`` is the pose of the root link in space; with
+    ``floats`` it has a free joint. Raises InputError, without the file's name.
+    """
     if top.name != "robot":
         raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
                          "not <robot>; give a URDF file.")
@@ -137,6 +141,7 @@ def _read(
 
 
 def _descendants(element: Element) -> Iterator[Element]:
+    """Yield all elements below an element, at any depth."""
     for child in element.children:
         yield child
         yield from _descendants(child)
@@ -166,7 +171,7 @@ def _read_all(top: Element, kind: str, read: Callable[[str, Element], Read]) -> 
 
 
 def _link(name: str, element: Element) -> RobotLink:
-    """Return mass, centre and inertia of a link; without <inertial> it has none."""
+    """Return mass, centre and inertia of a link, in the link's axes; 0 without <inertial>."""
     inertial = element.first("inertial")
     if inertial is None:
         return RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3)))
@@ -212,7 +217,10 @@ def _joint(version: str, followers: list[Follower], name: str, element: Element)
 
 
 def _range(version: str, kind: str, limit: Element | None) -> tuple[float, float] | None:
-    """Return the ends of a joint's range; those that are not written are 0, from 1.2 on none."""
+    """Return (lower, upper) of a joint in rad or m; None without a range.
+
+    An end that is not written is 0, and absent from version 1.2 on.
+    """
     if limit is None or kind not in ("revolute", "prismatic") or not (
             {"lower", "upper"} & limit.attributes.keys()):
         return None
@@ -244,7 +252,7 @@ def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> LoopJo
 
 
 def _axis(element: Element, kind: str, key: str = "axis") -> Floats:
-    """Return the axis in the axes of the child, of length one."""
+    """Return the unit vector of the axis in <``key``>; e₁ for types without an axis."""
     if kind not in (*MOVING, "universal"):
         return np.array([1.0, 0, 0])
     axis = element.first(key)
@@ -261,7 +269,7 @@ def _axis(element: Element, kind: str, key: str = "axis") -> Floats:
 
 
 def _text(element: Element, name: str, key: str) -> str:
-    """Return an attribute of a child element, or refuse an element without that child."""
+    """Return the attribute ``key`` of the child element ``name``; refuse an element without it."""
     child = element.first(name)
     if child is None:
         raise InputError(f"it has no <{name}>; write <{name} {key}=\"…\"/>.")
@@ -269,7 +277,7 @@ def _text(element: Element, name: str, key: str) -> str:
 
 
 def _one(element: Element, name: str, key: str) -> float:
-    """Return the one number of a child's attribute, or refuse an element without that child."""
+    """Return the number in attribute ``key`` of child ``name``; refuse an element without it."""
     child = element.first(name)
     if child is None:
         raise InputError(f"its <{element.name}> has no <{name}>; write <{name} {key}=\"…\"/>.")

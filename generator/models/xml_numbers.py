@@ -24,9 +24,9 @@ _ENDLESS = {"inf": "1e16", "+inf": "1e16", "-inf": "-1e16"}
 
 
 def parse_numbers(text: str, count: int, endless: bool = False) -> list[float] | None:
-    """Return ``count`` finite numbers of a text, None for another text.
+    """Return the numbers of a text, if it has ``count`` finite ones and nothing else; else None.
 
-    ``endless`` takes inf and -inf, which a range without ends has, as 1e16 and -1e16.
+    ``endless`` reads inf and -inf, which a range without ends has, as 1e16 and -1e16.
     """
     words = [_ENDLESS.get(word.lower(), word) if endless else word for word in text.split()]
     numbers = [float(word) for word in words if NUMBER.fullmatch(word)]
@@ -34,14 +34,14 @@ def parse_numbers(text: str, count: int, endless: bool = False) -> list[float] |
 
 
 def roll_pitch_yaw(angles: Sequence[float]) -> Floats:
-    """Return R_z(yaw) R_y(pitch) R_x(roll)."""
+    """Return R_z(yaw) R_y(pitch) R_x(roll), 3 × 3, from (roll, pitch, yaw) in rad."""
     roll, pitch, yaw = (turn(axis, angle) for axis, angle in zip(np.eye(3), angles, strict=True))
     R: Floats = yaw @ pitch @ roll
     return R
 
 
 def rotation_xyzw(numbers: Sequence[float], owner: str) -> Floats:
-    """Return the rotation of a quaternion of any length, its real part last."""
+    """Return the rotation, 3 × 3, of a quaternion of any length but 0, its scalar part last."""
     if not any(numbers):
         raise InputError(f"{owner} has the quaternion 0 0 0 0; write 0 0 0 1 for no rotation.")
     x, y, z, w = numbers
@@ -49,7 +49,10 @@ def rotation_xyzw(numbers: Sequence[float], owner: str) -> Floats:
 
 
 def place_of(element: Element, key: str = "origin") -> Placement:
-    """Return <origin>: R = R_z(yaw) R_y(pitch) R_x(roll), or that of a quaternion x y z w."""
+    """Return the placement in <origin>, identity without it.
+
+    xyz, and R = R_z(yaw) R_y(pitch) R_x(roll) by rpy, or R by quat_xyzw.
+    """
     origin = element.first(key)
     if origin is None:
         return IDENTITY
@@ -62,7 +65,7 @@ def place_of(element: Element, key: str = "origin") -> Placement:
 
 
 def attribute_of(element: Element, key: str) -> str:
-    """Return an attribute that must be there."""
+    """Return the text of an attribute; refuse an element without it."""
     if key not in element.attributes:
         raise InputError(f"its <{element.name}> has no {key}; write {key}=\"…\".")
     return element.attributes[key]
@@ -72,7 +75,8 @@ def numbers_of(
     element: Element, key: str, count: int, default: list[float] | None = None,
     endless: bool = False,
 ) -> list[float]:
-    """Return ``count`` numbers of an attribute, or refuse another text."""
+    """Return the ``count`` numbers of an attribute, or ``default`` without it; refuse other texts.
+    """
     if default is not None and key not in element.attributes:
         return default
     values = parse_numbers(attribute_of(element, key), count, endless)

@@ -6,8 +6,9 @@ Each is in one of three classes, with its default and the name that ignores it w
     still      moves nothing, with all that is inside
     refused    refused unless it is at its default or ignored by name
 
-What is in no class is refused by its name, and so is what is read and there twice. Elements and
-attributes with a prefix belong to other programs, and are refused unless ``EXTENSION`` is ignored.
+A part in no class is refused by its name, and so is a part that is read once and there twice.
+Elements and attributes with a prefix belong to other programs, and are refused unless ``EXTENSION``
+is ignored.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ _FLAGS = {"true": 1.0, "false": 0.0}
 
 
 class Refused(NamedTuple):
-    """Default, name in ``ignore`` and cure of a refused part."""
+    """A refused part: the default with which it may stand, its name in ``ignore``, and the cure."""
 
-    default: str | None = None
-    name: str = ""
+    default: str | None = None  # None if it is refused with any content
+    name: str = ""  # "" if it cannot be ignored
     cure: str = ""
 
 
@@ -84,49 +85,84 @@ def count_extras(top: Element, schema: Schema) -> Counter[str]:
     return Counter(_extras(top, "", "", schema))
 
 
+class _Part(NamedTuple):
+    """An attribute, with the name "@KEY" and no ``child``, or a child of an element."""
+
+    name: str
+    text: str
+    line: int
+    child: Element | None
+
+    @property
+    def label(self) -> str:
+        """The part in messages: "key=" or "<name>"."""
+        return f"{self.name[1:]}=" if self.child is None else f"<{shown(self.name)[1:-1]}>"
+
+
+def _parts_in(element: Element) -> Iterator[_Part]:
+    """Yield the attributes and then the children of an element."""
+    for key, text in element.attributes.items():
+        yield _Part(f"@{key}", text, element.line, None)
+    for child in element.children:
+        yield _Part(child.name, child.text, child.line, child)
+
+
 def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterator[str]:
-    """Yield the names, for ``ignore=``, of parts of an element that have no counterpart here.
+    """Yield the names, for ``ignore=``, of all parts of an element that have no counterpart here.
 
     Refuses parts that the format does not have, that occur twice, or whose values no model here
-    has. ``owner`` begins messages; attributes are named with an @.
+    has. ``above`` is the name of the parent element; ``owner`` begins messages.
     """
     if above and "name" in element.attributes:
         owner = f"{element.name} {shown(element.attributes['name'])}: "
     parts = schema.of(element, above)
-    once, repeated, without_effect = (
-        parts.once.split(), parts.many.split(), parts.still.split())
-    counts = Counter(child.name for child in element.children)
-    attributes = [(f"@{key}", text, element.line, None) for key, text in element.attributes.items()]
-    inner = [(child.name, child.text, child.line, child) for child in element.children]
-    for name, text, line, child in [*attributes, *inner]:
-        label = f"{name[1:]}=" if child is None else f"<{shown(name)[1:-1]}>"
-        prefix, colon, _ = name.strip("@").partition(":")
+    without_effect = parts.still.split()
+    for part in _parts_in(element):
+        prefix, colon, _ = part.name.strip("@").partition(":")
         # namespaces of XML itself have no effect; elements of any other one are extensions
-        if name in without_effect or ((colon or name == "@xmlns") and prefix in _XML):
+        if part.name in without_effect or ((colon or part.name == "@xmlns") and prefix in _XML):
             continue
         if colon:
             yield EXTENSION
-        elif name in parts.refused:
-            default, ignored_by, cure = parts.refused[name]
-            # a value that means "nothing" may stand
-            if default is not None and _is_same(text, default):
-                continue
-            if ignored_by:
-                yield ignored_by
-                continue
-            item = label + shown(text.strip()) if child is None or text.strip() else label
-            usual = f"write {default}" if default else "remove it"
-            raise InputError(f"line {line}: {owner}<{element.name}> has {item}, which no model "
-                             f"here has; {cure or usual}.")
-        elif name not in once and name not in repeated:
-            suggestion = proposal(name.strip("@"), [key.strip("@") for key in parts.names])
-            raise InputError(f"line {line}: {owner}{label} is no part of <{element.name}> in "
-                             f"{schema.format}{suggestion}; remove it.")
-        elif name in once and counts[name] > 1:
-            raise InputError(f"line {line}: {owner}{label} is in <{element.name}> "
-                             f"{counts[name]} times; write it once.")
-        elif child is not None:
-            yield from _extras(child, element.name, owner, schema)
+        elif part.name in parts.refused:
+            yield from _ignored_names(part, parts.refused[part.name], element, owner)
+        else:
+            _refuse_unknown_or_repeated(part, parts, element, owner, schema.format)
+            if part.child is not None:
+                yield from _extras(part.child, element.name, owner, schema)
+
+
+def _ignored_names(
+    part: _Part, refusal: Refused, element: Element, owner: str
+) -> Iterator[str]:
+    """Yield the name that ignores a part, none if it is at its default; refuse any other part."""
+    # a value that means "nothing" may stand
+    if refusal.default is not None and _is_same(part.text, refusal.default):
+        return
+    if refusal.name:
+        yield refusal.name
+        return
+    has_text = part.child is None or part.text.strip()
+    item = part.label + shown(part.text.strip()) if has_text else part.label
+    usual_cure = f"write {refusal.default}" if refusal.default else "remove it"
+    raise InputError(f"line {part.line}: {owner}<{element.name}> has {item}, which no model "
+                     f"here has; {refusal.cure or usual_cure}.")
+
+
+def _refuse_unknown_or_repeated(
+    part: _Part, parts: Parts, element: Element, owner: str, format_name: str
+) -> None:
+    """Refuse a part that an element of the format does not have, or has only once."""
+    if part.name in parts.once.split():
+        # counted for these few names only: an element may have thousands of other children
+        count = sum(child.name == part.name for child in element.children)
+        if count > 1:
+            raise InputError(f"line {part.line}: {owner}{part.label} is in <{element.name}> "
+                             f"{count} times; write it once.")
+    elif part.name not in parts.many.split():
+        suggestion = proposal(part.name.strip("@"), [key.strip("@") for key in parts.names])
+        raise InputError(f"line {part.line}: {owner}{part.label} is no part of <{element.name}> in "
+                         f"{format_name}{suggestion}; remove it.")
 
 
 def _is_same(text: str, default: str) -> bool:
