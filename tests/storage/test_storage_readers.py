@@ -96,11 +96,10 @@ def test_files_have_no_leftovers_of_another_kind(opened, tmp_path):
 def test_same_bytes_whatever_the_hash_seed(tmp_path):
     """Two processes, two orders of sets and of dictionaries of them."""
     code = FAST_TOP + """
-import sys
 for real in ("double", "long-double"):
     step = gs.stepper("G-L", stages=2, real=real)
     q, p = step.project(top.q0, top.p0, parameters=parameters)
-    record(step, q, p, dt=1e-3, steps=100, every=3, parameters=parameters, out=real + ".zarr")
+    step.integrate(q, p, dt=1e-3, steps=100, every=3, parameters=parameters, out=real + ".zarr")
 """
     for seed in ("1", "2"):
         (tmp_path / seed).mkdir()
