@@ -254,6 +254,13 @@ void heavy_top_gl2_gamma_defects(const heavy_top_gl2_gamma_parameters *parameter
     const double *q,
     const double *p, double *g, double *f);
 
+/*
+ * 1 if |g| and |f| of a state are at round-off level: no larger than a change of its coordinates
+ * and momenta by 64 epsilon makes them. 0 if not, or if this is not certain.
+ */
+int heavy_top_gl2_gamma_is_consistent(const heavy_top_gl2_gamma_parameters *parameters,
+    const double q[4], const double p[4]);
+
 /* Projects (q, p) onto g(q) = 0, f(q, p) = 0 along g_q^T by Newton's method. */
 int heavy_top_gl2_gamma_project(const heavy_top_gl2_gamma_parameters *parameters, double q[4],
     double p[4]);

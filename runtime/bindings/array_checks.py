@@ -20,6 +20,7 @@ __all__ = ["as_array", "as_numbers", "as_positive_count", "as_real",
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
 _MOST = 2**62
+_DOUBLE = np.dtype(np.float64)
 #: Numbers up to which floats are faster than arrays.
 _FEW = 32
 
@@ -30,9 +31,11 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
     Lists, integers, other types of numbers and strided views are converted by value. Raises
     InputError for another shape, for complex, boolean or non-numeric entries, for NaN and infinity.
     """
-    if (type(value) is np.ndarray and value.dtype.type is dtype and value.dtype.isnative
-            and value.shape == shape and _all_finite(value)):
-        return value.copy()  # what most calls give
+    # what most calls give; a finite sum has finite entries
+    if (type(value) is np.ndarray and value.dtype is _DOUBLE and dtype is np.float64
+            and value.shape == shape and value.size <= _FEW and value.ndim == 1
+            and math.isfinite(sum(value.tolist()))):
+        return value.copy()
     array = as_numbers(name, value)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
@@ -47,8 +50,6 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
 
 def _all_finite(array: NDArray[Any]) -> bool:
     """Whether all entries of an array of floating-point numbers are finite."""
-    if array.ndim == 1 and array.size <= _FEW and array.dtype == np.float64:
-        return all(map(math.isfinite, array.tolist()))
     # The number of finite entries is the fastest of NumPy's reductions over truth values.
     return int(np.count_nonzero(np.isfinite(array))) == array.size
 

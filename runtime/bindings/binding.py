@@ -225,20 +225,13 @@ class Binding(Compiled):
             function(self.set_of(parameters, i), rows, *self._times(None), *pointers)
         return g, f
 
-    def defects_of_entries(
-        self, parameters: ParameterStruct, q: list[float], p: list[float]
-    ) -> tuple[list[float], list[float]]:
-        """Return the defects of states whose doubles are in lists, as lists.
+    def is_consistent(self, parameters: ParameterStruct, q: Array, p: Array) -> bool:
+        """Return whether a few moves show that g and f of a state are at round-off level.
 
-        Lists are faster than arrays. ``q`` and ``p`` have the states one behind the other.
+        These moves may find too little change: ``defects_of_starts`` decides about others.
         """
-        allocate, reals, rows = self.ffi.new, self._reals, len(q) // self.n
-        # C is given no empty array: g has an entry also where m = 0
-        g, f = allocate(reals, rows * self.m or 1), allocate(reals, rows * self.conditions)
-        self.function("defects")(parameters, rows, *self._times(None), allocate(reals, q),
-                                 allocate(reals, p), g, f)
-        return (self.ffi.unpack(g, rows * self.m) if self.m else []), self.ffi.unpack(
-            f, rows * self.conditions)
+        return not self.conditions or bool(self.function("is_consistent")(
+            parameters, self.pointer(q), self.pointer(p)))
 
     def sets(self, parameters: ParameterStruct) -> int:
         """Return the number of parameter structs in an array of them, or 1 for one struct."""

@@ -102,8 +102,6 @@ class Compiled:
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
         self.lanes = int(self.function("lanes")()) if manifest.fast_path.available else 0
         self._report_type: np.dtype[Any] | None = None
-        #: Parameters, q and p, in bytes, of the last start that was seen to be on the constraints.
-        self.consistent_state = b""
         #: Memory of ``integrate``, and of ``integrate_lanes``.
         size = self.ffi.sizeof(f"{self.name}_work")
         self.works, self.batches = Pool(self.work, size), Pool(self.batch_memory, size)
@@ -288,6 +286,44 @@ class Compiled:
             pointer(rows.multipliers, self.multipliers * row), counts, *work, state.record,
             state.work,
         ))
+
+    def integrate_short(
+        self, constants: RunConstants, q: Array, p: Array, steps: int, every: int
+    ) -> tuple[int, RunState, Callable[[], Rows]]:
+        """Take ``steps`` steps from (q, p), which stay; return the status and the state after them.
+
+        The function returned reads the stored rows. All numbers are in one array, whose parts are
+        views when they are asked for: NumPy takes as long for a few as C for a step. Not for
+        float128, whose arrays are packed for each call.
+        """
+        n, row_count = self.n, steps // every + 1
+        # the state, and rows of q, of p, of multipliers and of work, one behind the other
+        p_rows = (2 + row_count) * n
+        multiplier_rows = p_rows + row_count * n
+        work_rows = multiplier_rows + row_count * self.multipliers
+        block = np.zeros(work_rows + row_count, dtype=self.dtype)
+        q_end, p_end = block[:n], block[n : 2 * n]
+        q_end[:], p_end[:] = q, p
+        counts = self.ffi.new(self._types["int[]"], row_count)
+        state = RunState(q_end, p_end, self.report(), self.works.take())
+        start = self._from_buffer(self._reals, block, True)
+        status = self.function("integrate")(
+            constants.parameters, constants.options, *self.input_arguments(constants.inputs)[:2],
+            constants.dt, steps, every, start, start + n, start + 3 * n, start + (p_rows + n),
+            start + (multiplier_rows + self.multipliers), counts + 1,
+            *([start + (work_rows + 1)] if self.has_forces else []), state.record, state.work)
+        self.works.give_back(state.work)
+
+        def rows() -> Rows:
+            """Return the rows of the run, the start in the first of them."""
+            q_column, p_column, multipliers = (
+                block[start:end].reshape(row_count, -1) for start, end in (
+                    (2 * n, p_rows), (p_rows, multiplier_rows), (multiplier_rows, work_rows)))
+            q_column[0], p_column[0] = q, p
+            iterations = np.frombuffer(self.ffi.buffer(counts), dtype=np.intc)
+            return Rows(q_column, p_column, multipliers, iterations, block[work_rows:])
+
+        return int(status), state, rows
 
     def input_arguments(self, inputs: InputRows | None) -> list[Any]:
         """Return the arguments for inputs: rows, steps that each is held, rows from run to run.

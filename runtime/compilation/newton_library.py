@@ -30,7 +30,15 @@ __all__ = ["CHECK", "checked", "connect", "declarations", "open_library", "table
 
 #: The place of the check function in the table, behind the functions that objects call.
 CHECK = len(NEWTON_CALLS)
-_pending = threading.local()
+
+
+class _Pending(threading.local):
+    """The error of a library that could not be loaded, until the call that asked for it ends."""
+
+    error: BaseException | None = None
+
+
+_pending = _Pending()
 
 
 def declarations(name: str) -> str:
@@ -130,7 +138,7 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
         """Call the function, and raise the error of a library that could not be loaded meanwhile.
         """
         value = function(*arguments)
-        error = getattr(_pending, "error", None)
+        error = _pending.error
         if error is not None:
             _pending.error = None
             raise error

@@ -19,7 +19,6 @@ from ...core.solver import Solver, as_solver
 from ...core.start import Start, as_start, has_start
 from ..bindings.array_checks import as_real
 from ..results.rotation_rate import Limits, are_slow
-from .consistency import is_plainly_consistent
 from .run_arguments import (
     IMMUTABLE,
     Integration,
@@ -73,8 +72,9 @@ class CallMemory:
                                       or all(map(_is_same, arguments, last_call.arguments)))
                 or not _are_same(parameters, last_call.parameters)):
             return None
+        binding, run, constants = stepper.binding, last_call.plan.run, last_call.plan.constants
         q: Any = start
-        t0: Any = 0.0
+        t0: Any = run.t0
         if p is None:
             start = getattr(start, "start", None)
             if (type(start) is not Start or last_call.start is None or start._events
@@ -84,17 +84,15 @@ class CallMemory:
             q, p, t0 = start.q, start.p, start.t
         elif last_call.start is not None:
             return None
-        binding, run, constants = stepper.binding, last_call.plan.run, last_call.plan.constants
         try:
             q, p = stepper._state(q, p)
-            t0 = as_real("t", t0, binding.number)
+            t0 = t0 if last_call.start is None else as_real("t", t0, binding.number)
         except GyrosparkError:
             return None  # refused by the checks of another call, whose sentence knows the start
         if not are_slow(last_call.limits, q.tolist(), p.tolist()):
             return None
         assert constants is not None  # ``keep`` computes them
-        if binding.conditions and not is_plainly_consistent(
-                binding, constants.parameters, q, p):
+        if not binding.is_consistent(constants.parameters, q, p):
             return None
         return changed(last_call.plan, run=changed(run, q=q, p=p, t0=t0,
                                                    parameters=run.parameters.copy()))

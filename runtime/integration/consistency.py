@@ -9,8 +9,6 @@ step, without constraint forces, changes in it.
 
 from __future__ import annotations
 
-import math
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -33,8 +31,8 @@ if TYPE_CHECKING:
     from ..steppers.evaluation import Evaluation
     from .run_arguments import RunArguments
 
-__all__ = ["Defects", "defects_of_starts", "is_plainly_consistent", "moved_onto_constraints",
-           "refuse_inconsistent", "refuse_singular_mass", "text_of_move"]
+__all__ = ["Defects", "defects_of_starts", "moved_onto_constraints", "refuse_inconsistent",
+           "refuse_singular_mass", "text_of_move"]
 
 #: Coordinates, of more of which moves of each by itself would take gigabytes.
 _MOST_COORDINATES = 2000
@@ -44,12 +42,6 @@ _DRAWS = 2
 _ROUNDING = 4096
 #: What typed digits are off by, in parts of the size: not worth a warning.
 _TYPED = 1e-12
-#: Numbers up to which floats are faster than arrays.
-_FEW = 32
-#: Coordinates up to which the moved states are lists of floats, for the same reason.
-_FEW_COORDINATES = 8
-#: Squares between these have sums and products that stay in the range of doubles.
-_USUAL = 1e-200, 1e200
 
 
 @dataclass(frozen=True)
@@ -112,7 +104,7 @@ def moved_onto_constraints(
         compiled_parameters = binding.parameters(stepper.check_parameters(values), t0)
         full_state = binding.start_in_scaled_time(compiled_parameters, *state, t0)
         # the bits of a start that is consistent stay: a projection would round them anew
-        if is_plainly_consistent(binding, compiled_parameters, *full_state):
+        if binding.is_consistent(compiled_parameters, *full_state):
             return q, p, ""
         with np.errstate(all="ignore"):
             projected_state = stepper._projected(*full_state, compiled_parameters)
@@ -143,7 +135,7 @@ def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments)
     if not binding.conditions:
         return
     parameters = binding.parameters(run.parameters, run.t0)
-    if not is_plainly_consistent(binding, parameters, run.q, run.p):
+    if not binding.is_consistent(parameters, run.q, run.p):
         _refuse_off_constraints(binding, manifest, parameters, run)
 
 
@@ -291,89 +283,6 @@ def _draws(n: int) -> _Moves:
     q_moves, p_moves = (np.vstack([np.zeros((1, n)), w, -w]) for w in draws)
     # an Euler step is no small move: half of it leaves room for terms of third order
     return _Moves(q_moves, p_moves, _forth_and_back, 0.5)
-
-
-@lru_cache(maxsize=8)
-def _entries_of_draws(n: int) -> tuple[list[list[float]], list[list[float]]]:
-    """Return three moves of ``_draws`` as lists of q and of p: 0, the last draw forth and back."""
-    moves = _draws(n)
-    # rows 0, _DRAWS and 2 _DRAWS of 1 + 2 _DRAWS
-    return moves.q[::_DRAWS].tolist(), moves.p[::_DRAWS].tolist()
-
-
-def is_plainly_consistent(
-    binding: Binding, parameters: ParameterStruct, q: Array, p: Array
-) -> bool:
-    """Return whether a few moves show that a state is within the bounds of ``_defects_and_bounds``.
-
-    The last such state is recalled: a start is looked at when it is merged and when it is checked.
-    """
-    state = b"" if binding.dtype is object else b"".join(
-        (binding.ffi.buffer(parameters)[:], q.tobytes(), p.tobytes()))
-    if state and state == binding.consistent_state:
-        return True
-    consistent = _is_within_bounds(binding, parameters, q, p)
-    if consistent:
-        binding.consistent_state = state
-    return consistent
-
-
-def _is_within_bounds(binding: Binding, parameters: ParameterStruct, q: Array, p: Array) -> bool:
-    """Return whether |d| ≤ (64 ε/ν) max |d(x + ν |x| w) − d(x − ν |x| w)|/2 for g and f, as d.
-
-    x is (q, p), w the moves of ``_draws`` and ν that of ``_move_scales``. These few moves
-    may find too little change: ``_defects_and_bounds`` decides about what they refuse.
-    """
-    nudge, epsilons = _move_scales(binding)
-    if binding.dtype is np.float64 and binding.n <= _FEW_COORDINATES:
-        states = q.tolist(), p.tolist()
-        squares = [sum(map(operator.mul, x, x)) for x in states]
-        if all(x == 0 or _USUAL[0] < x < _USUAL[1] for x in squares):
-            # lists, as an array of a few numbers takes longer than they do
-            scales = [nudge * math.sqrt(x) for x in squares]
-            moved_entries = [[a + scale * w for row in rows for a, w in zip(x, row, strict=True)]
-                             for x, scale, rows in zip(states, scales, _entries_of_draws(binding.n),
-                                                       strict=True)]
-            g, f = binding.defects_of_entries(parameters, *moved_entries)
-            if _is_small(f, binding.conditions, epsilons) and (
-                    not g or _is_small(g, binding.m, epsilons)):
-                return True  # the other moves could only raise the bounds
-    with np.errstate(all="ignore"):  # takes as long as half of the above
-        return _is_within_bounds_of_arrays(binding, parameters, q, p)
-
-
-def _is_within_bounds_of_arrays(
-    binding: Binding, parameters: ParameterStruct, q: Array, p: Array
-) -> bool:
-    """Return as ``_is_within_bounds`` with all moves of ``_draws``, for any type of numbers."""
-    moves, nudge, epsilons = _draws(binding.n), *_move_scales(binding)
-    double, states = binding.dtype is np.float64, []
-    for x, move in ((q, moves.q), (p, moves.p)):
-        y = x if double else x.astype(float)
-        moved_state = x + nudge * math.sqrt(y.dot(y)) * move
-        states.append(moved_state if double else moved_state.astype(binding.dtype))
-    for d in binding.defects(parameters, *states):
-        if 0 < d.size <= _FEW:  # in Python's floats: half of the time
-            if not _is_small(d.ravel().tolist(), d.shape[1], epsilons):
-                return False
-            continue
-        size, change = np.abs(d[0]), np.abs(d[1 : _DRAWS + 1] - d[_DRAWS + 1 :]).ravel()
-        # argmax is the fastest of NumPy's reductions; NaN is the largest to it
-        if size.size and not size[size.argmax()] <= epsilons / 2 * change[change.argmax()]:
-            return False
-    return True
-
-
-def _is_small(entries: list[float], count: int, epsilons: float) -> bool:
-    """Return whether g or f of a state is within its bound, (64 ε/ν) max |d⁺ − d⁻|/2.
-
-    The first ``count`` of ``entries`` are of the state itself; d⁺ after moves forth and d⁻ after
-    moves back follow. ``epsilons`` is 64 ε/ν.
-    """
-    middle = (len(entries) + count) // 2
-    plus, minus = entries[count:middle], entries[middle:]
-    bound = epsilons / 2 * max(map(abs, map(operator.sub, plus, minus)))
-    return all(map(bound.__ge__, map(abs, entries[:count])))
 
 
 def _move_scales(binding: Binding) -> tuple[float, float]:

@@ -38,6 +38,8 @@ FIRST_STEPS, _CHUNK = 16, 4096
 _CHUNK_WITH_EVENTS = 2**14
 #: Seconds that a chunk takes, where a step does not take longer.
 _CHUNK_SECONDS = 0.1
+#: A single step is not interrupted: there are no states before it to return.
+_WITHOUT_INTERRUPTS = nullcontext(Interrupts())
 
 
 class ChunkSize:
@@ -95,8 +97,7 @@ def integrate(
     Stopped
         After Ctrl-C, with everything computed until then.
     """
-    # a single step is not interrupted: there are no states before it to return
-    with catch_ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
+    with catch_ctrl_c() if run.steps > 1 else _WITHOUT_INTERRUPTS as interrupts:
         trajectory, status, state = course(binding, manifest, run, lambda: interrupts.requested,
                                            progress, observer, constants)
     return finished(binding, manifest, run, trajectory, status, state, interrupts)
@@ -138,16 +139,19 @@ def course(
     The run goes up to its end, to a step that fails, to the event that ends it, or until
     ``stop()`` is true, which is called between chunks.
     """
+    if (observer is None and progress is None and run.stored_steps is None
+            and 0 < run.steps <= FIRST_STEPS and not run.steps % run.every
+            and binding.dtype is not object and not stop()):
+        # a run of one chunk, without the bookkeeping of ``fill``: it takes microseconds
+        status, state, read_rows = binding.integrate_short(
+            constants or run.constants(binding), run.q, run.p, run.steps, run.every)
+        return (trajectory_of(binding, manifest, run, read_rows, state.record, state.q, state.p),
+                status, state)
     # how many steps an open end takes is not known: ``fill`` makes room as they come
     rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
     rows.q[0], rows.p[0] = run.q, run.p
     state = RunState.at_start(binding, run.q, run.p, binding.works.take())
-    if (observer is None and progress is None and run.stored_steps is None
-            and 0 < run.steps <= FIRST_STEPS and not run.steps % run.every and not stop()):
-        # a run of one chunk, without the bookkeeping of ``fill``: it takes microseconds
-        status = binding.integrate(constants or run.constants(binding), run.steps, run.every, state,
-                                   rows, 1)
-    elif observer is None:
+    if observer is None:
         status, rows = fill(binding, run, rows, state, stop, progress)
     else:
         status, rows = fill(binding, run, rows, state,
@@ -156,7 +160,8 @@ def course(
         if observer.end is not None:  # a step that fails after the end is none of the run's
             status = 0
     binding.works.give_back(state.work)
-    trajectory = trajectory_of(binding, manifest, run, rows, state.record, state.q, state.p)
+    trajectory = trajectory_of(binding, manifest, run, lambda: rows, state.record, state.q,
+                               state.p)
     return trajectory, status, state
 
 
@@ -257,8 +262,8 @@ def next_chunk(
 
 
 def trajectory_of(
-    binding: Binding, manifest: Manifest, run: RunArguments, rows: Rows, record: RunRecord,
-    q: Array, p: Array,
+    binding: Binding, manifest: Manifest, run: RunArguments, read_rows: Callable[[], Rows],
+    record: RunRecord, q: Array, p: Array,
 ) -> Trajectory:
     """Return the trajectory of rows that were filled, which are read when they are asked for.
 
@@ -268,15 +273,14 @@ def trajectory_of(
 
     def states() -> States:
         """Return the rows that are filled when this is called first."""
+        rows = read_rows()
         step_count = int(record.steps)
         row_count = run.stored(step_count)
-        steps = run.steps_of_rows(step_count)
+        elapsed = binding.times(0 * run.t0, run.dt, run.steps_of_rows(step_count))
         return States(
-            binding, manifest, binding.parameters(own_parameters, run.t0),
-            binding.times(run.t0, run.dt, steps), rows.q[: row_count + 1],
-            rows.p[: row_count + 1], rows.multipliers[1 : row_count + 1],
-            rows.iterations[1 : row_count + 1], rows.work[: row_count + 1],
-            binding.times(0 * run.t0, run.dt, steps))
+            binding, manifest, binding.parameters(own_parameters, run.t0), run.t0 + elapsed,
+            rows.q[: row_count + 1], rows.p[: row_count + 1], rows.multipliers[1 : row_count + 1],
+            rows.iterations[1 : row_count + 1], rows.work[: row_count + 1], elapsed)
 
     return Trajectory.of(
         states,

@@ -155,8 +155,10 @@ class Trajectory(Shown):
 
         States, and a report by ``_read`` in place of ``report``, may be made when asked for.
         """
-        return changed(object.__new__(cls), **{
-            "events": {}, "impacts": {}, "_end_event": {}, **others, "_states": states})
+        trajectory = object.__new__(cls)
+        trajectory.__dict__.update({"events": {}, "impacts": {}, "_end_event": {}, **others,
+                                    "_states": states})
+        return trajectory
 
     def of_states(self, states: States, **changes: Any) -> Trajectory:
         """Return a trajectory with other states, and other values of some fields."""
@@ -177,7 +179,7 @@ class Trajectory(Shown):
                 states = attributes["_states"] = states()
             array = value_of(_OUTPUTS[name], states)
             # a caller may change what it gets, and must not change the states with it
-            if any(np.may_share_memory(array, state_array) for state_array in states.arrays):
+            if array.base is not None or any(array is x for x in states.arrays):
                 array = array.copy()
             return self.__dict__.setdefault(name, array)
 

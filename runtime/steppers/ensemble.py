@@ -505,7 +505,7 @@ def _ensemble(
 
     def member(i: int) -> Trajectory:
         """Return trajectory i, up to its failed step if it has one."""
-        trajectory = trajectory_of(binding, stepper.manifest, runs[i], computed.rows[i],
+        trajectory = trajectory_of(binding, stepper.manifest, runs[i], lambda: computed.rows[i],
                                    computed.final_report(i), computed.q[i], computed.p[i])
         return changed(trajectory, events=shown_crossings[i] if shown_crossings else {},
                        _origin=Origin(runs[i], event_tuple))

@@ -121,7 +121,7 @@ class AdvancingRun:
                       every=self.steps + 2)
         rows = Rows.allocate(self.binding, 1)
         rows.q[0], rows.p[0] = self.q, self.p
-        return changed(trajectory_of(self.binding, manifest, run, rows, self.record,
+        return changed(trajectory_of(self.binding, manifest, run, lambda: rows, self.record,
                                      self.q.copy(), self.p.copy()), every=1)
 
 
@@ -237,7 +237,7 @@ class RecordingRun(AdvancingRun):
         run = replace(self.run, steps=step_count).with_inputs(inputs if self._has_inputs else None)
         record = self.binding.report()
         self.binding.image(record)[:] = self.binding.image(self.record)
-        return trajectory_of(self.binding, manifest, run, rows, record, self.q.copy(),
+        return trajectory_of(self.binding, manifest, run, lambda: rows, record, self.q.copy(),
                              self.p.copy())
 
 

@@ -71,6 +71,8 @@ __all__ = ["SOLVERS", "Stepper", "stepper_of"]
 
 #: Characters of H that notebooks show.
 _LONGEST = 300
+#: The progress of a run too short to show it.
+_QUIET = nullcontext()
 
 
 @explain_arguments
@@ -412,13 +414,13 @@ class Stepper(Dynamics):
         """
         # a run that ends before the first look at the clock shows no share that is done
         quiet = progress is None and run.steps <= FIRST_STEPS and not run.open_end
-        with nullcontext() if quiet else log_progress(
+        with _QUIET if quiet else log_progress(
                 f"integrating {self.name}", run.steps, progress) as report:
             if plan.events:
                 from ..events.observer import observed
 
                 return observed(self, run, plan.events, report, plan.end_event)
-            return integrate(self.binding, self.manifest, run, report, constants=plan.constants)
+            return integrate(self.binding, self.manifest, run, report, None, plan.constants)
 
     def _warn_of_motion(self, trajectory: Trajectory, run: RunArguments) -> None:
         """Warn where a step turns a body too far, or does not follow a fast motion."""

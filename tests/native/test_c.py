@@ -88,8 +88,9 @@ def test_symbols_are_the_documented_functions(name, spec, tmp_path):
     assert {words[-2] for words in lines} <= set("TtrUu"), lines
     functions = {"step", "integrate", "T1", "T2", "guess", "residual", "jacobian",
                  "increment_size", "last_increment", "satisfies_constraints", "hamiltonian",
-                 "defects", "project", "lanes", "integrate_lanes", "integrate_many", "work_size",
-                 "begin", "advance", "set_parameters", "report_of", "near", "is_valid"}
+                 "defects", "is_consistent", "project", "lanes", "integrate_lanes",
+                 "integrate_many", "work_size", "begin", "advance", "set_parameters", "report_of",
+                 "near", "is_valid"}
     if spec.stages:
         functions |= {"coefficients"}
     assert exported == {f"{spec.name}_{function}" for function in functions}

@@ -180,6 +180,71 @@ void NAME(defects)(const parameters_t *parameters, long count, IF_TIME(
         observed_defect(at, q + i*N, p + i*N, f + i*HIDDEN);
     }
 }
+
+static real euclidean_norm(const real x[N])
+{
+    real square = 0;
+    for (int a = 0; a < N; ++a)
+        square += x[a]*x[a];
+    return MATH(sqrt)(square);
+}
+
+/* A fraction of 1/2 to 1 with pseudo-random sign: none is near 0. */
+static real random_fraction(unsigned *seed)
+{
+    *seed = *seed*1664525u + 1013904223u;
+    const real size = (real)0.5 + (real)(*seed >> 8 & 0x7fffffu)/(real)0x1000000;
+    return *seed >> 31 ? -size : size;
+}
+
+/* d <- [g; f] at (q + sign*move[0], p + sign*move[1]) */
+static void moved_defect(const constants *c, const real q[N], const real p[N], int sign,
+    real move[2][N], real d[M + HIDDEN])
+{
+    real moved[2][N];
+    for (int a = 0; a < N; ++a) {
+        moved[0][a] = q[a] + (real)sign*move[0][a];
+        moved[1][a] = p[a] + (real)sign*move[1][a];
+    }
+    IF_CONSTRAINED(constraint(c, moved[0], d);)
+    observed_defect(c, moved[0], moved[1], d + M);
+}
+
+/*
+ * The bound of g and f is what a move by 64 epsilon of |q| and |p| changes them by. It is measured
+ * with larger moves forth and back, whose half difference has no term of second order, and scaled
+ * down. All coordinates move at once by random fractions: g and f change by no more than the sum
+ * over moves of each coordinate by itself.
+ */
+int NAME(is_consistent)(const parameters_t *parameters, const real q[N], const real p[N])
+{
+    enum { MOVES = 2, UNITS = 64 };
+    const real size = MATH(sqrt)(MATH(sqrt)(epsilon))/1024, factor = UNITS*epsilon/size/2;
+    const real q_size = size*euclidean_norm(q), p_size = size*euclidean_norm(p);
+    real move[2][N], d[M + HIDDEN], forth[M + HIDDEN], back[M + HIDDEN];
+    real change[2] = { 0, 0 }; /* the largest of g, of f */
+    unsigned seed = 1;
+    constants c;
+    prepare(parameters, &c);
+    const constants *at = AT(&c, start_time(parameters));
+    for (int a = 0; a < N; ++a)
+        move[0][a] = move[1][a] = 0;
+    moved_defect(at, q, p, 0, move, d);
+    for (int k = 0; k < MOVES; ++k) {
+        for (int a = 0; a < N; ++a) {
+            move[0][a] = q_size*random_fraction(&seed);
+            move[1][a] = p_size*random_fraction(&seed);
+        }
+        moved_defect(at, q, p, 1, move, forth);
+        moved_defect(at, q, p, -1, move, back);
+        for (int i = 0; i < M + HIDDEN; ++i)
+            change[i >= M] = larger(change[i >= M], MATH(fabs)(forth[i] - back[i]));
+    }
+    for (int i = 0; i < M + HIDDEN; ++i)
+        if (!(MATH(fabs)(d[i]) <= factor*change[i >= M])) /* NaN is not within it */
+            return 0;
+    return 1;
+}
 #endif
 
 #endif
