@@ -52,14 +52,15 @@ def plan(
     step_name = "dtau" if binding.clocked else "dt"
     names = {*steppers[0].parameter_domains, step_name, SCHEME}
     varied = _varied_names(over, names)
-    axes, seed = _axes(over, names, start, varied, step_name)
+    axes, seed = _axes(over, names, start, parameter_values, varied, step_name)
     # a model may name dt, but has no Δτ
     if step_name not in varied or dt is not None or dtau is not None:
         dt = step_argument(binding, start.dt if dt is None and not binding.clocked else dt, dtau)
-    common_parameters = base_parameters(steppers[0], start, parameter_values, varied)
+    common_parameters, means = base_parameters(steppers[0], start, parameter_values, varied)
     study = checked_study(Study(
         f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
-        common_parameters, np.array(start.q0), np.array(start.p0), dt, seed=seed, **options))
+        common_parameters, np.array(start.q0), np.array(start.p0), dt, seed=seed, means=means,
+        **options))
     _refuse_impossible_inertias(study, start.bodies)
     _warn_of_moved_start(study, common_parameters | study.parameters)
     return study
@@ -78,7 +79,8 @@ def _varied_names(over: Mapping[str, Any], names: set[str]) -> set[str]:
 
 
 def _axes(
-    over: Mapping[str, Any], names: set[str], start: RunDefaults, varied: set[str], step_name: str
+    over: Mapping[str, Any], names: set[str], start: RunDefaults,
+    parameter_values: Mapping[str, Any], varied: set[str], step_name: str
 ) -> tuple[list[Axis], int | None]:
     """Return an axis for each key of ``over``, and the seed of the first random axis, or None."""
     axes: list[Axis] = []
@@ -87,7 +89,7 @@ def _axes(
         if key in names:
             axes.append(value_axis(key, axis_values))
         elif key == START:
-            axes.append(starts(axis_values, start, varied))
+            axes.append(starts(axis_values, start, parameter_values, varied))
         else:
             axis, axis_seed = _points(key, axis_values, step_name)
             axes.append(axis)

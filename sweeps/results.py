@@ -34,7 +34,7 @@ from ..storage.array_layout import (
 from ..storage.chunk_writer import Chunk, write_chunks
 from ..storage.durable_files import DurableStore, storage_errors
 from ..storage.identity import written_by
-from .axes import SCHEME
+from .axes import SCHEME, START
 from .cell_events import count_of, first_of
 from .study import Study
 from .tiles import Tile, tile_counts, tile_shape, tiles_of
@@ -107,6 +107,7 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
                                  f"time of the first {crossing}; NaN where none", units="s"),
                    _scalar_field(count_of(event.name), f"how often {crossing}")]
     fields += _sample_fields(study, state, momentum)
+    _refuse_result_names(study, fields)
     return [*_selected_fields(fields, keep), _status_field()]
 
 
@@ -130,6 +131,20 @@ def _error_fields(has_forces: bool, joule: Mapping[str, str]) -> list[StoredFiel
         _scalar_field("momentum_constraint_max", "largest |g_q H_p| of all steps"),
         _scalar_field("momentum_constraint_mean", "mean |g_q H_p| of all steps"),
     ]
+
+
+def _refuse_result_names(study: Study, fields: list[StoredField]) -> None:
+    """Refuse an axis, or a column of one, with the name of a result or of its dimensions.
+
+    A dataset has each name once.
+    """
+    names = {STATUS, *(field.name for field in fields),
+             *(dimension for field in fields for dimension, _ in field.inner)}
+    for axis in study.axes:
+        for name in (axis.name, *axis.columns):
+            if name in names and axis.name != START:
+                raise InputError(f"{name!r} along the axis {axis.name!r} is the name of a result "
+                                 "of this sweep, or of a dimension of one; give it another name.")
 
 
 def _sample_fields(

@@ -323,6 +323,8 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
             "tile": list(tile_shape(study)),
             "parameters": {name: number for name, number in study.parameters.items()
                            if not study.varied(name)},
+            **({"means": {name: rule.name for name, rule in study.means.items()}}
+               if study.means else {}),
             "q": None if study.varied("q") else [digits_of(x) for x in study.q],
             "p": None if study.varied("p") else [digits_of(x) for x in study.p],
             study.step_name: None if study.varied(study.step_name) else study.dt,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import ChainMap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from ..core.errors import InputError
 from ..core.event import Event, as_events, refuse_unusable_names, terminal_of
 from ..core.incompatibilities import refuse_together
 from ..core.real_types import REALS
+from ..core.start import Rule
 from ..runtime.bindings.array_checks import as_positive_count, as_real, as_step
 from ..runtime.bindings.binding import SOLVERS, SolverName
 from ..runtime.integration.manifest_symmetries import refuse_broken
@@ -44,6 +45,8 @@ class Study:
         The dimensions of the result, in order.
     parameters : dict
         Those that no axis varies.
+    means : dict of str to Rule
+        γ and α that follow the moments of each cell.
     q, p : array, shape (n,)
         The start where no axis varies it.
     dt : float or None
@@ -76,6 +79,7 @@ class Study:
     t0: float = 0.0
     events: tuple[Event, ...] = ()
     seed: int | None = None
+    means: Mapping[str, Rule] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -131,6 +135,10 @@ def checked_study(study: Study) -> Study:
     names = list(stepper.parameter_domains)
     for axis in study.axes:
         for column, values in axis.columns.items():
+            if column in ("q", "p") and axis.name != START:
+                raise InputError(f"{column!r} along the axis {axis.name!r} is no parameter that a "
+                                 "sweep can vary, for the results have the states under this name; "
+                                 f"give states as the axis {START!r}, or rename the parameter.")
             _check_column(study, names, column, values)
     fixed = {name: number for name, number in study.parameters.items() if not study.varied(name)}
     # the first cell stands for all: columns of axes are checked above

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,12 +12,12 @@ import numpy as np
 from ..core.arguments import choose, proposal
 from ..core.arrays import Array
 from ..core.errors import InputError
-from ..core.inertia import REPS, unit_quaternions
+from ..core.inertia import REPS, tensor_of_inverse, unit_quaternions
 from ..core.registry import MEANS, entry_named
 from ..core.start import Rule
 from ..generator.spec import Spec, is_model_file
 from ..runtime.integration.run_arguments import refuse_texts
-from ..runtime.rigid_body.gamma_rules import mean_inertia
+from ..runtime.rigid_body.gamma_rules import gamma_by_rule, has_inertia, inertia_names
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.rigid_body.quaternion import momentum
 from ..runtime.steppers.run_defaults import RunDefaults
@@ -108,37 +109,42 @@ def _scheme(label: str) -> tuple[str, int | None]:
 
 def base_parameters(
     stepper: Stepper, start: RunDefaults, parameter_values: Mapping[str, Any], varied: set[str]
-) -> dict[str, float]:
-    """Return the parameters that all cells have in common.
+) -> tuple[dict[str, Any], dict[str, Rule]]:
+    """Return the parameters that all cells have in common, and rules of those that follow others.
 
-    γ and α without a value follow the model's rules; the rates of a frame are 0.
+    γ and α without a value are means by the model's rules, of the moments of each cell where these
+    vary; the rates of a frame are 0.
     """
     refuse_texts(parameter_values, stepper.parameter_domains)
     parameters: dict[str, Any] = {symmetry.name: 0.0 for symmetry in stepper.symmetries
                                   if symmetry.name not in varied}
     parameters |= {name: number_or_rule for name, number_or_rule in start.parameters.items()
                              if name in stepper.parameter_domains}
-    for name, inertia in start.bodies.items():
-        if name in stepper.parameter_domains and name not in parameters and name not in varied:
-            parameters[name] = _by_rule(name, start.rules.get(name, "m"), inertia)
-    for name, number_or_rule in parameter_values.items():
-        parameters[name] = number_or_rule
-        if isinstance(number_or_rule, Rule) and name in start.bodies:
-            parameters[name] = _by_rule(name, number_or_rule.name, start.bodies[name])
-    return parameters
+    parameters |= parameter_values
+    rules: dict[str, Rule] = {}
+    for name in stepper.parameter_domains:
+        number_or_rule = parameters.get(name, Rule(start.rules.get(name, "m")))
+        if (name not in varied and isinstance(number_or_rule, Rule)
+                and (name in start.bodies or has_inertia(name, stepper.parameter_domains))):
+            parameters.pop(name, None)
+            rules[name] = Rule(number_or_rule.name, start.bodies.get(name))
+    for name, rule in rules.items():
+        if rule.name not in MEANS:
+            raise InputError(f"{name} = {rule.name!r} is chosen for the motion of one run, and a "
+                             f"sweep has many; give {name} a number, such as "
+                             "gyrospark.gamma(inertia, 'h'), or make it an axis.")
+    means = {name: rule for name, rule in rules.items()
+             if not varied.isdisjoint(chain(*inertia_names(name)))}
+    return parameters | {name: gamma_by_rule(name, rule, parameters)
+                         for name, rule in rules.items() if name not in means}, means
 
 
-def _by_rule(name: str, rule: str, inertia: Any) -> float:
-    """Return the mean of an inertia by its rule, or refuse a rule that searches for one run."""
-    if rule not in MEANS:
-        raise InputError(f"{name} = {rule!r} is chosen for the motion of one run, and a sweep has "
-                         f"many; give {name} a number, such as gyrospark.gamma(inertia, 'h'), or "
-                         "make it an axis.")
-    return mean_inertia(inertia, rule)
-
-
-def starts(table: Any, start: RunDefaults, varied: set[str]) -> Axis:
+def starts(
+    table: Any, start: RunDefaults, parameter_values: Mapping[str, Any], varied: set[str]
+) -> Axis:
     """Return the axis of states: rows of q and p, or of angular velocities of one body.
+
+    ``parameter_values`` may have another inertia than the model's.
 
     With ``angular_velocity`` (body axes, rad/s), ``quaternion`` is one for all, one for each, or
     the model's own.
@@ -157,10 +163,16 @@ def starts(table: Any, start: RunDefaults, varied: set[str]) -> Axis:
     if "q" in table:
         return start_axis(table["q"], table["p"])
     # p = 2 L(q)ᵀ J Ω needs the inertia, one for all states
-    if len(start.bodies) == 0 or len(start.q0) != 4 or varied & {"I1", "I2", "I3"}:
+    name, inertia = next(iter(start.bodies.items()), ("", None))
+    moments, inverse_entries = inertia_names(name)
+    if inertia is None or len(start.q0) != 4 or varied & {*moments, *inverse_entries}:
         raise InputError("angular_velocity is for one rigid body whose moments of inertia do not "
                          "vary; give the states as q and p.")
-    inertia = next(iter(start.bodies.values()))
+    parameters = {**start.parameters, **parameter_values}
+    if not parameter_values.keys().isdisjoint(moments):
+        inertia = [parameters[moment] for moment in moments]
+    elif not parameter_values.keys().isdisjoint(inverse_entries):
+        inertia = tensor_of_inverse([parameters[entry] for entry in inverse_entries])
     omega = as_rows("angular_velocity", table["angular_velocity"], 3)
     q = _quaternions(table.get("quaternion", start.q0))
     if len(q) not in (1, len(omega)):

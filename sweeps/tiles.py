@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..core.arrays import Array
+from ..core.start import Rule
+from ..runtime.rigid_body.gamma_rules import gamma_by_rule, inertia_names
 from .axes import SCHEME
 from .study import Study
 
@@ -126,8 +128,21 @@ def cells_of(study: Study, tile: Tile) -> Cells:
 
     dt = column(study.step_name, study.dt).astype(float)
     names = study.steppers[0].parameter_domains
+    parameters = {name: column(name, study.parameters.get(name)) for name in names
+                  if name not in study.means}
+    means = {name: _means(name, rule, parameters) for name, rule in study.means.items()}
     return Cells(
-        column(SCHEME, 0),
-        {name: column(name, study.parameters.get(name)) for name in names},
+        column(SCHEME, 0), {name: (parameters | means)[name] for name in names},
         dt, study.steps_of(dt), column("q", study.q), column("p", study.p),
     )
+
+
+def _means(name: str, rule: Rule, parameters: dict[str, Array]) -> Array:
+    """Return γ or α of each cell, the mean of its moments, which few cells differ in."""
+    names = [moment for moment in itertools.chain(*inertia_names(name)) if moment in parameters]
+    inertias, cells = np.unique(np.column_stack([parameters[moment] for moment in names]), axis=0,
+                                return_inverse=True)
+    means = np.array([gamma_by_rule(name, rule, dict(zip(names, row, strict=True)))
+                      for row in inertias.tolist()])
+    of_cells: Array = means[cells.reshape(-1)]
+    return of_cells

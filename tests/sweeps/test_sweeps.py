@@ -94,6 +94,29 @@ def test_schemes_starts_lists_and_draws():
         assert np.array_equal(result.q[k, 1, 1, 2], run.q[-1])
 
 
+def test_means_and_starts_follow_the_moments_of_a_cell():
+    """γ_m of other moments than the model's, and p = 2 L(q)ᵀ J Ω with them."""
+    step, moments = gs.stepper("EMS"), TOP.parameters | {"I2": 2.5e-3}
+    for over in ({"I1": [2e-3, 3e-3]}, {"point": {"I1": [2e-3, 3e-3]}}):
+        result = gs.sweep(TOP, over, parameters={"I2": 2.5e-3}, scheme="EMS", dt=1e-3, steps=7)
+        for i, I1 in enumerate((2e-3, 3e-3)):
+            gamma = gs.gamma([I1, 2.5e-3, TOP.parameters["I3"]])
+            run = alone(step, moments | {"I1": I1, "gamma": gamma}, 1e-3, 7)
+            assert np.array_equal(result.q[i], run.q[-1])
+    spins = {"start": {"angular_velocity": [[0, 1.0, 120.0]]}}
+    result = gs.sweep(TOP, spins, parameters={"I3": 1e-3}, scheme="EMS", dt=1e-3, steps=1)
+    inertia = [TOP.parameters["I1"], TOP.parameters["I2"], 1e-3]
+    assert np.array_equal(result.p_start[0], gs.Start.of_body(TOP.q0, [0, 1.0, 120.0], inertia).p)
+
+
+@pytest.mark.parametrize(("axis", "column"), [
+    ("status", "mgl"), ("coordinate", "mgl"), ("sample", "mgl"), ("energy_start", "mgl"),
+    ("point", "q")])
+def test_names_of_results_name_no_axis(axis, column):
+    with pytest.raises(gs.InputError, match=axis):
+        gs.sweep(TOP, {axis: {column: [0.3, 0.4]}}, scheme="EMS", dt=1e-3, steps=4, every=2)
+
+
 def test_a_system_of_ones_own_with_forces_time_and_quantities():
     model = model_of("dragged_pendulum")
     result = gs.sweep(model, {"c": [0.2, 0.4]}, scheme="G-L", stages=2, steps=40)
