@@ -82,7 +82,11 @@ def rational(number: sp.Rational) -> Value:
 def _irrational(
     bits: int, level: int, interval: Any, operation: Callable[..., sp.Expr], *arguments: sp.Expr
 ) -> Value:
-    """Return the result of an operation, which is carried out if its bounds permit it."""
+    """Return the result of an operation, which is carried out if its bounds permit it.
+
+    ``bits``, ``level`` and ``interval`` are the bounds and the enclosure of the result; the
+    interval is None for a formula. Raises ``RefusedError`` beyond the limits.
+    """
     if interval is not None:
         bits = max(bits, _binary_magnitude(interval))
     if bits > MAX_IRRATIONAL_BITS:
@@ -142,17 +146,14 @@ def _combine(
     ``interval_operation`` is the operation on two enclosing intervals.
     """
     intervals = [value.interval for value in values]
-    interval = (None if any(i is None for i in intervals)
-                else reduce(interval_operation, intervals))
+    interval = None  # of a formula, which has free symbols
+    if all(operand is not None for operand in intervals):
+        interval = reduce(interval_operation, intervals)
     # integers of the result have at most the bits of all operands, and a carry for each; at least
     # one operand is irrational, or the operation would have been rational arithmetic
-    return _irrational(
-        sum(value.bits + 1 for value in values),
-        max(value.level for value in values) + 1,
-        interval,
-        operation,
-        *(value.exact for value in values),
-    )
+    bits = sum(value.bits + 1 for value in values)
+    level = max(value.level for value in values) + 1
+    return _irrational(bits, level, interval, operation, *(value.exact for value in values))
 
 
 def _refuse_zero(value: Value) -> None:
@@ -198,6 +199,7 @@ def power(base: Value, exponent: Value) -> Value:
 
 def _irrational_power(base: Value, e: sp.Rational) -> Value:
     """Return base^e of an irrational base, with bounds: a power n has n times the bits."""
+    # a half power n + ½ has the bits of n + 1
     bits = base.bits * (int(abs(e)) + int(e.q) - 1)
     interval = _interval_power(base.interval, e)
     operation = sp.Pow
@@ -234,6 +236,7 @@ def _refuse_root(value: Value) -> None:
 
 
 def _square_root(value: Value) -> Value:
+    """Return √value; raises ``RefusedError`` for a negative number."""
     return power(value, rational(HALF))
 
 
@@ -272,6 +275,7 @@ def sign(value: Value) -> Value:
 
 
 def _heaviside(value: Value) -> Value:
+    """Return 0, ½ or 1 for a negative number, 0, and a positive number."""
     return rational((sign(value).exact + 1) / 2)
 
 

@@ -126,6 +126,6 @@ def _digits_after_point(literal: str) -> tuple[int, int]:
     """Return the number of digits after the point, with and without trailing zeros."""
     integer_part, fraction, exponent = decimal_parts(literal)
     digits = (integer_part + fraction).lstrip("0")
-    count = len(fraction) - exponent
-    zeros = len(digits) - len(digits.rstrip("0"))
-    return count, count - zeros if digits else 0
+    count = len(fraction) - exponent  # 1.5e-3 = 0.0015 has 1 + 3
+    trailing_zeros = len(digits) - len(digits.rstrip("0"))
+    return count, count - trailing_zeros if digits else 0

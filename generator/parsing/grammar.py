@@ -159,6 +159,7 @@ class _Parser(Generic[V]):
 
     @property
     def token(self) -> Token:
+        """The next token, which is not consumed yet."""
         return self.tokens[self.next]
 
     def accept(self, *signs: str) -> Token | None:
@@ -179,8 +180,13 @@ class _Parser(Generic[V]):
         return self.apply(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
 
     def quantity(self, units: Mapping[str, V]) -> V:
-        """Parse a sum whose terms all have units, or none: ``1.5 m + 20 cm``."""
-        start, terms, unitless = self.token, [self.product()], []
+        """Parse a sum whose terms all have units, or none: ``90 deg - 0.1 rad``.
+
+        ``units`` has the value of each permitted unit.
+        """
+        start = self.token
+        terms = [self.product()]
+        unitless: list[Token] = []  # tokens where a unit is missing
         while True:  # a unit behind each term is a factor of it
             unit = self.unit(units)
             if unit is None:
@@ -204,8 +210,10 @@ class _Parser(Generic[V]):
             return None
         self.next += 1
         name = token.text
-        if self.accept("/"):
-            name, self.next = f"{name}/{self.token.text}", self.next + (self.token.kind != "end")
+        if self.accept("/"):  # deg/s: the second word belongs to the unit
+            name = f"{name}/{self.token.text}"
+            if self.token.kind != "end":
+                self.next += 1
         if name not in units:
             cure = f"write {', '.join(units)}, or none" if units else "leave it out"
             raise error_at(self.text, token.position,
@@ -275,9 +283,10 @@ class _Parser(Generic[V]):
         opening = self.opening_parenthesis(name)
         arguments = self.arguments(opening, self.sum)
         arity = self.arithmetic.functions[name.text]
-        if len(arguments) != arity and not (arity < 0 and len(arguments) >= -arity):
-            raise self.miscounted(name, arguments,
-                                  f"{-arity} or more" if arity < 0 else f"{arity}")
+        if arity < 0 and len(arguments) < -arity:
+            raise self.miscounted(name, arguments, f"{-arity} or more")
+        if arity >= 0 and len(arguments) != arity:
+            raise self.miscounted(name, arguments, f"{arity}")
         return self.apply(name, self.arithmetic.call, name.text, arguments)
 
     def opening_parenthesis(self, name: Token) -> Token:
@@ -296,6 +305,7 @@ class _Parser(Generic[V]):
         return values
 
     def miscounted(self, name: Token, arguments: Sequence[Any], expected: str) -> InputError:
+        """Return the error of a function with a wrong number of arguments."""
         return error_at(self.text, name.position,
                         f"The function {name.text} has {len(arguments)} arguments",
                         f"give it {expected}")
@@ -311,6 +321,7 @@ class _Parser(Generic[V]):
         return self.apply(name, self.choosing.choose, *arguments)
 
     def condition(self) -> Any:
+        """Parse: condition = all ('or' all)*, all = comparison ('and' comparison)*."""
         return self.junction("or", lambda: self.junction("and", self.comparison))
 
     def junction(self, word: str, operand: Callable[[], Any]) -> Any:
@@ -348,7 +359,7 @@ class _Parser(Generic[V]):
         if token.text not in self.arithmetic.names:
             functions = (f"{name}(…)" for name in self.arithmetic.functions)
             allowed = ", ".join([*sorted(self.arithmetic.names), *functions])
-            self.next -= 1
+            self.next -= 1  # the error has the position of the name
             raise self.error(f"The name {shorten(token.text)} is unknown",
                              f"use one of {shorten(allowed, 600)}"
                              f"{proposal(token.text, self.arithmetic.names)}")
@@ -389,6 +400,7 @@ class _Parser(Generic[V]):
                              f"write {CHOICE}(…, a, b)")
 
     def negative(self, token: Token, value: V) -> V:
+        """Return −value; errors have the position of the sign."""
         return self.apply(token, self.arithmetic.negative, value)
 
     def apply(self, token: Token, function: Callable[..., V], *arguments: Any) -> V:
@@ -397,4 +409,5 @@ class _Parser(Generic[V]):
         return result
 
     def error(self, reason: str, cure: str) -> InputError:
+        """Return an error at the next token."""
         return error_at(self.text, self.token.position, reason, cure)

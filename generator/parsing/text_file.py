@@ -42,10 +42,7 @@ def read_text(path: Path, max_bytes: int) -> str:
         with path.open("rb") as stream:
             content = stream.read(max_bytes + 1)
     except FileNotFoundError:
-        example = Path("examples", path.name)
-        cure = (f"the example of that name is {example.as_posix()!r} from everywhere"
-                if path.name and (_PACKAGE / example).is_file() else "correct the path")
-        raise UnusableFileError(f"there is no such file; {cure}.") from None
+        raise UnusableFileError(f"there is no such file; {_cure_of_path(path)}.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise UnusableFileError(
             f"it cannot be read ({getattr(error, 'strerror', None) or error}); check its path and "
@@ -53,6 +50,19 @@ def read_text(path: Path, max_bytes: int) -> str:
         ) from None
     if len(content) > max_bytes:  # the file has grown, or has the size 0, as in /proc
         raise UnusableFileError(f"it has more than {max_bytes} bytes; write shorter entries.")
+    return _decoded(content)
+
+
+def _cure_of_path(path: Path) -> str:
+    """Return the cure of a path without a file; it names an example of the package if it can."""
+    example = Path("examples", path.name)
+    if path.name and (_PACKAGE / example).is_file():
+        return f"the example of that name is {example.as_posix()!r} from everywhere"
+    return "correct the path"
+
+
+def _decoded(content: bytes) -> str:
+    """Return the text of UTF-8 without a byte order mark; raises ``UnusableFileError``."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -80,18 +90,22 @@ def states_of_files(path: Path, text: str) -> list[str]:
 
     They are part of cache keys, so that changed meshes and includes are read again.
     """
-    folders, states = ["", *_FOLDERS.findall(text)], []
+    folders = ["", *_FOLDERS.findall(text)]
+    states: list[str] = []
     # texts of included files name further ones; a file that includes itself is read once
-    texts, visited = [text], set[Path]()
+    texts = [text]
+    visited = set[Path]()
     while texts:
         for name in _FILES.findall(texts.pop()):
             for file in (path.parent / folder / name for folder in folders):
+                if file in visited:
+                    continue
                 try:
-                    status = None if file in visited else file.stat()
+                    status = file.stat()
                 except (OSError, ValueError):  # not there, or no path at all
                     continue
                 visited.add(file)
-                if status is None or not stat.S_ISREG(status.st_mode):
+                if not stat.S_ISREG(status.st_mode):
                     continue
                 states.append(f"{name} {status.st_size} {status.st_mtime_ns}")
                 if file.suffix == ".xml" and status.st_size <= MODEL_FILES[".xml"]:

@@ -36,16 +36,20 @@ TOKEN = re.compile(
 )
 
 
+#: Characters that other languages have, and what the grammar has in their place.
+_CURES = {"^": "write ** for a power", "=": "write == for a comparison"}
+
+
 def tokens(text: str) -> Iterator[Token]:
     """Yield the tokens of a text; the last one is "end"."""
     position = 0
     while position < len(text):
         match = TOKEN.match(text, position)
         if match is None:
-            cure = {"^": "write ** for a power", "=": "write == for a comparison"}.get(
-                text[position], "use digits, names, + - * / ** ( and )")
-            raise error_at(text, position, f"The character {text[position]!r} has no meaning", cure)
-        kind = str(match.lastgroup)
+            character = text[position]
+            cure = _CURES.get(character, "use digits, names, + - * / ** ( and )")
+            raise error_at(text, position, f"The character {character!r} has no meaning", cure)
+        kind = str(match.lastgroup)  # the name of the group that matched
         if kind != "space":
             yield Token(kind, match.group(), position)
         position = match.end()
@@ -72,6 +76,7 @@ def decimal_parts(literal: str) -> tuple[str, str, int]:
     """Return the digits before and after the point and the decimal exponent of a literal."""
     mantissa, _, exponent = literal.lower().partition("e")
     integer_part, _, fraction = mantissa.partition(".")
+    # by its length first: the conversion of thousands of digits takes long
     if len(exponent.lstrip("+-0")) > 3 or abs(int(exponent or 0)) > MAX_DECIMAL_EXPONENT:
         raise RefusedError(
             f"The decimal exponent {shorten(exponent, 20)} is not within "

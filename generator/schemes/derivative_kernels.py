@@ -71,15 +71,13 @@ def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> li
     """
     constants = {"c": list(columns)}
     kernels = {k.name: k for k in (*scheme.kernels(), *scheme.flow_kernels(work=False))}
-    return [
-        _transposed(kernels["kick_rate"], {**kernels["kick_rate"].inputs, **constants},
-                    with_value=True),
-        _transposed(kernels["free_velocity"],
-                    {**kernels["free_velocity"].inputs, **constants}),
-        _transposed(kernels["flow_rates"], constants),
-        *(_transposed(kernels[name], constants) for name in ("axis_directions", "space_rates")
-          if name in kernels),
-    ]
+    kick, free_motion = kernels["kick_rate"], kernels["free_velocity"]
+    # rates and axes of rotations are functions of the constants alone
+    of_constants = [name for name in ("flow_rates", "axis_directions", "space_rates")
+                    if name in kernels]
+    return [_transposed(kick, {**kick.inputs, **constants}, with_value=True),
+            _transposed(free_motion, {**free_motion.inputs, **constants}),
+            *(_transposed(kernels[name], constants) for name in of_constants)]
 
 
 def _transposed(
@@ -90,12 +88,15 @@ def _transposed(
     ``variables`` has arrays by name; ``with_value`` adds Σ w (output). Weights w of an output y
     are in the array ``y_bar``, the results of an array x in ``x_bar``.
     """
-    flat_outputs = {name: _flat(e) for name, e in kernel.outputs.items()}
-    weights = {f"{name}_bar": vector(f"_w_{name}", len(e)) for name, e in flat_outputs.items()}
+    entries_of = {name: _flat(output) for name, output in kernel.outputs.items()}
+    weights = {f"{name}_bar": vector(f"_w_{name}", len(entries))
+               for name, entries in entries_of.items()}
     # equal subexpressions of different outputs are differentiated once
-    entries = iter(share_repeated([e for row in flat_outputs.values() for e in row]))
-    total = sp.Add(*(w * next(entries) for symbols in weights.values() for w in symbols))
-    cotangents = iter(slopes(total, tuple(x for symbols in variables.values() for x in symbols)))
+    shared_entries = share_repeated([e for entries in entries_of.values() for e in entries])
+    flat_weights = [w for symbols in weights.values() for w in symbols]
+    total = sp.Add(*(w * e for w, e in zip(flat_weights, shared_entries, strict=True)))
+    flat_variables = tuple(x for symbols in variables.values() for x in symbols)
+    cotangents = iter(slopes(total, flat_variables))
     outputs: dict[str, Any] = {f"{name}_bar": [next(cotangents) for _ in symbols]
                                for name, symbols in variables.items()}
     if with_value:
@@ -104,8 +105,12 @@ def _transposed(
                   {**kernel.inputs, **weights}, outputs)
 
 
-def _flat(e: Sequence[Any]) -> list[sp.Expr]:
-    return [x for row in e for x in (row if isinstance(row, list | tuple) else [row])]
+def _flat(output: Sequence[Any]) -> list[sp.Expr]:
+    """Return the entries of a vector or matrix, row by row."""
+    entries: list[sp.Expr] = []
+    for row in output:
+        entries += row if isinstance(row, list | tuple) else [row]
+    return entries
 
 
 def quantity_derivatives(system: System) -> Kernel | None:
@@ -136,7 +141,8 @@ def quantity_rates(system: System) -> Kernel | None:
     step = dict(zip([*system.q, *system.p], [*dq, *dp], strict=True))
     times: dict[str, Any] = {}
     if system.time is not None:
-        step[system.time], times = dt, {"t": [system.time]}
+        step[system.time] = dt
+        times = {"t": [system.time]}
     rates = [sp.Add(*(derivative(e, x) * step[x] for x in step if e.has(x)))
              for e in system.quantities.values()]
     return Kernel("quantity_rates", "derivatives of quantities along (dq, dp, dt)",
@@ -151,23 +157,26 @@ def impact_derivatives(system: System) -> Kernel | None:
     φ_qᵀ μ + g_qᵀ λ by q, the parameters and the time, ``rates`` the derivatives of φ_q H_p + φ_t by
     q, p, the parameters and the time. None without gaps, or if they are too long.
     """
-    moving = {*system.p, *system.inputs}
-    gaps = [e if e.free_symbols.isdisjoint(moving) else sp.Integer(0)
+    # a quantity of p or of inputs is no gap; its place among the gaps is kept by a 0
+    not_of_gaps = {*system.p, *system.inputs}
+    gaps = [e if e.free_symbols.isdisjoint(not_of_gaps) else sp.Integer(0)
             for e in system.quantities.values()]
     time = sp.Dummy() if system.time is None else system.time
     columns = [*system.parameters, time]
     velocities = [derivative(system.H, p) for p in system.p]
-    # φ_q H_p + φ_t of each gap
-    rates = [sp.Add(derivative(e, time), *(derivative(e, x) * v for x, v in zip(
-        system.q, velocities, strict=True))) for e in gaps]
+    rates: list[sp.Expr] = []
+    for gap in gaps:  # φ_q H_p + φ_t
+        terms = [derivative(gap, x) * v for x, v in zip(system.q, velocities, strict=True)]
+        rates.append(sp.Add(derivative(gap, time), *terms))
     if not any(gaps) or tree_size(rates) * len(columns) > _LARGEST_QUANTITIES:
         return None
     mu, lam = vector("mu", len(gaps)), vector("lambda", system.m)
-    forces = [sp.Add(*(derivative(e, x) * weight for e, weight in zip(
-        [*gaps, *system.constraints], [*mu, *lam], strict=True))) for x in system.q]
-    return Kernel("impact_derivatives", "derivatives of the impulses and rates of gaps",
-                  {"t": [time], "q": list(system.q), "p": list(system.p), "mu": mu}
-                  | ({"lambda": lam} if lam else {}),
+    weighted = list(zip([*gaps, *system.constraints], [*mu, *lam], strict=True))
+    forces = [sp.Add(*(derivative(e, x) * weight for e, weight in weighted)) for x in system.q]
+    inputs = {"t": [time], "q": list(system.q), "p": list(system.p), "mu": mu}
+    if lam:  # C has no arrays of length 0
+        inputs["lambda"] = lam
+    return Kernel("impact_derivatives", "derivatives of the impulses and rates of gaps", inputs,
                   {"forces": by_each(forces, [*system.q, *columns]),
                    "rates": by_each(rates, [*system.q, *system.p, *columns])})
 

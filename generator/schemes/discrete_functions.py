@@ -69,7 +69,7 @@ class DiscreteDifference:
         return replace(self, known_ends=(share(start), share(end)))
 
     def become(self, mean: sp.Expr, factor: sp.Expr) -> DiscreteDifference:
-        """Return the difference of f(u), given its mean and f(u₁) − f(u₀) = factor·(u₁ − u₀)."""
+        """Return the difference of f(u), from its mean and f(u₁) − f(u₀) = factor·(u₁ − u₀)."""
         return DiscreteDifference(mean, {i: factor * d for i, d in self.slope.items()}, self.steps)
 
     def shared(self) -> DiscreteDifference:
@@ -219,21 +219,28 @@ def logarithm(u: DiscreteDifference) -> DiscreteDifference:
 # ---------------------------------------------------------------- circular functions
 
 
+# The rules of ``discrete_gradient``, mean and factor of Δu; h = Δu/2 is ``u.half``.
+
+
 def _sin(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of sin u: mean sin ū cos h, factor cos ū sinc h."""
     return u.apply(sp.sin(u.mean) * sp.cos(u.half), sp.cos(u.mean) * Sinc(u.half))
 
 
 def _cos(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of cos u: mean cos ū cos h, factor −sin ū sinc h."""
     return u.apply(sp.cos(u.mean) * sp.cos(u.half), -sp.sin(u.mean) * Sinc(u.half))
 
 
 def _tan(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of tan u: factor sinc(Δu)/(cos u₁ cos u₀)."""
     u0, u1 = u.ends
     product = sp.cos(u1) * sp.cos(u0)
     return u.apply(sp.sin(2 * u.mean) / (2 * product), Sinc(u.change) / product)
 
 
 def _mean_of(function: Callable[[sp.Expr], sp.Expr], u: DiscreteDifference) -> sp.Expr:
+    """Return (f(u₁) + f(u₀))/2."""
     u0, u1 = u.ends
     return (function(u1) + function(u0)) / 2
 
@@ -246,18 +253,22 @@ def _arc(u: DiscreteDifference, root: Callable[[sp.Expr], sp.Expr], cardinal: ty
 
 
 def _asin(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of asin u; r = √(1 − u²) is the cosine of the angle."""
     return u.apply(_mean_of(sp.asin, u), _arc(u, _circle, Atanc))
 
 
 def _acos(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of acos u = π/2 − asin u."""
     return u.apply(_mean_of(sp.acos, u), -_arc(u, _circle, Atanc))
 
 
 def _circle(x: sp.Expr) -> sp.Expr:
+    """Return √(1 − x²), as a product that loses no digits for |x| near 1."""
     return sp.sqrt((1 - x) * (1 + x))
 
 
 def _atan(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of atan u = atan2(u, 1)."""
     return angle(u, DiscreteDifference(sp.Integer(1), {}, u.steps))
 
 
@@ -287,30 +298,36 @@ def angle(y: DiscreteDifference, x: DiscreteDifference) -> DiscreteDifference:
 
 
 def _sinh(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of sinh u: mean sinh ū cosh h, factor cosh ū sinhc h."""
     return u.apply(sp.sinh(u.mean) * sp.cosh(u.half), sp.cosh(u.mean) * Sinhc(u.half))
 
 
 def _cosh(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of cosh u: mean cosh ū cosh h, factor sinh ū sinhc h."""
     return u.apply(sp.cosh(u.mean) * sp.cosh(u.half), sp.sinh(u.mean) * Sinhc(u.half))
 
 
 def _tanh(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of tanh u: factor sinhc(Δu)/(cosh u₁ cosh u₀)."""
     u0, u1 = u.ends
     return u.apply(_mean_of(sp.tanh, u), Sinhc(u.change) / (sp.cosh(u1) * sp.cosh(u0)))
 
 
 def _asinh(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of asinh u: factor asinhc(h/r)/r with r = cosh(mean)."""
     mean = share(_mean_of(sp.asinh, u))
     c = share(sp.cosh(mean))
     return u.apply(mean, Asinhc(u.half / c) / c)
 
 
 def _acosh(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of acosh u; r = √(u² − 1) is the hyperbolic sine of the angle."""
     return u.apply(_mean_of(sp.acosh, u),
                     _arc(u, lambda x: sp.sqrt(x - 1) * sp.sqrt(x + 1), Atanhc))
 
 
 def _atanh(u: DiscreteDifference) -> DiscreteDifference:
+    """Return the difference of atanh u: factor asinhc(Δu/r)/r, r = √(1 − u₁²) √(1 − u₀²)."""
     u0, u1 = u.ends
     g = share(_circle(u1) * _circle(u0))
     return u.apply(_mean_of(sp.atanh, u), Asinhc(u.change / g) / g)
@@ -326,6 +343,7 @@ HALF = sp.Rational(1, 2)
 def _tilt(u: DiscreteDifference) -> sp.Expr:
     """Return the tilt ū/max(|ū|, |h|): ±1 if both ends are on one side of 0, 0 if both are 0."""
     h, side = sp.Abs(u.half), sp.sign(u.mean)
+    # a u that does not change has h = 0, which is no divisor
     return share(Where(sp.Abs(u.mean), h, u.mean / h, side) if h != 0 else side)
 
 
@@ -339,16 +357,20 @@ def absolute(u: DiscreteDifference) -> DiscreteDifference:
 def extreme(
     function: type[Max | Min], u: DiscreteDifference, v: DiscreteDifference
 ) -> DiscreteDifference:
-    """Return the difference of max(u, v) or min(u, v): ½(1 ± τ) Δu + ½(1 ∓ τ) Δv."""
+    """Return the difference of max(u, v) or min(u, v): ½(1 ± τ) Δu + ½(1 ∓ τ) Δv.
+
+    max(u, v) = ½(u + v + |w|) with w = u − v, whose tilt is τ. The mean is ½(ū + v̄ ± |Δw/2|) if w
+    changes its sign within the step, else the larger, or smaller, of ū and v̄.
+    """
     u, v = u.shared(), v.shared()
     w = (u + v.become(-v.mean, sp.Integer(-1))).shared()
-    tilt = _tilt(w) if function is Max else -_tilt(w)
+    sign = 1 if function is Max else -1
+    tilt = sign * _tilt(w)
     u_share, v_share = share((1 + tilt) / 2), share((1 - tilt) / 2)
-    h = sp.Abs(w.half) if function is Max else -sp.Abs(w.half)
-    mean = Where(sp.Abs(w.mean), sp.Abs(w.half), (u.mean + v.mean + h) / 2,
+    mean = Where(sp.Abs(w.mean), sp.Abs(w.half), (u.mean + v.mean + sign * sp.Abs(w.half)) / 2,
                  function(u.mean, v.mean))
-    slope = {i: _weighted(u_share, u.slope.get(i, sp.Integer(0)))
-             + _weighted(v_share, v.slope.get(i, sp.Integer(0)))
+    zero = sp.Integer(0)
+    slope = {i: _weighted(u_share, u.slope.get(i, zero)) + _weighted(v_share, v.slope.get(i, zero))
              for i in sorted(u.slope.keys() | v.slope.keys())}
     change = _weighted(u_share, u.change) + _weighted(v_share, v.change)
     difference = DiscreteDifference(share(mean), slope, u.steps, share(change))
@@ -396,27 +418,33 @@ def piecewise(
     their slopes, which may be infinite there, are not used.
     """
     s = s.shared()
-    step = (s.change,)
-    variable = DiscreteDifference(s.mean, {0: sp.Integer(1)}, step)
-    factor = sp.Integer(0)
+    factor, zero = sp.Integer(0), sp.Integer(0)
     limits = pairwise([None, *pieces.limits, None])
     for piece, (low, high) in zip(pieces.parts, limits, strict=True):
         if pieces.symbol not in piece.free_symbols:
             continue
-        clamped = variable
-        if high is not None:
-            clamped = extreme(Min, clamped, DiscreteDifference(high, {}, step))
-        if low is not None:
-            clamped = extreme(Max, clamped, DiscreteDifference(low, {}, step))
-        slope = differentiate(piece, {pieces.symbol: clamped}, step).slope[0]
+        clamped = _clamped(s, low, high)
+        slope = differentiate(piece, {pieces.symbol: clamped}, clamped.steps).slope[0]
         fraction = clamped.slope[0]  # Δc_i/Δs, the fraction of the step within the piece
-        factor += slope if _is_finite(slope) else Where(sp.Integer(0), fraction, slope,
-                                                        sp.Integer(0))
+        factor += slope if _is_finite(slope) else Where(zero, fraction, slope, zero)
     # NaN if low > high: the pieces would not be continuous there, and the result wrong
     for low, high in pieces.assumed:
         factor = Where(high, low, sp.sqrt(high - low), factor)
     end_values = [pieces.whole.xreplace({pieces.symbol: end}) for end in s.ends]
     return s.apply((end_values[0] + end_values[1]) / 2, factor).with_ends(*end_values)
+
+
+def _clamped(
+    s: DiscreteDifference, low: sp.Expr | None, high: sp.Expr | None
+) -> DiscreteDifference:
+    """Return c = max(min(s, high), low), with its slope Δc/Δs; None stands for no limit."""
+    step = (s.change,)
+    clamped = DiscreteDifference(s.mean, {0: sp.Integer(1)}, step)
+    if high is not None:
+        clamped = extreme(Min, clamped, DiscreteDifference(high, {}, step))
+    if low is not None:
+        clamped = extreme(Max, clamped, DiscreteDifference(low, {}, step))
+    return clamped
 
 
 #: Functions of one argument with a rule.

@@ -173,6 +173,7 @@ class _Differences:
         return self.differences[e]
 
     def _combine_arguments(self, e: sp.Expr) -> DiscreteDifference:
+        """Return the difference of e by the rule of its function."""
         _refuse_unknown(e)
         return _combine(e, list(map(self, e.args)))
 
@@ -195,11 +196,12 @@ class _Differences:
         try:
             pieces = piecewise_form_of(e, self.symbols)
         except NotPiecewiseError as reason:
-            # the pieces of a part may be known where those of the whole are not
-            joint = self._joint_argument(e) if e.is_Add or e.is_Mul else e
-            if joint == e and (selects_side(e, self.symbols) or e.is_Add or e.is_Mul):
+            # the pieces of a part may be known where the pieces of the whole are not
+            has_parts = e.is_Add or e.is_Mul
+            joint = self._joint_argument(e) if has_parts else e
+            if joint == e and (has_parts or selects_side(e, self.symbols)):
                 raise _not_piecewise(e, reason) from None
-            if joint == e:
+            if joint == e:  # a function of an argument with conditions
                 return self._combine_arguments(e)
             self.conditional.add(joint)
             other_arguments = [a for a in e.args if a not in e.func.make_args(joint)]
@@ -214,8 +216,9 @@ class _Differences:
         symbols_of = {a: a.free_symbols & self.symbols for a in e.args}
         first = min((a for a in e.args if a in self.conditional),
                     key=lambda a: len(symbols_of[a]))
-        return e.func(*(a for a in e.args if symbols_of[a] and symbols_of[a] <= symbols_of[first]
-                        and (e.is_Mul or a in self.conditional)))
+        joint = [a for a in e.args if symbols_of[a] and symbols_of[a] <= symbols_of[first]]
+        # terms without conditions have rules of their own; factors make a product continuous
+        return e.func(*(a for a in joint if e.is_Mul or a in self.conditional))
 
 
 def _refuse_unknown(e: sp.Expr) -> None:

@@ -73,6 +73,7 @@ class FastSystem:
         return sp.expand(remainder.xreplace({symbol: root for root, symbol in symbols.items()}))
 
     def _is_constant(self, e: sp.Expr) -> bool:
+        """Whether e depends on parameters alone."""
         return bool(e.free_symbols.isdisjoint(
             {*self.system.q, *self.system.p, self.system.clock}))
 
@@ -99,12 +100,12 @@ class FastSystem:
     @cached_property
     def schur_inverse(self) -> list[list[sp.Expr]] | None:
         """W⁻¹ if W is proved constant on g = 0, else None."""
-        W = self.schur
-        if self.system.m > _LARGEST_INVERSE or not all(self._is_constant(e) for r in W for e in r):
-            return None
         # a product in the loop in place of a factorisation: for three constraints and fewer
-        matrix = sp.Matrix(W)
-        return None if sp.expand(matrix.det()) == 0 else matrix.inv().tolist()
+        if self.system.m > _LARGEST_INVERSE or not all(
+                self._is_constant(e) for row in self.schur for e in row):
+            return None
+        W = sp.Matrix(self.schur)
+        return None if sp.expand(W.det()) == 0 else W.inv().tolist()
 
     @cached_property
     def correction(self) -> sp.Expr | None:
@@ -184,6 +185,7 @@ class FastSystem:
             factor = self._common_constant(u, H_p + H_q)
             symbol = sp.Symbol(f"_w{index}", real=True)
             w.append(factor * u)
+            # H_p computes w, and keeps u: its common subexpressions are extracted later
             H_q = [e.xreplace({u: symbol / factor}) for e in H_q]
         return H_p, H_q, w
 
@@ -191,11 +193,13 @@ class FastSystem:
         """Return the constant factor of u if it is the same wherever u occurs, else 1."""
         factors = set()
         for e in expressions:
-            products = [m for m in e.atoms(sp.Mul) if u in m.args]
+            products = [product for product in e.atoms(sp.Mul) if u in product.args]
             # e.count(u) would match patterns, which takes seconds; equality is enough
-            if sum(node == u for node in sp.preorder_traversal(e)) != len(products):
+            occurrences = sum(node == u for node in sp.preorder_traversal(e))
+            if occurrences != len(products):  # u also occurs without a factor
                 return sp.Integer(1)
-            factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in products}
+            for product in products:
+                factors.add(sp.Mul(*(a for a in product.args if a in self.folds.constants)))
         return factors.pop() if len(factors) == 1 else sp.Integer(1)
 
     def spark_kernels(self, *, separate: bool = False) -> list[Kernel]:
@@ -210,22 +214,25 @@ class FastSystem:
         w = vector("w", len(common_parts))
         velocity: dict[str, list[sp.Expr]] = {"H_p": H_p}
         force: dict[str, list[sp.Expr]] = {"H_q": H_q}
+        velocity_doc, force_doc = "H_p", "H_q = dH/dq - F" if system.forces else "H_q"
+        force_inputs = state | time_input(system)
         if w:
             velocity["w"] = common_parts
+            velocity_doc += ", and w: what H_q shares with it"
+            force_inputs["w"] = w
+            force_doc += " from the same w"
         # the velocity changes with P, by H_pp Gᵀ δλ, and no number c gives this change
         if system.m and self.correction is None and not separate:
             force = {"H_p": H_p, "H_q": H_q}
-        kernels = [
+            force_doc += ", H_p"
+        return [
             *self._common(projected=True),
-            Kernel("velocity", "H_p" + (", and w: what H_q shares with it" if w else ""), state,
-                   velocity),
-            Kernel("force", "H_q" + (" = dH/dq - F" if system.forces else "") +
-                   (" from the same w" if w else "") + (", H_p" if "H_p" in force else ""),
-                   state | time_input(system) | ({"w": w} if w else {}), force),
+            Kernel("velocity", velocity_doc, state, velocity),
+            Kernel("force", force_doc, force_inputs, force),
             *energy_rate_kernels(system),
             *constraint_rate_kernels(system),
+            *self._multiplier_kernels(),
         ]
-        return [*kernels, *self._multiplier_kernels()]
 
     def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
         """Return the kernels of the fixed-point iteration of IMS or EMS, on lanes."""
@@ -243,9 +250,12 @@ class FastSystem:
                 *scheme.constraint_rate_kernels(), *self._multiplier_kernels()]
 
     def _mean_constraint(self, scheme: MeanScheme) -> list[Kernel]:
+        """Return the kernel of Ḡ, if there are constraints."""
+        if not self.system.m:
+            return []
         return [Kernel("mean_constraint", "G between q0 and q1",
                        {"qm": scheme.means[0], "dq": scheme.differences[0]},
-                       {"G": scheme.mean_constraint})] if self.system.m else []
+                       {"G": scheme.mean_constraint})]
 
     def _multiplier_kernels(self) -> list[Kernel]:
         """Return the kernel of W; if W is constant, the kernels of W⁻¹ and of c."""
@@ -254,12 +264,12 @@ class FastSystem:
         if self.schur_inverse is None:
             state = {"q": list(self.system.q), "p": list(self.system.p)}
             return [Kernel("schur", "W = G H_pp G^T", state, {"W": self.schur})]
-        return [
-            Kernel("schur_inverse", "W^-1, with W = G H_pp G^T constant where g = 0", {},
-                   {"W_inverse": self.schur_inverse}),
-            *([Kernel("correction", "c, with H_pp G^T = c G^T where g = 0", {},
-                      {"c_correction": self.correction})] if self.correction is not None else []),
-        ]
+        kernels = [Kernel("schur_inverse", "W^-1, with W = G H_pp G^T constant where g = 0", {},
+                          {"W_inverse": self.schur_inverse})]
+        if self.correction is not None:
+            kernels.append(Kernel("correction", "c, with H_pp G^T = c G^T where g = 0", {},
+                                  {"c_correction": self.correction}))
+        return kernels
 
     def _common(self, *, projected: bool) -> list[Kernel]:
         """Return H, g and f on lanes: f in twice the working precision, its matrix reduced.
@@ -299,20 +309,21 @@ class Folds:
         """Return a product whose number is folded into its first constant."""
         if not e.is_Mul:
             return e
-        coefficient, factors = e.as_coeff_Mul()
-        sign, coefficient = (-1, -coefficient) if coefficient < 0 else (1, coefficient)
-        constant_factors = [a for a in sp.Mul.make_args(factors) if a in self.constants]
+        number, product = e.as_coeff_Mul()
+        factors = sp.Mul.make_args(product)
+        # 2 c and −2 c have one constant
+        sign, number = (-1, -number) if number < 0 else (1, number)
+        constant = next((a for a in factors if a in self.constants), None)
         # only powers of two: the product is exact, so that the C has the same bits with or without
         # it
-        if coefficient == 1 or not constant_factors or not is_power_of_two(coefficient):
+        if number == 1 or constant is None or not is_power_of_two(number):
             return e
-        product = coefficient * constant_factors[0]
-        if product not in self.definitions:
+        folded = number * constant
+        if folded not in self.definitions:
             symbol = sp.Symbol(f"_f{len(self.definitions)}", real=True, nonzero=True)
-            self.definitions[product] = symbol
+            self.definitions[folded] = symbol
             self.constants.add(symbol)
-        return sp.Mul(sign, self.definitions[product], *(a for a in sp.Mul.make_args(factors)
-                                                         if a is not constant_factors[0]))
+        return sp.Mul(sign, self.definitions[folded], *(a for a in factors if a is not constant))
 
 
 def is_power_of_two(x: sp.Expr) -> bool:

@@ -63,21 +63,20 @@ class FastTableau:
 
     @property
     def _inverse(self) -> mp.matrix | None:
+        """M⁻¹ of M = Ā Ã without its first row, p × p; None if M is singular."""
         return multiplier_inverse(self.tableau)
 
     @cached_property
     def scaled(self) -> dict[str, list[Row]]:
         """μ_ij = a_ij/b_j, μ̂, ν and ν̃ before rounding, nodes 0..p in ascending order."""
+        coefficients = self.centres
         # column p of Ã is 0, as is b̃_p of some methods: 0/1 in place of 0/0
-        coefficients, s, p = self.centres, self.tableau.s, self.tableau.p
-        b, b_hat, b_tilde = coefficients["b"], coefficients["b_hat"], coefficients["b_tilde"]
+        nonzero_b_tilde = [weight or Fraction(1) for weight in coefficients["b_tilde"]]
         return {
-            "mu": [[coefficients["A"][i][j] / b[j] for j in range(s)] for i in range(s)],
-            "mu_hat": [[coefficients["A_hat"][i][j] / b_hat[j] for j in range(s)]
-                       for i in range(s)],
-            "nu": [[coefficients["A_bar"][k][j] / b[j] for j in range(s)] for k in range(p + 1)],
-            "nu_tilde": [[coefficients["A_tilde"][i][j] / (b_tilde[j] or 1) for j in range(p + 1)]
-                         for i in range(s)],
+            "mu": _over_weights(coefficients["A"], coefficients["b"]),
+            "mu_hat": _over_weights(coefficients["A_hat"], coefficients["b_hat"]),
+            "nu": _over_weights(coefficients["A_bar"], coefficients["b"]),
+            "nu_tilde": _over_weights(coefficients["A_tilde"], nonzero_b_tilde),
         }
 
     @property
@@ -112,21 +111,28 @@ class FastTableau:
         if not self.tableau.p:
             return {"mu": mu, "mu_hat": mu_hat, "onward": onward}
         nu, nu_tilde = _round_pairs(exact["nu"], exact["nu_tilde"], bits, tolerance)
-        assert self._inverse is not None
         return {
             "mu": mu,
             "mu_hat": mu_hat,
             "nu": self._in_lanes("nu", nu),
             "nu_tilde": self._in_lanes("nu_tilde", nu_tilde),
-            "inverse": [
-                [round_binary(_fraction(self._inverse[j, k - 1]) * coefficients["b_tilde"][j], bits)
-                 for k in self._constraint_nodes]
-                for j in self._multiplier_nodes
-            ],
+            "inverse": self._scaled_inverse(bits),
             "onward": onward,
             "onward_nodes": _extrapolation_weights(coefficients["c_tilde"], coefficients["b_tilde"],
                                                    self._multiplier_nodes, bits),
         }
+
+    def _scaled_inverse(self, bits: int) -> list[Row]:
+        """Return b̃_j (M⁻¹)_jl of the multiplier nodes j and the constraint nodes l, rounded."""
+        inverse = self._inverse
+        assert inverse is not None
+        table: list[Row] = []
+        for j in self._multiplier_nodes:
+            weight = self.centres["b_tilde"][j]
+            # columns of the inverse belong to the nodes 1, …, p
+            table.append([round_binary(_fraction(inverse[j, node - 1]) * weight, bits)
+                          for node in self._constraint_nodes])
+        return table
 
     def even_odd_tables(self, real: Real) -> dict[str, list[Row]]:
         """Return μ, μ̂, ν and ν̃ split into odd and even parts: sums then take half the products.
@@ -144,21 +150,26 @@ class FastTableau:
         exchanged, so that μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji hold exactly in rounded numbers.
         Empty if the tableau is not symmetric, or has too few stages for a saving.
         """
-        s, inner = self.tableau.s, max(self.tableau.p - 1, 0)
-        pairs = [("mu", "mu_hat", s), *([("nu", "nu_tilde", inner)] if self.tableau.p else [])]
+        s, p = self.tableau.s, self.tableau.p
+        if not _is_split_cheaper(s):
+            return {}
+        # size: the number of rows that are split, stages or inner nodes
+        pairs = [("mu", "mu_hat", s)]
+        if p:
+            pairs.append(("nu", "nu_tilde", p - 1))
+        # centres are within 2^−500 of the exact coefficients; quotients lose some digits
+        tolerance = max(self._tolerance, Fraction(1, 2**400))
         tables: dict[str, list[Row]] = {}
         for name, dual, size in pairs:
             table = self._in_lanes(name, self.scaled[name])
             dual_table = self._in_lanes(dual, self.scaled[dual])
-            # centres are within 2^−500 of the exact coefficients; quotients lose some digits
-            tolerance = max(self._tolerance, Fraction(1, 2**400))
             # the end of the step, node p: Q̃_p = q + Σ_j b_j k_j is the row of ones, and the
             # multiplier of node 0 acts on all stages with its full weight, the column of ones
             ones = [*table[size:], [row[size] for row in dual_table if len(row) > size]]
-            if (not _is_split_cheaper(s) or not _is_symmetric(table[:size], tolerance)
-                    or any(abs(e - 1) > tolerance for row in ones for e in row)
-                    or any(abs(table[j][i] + dual_table[i][j] - 1) > tolerance
-                           for i in range(s) for j in range(size))):
+            has_ones = all(abs(e - 1) <= tolerance for row in ones for e in row)
+            is_symplectic = all(abs(table[j][i] + dual_table[i][j] - 1) <= tolerance
+                                for i in range(s) for j in range(size))
+            if not (has_ones and is_symplectic and _is_symmetric(table[:size], tolerance)):
                 return {}
             odd, even = _split_even_odd(table[:size], real.bits)
             tables[name] = _half_rows(odd, even)
@@ -168,9 +179,13 @@ class FastTableau:
     def rounding_errors(self, real: Real) -> list[Fraction]:
         """Return the rounding errors of the entries of μ, μ̂, ν and ν̃."""
         rounded = self.tables(real)
-        return [x - y for name, table in self.scaled.items() if name in rounded
-                for rounded_row, row in zip(rounded[name], self._in_lanes(name, table), strict=True)
-                for x, y in zip(rounded_row, row, strict=True)]
+        errors: list[Fraction] = []
+        for name, table in self.scaled.items():
+            if name not in rounded:  # without constraints there are no tables of nodes
+                continue
+            for rounded_row, row in zip(rounded[name], self._in_lanes(name, table), strict=True):
+                errors += [x - y for x, y in zip(rounded_row, row, strict=True)]
+        return errors
 
     def is_symplectic(self, real: Real) -> bool:
         """Whether the rounded tables fulfil μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji exactly."""
@@ -191,23 +206,35 @@ def _is_split_cheaper(s: int) -> bool:
     return s * s > pairs * s + 7 * pairs + s % 2 * (pairs + 2)
 
 
+def _over_weights(table: list[Row], weights: Row) -> list[Row]:
+    """Return a_ij/b_j of a table and the weights b."""
+    return [[a / b for a, b in zip(row, weights, strict=True)] for row in table]
+
+
 def _is_symmetric(table: list[Row], tolerance: Fraction) -> bool:
+    """Whether T_ij + T_i'j' = 1, where i' and j' are counted from the other end."""
     return all(abs(x + y - 1) <= tolerance
                for row, mirrored in zip(table, table[::-1], strict=True)
                for x, y in zip(row, mirrored[::-1], strict=True))
 
 
 def _split_even_odd(table: list[Row], bits: int) -> tuple[list[Row], list[Row]]:
-    """Return o_ij and e_ij for the first half of rows and columns and the middle ones."""
+    """Return o_ij and e_ij for the first half of rows and columns and the middle ones.
+
+    With j' = n − 1 − j: T_ij − T_ij' = 2 o_ij and T_ij + T_ij' − 1 = 2 e_ij. The middle column has
+    o = 0, the middle row e = 0: these are left out.
+    """
     row_count, column_count = len(table), len(table[0])
+    rows_with_middle, columns_with_middle = (row_count + 1) // 2, (column_count + 1) // 2
     odd = [[round_binary((row[j] - row[column_count - 1 - j]) / 2, bits)
-            for j in range(column_count // 2)] for row in table[: -(-row_count // 2)]]
+            for j in range(column_count // 2)] for row in table[:rows_with_middle]]
     even = [[round_binary((row[j] + row[column_count - 1 - j] - 1) / 2, bits)
-             for j in range(-(-column_count // 2))] for row in table[: row_count // 2]]
+             for j in range(columns_with_middle)] for row in table[:row_count // 2]]
     return odd, even
 
 
 def _negative_transpose(table: list[Row]) -> list[Row]:
+    """Return −Tᵀ."""
     return [[-row[j] for row in table] for j in range(len(table[0]))]
 
 
@@ -241,6 +268,7 @@ def _extrapolation_weights(nodes: Row, weights: Row, order: list[int], bits: int
 
 
 def _fraction(x: mp.mpf) -> Fraction:
+    """Return the exact value of an mpmath number, (−1)^sign · mantissa · 2^exponent."""
     sign, mantissa, exponent, _ = x._mpf_
     size = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
     return -size if sign else size

@@ -44,11 +44,18 @@ class FrameRotation:
 
     @property
     def axes(self) -> list[int | None]:
-        """Index of the axis of each group among the components of all axes; None without one."""
-        starts, count = list[int | None](), 0
+        """Index of the axis of each group among the components of all axes; None without one.
+
+        A group of one symmetry has a fixed axis, which is no input of the kernels.
+        """
+        starts: list[int | None] = []
+        count = 0
         for group in self.frame.groups:
-            starts.append(count if len(group) > 1 else None)
-            count += len(group) if len(group) > 1 else 0
+            if len(group) > 1:
+                starts.append(count)
+                count += len(group)
+            else:
+                starts.append(None)
         return starts
 
     @property
@@ -89,10 +96,15 @@ class FrameRotation:
     def _kernel(
         self, name: str, doc: str, count: int, rotations: list[list[Rotation]]
     ) -> Kernel:
-        """Return the kernel y = Π_g e^{θ_g A_g} x by given cosines and sines, group after group."""
+        """Return the kernel y = Π_g e^{θ_g A_g} x, group after group.
+
+        Its inputs are the cosines and sines of ``angles``, the components of the axes, and x with
+        ``count`` entries; ``rotations`` has the e^{θA} of each symmetry of each group.
+        """
         angles, x = self.angles, vector("x", count)
         cosines, sines = vector("cosine", len(angles)), vector("sine", len(angles))
-        axis, y = vector("axis", max(self.components, 1)), list[sp.Expr](x)
+        axis = vector("axis", max(self.components, 1))  # C has no arrays of length 0
+        y: list[sp.Expr] = list(x)
         for g, (group_rotations, start) in enumerate(zip(rotations, self.axes, strict=True)):
             # a group of one symmetry has no axis; the rotations of space have one, which is an
             # input of the kernel

@@ -28,9 +28,11 @@ def state_kernels(system: LagrangianSystem) -> list[Kernel]:
                {"A": system.mass_entries}),
         Kernel("rest_momentum", "b, the momentum of v = 0", q, {"b": system.rest_momenta}),
         Kernel("potential", "V(q)", q, {"V": system.potential}),
-        *([Kernel("force_of_velocity", "F(q, v, t), which no potential has", arguments,
-                  {"F": list(system.forces)})] if system.forces else []),
     ]
+    if system.forces:
+        kernels.append(Kernel("force_of_velocity", "F(q, v, t), which no potential has", arguments,
+                              {"F": list(system.forces)}))
+    # common factors take quadratic time
     return [replace(k, factors=not system.is_long) for k in kernels]
 
 
@@ -38,13 +40,12 @@ def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
     """Return the kernels of L_q + F and, with explicit time, of H_t = −L_t, at given v."""
     arguments = {"q": list(system.q), "v": list(system.velocities)}
     plus_forces = " + F" if system.forces else ""
-    kernels = [
-        Kernel("generalised_force", f"R = dL/dq{plus_forces} at fixed v",
-               arguments | time_input(system),
-               {"R": system.generalised_force}),
-        *([Kernel("energy_rate_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L",
-                  arguments, {"H_t": system.H_t})] if system.is_time_dependent else []),
-    ]
+    kernels = [Kernel("generalised_force", f"R = dL/dq{plus_forces} at fixed v",
+                      arguments | time_input(system), {"R": system.generalised_force})]
+    if system.is_time_dependent:
+        kernels.append(Kernel("energy_rate_of_velocity",
+                              "H_t = -dL/dt at fixed v, the power of what drives L", arguments,
+                              {"H_t": system.H_t}))
     # common factors take quadratic time
     return [replace(k, factors=not system.is_long) for k in kernels]
 

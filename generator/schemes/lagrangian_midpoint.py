@@ -92,7 +92,8 @@ class LagrangianEMS(LagrangianIMS):
                 for v in (self.mean_velocity, delta))
             b_delta = (b * v for b, v in zip(system.rest_momenta, delta, strict=True))
             return sp.Add(L_mean, -L_delta, *b_delta, -system.potential)
-        # ``mass`` has one entry of each pair of equal ones: ½ M_ij (v₀_i v₁_j + v₀_j v₁_i)
+        # ``mass`` has one entry of each pair of equal ones: ½ M_ij (v₀_i v₁_j + v₀_j v₁_i), and
+        # ½ M_ii v₀_i v₁_i on the diagonal, half the same sum
         entries = zip(system.mass, system._at_rest([*system.mass.values()]), strict=True)
         bilinear = (e * (v0[i] * v1[j] + v0[j] * v1[i]) / (2 if i != j else 4)
                     for (i, j), e in entries)
@@ -128,12 +129,14 @@ class LagrangianEMS(LagrangianIMS):
 
     @property
     def _no_step(self) -> dict[sp.Symbol, sp.Expr]:
+        """Substitution for Δ = 0, where v₀ = v₁ = v."""
         velocities = self.system.velocities
         return super()._no_step | {x: v for side in self.ends
                                    for x, v in zip(side, velocities, strict=True)}
 
     @property
     def _backwards(self) -> dict[sp.Symbol, sp.Expr]:
+        """Substitution that exchanges the ends: Δ → −Δ, v₀ ↔ v₁."""
         v0, v1 = self.ends
         return super()._backwards | dict(zip([*v0, *v1], [*v1, *v0], strict=True))
 
@@ -143,16 +146,20 @@ class LagrangianEMS(LagrangianIMS):
         With H = p·v − L and p = L_v at both ends.
         """
         system = self.system
-        variables = with_time(system.q, self.means[0], self.differences[0], system.clock)
+        symbols, means, steps = with_time(system.q, self.means[0], self.differences[0],
+                                          system.clock)
         momenta, energies = [], []
+        # q and t at the ends are q̄ ∓ Δq/2 and t̄ ∓ Δt/2
         for v, sign in zip(self.ends, (-1, 1), strict=True):
-            substitution = {x: m + sign * d / 2 for x, m, d in zip(*variables, strict=True)}
-            substitution |= dict(zip(system.velocities, v, strict=True))
-            *p, L = substitute([*system.L_v, system.L], substitution)
+            at_end = {x: mean + sign * step / 2
+                      for x, mean, step in zip(symbols, means, steps, strict=True)}
+            at_end |= dict(zip(system.velocities, v, strict=True))
+            *p, L = substitute([*system.L_v, system.L], at_end)
             momenta.append(p)
             energies.append(sp.Add(-L, *(a * b for a, b in zip(p, v, strict=True))))
-        momentum_terms = (v * (b - a) for v, a, b in zip(self.mean_velocity, *momenta, strict=True))
-        coordinate_terms = (-d * dx for d, dx in zip(self._slopes, variables[2], strict=True))
+        momentum_terms = (v * (p1 - p0)
+                          for v, p0, p1 in zip(self.mean_velocity, *momenta, strict=True))
+        coordinate_terms = (-slope * step for slope, step in zip(self._slopes, steps, strict=True))
         small = self.differences[0] + [TIME_STEP] * system.is_time_dependent
         return compare([energies[1] - energies[0]], [sp.Add(*momentum_terms, *coordinate_terms)],
                        small)
@@ -188,8 +195,10 @@ class LagrangianEMS(LagrangianIMS):
 
     @property
     def _arguments(self) -> dict[str, list[Any]]:
+        """The inputs of kernels between two states: q̄, Δq, v₀ and v₁."""
         v0, v1 = self.ends
         return {"qm": self.means[0], "dq": self.differences[0], "v0": v0, "v1": v1}
 
     def _as_long(self, kernels: list[Kernel]) -> list[Kernel]:
+        """Return the kernels of a long L without a search for common factors, which takes long."""
         return [replace(k, factors=not self.system.is_long) for k in kernels]

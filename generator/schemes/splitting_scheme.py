@@ -143,7 +143,8 @@ class SplittingScheme:
     def kernels(self) -> list[Kernel]:
         """Return the kernels of the rates and axes of rotations, which are called once a run."""
         # C has no arrays of length 0: without axes there is one of zeros
-        return [
+        no_axis = [[sp.S.Zero] * 3]
+        kernels = [
             Kernel("flow_rates", "rates of rotations, and k of drags, of a run", {}, {
                 "sphere": self._hoisted([body.a for body in self.splitting.bodies]),
                 "axis_rate": self._hoisted([axis.d for _, axis in self.axes]),
@@ -152,13 +153,14 @@ class SplittingScheme:
                 "further_offset": self._hoisted([axis.c for _, axis in self.further]),
                 "drag": self._hoisted(self.drag)}),
             Kernel("axis_directions", "unit vectors of the axes of rotations, in body axes", {}, {
-                "axis": [self._hoisted(axis.axis) for _, axis in self.axes] or [[sp.S.Zero] * 3],
+                "axis": [self._hoisted(axis.axis) for _, axis in self.axes] or no_axis,
                 "further_axis": [self._hoisted(axis.axis) for _, axis in self.further]
-                or [[sp.S.Zero] * 3]}),
-            *([Kernel("space_rates", "angular velocities of axes of space", {}, {
-                "omega": [self._hoisted(space.omega) for space in self.splitting.space]})]
-              if self.splitting.space else []),
+                or no_axis}),
         ]
+        if self.splitting.space:
+            kernels.append(Kernel("space_rates", "angular velocities of axes of space", {}, {
+                "omega": [self._hoisted(space.omega) for space in self.splitting.space]}))
+        return kernels
 
     def state_kernels(self) -> list[Kernel]:
         """Return the kernels of H and of the constraints at a state."""
@@ -166,32 +168,45 @@ class SplittingScheme:
 
     def flow_kernels(self, *, work: bool = True) -> list[Kernel]:
         """Return the kernels of a step; with ``work``, also the kernels of the forces' work."""
-        system, weight = self.splitting.system, sp.Symbol("_gradient", real=True)
-        state = {"q": list(system.q), "y": self.momenta}
-        time = {"t": [_TIME]}
+        state, time = self._state, {"t": [_TIME]}
+        velocity, offset = self._point_velocity()
+        kernels = [
+            self._kick_kernel(),
+            Kernel("free_velocity", "M^-1 p and the velocity at p = 0 of points",
+                   {"y": self.momenta}, {"velocity": self._hoisted(velocity),
+                                         "offset": self._hoisted(offset)})]
+        if work and self.system.forces:
+            power, = self._hoisted([self._power()])
+            kernels.append(Kernel("force_power", "power of forces and of explicit time in a kick",
+                                  state | time, {"power": power}))
+        if work and self.has_drag:
+            # drags act in free motions, whose energy without them would be constant
+            T, power = self._hoisted([self._kinetic(further=False), self._drag_power()])
+            kernels.append(Kernel("drift_energy", "the part of H that free motions conserve", state,
+                                  {"T": T}))
+            kernels.append(Kernel("drag_power", "power of drags on the rest of T", state,
+                                  {"power": power}))
+        return kernels
+
+    @property
+    def _state(self) -> dict[str, list[sp.Symbol]]:
+        """The inputs q and y of a kernel of a state."""
+        return {"q": list(self.splitting.system.q), "y": self.momenta}
+
+    def _kick_kernel(self) -> Kernel:
+        """Return the kernel of dy/dt + w G of a kick, for the entries of y in ``kicked``.
+
+        G is the force gradient; its weight w is an input, 0 for a kick without the gradient.
+        """
+        weight = sp.Symbol("_gradient", real=True)
         rate = [self.kick[i] for i in self.kicked]
         if self.gradients:
             gradient = _flat(self.symmetric.gradient)
-            # one kernel for kicks with and without the gradient, whose weight is then 0
             rate = [sp.factor_terms(e + weight * gradient[i])
                     for e, i in zip(rate, self.kicked, strict=True)]
-        kernels = [Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",
-                          state | time | {"gradient": [weight]},
-                          {"rate": self._hoisted(rate)})]
-        velocity, offset = self._point_velocity()
-        kernels.append(Kernel("free_velocity", "M^-1 p and the velocity at p = 0 of points",
-                              {"y": self.momenta}, {"velocity": self._hoisted(velocity),
-                                                    "offset": self._hoisted(offset)}))
-        if work and self.system.forces:
-            kernels.append(Kernel("force_power", "power of forces and of explicit time in a kick",
-                                  state | time,
-                                  {"power": self._hoisted([self._power()])[0]}))
-        if work and self.has_drag:
-            kernels.append(Kernel("drift_energy", "the part of H that free motions conserve", state,
-                                  {"T": self._hoisted([self._kinetic(further=False)])[0]}))
-            kernels.append(Kernel("drag_power", "power of drags on the rest of T", state,
-                                  {"power": self._hoisted([self._drag_power()])[0]}))
-        return kernels
+        return Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",
+                      self._state | {"t": [_TIME], "gradient": [weight]},
+                      {"rate": self._hoisted(rate)})
 
     def _point_velocity(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
         """Return M⁻¹ p and v of each coordinate of points."""
@@ -225,14 +240,14 @@ class SplittingScheme:
                 e_m = sum(e * x for e, x in zip(axis.axis, m, strict=True))
                 T += axis.d * e_m**2 / 2 + axis.c * e_m
         if splitting.translation is not None:
-            p = {i: system.p[i] for i in self.free}
-            T += sum(e * p[i] * p[j] for (i, j), e in
-                     splitting.translation.inverse_mass.items()) / 2
+            p, inverse_mass = system.p, splitting.translation.inverse_mass
+            # M⁻¹ has both entries of each pair: ½ of their sum
+            T += sum(e * p[i] * p[j] for (i, j), e in inverse_mass.items()) / 2
             T += sum(v * p[i] for i, v in splitting.translation.velocity.items())
         for space in splitting.space:
             omega, zero = sp.Matrix(space.omega), sp.S.Zero
             T -= sum(omega.dot(sp.Matrix(splitting.bodies[b].l)) for b in space.bodies)
-            for point in space.points:
+            for point in space.points:  # an index −1: the point has no such coordinate
                 r, y = (sp.Matrix([zero if i < 0 else x[i] for i in point])
                         for x in (system.q, system.p))
                 T -= omega.dot(r.cross(y))
@@ -249,12 +264,12 @@ class SplittingScheme:
         return power
 
     def _power(self) -> sp.Expr:
-        """F·(∂T/∂y) + ∂V/∂t."""
-        splitting, system = self.splitting, self.splitting.system
-        slopes = jacobian([self._kinetic()], self.momenta)[0]
+        """F·(∂T/∂y) + ∂V/∂t, the power of applied forces and of explicit time."""
+        splitting, time = self.splitting, self.splitting.system.time
+        slopes, = jacobian([self._kinetic()], self.momenta)
         power = sum((e * x for e, x in zip(_flat(splitting.applied), slopes, strict=True)),
                     sp.S.Zero)
-        return power + (sp.S.Zero if system.time is None else sp.diff(splitting.V, system.time))
+        return power if time is None else power + sp.diff(splitting.V, time)
 
 
 def body_momentum(q: Sequence[sp.Symbol], l: Sequence[sp.Symbol]) -> list[sp.Expr]:  # noqa: E741
@@ -262,7 +277,7 @@ def body_momentum(q: Sequence[sp.Symbol], l: Sequence[sp.Symbol]) -> list[sp.Exp
     a, x = q[0], list(q[1:])
     m = []
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j, k = (i + 1) % 3, (i + 2) % 3  # (i, j, k) is a cyclic permutation of the axes
         m.append(l[i] * (a**2 + x[i]**2 - x[j]**2 - x[k]**2)
                  + 2 * l[j] * (x[i] * x[j] + a * x[k]) + 2 * l[k] * (x[i] * x[k] - a * x[j]))
     return m

@@ -95,17 +95,19 @@ class StartKernels:
     @cached_property
     def _mass(self) -> tuple[sp.Matrix, list[sp.Expr]]:
         """D = Cᵀ H_pp C, symmetric, and a = Cᵀ H_p(q, 0), both modulo |q| = 1."""
-        H_pp, H_p = self.system.H_pp, self.system.H_p
-        at_rest = {x: sp.Integer(0) for x in self.system.p}
+        H_pp = self.system.H_pp
         D = sp.zeros(len(self._columns))
         for i, column_i in enumerate(self._columns):
             for j, column_j in enumerate(self._columns[: i + 1]):
-                D[i, j] = D[j, i] = self._quotient.expression(sp.Add(
-                    *(a * b * H_pp[m][n]
-                      for m, a in column_i.items() for n, b in column_j.items())))
-        a = [self._quotient.expression(sp.Add(
-            *(e * H_p[m].xreplace(at_rest) for m, e in column.items())))
-            for column in self._columns]
+                terms = [x * y * H_pp[m][n]
+                         for m, x in column_i.items() for n, y in column_j.items()]
+                D[i, j] = D[j, i] = self._quotient.expression(sp.Add(*terms))
+        at_rest = dict.fromkeys(self.system.p, sp.Integer(0))
+        velocity_at_rest = [e.xreplace(at_rest) for e in self.system.H_p]
+        a: list[sp.Expr] = []
+        for column in self._columns:
+            terms = [e * velocity_at_rest[m] for m, e in column.items()]
+            a.append(self._quotient.expression(sp.Add(*terms)))
         return D, a
 
     @cached_property
@@ -154,6 +156,7 @@ class StartKernels:
         """u = D y + a as functions of q and p, if f(q, p) = 0."""
         D, a = self._mass
         p = self.system.p
+        # y = Cᵀ p/4 of a quaternion, as Cᵀ C = 4 for C = 2 L(q)ᵀ, and p itself else
         y = [sp.Add(*(e * p[m] for m, e in column.items())) / (4 if len(column) > 1 else 1)
              for column in self._columns]
         return [sp.Add(offset, *(d * e for d, e in zip(D.row(i), y, strict=True)))
@@ -167,17 +170,18 @@ class StartKernels:
                           {"p": self.momenta(u)}),
                    Kernel("velocities_of", "Velocities of momenta", {"q": q, "p": p},
                           {"v": self.velocities})]
-        # g, g_q q̇ and |g_q|² tell how far a start is from the constraints, in their own units
-        conditions = self.conditions
-        if conditions:
-            G = [system.G[i] for i in conditions]
+        if self.conditions:
+            # |g|/|g_q| is a distance from the constraint, in the units of q; g_q q̇ likewise
+            G = [system.G[i] for i in self.conditions]
             rates = self.rates(u)
+            outputs = {
+                "rate": rates,
+                "g": [system.constraints[i] for i in self.conditions],
+                "f": [sp.Add(*(a * b for a, b in zip(row, rates, strict=True))) for row in G],
+                "square": [sp.Add(*(a**2 for a in row)) for row in G]}
             kernels.append(Kernel(
                 "start_defects", "q', and g, g_q q' and |g_q|^2 but of unit quaternions",
-                {"q": q, "v": u},
-                {"rate": rates, "g": [system.constraints[i] for i in conditions],
-                 "f": [sp.Add(*(a * b for a, b in zip(row, rates, strict=True))) for row in G],
-                 "square": [sp.Add(*(a**2 for a in row)) for row in G]}))
+                {"q": q, "v": u}, outputs))
         return kernels
 
     @cached_property

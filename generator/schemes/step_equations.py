@@ -78,35 +78,29 @@ def common_kernels(system: System) -> list[Kernel]:
                               {"q": list(system.q)}, {"v": list(system.frame_velocity)}))
     if system.m == 0:
         return kernels
+    return [*kernels, *place_kernels(system), *_hidden_kernels(system)]
+
+
+def _hidden_kernels(system: System) -> list[Kernel]:
+    """Return the kernels of the constraint f on the momenta, and of the matrix W = f_p Gᵀ."""
+    at_state = {"q": list(system.q), "p": list(system.p)}
     return [
-        *kernels,
-        *place_kernels(system),
-        Kernel(
-            "hidden_constraint",
-            "f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish",
-            at_state,
-            {"f": system.hidden},
-        ),
-        Kernel(
-            "hidden_matrix",
-            "W = (df/dp) G^T",
-            at_state,
-            {"W": system.hidden_matrix},
-        ),
+        Kernel("hidden_constraint",
+               "f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish",
+               at_state, {"f": system.hidden}),
+        Kernel("hidden_matrix", "W = (df/dp) G^T", at_state, {"W": system.hidden_matrix}),
     ]
 
 
 def place_kernels(system: System) -> list[Kernel]:
-    """Return the kernels of the constraints as functions of q."""
+    """Return the kernels of the constraints as functions of q: g(q), g(q + d) − g(q) and G(q)."""
     q, d = list(system.q), vector("d", system.n)
     return [
+        # terms of g nearly cancel on the constraints
         Kernel("constraint", "g(q)", {"q": q}, {"g": list(system.constraints)}, compensated=True),
-        Kernel(
-            "constraint_increment",
-            "g(q + d) - g(q), by discrete differentiation: no digit is lost for small d",
-            {"q": q, "d": d},
-            {"dg": constraint_increment(system, d)},
-        ),
+        Kernel("constraint_increment",
+               "g(q + d) - g(q), by discrete differentiation: no digit is lost for small d",
+               {"q": q, "d": d}, {"dg": constraint_increment(system, d)}),
         Kernel("constraint_jacobian", "G = dg/dq", {"q": q}, {"G": system.G}),
     ]
 
@@ -150,34 +144,36 @@ class SparkScheme:
     def kernels(self) -> list[Kernel]:
         """Return the derivative kernels that the stage loops call."""
         system = self.system
-        state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
         if isinstance(system, LagrangianSystem):
             return [*motion_kernels(system), *newton_kernels(system), *self._curvature(),
                     *velocity_kernels(system)]
-        kernels = [
-            Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
-                   {"H_q": system.H_q, "H_p": system.H_p}),
-            Kernel("hessian", "H_qq, H_pq = dH_p/dq and H_pp", state,
-                   {"H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}),
-        ]
-        if system.forces:
-            # −ṗ at λ = 0 takes the place of H_q, so that stage loops need no second kernel
-            kernels = [
-                Kernel("gradient", "H_q = dH/dq - F, H_p = dH/dp", state,
+        return [*self._rate_kernels(), *energy_rate_kernels(system),
+                *constraint_rate_kernels(system), *self._curvature(), *velocity_kernels(system)]
+
+    def _rate_kernels(self) -> list[Kernel]:
+        """Return the kernels of H_q − F and H_p, and of their derivatives by q and p."""
+        system = self.system
+        state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
+        if not system.forces:
+            # H_qp is the transpose of H_pq
+            return [Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
+                           {"H_q": system.H_q, "H_p": system.H_p}),
+                    Kernel("hessian", "H_qq, H_pq = dH_p/dq and H_pp", state,
+                           {"H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp})]
+        # −ṗ at λ = 0 takes the place of H_q, so that stage loops need no second kernel
+        return [Kernel("gradient", "H_q = dH/dq - F, H_p = dH/dp", state,
                        {"H_q": system.minus_p_rate, "H_p": system.H_p}),
                 Kernel("hessian", "H_qq and H_qp, derivatives of H_q = dH/dq - F, and those of H_p",
                        state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
-                               "H_pq": system.H_pq, "H_pp": system.H_pp}),
-            ]
-        return [*kernels, *energy_rate_kernels(system), *constraint_rate_kernels(system),
-                *self._curvature(), *velocity_kernels(system)]
+                               "H_pq": system.H_pq, "H_pp": system.H_pp})]
 
     def _curvature(self) -> list[Kernel]:
-        """Return the kernel of K = d(Gᵀλ)/dq."""
+        """Return the kernel of K = d(Gᵀλ)/dq, if there are constraints."""
         system, lam = self.system, vector("lambda", self.system.m)
+        if not system.m:
+            return []
         return [Kernel("constraint_curvature", "K = d(G^T lambda)/dq",
-                       {"q": list(system.q), "lambda": lam}, {"K": system.curvature(lam)})
-                ] if system.m else []
+                       {"q": list(system.q), "lambda": lam}, {"K": system.curvature(lam)})]
 
 
 @dataclass(frozen=True)
@@ -310,6 +306,7 @@ class MeanScheme:
 
     @property
     def _differences(self) -> list[sp.Symbol]:
+        """The symbols of Δq and Δp, and of Δt where H or g depends on time."""
         time_step = [TIME_STEP] if self.system.is_time_dependent else []
         return [*self.differences[0], *self.differences[1], *time_step]
 
@@ -320,19 +317,19 @@ class MeanScheme:
                   "dq": self.differences[0], "dp": self.differences[1]}
         inputs |= time_input(system)
         D_q, D_p = self.mean_rates
-        kind = "discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly" \
-            if self.discrete else "gradient at the midpoint"
+        kind = "gradient at the midpoint"
+        if self.discrete:
+            kind = "discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly"
         minus_forces = "; from D_q, F(qm, pm, t) is subtracted" if system.forces else ""
-        kernels = [
+        (qm, pm), (dq, dp) = self.means, self.differences
+        derivatives = {"D_qq": by_increment(D_q, qm, dq), "D_qp": by_increment(D_q, pm, dp),
+                       "D_pq": by_increment(D_p, qm, dq), "D_pp": by_increment(D_p, pm, dp)}
+        return [
             Kernel("mean_gradient", f"D_q, D_p: {kind}{minus_forces}", inputs,
                    {"D_q": D_q, "D_p": D_p}),
-            Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
-                   {f"D_{a}{b}": by_increment(D, mean, difference)
-                    for a, D in (("q", D_q), ("p", D_p)) for b, mean, difference in zip(
-                        "qp", self.means, self.differences, strict=True)}),
-        ]
-        return [*kernels, *self._constraint_kernels(), *self.energy_rate_kernels(),
-                *self.constraint_rate_kernels()]
+            Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs, derivatives),
+            *self._constraint_kernels(), *self.energy_rate_kernels(),
+            *self.constraint_rate_kernels()]
 
     def _constraint_kernels(self) -> list[Kernel]:
         """Return the kernels of the constraints: G between the ends, and its derivative."""
@@ -349,31 +346,35 @@ class MeanScheme:
 
     def energy_rate_kernels(self) -> list[Kernel]:
         """Return the kernel of D_tH between the ends, if H or g depends on time."""
+        if not self.system.is_time_dependent:
+            return []
         (qm, pm), (dq, dp) = self.means, self.differences
         return [Kernel("mean_energy_rate", "D_t: mean of dH/dt between the ends",
-                       {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_energy_rate})
-                ] if self.system.is_time_dependent else []
+                       {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_energy_rate})]
 
     def constraint_rate_kernels(self) -> list[Kernel]:
         """Return the kernel of g_t between the ends, if H or g depends on time."""
+        if not (self.system.is_time_dependent and self.system.m):
+            return []
         return [Kernel("mean_constraint_rate", "g_t between q0 and q1",
                        {"qm": self.means[0], "dq": self.differences[0]},
-                       {"g_t": self.mean_constraint_rate})
-                ] if self.system.is_time_dependent and self.system.m else []
+                       {"g_t": self.mean_constraint_rate})]
 
 
 def energy_rate_kernels(system: System) -> list[Kernel]:
     """Return the kernel of ∂H/∂t, if H or g depends on time."""
+    if not system.is_time_dependent:
+        return []
     return [Kernel("energy_rate", "H_t, the power of what drives H",
-                   {"q": list(system.q), "p": list(system.p)}, {"H_t": system.H_t})
-            ] if system.is_time_dependent else []
+                   {"q": list(system.q), "p": list(system.p)}, {"H_t": system.H_t})]
 
 
 def constraint_rate_kernels(system: System) -> list[Kernel]:
     """Return the kernel of g_t, if H or g depends on time."""
+    if not (system.is_time_dependent and system.m):
+        return []
     return [Kernel("constraint_rate", "g_t, how fast the constraints move",
-                   {"q": list(system.q)}, {"g_t": system.g_t})
-            ] if system.is_time_dependent and system.m else []
+                   {"q": list(system.q)}, {"g_t": system.g_t})]
 
 
 def velocity_kernels(system: System) -> list[Kernel]:

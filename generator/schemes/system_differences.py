@@ -101,9 +101,13 @@ def mean_slopes_of(
 def by_increment(
     expressions: Sequence[sp.Expr], means: list[sp.Symbol], differences: list[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    """Return derivatives by differences at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
-    return [[a / 2 + b for a, b in zip(*rows, strict=True)] for rows in zip(
-        jacobian(expressions, means), jacobian(expressions, differences), strict=True)]
+    """Return derivatives by differences at fixed start: ∂/∂Δ + ½ ∂/∂mean.
+
+    One row for each expression, one column for each difference.
+    """
+    by_means, by_differences = jacobian(expressions, means), jacobian(expressions, differences)
+    return [[a / 2 + b for a, b in zip(mean_row, difference_row, strict=True)]
+            for mean_row, difference_row in zip(by_means, by_differences, strict=True)]
 
 
 def time_input(system: System) -> dict[str, list[sp.Symbol]]:

@@ -24,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
+from typing import Any
 
 import sympy as sp
 from sympy import QQ
@@ -104,10 +105,13 @@ class CoMovingFrame:
     def moving(self, system: System) -> System:
         """Return the system in the frame, with H̃ in place of H; H is its ``energy``."""
         rates = self.rates()
-        frame_terms = [rate * term for rate, symmetry in zip(rates, self.symmetries, strict=True)
-                       for term in in_sums(symmetry.momentum(system), system.H)]
-        frame_velocity = [sp.Add(*(rate * sp.diff(symmetry.momentum(system), p)
-                                   for rate, symmetry in zip(rates, self.symmetries, strict=True)))
+        momenta = [symmetry.momentum(system) for symmetry in self.symmetries]
+        # Σ ω J, each J divided as the sums of H are, so that equal terms combine
+        frame_terms = [rate * term for rate, J in zip(rates, momenta, strict=True)
+                       for term in in_sums(J, system.H)]
+        # Σ ω A q, as J_p = A q
+        frame_velocity = [sp.Add(*(rate * sp.diff(J, p)
+                                   for rate, J in zip(rates, momenta, strict=True)))
                           for p in system.p]
         # forces do work on the motion of the frame; without such a work C needs no frame velocity
         power = [f * v for f, v in zip(system.forces, frame_velocity, strict=False)
@@ -251,8 +255,10 @@ class _SymmetrySearch:
         rotation, matrix = rotation_of(field.weights), self._multiplier_matrix(field)
         if rotation is None or matrix is None or not self._rotates_forces(field):
             return None
-        turns = rotation_of(matrix) if matrix else None
-        if matrix and turns is None:
+        if not matrix:  # g is invariant, and multipliers do not rotate
+            return FrameSymmetry(name, field, rotation, None, conditions)
+        turns = rotation_of(matrix)
+        if turns is None:
             return None
         return FrameSymmetry(name, field, rotation, turns, conditions)
 
@@ -263,34 +269,18 @@ class _SymmetrySearch:
         """
         if field.name in self.unconditional:
             return ()
-        inputs = {*self.inputs}
         affected = self._affected_part(field)
         coefficients = _bracket_coefficients(affected, field)
-        if coefficients is None:
+        solved = None if coefficients is None else _solved_conditions(coefficients)
+        if solved is None:
             return None
-        conditions: list[sp.Expr] = []
-        solution_of: dict[sp.Symbol, sp.Expr] = {}
-        for e in coefficients:
-            # conditions so far are substituted: the next coefficient may follow from them
-            numerator = sp.numer(sp.together(e.xreplace(solution_of)))
-            if sp.expand(numerator) == 0:
-                continue
-            condition = _linear_factor(numerator)
-            if condition is None:
-                return None
-            # solve for a symbol, which later coefficients contain
-            conditions.append(condition)
-            symbol = _solvable(condition)
-            solution = sp.solve(condition, symbol)[0]
-            solution_of = {s: x.xreplace({symbol: solution})
-                           for s, x in solution_of.items()} | {symbol: solution}
-            if len(conditions) > _MOST_CONDITIONS:  # too special to occur
-                return None
+        conditions, solution_of = solved
+        inputs = {*self.inputs}
+        if any(e.free_symbols & inputs for e in conditions):
+            return None  # inputs change from step to step
         # the conditions are necessary; that they suffice is proved on the special system
         special = replace(affected, H=substitute([affected.H], solution_of)[0],
                           constraints=tuple(substitute(list(affected.constraints), solution_of)))
-        if any(e.free_symbols & inputs for e in conditions):
-            return None  # inputs change from step to step
         return tuple(conditions) if SymmetrySpace(special, [field], {}).contains(field) else None
 
     def _affected_part(self, field: LinearField) -> System:
@@ -308,6 +298,7 @@ class _SymmetrySearch:
         Empty if g is invariant, g_q A q = 0; None if there is no such matrix of numbers.
         """
         system = self.system
+        # A q
         image = [sp.Add(*(sp.Rational(x.numerator, x.denominator) * system.q[j]
                           for (i, j), x in field.weights.items() if i == k))
                  for k in range(system.n)]
@@ -328,27 +319,25 @@ class _SymmetrySearch:
 
         None if there are none, or if the expressions are no polynomials.
         """
-        system = self.system
-        indices = [k for k, g in enumerate(system.constraints)
-                   if g.free_symbols & rate.free_symbols]
-        expressions = (rate, *(system.constraints[k] for k in indices))
+        constraints = {k: g for k, g in enumerate(self.system.constraints)
+                       if g.free_symbols & rate.free_symbols}
+        expressions = (rate, *constraints.values())
         symbols = sorted(set[sp.Symbol]().union(*(e.free_symbols for e in expressions)), key=str)
         if not all(e.is_polynomial(*symbols) for e in expressions):
             return None
-        target = sp.Poly(exactly(rate), *symbols)
-        polynomials = [sp.Poly(exactly(system.constraints[k]), *symbols) for k in indices]
+        target, *polynomials = (sp.Poly(exactly(e), *symbols) for e in expressions)
         monomials = sorted(set(target.monoms()).union(*(g.monoms() for g in polynomials)))
+        # coefficients of like monomials give linear equations for c
         matrix = sp.Matrix([[g.coeff_monomial(x) for g in polynomials] for x in monomials])
         right_side = sp.Matrix([target.coeff_monomial(x) for x in monomials])
-        # coefficients of like monomials give linear equations for c
-        unknowns = sp.symbols(f"_c0:{len(indices)}")
+        unknowns = sp.symbols(f"_c0:{len(constraints)}")
         solution = sp.linsolve((matrix, right_side), *unknowns)
         if not solution:
             return None
         zeros = dict.fromkeys(unknowns, sp.Integer(0))  # unknowns that remain free
         coefficients = [e.xreplace(zeros) for e in next(iter(solution))]
         return {k: Fraction(int(x.p), int(x.q))
-                for k, x in zip(indices, coefficients, strict=True) if x}
+                for k, x in zip(constraints, coefficients, strict=True) if x}
 
     def _rotates_forces(self, field: LinearField) -> bool:
         """Whether forces rotate with the frame, F_q A q − F_p Aᵀp + AᵀF = 0 identically."""
@@ -370,8 +359,10 @@ class _SymmetrySearch:
 def _independent(fields: Sequence[LinearField]) -> bool:
     """Whether the fields are linearly independent; only their nonzero entries are compared."""
     entries = sorted({entry for field in fields for entry in field.weights})
-    rows = [[QQ(x.numerator, x.denominator) if (x := field.weights.get(entry)) else QQ(0)
-             for entry in entries] for field in fields]
+    rows: list[list[Any]] = []
+    for field in fields:
+        row = [field.weights.get(entry, Fraction(0)) for entry in entries]
+        rows.append([QQ(x.numerator, x.denominator) for x in row])
     return bool(DomainMatrix(rows, (len(fields), len(entries)), QQ).rank() == len(fields))
 
 
@@ -390,12 +381,42 @@ def _bracket_coefficients(system: System, field: LinearField) -> list[sp.Expr] |
             *(slopes[q] * derivative(term, p) for q, p in pairs if p in term_symbols),
             *(-slopes[p] * derivative(term, q) for q, p in pairs if q in term_symbols))
         symbols = sorted(bracket.free_symbols & slopes.keys(), key=str)
+        # the expansion of a long bracket may take minutes
         if not is_small(bracket) or not bracket.is_polynomial(*symbols):
             return None
         for powers, x in sp.Poly(bracket, *symbols).terms() if symbols else ():
             monomial = tuple(s**n for s, n in zip(symbols, powers, strict=True) if n)
             coefficients[monomial] = coefficients.get(monomial, sp.Integer(0)) + x
+    # in an order of their own, as conditions are solved one after the other
     return sorted({sp.together(x) for x in coefficients.values()}, key=sp.default_sort_key)
+
+
+def _solved_conditions(
+    coefficients: Sequence[sp.Expr]
+) -> tuple[list[sp.Expr], dict[sp.Symbol, sp.Expr]] | None:
+    """Return conditions under which all coefficients vanish, and symbol → its value under these.
+
+    None if a coefficient is linear in no symbol, or if there are more than four conditions.
+    """
+    conditions: list[sp.Expr] = []
+    solution_of: dict[sp.Symbol, sp.Expr] = {}
+    for e in coefficients:
+        # conditions so far are substituted: the next coefficient may follow from them
+        numerator = sp.numer(sp.together(e.xreplace(solution_of)))
+        if sp.expand(numerator) == 0:
+            continue
+        condition = _linear_factor(numerator)
+        if condition is None:
+            return None
+        # solve for a symbol, which later coefficients contain
+        conditions.append(condition)
+        symbol = _solvable(condition)
+        solution = sp.solve(condition, symbol)[0]
+        solution_of = {s: x.xreplace({symbol: solution}) for s, x in solution_of.items()}
+        solution_of[symbol] = solution
+        if len(conditions) > _MOST_CONDITIONS:  # too special to occur
+            return None
+    return conditions, solution_of
 
 
 def _linear_factor(e: sp.Expr) -> sp.Expr | None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 import sympy as sp
@@ -91,7 +90,9 @@ def known_fields(system: System) -> list[LinearField]:
     """
     n = system.n
     fields = [_shift(n, [[i]], 0, f"momentum {p}") for i, p in enumerate(system.p)]
+
     def text_of(block: list[int]) -> str:
+        """Return the names of the coordinates of a block."""
         return ", ".join(str(system.q[i]) for i in block)
 
     for blocks in _block_layouts(system):
@@ -102,29 +103,39 @@ def known_fields(system: System) -> list[LinearField]:
             fields += [_spin(n, block, k, f"angular momentum about {axis} {k + 1}")
                        for k in range(3)]
         for block in blocks.points:
-            fields += [LinearField(f"{f.name} of ({text_of(block)})", n, f.weights)
-                       for f in _motions(n, _Blocks([], [block], blocks.size))]
-        # a quaternion alone has rotations, and no translations
+            for motion in _motions(n, _Blocks([], [block], blocks.size)):
+                name = f"{motion.name} of ({text_of(block)})"
+                fields.append(LinearField(name, n, motion.weights))
         for block in blocks.quaternions:
-            fields += [LinearField(f"{f.name} of body ({text_of(block)})", n, f.weights)
-                       for f in _motions(n, _Blocks([block], [], blocks.size)) if f.A.any()]
+            for motion in _motions(n, _Blocks([block], [], blocks.size)):
+                if motion.A.any():  # a quaternion alone has rotations, and no translations
+                    name = f"{motion.name} of body ({text_of(block)})"
+                    fields.append(LinearField(name, n, motion.weights))
     return fields
 
 
 def motions_of_space(system: System) -> list[LinearField]:
-    """Return the rotations about e1, e2, e3 and the translations of the whole system."""
-    return [f for blocks in _block_layouts(system)[:1] for f in _motions(system.n, blocks)]
+    """Return the rotations about e1, e2, e3 and the translations of the whole system.
+
+    Empty if the coordinates cannot be divided into points of space or of the plane.
+    """
+    layouts = _block_layouts(system)
+    return _motions(system.n, layouts[0]) if layouts else []
 
 
 def _block_layouts(system: System) -> list[_Blocks]:
     """Return the divisions of the coordinates into blocks: in space, in the plane, or both."""
     quaternions = list(_unit_quaternions(system))
     quaternion_indices = {i for block in quaternions for i in block}
-    indices = [i for i in range(system.n) if i not in quaternion_indices]
     # runs of consecutive indices between quaternions
-    breaks = [0, *(k for k in range(1, len(indices)) if indices[k] != indices[k - 1] + 1),
-              len(indices)]
-    runs = [indices[a:b] for a, b in pairwise(breaks)] if indices else []
+    runs: list[list[int]] = []
+    for i in range(system.n):
+        if i in quaternion_indices:
+            continue
+        if runs and runs[-1][-1] == i - 1:
+            runs[-1].append(i)
+        else:
+            runs.append([i])
     layouts = []
     for size in (3, 2):
         # quaternions turn in space: their points have three coordinates
@@ -155,7 +166,7 @@ def _unit_quaternions(system: System) -> Iterator[list[int]]:
 
 def _motions(n: int, blocks: _Blocks) -> list[LinearField]:
     """Return the rigid motions that move all blocks together: rotations, and shifts of points."""
-    if blocks.size == 2:
+    if blocks.size == 2:  # in the plane, about e3
         rotations = [_turn(n, blocks, 2, "angular momentum")]
     else:
         rotations = [_turn(n, blocks, k, f"angular momentum about {axis}")
@@ -173,7 +184,7 @@ def _shift(n: int, points: Sequence[Sequence[int]], k: int, name: str) -> Linear
 def _turn(n: int, blocks: _Blocks, k: int, name: str) -> LinearField:
     """Return the rotation about e_k: e_k × x for points, ½ e_k q for quaternions."""
     weights: dict[tuple[int, int], Fraction] = {}
-    i, j = (k + 1) % 3, (k + 2) % 3
+    i, j = (k + 1) % 3, (k + 2) % 3  # e_i × e_j = e_k
     for block in blocks.points:
         weights[block[j], block[i]] = Fraction(1)
         weights[block[i], block[j]] = Fraction(-1)
@@ -197,7 +208,11 @@ def _half_product(
     """
     x = sp.symbols("x0:4")
     matrix = left_matrix(x).row(k).jacobian(x).tolist()
-    return {
-        (block[i], block[j]): Fraction(int(e), 2) * (-1 if from_left and i and j else 1)
-        for i, row in enumerate(matrix) for j, e in enumerate(row) if e
-    }
+    weights: dict[tuple[int, int], Fraction] = {}
+    for i, row in enumerate(matrix):
+        for j, e in enumerate(row):
+            if e:
+                is_of_vectors = i > 0 and j > 0  # entry 0 of a quaternion is its scalar
+                sign = -1 if from_left and is_of_vectors else 1
+                weights[block[i], block[j]] = sign * Fraction(int(e), 2)
+    return weights

@@ -52,16 +52,17 @@ def turned(
     """
     rotated = list(x)
     for a in sorted({a for rotation in rotations for a in rotation.blocks}):
+        # B = A/a, for which B³ = −B: e^{θA} = 1 + sin(aθ) B + (1 − cos(aθ)) B²
         generators = [(n, {entry: e / a for entry, e in rotation.blocks.get(a, {}).items()})
                       for n, rotation in zip(axis, rotations, strict=True)]
-        Ax = _image(generators, x)
-        AAx = _image(generators, Ax)
-        for i, e in enumerate(Ax):
-            if e == 0 and AAx[i] == 0:
+        Bx = _image(generators, x)
+        BBx = _image(generators, Bx)
+        for i, (e, square) in enumerate(zip(Bx, BBx, strict=True)):
+            if e == 0 and square == 0:
                 continue
-            # A² x = −x in this entry: it becomes cos(aθ) x + sin(aθ) A x/a
-            is_perpendicular = _on_unit_axis(AAx[i] + x[i], axis) == 0
-            even_part = cosines[a] * x[i] if is_perpendicular else x[i] + (1 - cosines[a]) * AAx[i]
+            # where B² x = −x, x is perpendicular to the axis, and cos(aθ) x is shorter
+            is_perpendicular = _on_unit_axis(square + x[i], axis) == 0
+            even_part = cosines[a] * x[i] if is_perpendicular else x[i] + (1 - cosines[a]) * square
             rotated[i] = even_part + sines[a] * e
     return rotated
 
@@ -72,6 +73,7 @@ def rotation_of(A: Entries) -> Rotation | None:
     nonzero = {entry: x for entry, x in A.items() if x}
     for indices in connected([frozenset(entry) for entry in nonzero]):
         block = {(i, j): x for (i, j), x in nonzero.items() if i in indices}
+        # A³ = −a² A: one entry gives a², the others must agree
         cube = _product(block, _product(block, block))
         entry, x = next(iter(block.items()))
         square = -cube.get(entry, Fraction(0)) / x
@@ -120,11 +122,12 @@ def _image(parts: Sequence[tuple[sp.Expr, Entries]], x: Sequence[sp.Expr]) -> li
 
 def _on_unit_axis(e: sp.Expr, axis: Sequence[sp.Expr]) -> sp.Expr:
     """Return an expression expanded modulo n·n = 1."""
-    long = sp.expand(e)
+    expanded = sp.expand(e)
     if len(axis) == 1:
-        return long
-    return sp.expand(long.subs(axis[-1] ** 2, 1 - sum(n**2 for n in axis[:-1])))
+        return expanded
+    return sp.expand(expanded.subs(axis[-1] ** 2, 1 - sum(n**2 for n in axis[:-1])))
 
 
 def _rational(x: Fraction) -> sp.Rational:
+    """Return a fraction as an expression."""
     return sp.Rational(x.numerator, x.denominator)

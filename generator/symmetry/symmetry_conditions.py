@@ -54,14 +54,11 @@ class SymmetrySpace:
     ) -> None:
         """Take the derivatives of H and of g exactly, at the ``numbers`` of parameters."""
         self.fields, self._n = list(fields), system.n
-        expressions = [*system.minus_p_rate, *system.H_p, *system.constraints,
-                       *(e for row in system.G for e in row)]
+        groups = [system.minus_p_rate, system.H_p, system.constraints, *system.G]
         # one substitution for all expressions, which share their subexpressions
-        exact = iter(substitute([exactly(e) for e in expressions], numbers))
-        self._minus_p_rate, self._velocity, self._g, slopes = (
-            [next(exact) for _ in range(count)]
-            for count in (system.n, system.n, system.m, system.m * system.n))
-        self._G = [slopes[k : k + system.n] for k in range(0, len(slopes), system.n)]
+        exact = iter(substitute([exactly(e) for group in groups for e in group], numbers))
+        self._minus_p_rate, self._velocity, self._g, *self._G = (
+            [next(exact) for _ in group] for group in groups)
         self._q, self._p = list(system.q), list(system.p)
         time = () if system.time is None else (system.time,)
         self._other_symbols = [*(s for s in system.parameters if s not in numbers), *time]
@@ -95,10 +92,14 @@ class SymmetrySpace:
         yield partial(self._bracket_rows, prime)
 
     def _bracket_rows(self, prime: int, count: int) -> Residue:
-        """Return pᵀA H_p − (A q + a)·(H_q − F) of each field at ``count`` random points."""
+        """Return pᵀA H_p − (A q + a)·(H_q − F) of each field at ``count`` random points.
+
+        The result has one row for each point and one column for each field.
+        """
         residues = self._points(prime, [*self._minus_p_rate, *self._velocity], count,
                                 [*self._q, *self._p])
         ones, zeros = np.ones(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        # a is column n of (A, a): its coordinate is 1, and its velocity 0
         q = [*(residues[s] for s in self._q), ones]
         v = [*(residues[e] for e in self._velocity), zeros]
         p, rate = [residues[s] for s in self._p], [residues[e] for e in self._minus_p_rate]
@@ -106,18 +107,20 @@ class SymmetrySpace:
 
     def _constraint_rows(self, k: int, prime: int, count: int) -> Residue:
         """Return the rows of g_q (A q + a) = C g of constraint k, after C is eliminated."""
-        columns_of = [[j for i, j in f.weights if self._G[k][i] != 0] for f in self.fields]
+        # of each field, the columns of (A, a) by which g_k changes; few fields have any
+        columns_of = [[j for i, j in field.weights if self._G[k][i] != 0] for field in self.fields]
         nonzero_columns = [columns for columns in columns_of if columns]
-        reached = {self._q[j] for columns in nonzero_columns for j in columns if j < self._n}
-        related = [g for g in self._g if g is self._g[k] or g.free_symbols & reached]
+        coordinates = {self._q[j] for columns in nonzero_columns for j in columns if j < self._n}
+        # the constraints that C may have in this row
+        related = [g for g in self._g if g is self._g[k] or g.free_symbols & coordinates]
         count = min(count, len(nonzero_columns) + _SPARE) + len(related)
         residues = self._points(prime, [*related, *self._G[k]], count, self._q)
         q = [*(residues[s] for s in self._q), np.ones(count, dtype=np.int64)]
         G = [residues[e] for e in self._G[k]]
         rows = self._combined(prime, lambda i, j: G[i] * q[j] % prime, count)
         # columns g_k, then fields: eliminating the first ones removes the unknown C
-        rows, pivots = reduced(np.column_stack([*(residues[g] for g in related), rows]), prime,
-                               len(related))
+        system = np.column_stack([*(residues[g] for g in related), rows])
+        rows, pivots = reduced(system, prime, len(related))
         return rows[len(pivots) :, len(related) :]
 
     def _points(
