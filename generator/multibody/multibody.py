@@ -114,6 +114,8 @@ Joined = TypeVar("Joined", bound=Connection)
 #: One of axis, axis_on_body and axis_in_space.
 AXES = ("axis", "axis_on_body", "axis_in_space")
 Axes: TypeAlias = tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None]
+#: By default the point of a contact; another one is told by its identity.
+_ORIGIN = (0.0, 0.0, 0.0)
 #: An axis is the same in space and on a body if its components are to within this.
 _SAME_AXIS = 1e-9
 
@@ -1152,7 +1154,7 @@ class Multibody:
 
     def contact(
         self, name: str, a: Frame | str | None = None, b: Frame | str = GROUND, *,
-        gap: Any = None, on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
+        gap: Any = None, on_a: ArrayLike = _ORIGIN, on_b: ArrayLike = _ORIGIN,
         normal: ArrayLike | None = None, radius: ArrayLike = 0.0, box: ArrayLike | None = None,
         restitution: Any = 1.0,
     ) -> tuple[Impact, ...]:
@@ -1192,12 +1194,20 @@ class Multibody:
         Raises
         ------
         InputError
-            For bodies beside a gap, or neither; for a restitution outside of [0, 1].
+            For bodies or shapes beside a gap, or neither; for a restitution outside of [0, 1].
         """
         if (gap is None) == (a is None):
             raise InputError(f"{name!r} has {'a gap and a body' if a else 'neither bodies nor gap'}"
                              "; give gap=, or the bodies that touch.")
         if a is None:
+            shape = [key for key, is_given in (
+                ("b", b is not GROUND), ("on_a", on_a is not _ORIGIN),
+                ("on_b", on_b is not _ORIGIN), ("normal", normal is not None),
+                ("radius", not (is_number(radius) and radius == 0)),
+                ("box", box is not None)) if is_given]
+            if shape:
+                raise InputError(f"{name!r} has a gap and {few(shape)}, which belong to bodies "
+                                 "that touch; leave one of them out.")
             is_list = isinstance(gap, Sequence) and not isinstance(gap, str)
             return self._contact(
                 name, [as_expression(e) for e in (gap if is_list else [gap])], restitution)
@@ -1293,8 +1303,9 @@ class Multibody:
         """Have an expression computed along trajectories under a name.
 
         Warns if it is 0, such as a derivative of ``rate(joint)`` by ``time``: symbols of bodies
-        and joints do not depend on ``time``.
+        and joints do not depend on ``time``. Raises InputError for a name used twice.
         """
+        as_text("name of a quantity", name)
         checked = as_expression(expression)
         if checked == 0:
             warn(f"Quantity {shown(name)} is 0 at all times. The symbols of bodies and joints do "
@@ -1302,7 +1313,10 @@ class Multibody:
         if name in (impact.quantity for impact in self._components.impacts):
             raise InputError(f"Quantity {name!r} is a gap in Multibody {self.name!r}; choose "
                              "another name.")
-        self._components.quantities[as_text("name of a quantity", name)] = checked
+        if name in self._components.quantities:
+            raise InputError(f"Quantity {name!r} is in Multibody {self.name!r} already; choose "
+                             "another name.")
+        self._components.quantities[name] = checked
 
     def time_scale(self, expression: Any) -> None:
         """Scale time, dt = σ dτ: constant steps Δτ are then steps of t that adapt to the motion.

@@ -327,6 +327,10 @@ def test_latches_are_refused():
 REFUSED = {
     "gap and body": ({"a": "a", "gap": sp.Symbol("a_x", real=True)}, "body"),
     "neither": ({}, "gap="),
+    "gap and radius": ({"gap": sp.Symbol("a_x", real=True), "radius": 0.1}, "radius"),
+    "gap and box": ({"gap": sp.Symbol("a_x", real=True), "box": (1, 1, 1), "b": "b"}, "b, box"),
+    "gap and points": ({"gap": sp.Symbol("a_x", real=True), "on_a": (0, 0, 1), "on_b": (0, 0, 1),
+                        "normal": (1, 0, 0)}, "on_a, on_b, normal"),
     "restitution": ({"a": "a", "restitution": 1.2}, "1.2"),
     "parameter": ({"a": "a", "restitution": "f"}, "'f'"),
     "body": ({"a": "c"}, "'c'"),
@@ -353,6 +357,7 @@ def test_names_and_stops_are_refused():
     for call, word in ((lambda: build.contact("floor", "b"), "floor"),
                        (lambda: build.contact("height", "b"), "height"),
                        (lambda: build.quantity("floor", 1), "floor"),
+                       (lambda: build.quantity("height", 2), "height"),
                        (lambda: build.stop("end", "hinge"), "lower"),
                        (lambda: build.stop("end", "hinge", lower=2, upper=1), "upper = 1"),
                        (lambda: build.stop("end", "knee", lower=2), "knee")):
